@@ -68,14 +68,20 @@ class KernelSync:
 
     def start(self, period_us: int) -> None:
         """Send from now on every `period_us`, the first frame at once; again: with another period. Raise BusError."""
+        self._set_up(period_us, _SET_TIMER | _START_TIMER | _FROM_THE_FIRST)
+
+    def _set_up(self, period_us: int, flags: int) -> None:
         can_id, count = self.frames[0].can_id, len(self.frames)
-        flags = _SET_TIMER | _START_TIMER | _FROM_THE_FIRST
         head = _HEAD.pack(_TX_SETUP, flags, 0, 0, 0, *divmod(period_us, _US), can_id, count)
         try:
             self._connected().send(head + pack_records(self.frames))
         except OSError as error:
             self.close()
             raise _explained(self.interface, error) from error
+
+    def adjust(self, period_us: int) -> None:
+        """Send with another period from the next frame but one on, without a frame in between; raise BusError."""
+        self._set_up(period_us, _SET_TIMER)
 
     def close(self) -> None:
         """End the task; a second call does nothing."""

@@ -146,7 +146,7 @@ class BaseLink:
                         continue
                     pose = odometry.x, odometry.y, odometry.heading
                     starts = starts or (pose, state.true_pose)
-                    twist = path.twist(pose, odometry.linear, odometry.angular, state.time)
+                    twist = path.twist(pose, state.time)
                     self._twist(*twist)
                     if path.done:
                         return Driven(relative(pose, starts[0]), _true_way(starts[1], state.true_pose))

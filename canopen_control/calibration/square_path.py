@@ -26,7 +26,7 @@ _TURN: Final = math.pi / 2
 _NEAR: Final = 0.001  # m
 _STRAIGHT: Final = 0.001  # rad
 _CREEP: Final = (0.01, 0.02)  # m/s and rad/s: what a ramp ends with
-_STANDS: Final = (0.001, 0.002)  # m/s and rad/s
+_STANDS: Final = (0.002, 0.005)  # m and rad: what an encoder may tell of a base that stands
 _STEER: Final = (2.0, 1.0)  # rad/s for each rad off the side's heading, and for each m off its line over 0.1 m
 _MOST_STEER: Final = 0.2  # rad/s
 _OFF: Final = 0.3  # of the side, at least 0.2 m: so far from the square it is another motion
@@ -73,15 +73,15 @@ class SquarePath:
         self._phase = _Phase.SIDE
         self._start: Planar | None = None
         self._since = 0.0  # s, of the phase
-        self._stood: float | None = None
+        self._stood: tuple[Planar, float] | None = None  # where, and since when
 
     @property
     def done(self) -> bool:
         """Whether the base stands at the end of the square."""
         return self._phase is _Phase.DONE
 
-    def twist(self, pose: Planar, linear: float, angular: float, now: float) -> tuple[float, float]:
-        """Return the twist to command, m/s and rad/s, where odometry is at `pose` with these velocities at `now` in s.
+    def twist(self, pose: Planar, now: float) -> tuple[float, float]:
+        """Return the twist to command, m/s and rad/s, where odometry is at `pose` at `now` in s.
 
         Raises ControlError where the base is not on its way any more.
         """
@@ -94,7 +94,7 @@ class SquarePath:
             if wanted is not None:
                 return wanted
             self._enter(_NEXT[self._phase], now)
-        elif self._stands(linear, angular, now):
+        elif self._stands(seen, now):
             self._enter(_NEXT[self._phase], now)
         return 0.0, 0.0
 
@@ -105,12 +105,13 @@ class SquarePath:
             phase = _Phase.DONE
         self._phase, self._since, self._stood = phase, now, None
 
-    def _stands(self, linear: float, angular: float, now: float) -> bool:
-        if abs(linear) > _STANDS[0] or abs(angular) > _STANDS[1]:
-            self._stood = None
-        elif self._stood is None:
-            self._stood = now
-        return self._stood is not None and now - self._stood >= self.pace.settle
+    def _stands(self, seen: Planar, now: float) -> bool:
+        if self._stood is not None:
+            (x, y, heading), since = self._stood
+            if math.hypot(seen[0] - x, seen[1] - y) <= _STANDS[0] and abs(seen[2] - heading) <= _STANDS[1]:
+                return now - since >= self.pace.settle
+        self._stood = seen, now
+        return False
 
     def _along(self, seen: Planar) -> tuple[float, float] | None:
         """Return the twist along the side that is under way, None at its end."""
@@ -152,10 +153,8 @@ class SquarePath:
             )
         if now - self._since > self._patience():
             what = "does not come to rest" if self._phase not in _MOVES else "does not move as it is commanded"
-            raise ControlError(
-                f"the base {what}: {now - self._since:.0f} s at {self._phase.value} {self.corner + 1} of the square; "
-                "see canopen-control status"
-            )
+            where = f"{self._phase.value} {min(self.corner + 1, _CORNERS)} of the square"
+            raise ControlError(f"the base {what}: {now - self._since:.0f} s at {where}; see canopen-control status")
 
     def _patience(self) -> float:
         pace = self.pace

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["EXACT", "Base", "CalibrationPlan", "Ends", "Outcome", "TrueEnds", "calibrate", "fitting_pace", "space"]
 
-EXACT: Final = 0.0002  # m; an error that is nothing to correct
+EXACT: Final = 0.001  # m; an error that is nothing to correct
+_NO_BETTER: Final = 0.0002  # m; one that another pass does not lessen
 _OF_LIMIT: Final = 0.8  # of the ramps that a controller allows: the rest is for its own delay
 _MARGIN: Final = 0.3  # of the side, at least 0.2 m: where a square that goes wrong is ended
 
@@ -141,7 +142,7 @@ def calibrate(
     try:
         first = last = _round(base, ends, plan, wheels.separation, f"as it is, 1 of {plan.passes + 1}", say)
         for number in range(1, plan.passes + 1):
-            if last.largest <= EXACT:
+            if last.largest <= (EXACT if last is first else _NO_BETTER):
                 break
             factors = last.factors.after(WheelFactors(*wheels.factors))
             new = (_written(factors.separation), _written(factors.left), _written(factors.right))
@@ -191,4 +192,5 @@ def _written(value: float) -> float:
 
 
 def _millimetres(x: float, y: float) -> str:
-    return f"{1e3 * x:+.1f} mm ahead, {1e3 * y:+.1f} mm to the left"
+    ahead, left = (round(1e3 * each, 1) + 0.0 for each in (x, y))
+    return f"{ahead:+.1f} mm ahead, {left:+.1f} mm to the left"

@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allow-unsupervised",
         action="store_true",
-        help="also drives that nothing would stop when this computer dies",
+        help="also drives that nothing would stop, and outputs that nothing would switch off, when this computer dies",
     )
     parser.add_argument("--force", action="store_true", help="write the files of a folder that is there anew")
     parser.add_argument(

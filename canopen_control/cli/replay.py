@@ -2,11 +2,17 @@
 
 Before anything is sent the bus is looked at: where a master runs or a node of the recording is alive nothing is played,
 since two senders of one identifier destroy each other's frames, and a recorded controlword moves a real motor.
+
+--page shows a flight recording instead: it stands for the robot, under the name NAME_replay, so that `view`, `status
+--watch` and `monitor` watch what was, until Ctrl-C. Nothing moves by it, and it is refused while a robot runs, and ends
+when one begins: STOP is to mean one robot.
 """
 
 from __future__ import annotations
 
+import signal
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
@@ -25,16 +31,20 @@ if TYPE_CHECKING:
     from canopen_control.bus.play import Played
     from canopen_control.bus.recordings import RecordedFrame
     from canopen_control.cli.support.frame_source import Source
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.rpc.messages.robot import Description
 
 __all__ = ["EXAMPLE", "add_arguments", "node_ids_in", "run"]
 
 EXAMPLE = """canopen-control replay run.log robby
          canopen-control replay run.log --can local:bench
-         canopen-control replay run.blf --can vcan0 --speed 10"""
+         canopen-control replay run.blf --can vcan0 --speed 10
+         canopen-control replay fault.zip robby --page"""
 LABEL = "replay"
 LISTEN_S = 1.2  # longer than a slow heartbeat, or ten cycles of a slow SYNC
 ANSWER_S = 0.1
 _INTERRUPTED = 130
+_LOOK_NS = 500_000_000
 _FROM_NODES = frozenset(
     (Service.EMCY, Service.HEARTBEAT, Service.SDO_SERVER, Service.TPDO1, Service.TPDO2, Service.TPDO3, Service.TPDO4)
 )
@@ -52,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="so many times as fast (default: 1)",
     )
+    parser.add_argument("--page", action="store_true", help="be watched as a robot; CONFIG says what it looks like")
     parser.add_argument("--force", action="store_true", help="play even where a master or its nodes are alive")
     add_network_arguments(parser)
     add_view_arguments(parser)
@@ -59,6 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; 1 when the recording could not be read to its end."""
+    if args.page:
+        return _be_watched(args)
     if args.can is None:
         return show_file(args, args.file)
     from canopen_control.cli.support.frame_source import open_frames
@@ -71,6 +84,55 @@ def run(args: argparse.Namespace) -> int:
     if not args.force:
         _refuse_where_somebody_is(recording, channel)
     return _play(args, recording, channel)
+
+
+def _be_watched(args: argparse.Namespace) -> int:
+    """Stand for the robot of a flight recording until Ctrl-C, or until a robot runs."""
+    from canopen_control.trace.flight_file import is_flight_file, read_flight, read_samples
+
+    path = Path(args.file)
+    if args.can is not None or not is_flight_file(path):
+        raise ConfigError(f"--page shows a flight recording, a .zip, and plays into no bus; {args.file} is given")
+    if running := list_sockets("robot"):
+        raise ConfigError(f"robot {running[0]} runs, and STOP is to mean one robot; end it before a recording is shown")
+    file, samples = read_flight(path), read_samples(path)
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.trace.replayed_robot import ReplayedRobot
+
+    name = args.name or f"{file.meta.robot}_replay"
+    with Reactor() as reactor:
+        robot = ReplayedRobot(name, file.meta, samples, file.events, _description(args), reactor, args.speed)
+        try:
+            reactor.handle_signals({signal.SIGINT: reactor.stop, signal.SIGTERM: reactor.stop})
+            span = samples[-1].time - samples[0].time
+            print(f"{name}: {span:.0f} s of {file.meta.robot}; see it: canopen-control view --name {name}", flush=True)
+            _end_with_a_robot(reactor, name)
+            reactor.run()
+        finally:
+            robot.close()
+    return 0
+
+
+def _end_with_a_robot(reactor: Reactor, name: str) -> None:
+    """End as soon as there is a robot that could be stopped."""
+    if others := [each for each in list_sockets("robot") if each != name]:
+        print(f"canopen-control: robot {others[0]} runs now; the recording makes way for it", file=sys.stderr)
+        reactor.stop()
+    else:
+        reactor.call_later(_LOOK_NS, lambda: _end_with_a_robot(reactor, name))
+
+
+def _description(args: argparse.Namespace) -> Description:
+    """Return what the robot looks like, by its files; nothing where none are given."""
+    from canopen_control.rpc.messages.robot import Description
+
+    if args.config is None:
+        return Description("")
+    from canopen_control.runtime.robot_files import find_robot
+    from canopen_control.runtime.setup import read_robot
+
+    description = read_robot(find_robot(args.config)).description
+    return Description(description.urdf_xml, str(Path(description.path).resolve()))
 
 
 def _tell_a_new_bus(channel: str) -> None:

@@ -78,6 +78,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_false",
         help="do not keep the last minute of frames and events, which is written to a file at a fault",
     )
+    parser.add_argument(
+        "--plant",
+        metavar="FILE",
+        help="what hangs on the virtual drives, and the base that they move: as drive --plant",
+    )
     parser.add_argument("--duration", type=seconds, metavar="S", help="stop S seconds after the robot runs")
     parser.add_argument(
         "--ros-args",
@@ -179,6 +184,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
 
     options = RunOptions(
         physics=args.physics,
+        plant=_plant(args, setup),
         world=None if args.world is None else Path(args.world).resolve(),
         drives=not (args.real or args.mock or args.no_drives),
         ros=args.ros,
@@ -221,6 +227,29 @@ def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
     check_physics(setup)
     if args.no_drives:
         raise ConfigError("--physics is of the virtual drives that a run starts; leave --no-drives away")
+
+
+def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
+    """Return the plant file of the drives, None without one; ConfigError for mistakes in it, and what bars it."""
+    if getattr(args, "plant", None) is None:
+        return None
+    for other in ("physics", "real", "mock", "no_drives"):
+        if getattr(args, other):
+            raise ConfigError(
+                f"--plant is of the virtual drives that a run starts; leave --{other.replace('_', '-')} away"
+            )
+    from canopen_control.bus.channel import parse_channel
+    from canopen_control.virtual.worldfile import read_world
+
+    own = [channel for channel in setup.channels.values() if not parse_channel(channel).kind.in_process]
+    if len(own) != 1 or len(setup.channels) != 1:
+        raise ConfigError(
+            f"--plant: drives that move one base are one process on one bus, and {setup.name} is on "
+            f"{', '.join(setup.channels.values()) or 'none'}; use --can local:NAME"
+        )
+    path = Path(args.plant)
+    read_world(path).close()  # its mistakes are told before anything is started
+    return path
 
 
 def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.ackermann_ros1 import is_ros1, read_ros1
-from canopen_control.controllers.base import WheelBase
+from canopen_control.controllers.base import ControllerState, WheelBase
 from canopen_control.controllers.base_params import refuse
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.state_copy import finite
@@ -196,9 +196,14 @@ class AckermannSteeringController(SteeringController):
         """Return checked parameters of ROS 2's controller, or of ROS 1's."""
         if not is_ros1(params):
             return super().read(params)
-        given = read_ros1(params)
+        given = read_ros1(params, self.geometry, self._tell_size)
         refuse(self.name, given.mistakes())
         return given
+
+    def _tell_size(self, text: str) -> None:
+        """Say which size is the description's, when it is configured and not at each parameter that is set."""
+        if self.state is ControllerState.UNCONFIGURED:
+            self.tell("parameter", text)
 
     def __init__(self, name: str, type_name: str = "ackermann_steering_controller/AckermannSteeringController") -> None:
         super().__init__(name, type_name)

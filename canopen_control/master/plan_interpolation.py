@@ -45,9 +45,9 @@ def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
     if value is None or exponent is None or exponent not in _EXPONENTS:
         return
     if value * Fraction(10) ** exponent != Fraction(sync_period_us, 1_000_000):
-        number = next((n for n, entry in enumerate(builder.node.boot.sdo) if entry.index == index), 0)
+        number = next((n for n, entry in enumerate(builder.node.boot.sdo) if entry.index == index), None)
         builder.warn(
-            f"sdo[{number}]",
+            "dcf" if number is None else f"sdo[{number}]",
             f"0x{index:04X} is {value} * 10^{exponent} s, SYNC comes every {sync_period_us / 1e6:g} s: "
             "positions would be interpolated over the wrong time; leave 0x60C2 out, the boot writes it",
         )

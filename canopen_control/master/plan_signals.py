@@ -167,7 +167,7 @@ def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
 def _plan_safe(builder: PlanBuilder, output: SafeOutput) -> bool:
     """Write error mode and error value of one object; return whether it leaves no output as it was by accident."""
     if output.mode_at is None:
-        return False
+        return not output.mode  # bus.yml says of each of them that it keeps what it has
     asked = builder.asked_value(*output.mode_at)
     if asked is not None:
         return asked != 0

@@ -16,6 +16,7 @@ import numpy as np
 
 from canopen_control.physics.joint_servo import JointPlant
 from canopen_control.physics.mecanum_contact import MecanumContact
+from canopen_control.physics.world_shapes import shapes_of
 from canopen_control.rpc.messages.drive import BasePose, WorldState
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.physics.body_model import Body, JointPlace
     from canopen_control.physics.disturbances import Disturbances
     from canopen_control.physics.physics_file import AxisSettings
-    from canopen_control.rpc.messages.drive import WorldAct
+    from canopen_control.rpc.messages.drive import WorldAct, WorldShape
 
 __all__ = ["PhysicsWorld"]
 
@@ -247,6 +248,10 @@ class PhysicsWorld:
         heading = self._heading + self._turns * math.tau
         roll, pitch = _roll_and_pitch(self._rotation())
         return WorldState(BasePose(x, y, heading, max(0, self._shown), z=z, roll=roll, pitch=pitch))
+
+    def shapes(self) -> tuple[WorldShape, ...]:
+        """Return what stands on the floor beside the robot."""
+        return shapes_of(self.model, self.data)
 
     def close(self) -> None:
         """Do nothing: there is nothing to let go of."""

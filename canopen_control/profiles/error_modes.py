@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, ObjectDictionary
     from canopen_control.profiles.device_signal import Signal
 
-__all__ = ["ERROR_OBJECTS", "SafeOutput", "safe_outputs"]
+__all__ = ["ERROR_OBJECTS", "SafeOutput", "has_error_mode", "safe_outputs"]
 
 ERROR_OBJECTS: Final = {
     0x6200: (0x6206, 0x6207),
@@ -55,6 +55,11 @@ def safe_outputs(signals: Iterable[Signal], od: ObjectDictionary) -> Iterator[Sa
         mode_at, value_at = (mode_index, address[1]), (value_index, address[1])
         mode, value = _of_lines(lines) if lines[0].bit is not None else _of_value(lines[-1], od)
         yield SafeOutput(address, mode_at if mode_at in od else None, value_at if value_at in od else None, mode, value)
+
+
+def has_error_mode(od: ObjectDictionary, signal: Signal) -> bool:
+    """Whether a device can bring an output to a value by itself when its master is gone."""
+    return signal.index not in ERROR_OBJECTS or (ERROR_OBJECTS[signal.index][0], signal.subindex) in od
 
 
 def _of_lines(lines: list[Signal]) -> tuple[int, int]:

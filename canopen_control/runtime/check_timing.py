@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.runtime.check_data import Finding, Severity
-from canopen_control.runtime.cyclic_axes import CyclicAxis, cyclic_axes
+from canopen_control.runtime.cyclic_axes import CyclicAxis, cyclic_axes, joint_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -43,9 +43,22 @@ def check_timing(
     if not config.master.sync_period or description is None:
         return
     axes = cyclic_axes(config, description)
+    yield from _in_the_middle(config, axes)
     yield from _repeated(config, control, axes)
     yield from _on_arrival(config, axes)
     yield from _held_back(config, axes)
+
+
+def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
+    """Look for a cycle that is half a period behind the SYNC of somebody else, where its set-points are to count."""
+    master = config.master
+    if axes and not master.follows_closely and master.sync_producer in ("kernel", "other"):
+        text = (
+            f"sync_order: last with sync_producer: {master.sync_producer}: the cycle comes half a period after SYNC, "
+            f"and one that is {master.sync_period / 2000:g} ms late doubles a set-point of {joint_words(axes)} and "
+            "loses another"
+        )
+        yield Finding(config.path, config.period_line, Severity.WARNING, text, "leave sync_order out")
 
 
 def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[CyclicAxis]) -> Iterator[Finding]:

@@ -49,7 +49,7 @@ class RunOptions:
     `ros_arguments` are those of the bridge, which `ros` starts; `view` is the page in a browser, from which `teleop`
     drives; `recorder` is the flight recorder. `realtime` is a priority of SCHED_FIFO, `cpu` the processor that the
     robot's thread stays on. `physics`: the virtual drives move the robot in a
-    world, that of a file where one is given.
+    world, that of a file where one is given; `plant`: the file of what hangs on them otherwise.
     """
 
     drives: bool = True
@@ -65,6 +65,7 @@ class RunOptions:
     recorder: bool = False
     realtime: int | None = None
     cpu: int | None = None
+    plant: Path | None = None
 
 
 class Session:
@@ -116,7 +117,7 @@ class Session:
         keep_garbage_small(self._cleanup, self.robot.after_cycle, by_hand=self.options.realtime is not None)
         if self.options.drives and self.robot.buses and hosts_virtual_drives(self.setup):
             plant = write_plant(self.setup, self.robot.joints, self.options.world) if self.options.physics else None
-            self.supervisor.start_drives(self.setup, plant)
+            self.supervisor.start_drives(self.setup, plant or self.options.plant)
         if self.options.recorder:
             self.supervisor.start_recorder({name: bus.channel for name, bus in self.robot.buses.items()})
         if self.options.ros:

@@ -50,8 +50,6 @@ class TruePoseTracker:
         name, pose = (None, None) if odometry is None else odometry
         if name is not None and (self._odom is None or name != self._controller):
             self._controller, self._odom = name, _frame_of(base, pose or (0.0, 0.0, 0.0))
-        if name is None:
-            self._controller = None  # when it is active again it counts from there
         time = (base.time_ns + wall_offset_ns) / 1e9
         x, y, heading = base.x, base.y, base.heading
         truth = TruePose(

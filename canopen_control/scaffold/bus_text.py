@@ -18,7 +18,9 @@ from canopen_control.cia402.objects import (
     object_name,
 )
 from canopen_control.od.limits import outside_limits
+from canopen_control.profiles.error_modes import has_error_mode
 from canopen_control.scaffold.drive_choice import POSITION
+from canopen_control.scaffold.new_robot import FASTEST_MEASURED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -106,8 +108,25 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
     ]
     if node.drive is None:
         what = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
-        return [*lines, f"# {what}its PDOs stay as it has them"]
+        return [*lines, *_watched(node), *_kept(robot, node), f"# {what}its PDOs stay as it has them"]
     return [*lines, *_motion(node, node.drive), *_writes(node, node.drive), *_pdos(node.drive)]
+
+
+def _watched(node: NewNode) -> list[str]:
+    """Return what is no motion of an encoder, but a jump."""
+    if not node.measured:
+        return []
+    limit = remark(f"  - {{name: position, max_rate: {FASTEST_MEASURED:g}}}", "rad/s: a faster change is a jump, told;")
+    return ["signals:", limit, remark("", "the position is nan then until the device is booted again")]
+
+
+def _kept(robot: NewRobot, node: NewNode) -> list[str]:
+    """Return the word that outputs may keep what they have, where the device cannot switch them off."""
+    kept = [each.name for each in node.outputs if not has_error_mode(node.device.od, each)]
+    if not kept or not robot.allow_unsupervised:
+        return []
+    said = remark("signals:", "NOTHING switches these outputs off when this computer dies: it knows no error modes")
+    return [said, *(f"  - {{name: {name}, safe: keep}}" for name in kept)]
 
 
 def _supervision(robot: NewRobot, node: NewNode) -> list[str]:

@@ -9,9 +9,11 @@ from __future__ import annotations
 import shutil
 import tempfile
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.objects import INTERPOLATION_TIME_PERIOD
 from canopen_control.errors import RobotConfigError
 from canopen_control.master.budget import HIGH
 from canopen_control.runtime.check import CheckOptions, check_robot
@@ -22,6 +24,8 @@ from canopen_control.scaffold.controllers_text import controllers_text
 from canopen_control.scaffold.description_text import description_text
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from canopen_control.runtime.check import CheckReport
     from canopen_control.scaffold.new_robot import NewRobot
 
@@ -29,6 +33,8 @@ __all__ = ["Written", "refuse_existing", "write_robot"]
 
 _PERIODS_US: Final = (20_000, 50_000, 100_000, 200_000)
 """SYNC periods, the shortest that the bus can carry is taken."""
+_FASTEST_US: Final = 5_000  # of a period that a file tells
+_LARGEST_POWER: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +88,7 @@ def _with_distinct_files(robot: NewRobot) -> NewRobot:
 def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, ...]]:
     """Make the files with the shortest SYNC period that the bus carries; return the robot and what `check` warns of."""
     errors, warnings = list[str](), tuple[str, ...]()
-    for period in _PERIODS_US:
+    for period in dict.fromkeys([*_told_periods(robot), *_PERIODS_US]):
         robot = replace(robot, sync_us=period)
         _make(robot, folder)
         errors, warnings, loaded = _judge(folder)
@@ -94,6 +100,18 @@ def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, .
             f"this EDS needs a bus.yml written by hand; what was made of it would not pass:\n{found}"
         )
     return robot, warnings
+
+
+def _told_periods(robot: NewRobot) -> Iterator[int]:
+    """Yield the us over which drives interpolate by the word of a DCF (0x60C2), which was made for that SYNC."""
+    for node in robot.drives:
+        value, exponent = (node.device.od.get(INTERPOLATION_TIME_PERIOD, subindex) for subindex in (1, 2))
+        told = None if value is None else value.parameter_value
+        power = -3 if exponent is None else exponent.value
+        if isinstance(told, int) and isinstance(power, int) and abs(power) < _LARGEST_POWER:
+            period = Fraction(told) * Fraction(10) ** power * 1_000_000
+            if _FASTEST_US <= period <= _PERIODS_US[-1] and (1_000_000 / period).denominator == 1:  # a rate in whole Hz
+                yield int(period)
 
 
 def _make(robot: NewRobot, folder: Path) -> None:

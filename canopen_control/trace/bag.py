@@ -6,6 +6,7 @@ rqt, Foxglove, PlotJuggler and `ros2 bag` find what they know:
     /joint_states                    sensor_msgs/JointState         every update of a broadcaster, on its topic
     /tf, /tf_static                  tf2_msgs/TFMessage             joints of the description, odometry
     /CONTROLLER/odom                 nav_msgs/Odometry              as often as the controller publishes
+    /ground_truth                    geometry_msgs/PoseStamped      the true pose of a simulated base, seen by odometry
     /CONTROLLER/cmd_vel_out          geometry_msgs/TwistStamped     the twist that its limits left of a command
     /CONTROLLER/commands_out         std_msgs/Float64MultiArray     what a forward controller writes, when it changes
     /CONTROLLER/controller_state     control_msgs/...               every update: trajectory, PID, steering, mecanum
@@ -37,7 +38,7 @@ from canopen_control.ros.diagnosis import diagnose
 from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample, PoseSample
 from canopen_control.trace.bag_messages import BagMessages
 from canopen_control.trace.bag_sensors import SENSORS
-from canopen_control.urdf.geometry import from_yaw
+from canopen_control.urdf.geometry import from_rpy, from_yaw
 from canopen_control.urdf.robot_model import read_model
 
 if TYPE_CHECKING:
@@ -105,6 +106,7 @@ class BagWriter:
             self._joint_states(name, states)
         for name, sample in odometry.items():
             self._odometry(name, sample)
+        self._ground_truth(state)
         for kind, make in self._ros.states.items():
             for name, told in self._new(state.told(kind), "state").items():
                 self._write(f"/{name}/controller_state", told.time, make(told))
@@ -198,6 +200,18 @@ class BagWriter:
             header = ros.header(time, sample.child_frame_id)
             stamped = ros.make("geometry_msgs/TwistStamped", header, ros.twist(*sample.limited))
             self._write(f"/{name}/cmd_vel_out", time, stamped)
+
+    def _ground_truth(self, state: StateSample) -> None:
+        truth = state.true_pose
+        frame = next((each.frame_id for each in state.told(OdometrySample).values()), None)
+        if truth is None or truth.in_odometry is None or truth.rpy is None or frame is None:
+            return
+        if self._is_new("/ground_truth", truth.time):
+            x, y, _ = truth.in_odometry
+            ros, turn = self._ros, self._quaternion(from_rpy(truth.rpy))
+            pose = ros.make("geometry_msgs/Pose", ros.make("geometry_msgs/Point", x, y, truth.z), turn)
+            stamped = ros.make("geometry_msgs/PoseStamped", ros.header(truth.time, frame), pose)
+            self._write("/ground_truth", truth.time, stamped)
 
     def _diagnostics(self, state: StateSample) -> None:
         last = self._last.get("/diagnostics")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeAlias
 
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.rpc.messages.state import BootStep, RobotEvent, SdoCounts, TrackingReading
+from canopen_control.rpc.messages.state import BootStep, RobotEvent, SdoCounts, TrackingReading, TruePose
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -101,6 +101,17 @@ class BusFacts(Document, frozen=True):
     load: BusLoad
 
 
+class MeasuredFacts(Document, frozen=True):
+    """A value that a controller told: the least, the most and the last of it in the recording."""
+
+    controller: str
+    what: str
+    unit: str
+    least: float
+    most: float
+    last: float
+
+
 class Gaps(Document, frozen=True):
     """What is missing in a recording."""
 
@@ -112,7 +123,10 @@ class Gaps(Document, frozen=True):
 
 
 class ReportFacts(Document, frozen=True, kw_only=True):
-    """Everything: `summary` in sentences, `stopped_after_s` by joint that moved at the `fault`, None where unseen."""
+    """Everything: `summary` in sentences, `stopped_after_s` by joint that moved at the `fault`, None where unseen.
+
+    `true_pose` is the last one of a simulated base.
+    """
 
     summary: list[str]
     robot: str
@@ -133,6 +147,8 @@ class ReportFacts(Document, frozen=True, kw_only=True):
     frames: list[FrameFacts]
     last_words: list[FrameFacts]
     gaps: Gaps
+    measured: tuple[MeasuredFacts, ...] = ()
+    true_pose: TruePose | None = None
 
     @property
     def fault_at(self) -> float | None:

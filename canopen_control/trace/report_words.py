@@ -23,7 +23,8 @@ def clock(unix_s: float, *, date: bool = False) -> str:
 
 def summary(facts: ReportFacts) -> list[str]:
     """Return the sentences: who and when, what went wrong first, what followed, how it ended, what is not known."""
-    return [*_who(facts), *_wrong(facts), *_reaction(facts), *_cycle(facts), *_tracking(facts), *_gaps(facts)]
+    how = (*_cycle(facts), *_tracking(facts), *_truth(facts))
+    return [*_who(facts), *_wrong(facts), *_reaction(facts), *how, *_gaps(facts)]
 
 
 def _who(facts: ReportFacts) -> Iterator[str]:
@@ -87,6 +88,12 @@ def _tracking(facts: ReportFacts) -> Iterator[str]:
     ]
     if odd:
         yield f"Set-points that were repeated, and skipped, while a joint moved: {', '.join(odd)}."
+
+
+def _truth(facts: ReportFacts) -> Iterator[str]:
+    """Say where a simulated base was in the end, and what odometry had made of it."""
+    if facts.true_pose is not None:
+        yield _sentence(f"At the end: {facts.true_pose.words}")
 
 
 def _gaps(facts: ReportFacts) -> Iterator[str]:

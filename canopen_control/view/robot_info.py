@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import Description, NodeListing
     from canopen_control.rpc.messages.state import RobotEvent, Status
 
-__all__ = ["Pose", "RobotInfo", "VirtualNode", "pose_of", "read_robot_info"]
+__all__ = ["Pose", "RobotInfo", "VirtualNode", "pose_of", "read_robot_info", "true_pose_of"]
 
 Pose = tuple[float, float, float]
 """x and y in m, heading in rad."""
@@ -69,6 +69,11 @@ def read_robot_info(robot: str, description: Description, listing: NodeListing, 
         state,
         tuple(status.events),
     )
+
+
+def true_pose_of(state: StateSample) -> Pose | None:
+    """Return where a simulated base truly is, in the frame of its odometry; None where that is not known."""
+    return None if state.true_pose is None else state.true_pose.in_odometry
 
 
 def pose_of(state: StateSample) -> Pose | None:

@@ -9,17 +9,18 @@ from canopen_control.urdf.robot_model import RobotModel, read_model
 from canopen_control.view.fault_client import DriveFaults, FaultClient
 from canopen_control.view.history import History
 from canopen_control.view.page_content import PageContent, RecentEvents
-from canopen_control.view.robot_info import pose_of
+from canopen_control.view.robot_info import pose_of, true_pose_of
 from canopen_control.view.sampling import Sampler, commanded_interfaces, names
 from canopen_control.view.scene_tree import SceneTree, Trail, angles_of
 from canopen_control.view.words import BAD, axis_rows
+from canopen_control.view.world_view import WorldView
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
     from canopen_control.view.elements.nicegui_elements import SceneChange
-    from canopen_control.view.robot_info import RobotInfo
+    from canopen_control.view.robot_info import Pose, RobotInfo
 
 __all__ = ["RobotView"]
 
@@ -34,6 +35,7 @@ class RobotView:
         self.linear = frozenset(joint.name for joint in self.model.joints.values() if joint.type == "prismatic")
         self.scene = SceneTree(self.model, info.path, publish)
         self.history, self.trail = History(names(info.joints, info.buses)), Trail()
+        self.true_trail, self.world = Trail(), WorldView()
         self.fault_client, self.faults = FaultClient(info.nodes), DriveFaults()
         self.controllers: tuple[ControllerReading, ...] = ()
         self._sampler = Sampler()
@@ -52,6 +54,8 @@ class RobotView:
         self.history.add(state.time, self._sampler.take(state, commanded_interfaces(self.controllers, state)))
         if (pose := pose_of(state)) is not None:
             self.trail.add(pose)
+        if (truth := true_pose_of(state)) is not None:
+            self.true_trail.add(truth)
         before, now = self._scene, self.scene_now()
         self._scene = now
         return cast("SceneChange", {key: value for key, value in now.items() if value != before.get(key)})
@@ -61,12 +65,16 @@ class RobotView:
         state = self.state
         bad = [row.joint for row in axis_rows(state) if row.tone == BAD and row.joint]
         pose, positions = pose_of(state), {name: joint.position for name, joint in state.joints.items()}
-        where = None if pose is None else [round(each, 4) for each in pose]
-        return {"angles": angles_of(self.model, positions), "pose": where, "tint": bad}
+        angles, truth = angles_of(self.model, positions), true_pose_of(state)
+        return {"angles": angles, "pose": _rounded(pose), "truth": _rounded(truth), "tint": bad}
 
     def content(self, lost: str) -> PageContent:
         """Return what the panels show; `lost` says why nobody knows how the robot is, empty if somebody does."""
         return PageContent(self.state, self.events, self.controllers, self.faults, lost)
+
+
+def _rounded(pose: Pose | None) -> list[float] | None:
+    return None if pose is None else [round(each, 4) for each in pose]
 
 
 def _drawable(urdf: str) -> RobotModel:

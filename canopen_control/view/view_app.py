@@ -31,6 +31,7 @@ from canopen_control.view.page_server import PageServer, listen, silence
 from canopen_control.view.robot_connection import RobotConnection, in_thread
 from canopen_control.view.robot_view import RobotView
 from canopen_control.view.trajectory_player import TrajectoryPlayer
+from canopen_control.view.world_view import read_shapes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -47,6 +48,7 @@ UNSEEN_HZ: Final = 5.0
 _TICK_S: Final = 0.2  # between two updates: what is read, not watched
 _RETRY_S: Final = 0.5
 _FAULTS_S: Final = 3.0
+_WORLD_S: Final = 0.25
 _SILENT_S: Final = 1.5  # a robot that runs says something 5 times a second
 
 
@@ -105,7 +107,7 @@ class ViewApp:
                 task.cancel()
 
     def _begin(self) -> None:
-        for endless in (self._connect(), self._tick_for_ever(), self._watch_faults()):
+        for endless in (self._connect(), self._tick_for_ever(), self._watch_faults(), self._watch_world()):
             self._start(endless)
 
     def _start(self, work: Coroutine[Any, Any, None]) -> None:
@@ -190,7 +192,10 @@ class ViewApp:
     def _page_opened(self, page: Page) -> None:
         self._pages[page.client.id] = page
         robot = self.robot
-        page.send({"plots": {"anew": True, "rows": robot.history.rows()}, "trail": list(robot.trail.points)})
+        trail, truth = list(robot.trail.points), list(robot.true_trail.points)
+        page.send({"plots": {"anew": True, "rows": robot.history.rows()}, "trail": trail, "truth": truth})
+        if robot.world.document is not None:
+            page.send({"world": robot.world.document})
         page.send({"scene": robot.scene_now(), **page.changes(robot.content(self._lost))})
         self._set_rate()
         self.refresh_faults()
@@ -270,6 +275,18 @@ class ViewApp:
             if self._pages:
                 await self._refresh_faults()
             await asyncio.sleep(_FAULTS_S)
+
+    async def _watch_world(self) -> None:
+        """Follow what stands in the world of a simulated robot while somebody looks."""
+        while True:
+            robot, moves = self._known, False
+            if robot is not None and self._pages and robot.state.true_pose is not None:
+                shapes = await in_thread(partial(read_shapes, robot.info.nodes))
+                news, moves = robot.world.take(shapes, robot.state), any(each.moves for each in shapes)
+                if news is not None:
+                    for page in list(self._pages.values()):
+                        page.send({"world": news})
+            await asyncio.sleep(_WORLD_S if moves else _FAULTS_S)
 
     # ------------------------------------------------------------------------------------ the connection
 

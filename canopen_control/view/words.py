@@ -235,6 +235,8 @@ def _facts(state: StateSample) -> Iterator[str]:
         if load is not None:
             yield f"bus {escape(bus)} {100 * load:.1f} %"
     yield f"active: {escape(', '.join(active)) or 'no controller'}"
+    if state.true_pose is not None:
+        yield escape(state.true_pose.words)
 
 
 def event_log(events: Iterable[RobotEvent]) -> str:

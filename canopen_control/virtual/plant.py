@@ -16,11 +16,13 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 from canopen_control.rpc.messages.drive import WorldAct, WorldState
 
 if TYPE_CHECKING:
+    from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.virtual.trajectory import Piece, Trajectory
 
 __all__ = [
     "ChangeableWorld",
     "CoupledPlant",
+    "FurnishedWorld",
     "IdealPlant",
     "LagPlant",
     "Leader",
@@ -275,6 +277,14 @@ class TellingWorld(World, Protocol):
     """An engine that has something to tell before it begins: what it had to guess, in sentences."""
 
     notes: tuple[str, ...]
+
+
+@runtime_checkable
+class FurnishedWorld(World, Protocol):
+    """An engine in whose world there is more than robots."""
+
+    def shapes(self) -> tuple[WorldShape, ...]:
+        """Return what stands there, where it is now."""
 
 
 @runtime_checkable

@@ -57,6 +57,16 @@ def test_one_message_gives_period_and_frame():
     assert struct.calcsize("@IIIllllII0q") == 56, "as on a 64-bit kernel"
 
 
+def test_a_period_is_adjusted_without_a_frame_or_a_count_begun_anew():
+    sock = FakeSocket()
+    sync = KernelSync("vcan3", COUNTED, lambda: sock)
+    sync.start(10_000)
+    sync.adjust(9_993)
+    told = head(sock.sent[1])
+    assert (told["us2"], told["frames"]) == (9_993, len(COUNTED))
+    assert told["flags"] == 0x1, "the timer is set, and goes on"
+
+
 def test_another_period_is_told_to_the_same_socket_which_ends_the_task_when_it_is_closed():
     sockets = []
 

@@ -8,6 +8,7 @@ import select
 import pytest
 
 from canopen_control.bus import memory
+from canopen_control.bus.channel import open_port
 from canopen_control.bus.error_frames import overrun_frame
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.bus.port import BusEventKind
@@ -188,3 +189,15 @@ def test_when_the_bus_closes_what_waits_is_still_read_and_then_it_is_said(bus, p
 def test_flush_has_nothing_to_do(ports):
     ports[0].flush()
     assert ports[0].wants_write is False
+
+
+def test_a_bus_of_another_kind_is_joined_while_it_is_provided():
+    class Other:
+        def open(self, label):
+            return f"port of {label}"
+
+    with memory.provide("provided", Other()):
+        assert open_port("memory:provided", label="master") == "port of master"
+    port = open_port("memory:provided")
+    assert isinstance(port, memory.MemoryPort)
+    port.close()

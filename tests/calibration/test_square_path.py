@@ -38,7 +38,7 @@ def drive(path, base, seconds=300.0):
     """Let it drive to the end; returns every pose on the way."""
     now, way = 5.0, []
     while not path.done:
-        base.step(*path.twist(base.pose, base.linear, base.angular, now))
+        base.step(*path.twist(base.pose, now))
         way.append(base.pose)
         now += DT
         assert now < seconds
@@ -77,7 +77,7 @@ def test_it_keeps_to_its_speeds():
     fastest = [0.0, 0.0]
     now = 0.0
     while not path.done:
-        linear, angular = path.twist(base.pose, base.linear, base.angular, now)
+        linear, angular = path.twist(base.pose, now)
         fastest = [max(fastest[0], abs(linear)), max(fastest[1], abs(angular))]
         base.step(linear, angular)
         now += DT
@@ -86,10 +86,10 @@ def test_it_keeps_to_its_speeds():
 
 def test_a_side_that_is_begun_askew_is_steered_back():
     path = SquarePath(1.0, Direction.CCW, Pace())
-    path.twist((0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
-    assert path.twist((0.1, 0.0, 0.05), 0.2, 0.0, 0.5)[1] < 0.0
-    assert path.twist((0.1, 0.02, 0.0), 0.2, 0.0, 0.5)[1] < 0.0
-    assert path.twist((0.1, -0.02, 0.0), 0.2, 0.0, 0.5)[1] > 0.0
+    path.twist((0.0, 0.0, 0.0), 0.0)
+    assert path.twist((0.1, 0.0, 0.05), 0.5)[1] < 0.0
+    assert path.twist((0.1, 0.02, 0.0), 0.5)[1] < 0.0
+    assert path.twist((0.1, -0.02, 0.0), 0.5)[1] > 0.0
 
 
 def test_a_base_that_does_not_move_is_told():
@@ -100,15 +100,25 @@ def test_a_base_that_does_not_move_is_told():
 
 def test_a_base_that_does_not_come_to_rest_is_told():
     path = SquarePath(1.0, Direction.CCW, Pace())
-    path.twist((0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
-    path.twist((1.0, 0.0, 0.0), 0.1, 0.0, 5.0)
+    path.twist((0.0, 0.0, 0.0), 0.0)
+    path.twist((1.0, 0.0, 0.0), 5.0)
+    for tenth in range(60):
+        path.twist((1.0 + 0.001 * tenth, 0.0, 0.0), 5.0 + 0.1 * tenth)
     with pytest.raises(ControlError, match="does not come to rest"):
-        path.twist((1.0, 0.0, 0.0), 0.1, 0.0, 15.0)
+        path.twist((1.07, 0.0, 0.0), 12.0)
+
+
+def test_an_encoder_that_changes_by_a_count_at_rest_does_not_keep_it():
+    path = SquarePath(1.0, Direction.CCW, Pace())
+    path.twist((0.0, 0.0, 0.0), 0.0)
+    path.twist((1.0, 0.0, 0.0), 5.0)
+    twists = [path.twist((1.0, 0.0001 * (tenth % 2), 0.001 * (tenth % 2)), 5.1 + 0.1 * tenth) for tenth in range(8)]
+    assert twists[-1][1] > 0.0, "it turns"
 
 
 @pytest.mark.parametrize("pose", [(1.5, 0.0, 0.0), (0.5, -0.4, 0.0), (math.nan, 0.0, 0.0)])
 def test_a_base_that_is_somewhere_else_is_told(pose):
     path = SquarePath(1.0, Direction.CCW, Pace())
-    path.twist((0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+    path.twist((0.0, 0.0, 0.0), 0.0)
     with pytest.raises(ControlError, match="has left the square of 1 m"):
-        path.twist(pose, 0.1, 0.0, 0.1)
+        path.twist(pose, 0.1)

@@ -8,7 +8,11 @@ from support.onbus import TMCM, OnBus
 from canopen_control.bus.recordings import RecordingWriter
 from canopen_control.cli import replay
 from canopen_control.cli.main import main
+from canopen_control.client import RobotClient
 from canopen_control.frame import CanFrame, frames_of, pack_records
+from canopen_control.rpc.messages.robot import GetDescription, GetStatus
+from canopen_control.rpc.messages.state import RobotEvent
+from canopen_control.trace.flight_file import FlightMeta, save
 
 FRAMES = [
     CanFrame(0x000, b"\x01\x00"),
@@ -120,3 +124,33 @@ def test_a_wrong_speed_is_a_sentence(log, capsys):
         main(["replay", log, "--speed", "0"])
     assert exit_.value.code == 2
     assert "is no speed from 0.001 to 1000" in capsys.readouterr().err
+
+
+@pytest.fixture
+def flight(tmp_path):
+    """A flight recording of two states."""
+    reason = RobotEvent(time=0.0, kind="", node=None, level="info", text="")
+    lines = [json.dumps({"time": 1.0 + tenth / 10, "state": "running"}).encode() for tenth in range(2)]
+    return str(save(tmp_path, FlightMeta(robot="robby", reason=reason), iter(()), [], lines))
+
+
+@pytest.mark.process
+def test_a_flight_recording_is_watched_as_a_robot_until_one_runs(stage, flight):
+    program = stage.start("replay", flight, "robby", "--page")
+    assert "0 s of robby; see it: canopen-control view --name robby_replay" in program.until("robby_replay:")
+    with RobotClient.connect("robby_replay") as client:
+        assert client.ask(GetStatus()).state == "running"
+        assert "left_wheel_joint" in client.ask(GetDescription()).urdf
+    other = stage.start("run", "robby", "--mock", "--duration", "20")
+    assert program.wait() == 0
+    assert "robot robby runs now; the recording makes way for it" in program.err
+    again = stage.start("replay", flight, "--page")
+    assert again.wait() == 2
+    assert "robot robby runs, and STOP is to mean one robot" in again.err
+    other.end()
+
+
+@pytest.mark.parametrize("words", [["run.log", "--page"], ["fault.zip", "--page", "--can", "local:x"]])
+def test_only_a_flight_recording_is_watched_and_played_into_no_bus(words, capsys):
+    assert main(["replay", *words]) == 2
+    assert "--page shows a flight recording, a .zip, and plays into no bus" in capsys.readouterr().err

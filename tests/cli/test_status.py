@@ -1,4 +1,5 @@
 import contextlib
+import math
 
 import pytest
 from support.samples import event_of, sample_of, status_of
@@ -8,6 +9,7 @@ from canopen_control.cli.status import render
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.declare import Done
+from canopen_control.rpc.messages.state import Snapshot, TruePose
 
 STATE = {
     "state": "running",
@@ -39,9 +41,24 @@ def test_a_line_for_the_robot_one_for_each_axis_and_the_errors_in_words():
     assert lines[4] == "  node 4 (gone): no answer"
 
 
+def test_a_simulated_base_is_told_with_what_odometry_is_off_by():
+    truth = TruePose(time=0.0, x=1.0, y=-0.25, heading=math.pi / 2, error=(0.003, -0.004, -math.pi / 180))
+    assert render(Snapshot(true_pose=truth))[1] == (
+        "true pose 1.000, -0.250 m, 90.0 deg; odometry is off by 5.0 mm and 1.00 deg"
+    )
+    alone = TruePose(time=0.0, x=1.0, y=-0.25, heading=0.0)
+    assert render(Snapshot(true_pose=alone))[1] == "true pose 1.000, -0.250 m, 0.0 deg"
+
+
 def test_mock_hardware_has_joints_without_nodes():
     lines = render(sample_of({**STATE, "nodes": {}}))
     assert any(line.split()[:5] == ["no", "drive", "-", "-", "left_wheel_joint"] for line in lines)
+
+
+def test_outputs_that_are_void_are_named_also_when_their_node_is_back():
+    node = {**STATE["nodes"]["left_drive"], "node_id": 5, "axes": [], "void_outputs": ["do0", "ao1"]}
+    lines = render(sample_of({**STATE, "nodes": {"io": node}}))
+    assert lines[-1] == "  node 5 (io): void since it was lost, and not restored: do0, ao1; command them anew"
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from support.control import Hardware, S, add, manager
 from canopen_control.controllers.ackermann_ros1 import is_ros1, read_ros1
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
+from canopen_control.rpc.messages.parameters import ParameterValue
 
 #: as the package's own test robot has it
 NOETIC = {
@@ -97,3 +98,34 @@ def test_what_cannot_be_is_refused(params, words):
     with pytest.raises(RobotConfigError) as caught:
         base(**params)
     assert words in str(caught.value)
+
+
+class Geometry:
+    def separation(self, left, right):
+        return 0.5 if (left, right) == (("rear_wheel_joint",), ("front_steer_joint",)) else None
+
+    def radius(self, wheels):
+        return 0.2 if wheels == ("rear_wheel_joint",) else None
+
+
+def test_sizes_that_are_not_given_are_the_descriptions_and_told():
+    told = []
+    given = read_ros1(Params.of({"front_steer": "front_steer_joint"}, "base"), Geometry(), told.append)
+    assert (given.wheelbase, given.radius) == (0.5, 0.2)
+    assert [text.partition(" is not")[0] for text in told] == ["wheel_separation_h", "wheel_radius"]
+    given = read_ros1(Params.of(NOETIC, "base"), Geometry(), told.append)
+    assert (given.radius, len(told)) == (0.11, 2)
+    assert read_ros1(Params.of({"front_steer": "other"}, "base"), Geometry(), told.append).wheelbase == 0.0
+
+
+def test_sizes_of_the_description_are_told_once_and_not_again_when_a_parameter_is_set():
+    hardware = Hardware(
+        "rear_wheel_joint/velocity", "front_steer_joint/position",
+        states=tuple(f"{joint}_joint/position" for joint in ("rear_wheel", "front_steer")),
+    )  # fmt: skip
+    control = manager(hardware)
+    base_controller = control.load("base", ACKERMANN, Params.of({"front_steer": "front_steer_joint"}))
+    base_controller.geometry = Geometry()
+    control.configure("base")
+    control.set_parameters("base", [ParameterValue(name="reference_timeout", kind="double", value=1.0)])
+    assert sum("the description's is taken" in each.text for each in control.events()) == 2

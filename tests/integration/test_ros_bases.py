@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import pytest
 import yaml
 from support import ros
-from support.bases import ACKERMANN, BICYCLE, MECANUM, OMNI, PARAMS, TRICYCLE
+from support.bases import ACKERMANN, MECANUM, OMNI, PARAMS, TRICYCLE
 from support.processes import Stage
 
 pytestmark = pytest.mark.ros
 TWIST, ODOMETRY, TF = "geometry_msgs/msg/TwistStamped", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 VALUES = "control_msgs/msg/DynamicInterfaceGroupValues"
 STATE = {TRICYCLE: "SteeringControllerStatus", MECANUM: "MecanumDriveControllerState"}
-NAMES = {BICYCLE: "bike", TRICYCLE: "truck", ACKERMANN: "car", MECANUM: "mec", OMNI: "omni"}
+NAMES = {TRICYCLE: "truck", ACKERMANN: "car", MECANUM: "mec", OMNI: "omni"}
 SIDEWAYS = {MECANUM, OMNI}
 SENSORS = {
     "imu": {f"{what}.{axis}": 0.5 for what in ("angular_velocity", "linear_acceleration") for axis in "xyz"}

@@ -16,6 +16,7 @@ import time
 import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.browser import LEFT_WHEEL, RIGHT_WHEEL, RobotPage, without_webgl
+from support.floor import plant_text
 from support.host import eventually
 from support.robotview import DIFF_DRIVE, RIGHT, STANDING
 
@@ -239,3 +240,28 @@ def test_a_trajectory_is_previewed_standing_then_played_until_the_page_is_closed
         page.page.close()
         assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in joints()), 3)
         assert max(abs(each.position) for each in joints()) < 1.0
+
+
+def test_a_simulated_base_has_its_own_way_beside_that_of_odometry(show, stage, keep):
+    (stage.place / "floor.yml").write_text(plant_text(track=1.3))
+    show = show("vtruth", "--controller", DIFF_DRIVE, "--plant", stage.place / "floor.yml")
+    page = show.page()
+    show.ready(page)
+    stage.start("twist", DIFF_DRIVE, 0.25, 0.6, "--for", 4, "--name", "vtruth").wait()
+
+    def way(name):
+        return page.page.evaluate("name => window.ccScene.trail(name)", name)
+
+    assert eventually(lambda: len(way("truth")) > 50, 10)
+    believed, true = way("trail"), way("truth")
+    assert math.dist(believed[0], true[0]) < 0.03
+    assert math.dist(believed[-1], true[-1]) > 0.1
+    assert "odometry is off by" in page.text()
+    turned = [math.cos(math.pi / 8), 0, 0, math.sin(math.pi / 8)]
+    box = {"shape": "box", "size": [0.3, 0.2, 0.4], "position": [1.0, 0.0, 0.2], "wxyz": turned, "moves": True}
+    world = {"place": [0.5, 1.0, math.pi / 2], "shapes": [box]}
+    page.page.evaluate("world => window.dispatchEvent(new CustomEvent('cc-world', { detail: world }))", world)
+    assert page.page.evaluate("window.ccScene.world()[0]") == pytest.approx([0.5, 2.0, 0.2])
+    keep(page, "true_pose")
+    page.page.reload()
+    assert eventually(lambda: len(page.page.evaluate("window.ccScene?.trail('truth') || []")) > 50, 20)

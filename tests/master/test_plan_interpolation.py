@@ -1,5 +1,6 @@
 """0x60C2 of a plan: the SYNC period exactly, or told."""
 
+import re
 import shutil
 
 import pytest
@@ -25,6 +26,20 @@ def read(folder, period, asked):
     writes = [write for write in config.plans["joint_1_drive"].writes if write.index == 0x60C2]
     values = tuple(int.from_bytes(write.data, "little", signed=write.subindex == 2) for write in writes)
     return values, [str(each) for each in problems.warnings if "60C2" in str(each)]
+
+
+def test_another_time_in_a_dcf_is_told_at_the_file(tmp_path):
+    eds = data_path("eds", "generic_cia402.eds").read_text()
+    dcf = re.sub(r"(?m)^(\[60C2sub1\](?:\n[^\[\n]+)*)", r"\1\nParameterValue=10", eds)
+    (tmp_path / "drive.dcf").write_text(dcf)
+    path = tmp_path / "bus.yml"
+    path.write_text(
+        "master: {node_id: 1, sync_period: 20000}\nnodes:\n  lift:\n    node_id: 2\n    dcf: drive.dcf\n    sdo:\n"
+        "      - {index: 0x6081, sub_index: 0, value: 5}\n"
+    )
+    (told,) = [str(each) for each in inspect_bus(path)[1].warnings if "60C2" in str(each)]
+    assert "bus.yml:5:" in told
+    assert "0x60C2 is 10 * 10^-3 s" in told
 
 
 @pytest.mark.parametrize(

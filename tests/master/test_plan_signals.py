@@ -155,6 +155,9 @@ def test_outputs_that_keep_what_they_have_are_told(tmp_path):
     start, end = text.index("[6206]"), text.index("[6207]")
     (tmp_path / "bare.eds").write_text(text[:start] + text[end:].replace("=0x6206", "=0x6207"))
     assert any("the outputs 0x6200:01, 0x6200:02 keep" in each for each in warnings(tmp_path, "", "bare.eds"))
+    accepted = ", ".join(f"{{name: do{number}, safe: keep}}" for number in range(8))
+    (told,) = warnings(tmp_path, f"    signals: [{accepted}]\n", "bare.eds")
+    assert "the outputs 0x6200:02 keep" in told
 
 
 def test_the_profile_of_a_device_with_a_wrong_file_is_given(tmp_path):

@@ -7,7 +7,7 @@ from support.virtualbench import T, entry
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 from canopen_control.od.model import ObjectDictionary
-from canopen_control.profiles.error_modes import ERROR_OBJECTS, SafeOutput, safe_outputs
+from canopen_control.profiles.error_modes import ERROR_OBJECTS, SafeOutput, has_error_mode, safe_outputs
 from canopen_control.profiles.io_tables import io_signals
 
 MODULE = read_eds(data_path("eds", "generic_cia401.eds"), 5).od
@@ -36,4 +36,6 @@ def test_what_a_device_lacks_has_no_address():
     od.add(entry(0x6200, 1, T.UNSIGNED8))
     found = outputs(od)[0x6200, 1]
     assert (found.mode_at, found.value_at) == (None, None)
+    assert not any(has_error_mode(od, each) for each in io_signals(od))
+    assert all(has_error_mode(MODULE, each) for each in io_signals(MODULE) if each.output)
     assert 0x6000 not in ERROR_OBJECTS

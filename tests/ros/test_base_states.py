@@ -10,9 +10,9 @@ pytest.importorskip("std_msgs")
 
 from support.endpoints import Ros, interface
 
-from canopen_control.ros import base_states, controller_state, table
+from canopen_control.ros import base_states, base_topics, controller_state, table
 from canopen_control.ros.base_states import MecanumState, SteeringState, TfOdometry
-from canopen_control.ros.base_topics import BaseOdometry, TwistCommands
+from canopen_control.ros.base_topics import BaseOdometry, OdometrySetting, TwistCommands
 from canopen_control.ros.qos import SYSTEM_DEFAULT
 from canopen_control.rpc.messages.samples import MecanumSample, SteeringSample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample
@@ -28,7 +28,7 @@ def reading(tells, axes, topic="reference"):
 
 @pytest.fixture
 def ros(monkeypatch):
-    for module in (base_states, controller_state):
+    for module in (base_states, base_topics, controller_state):
         monkeypatch.setattr(module, "interface", interface)
     return Ros()
 
@@ -42,7 +42,8 @@ def ros(monkeypatch):
 )
 def test_they_have_upstreams_topics(ros, tells, axes, state, kind):
     made = table.endpoints_for(ros, reading(tells, axes))
-    assert [type(each) for each in made] == [TwistCommands, BaseOdometry, TfOdometry, state]
+    assert [type(each) for each in made] == [TwistCommands, OdometrySetting, BaseOdometry, TfOdometry, state]
+    assert list(ros.services) == ["base/set_odometry"]
     assert [(each.topic, each.kind.__name__) for each in ros.publishers] == [
         ("base/odometry", "Odometry"),
         ("base/tf_odometry", "TFMessage"),
@@ -59,6 +60,7 @@ def test_an_omni_base_has_the_topics_of_the_diff_drive(ros):
     table.endpoints_for(ros, reading("odometry", HOLONOMIC, "cmd_vel"))
     assert list(ros.subscriptions) == ["base/cmd_vel", "base/cmd_vel_unstamped"]
     assert [each.topic for each in ros.publishers] == ["base/odom"]
+    assert list(ros.services) == ["base/set_odometry"]
 
 
 def test_a_steered_base_tells_its_wheels(ros):

@@ -52,6 +52,17 @@ def test_in_a_profile_mode_the_type_is_free(tmp_path):
     assert not any("acts when it arrives" in each for each in warnings(config))
 
 
+@pytest.mark.parametrize("who", ["kernel", "other"])
+def test_a_cycle_that_comes_half_a_period_behind_the_sync_of_others_is_told(tmp_path, who):
+    keys = f"sync_period: 20000\n  sync_producer: {who}\n  sync_order: last"
+    (told,) = warnings(arm(tmp_path, bus=("sync_period: 20000", keys)))
+    assert "bus.yml:" in told
+    assert f"sync_order: last with sync_producer: {who}: the cycle comes half a period after SYNC" in told
+    assert "one that is 10 ms late doubles a set-point of joint_1, joint_2, joint_3 and 3 more" in told
+    assert told.endswith("leave sync_order out")
+    assert warnings(arm(tmp_path / "b", bus=("sync_period: 20000", keys.replace("last", "first")))) == []
+
+
 def test_positions_that_are_sent_for_several_syncs_are_told(tmp_path):
     told = warnings(arm(tmp_path, controllers=("update_rate: 50 ", "update_rate: 25 ")))
     (text,) = [each for each in told if "is sent" in each]

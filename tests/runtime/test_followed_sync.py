@@ -1,5 +1,8 @@
 """A robot whose SYNC comes from elsewhere: its cycle follows, and the absence of SYNC is told and mended."""
 
+import itertools
+import random
+
 import pytest
 from support.robots import LEFT, MS, RIGHT, Bench
 
@@ -154,3 +157,58 @@ def test_the_first_sync_of_a_node_that_has_to_boot_is_waited_for_and_its_absence
         "that wait for SYNC stand; let a node produce it (0x1005)"
     ]
     sync.close()
+
+
+class Slow:
+    """A kernel that adds its latency to each period, and a process that hears SYNC up to 2 ms late."""
+
+    sender, mending = "the kernel", "it is set up again"
+
+    def __init__(self, latency_ns):
+        self.latency_ns, self.told = latency_ns, []
+
+    def start(self, period_us):
+        self.told.append(period_us)
+
+    adjust = start
+
+    def close(self):
+        pass
+
+
+def heard_by_a_late_process(task, syncs, stalls=(), period_us=10_000):
+    """Let so many SYNCs come, each stall of which delays all after it; return the periods between the last hundred."""
+    sync, chance, sent = FollowedSync(task, period_us, None, print), random.Random(5), []
+    sync.start(0)
+    now = 0
+    for number in range(syncs):
+        now += task.told[-1] * 1000 + task.latency_ns + (5 * MS if number in stalls else 0)
+        sent.append(now)
+        sync.heard(now + round(chance.random() * 2 * MS))
+    return [after - before for before, after in itertools.pairwise(sent[-100:])]
+
+
+@pytest.mark.parametrize(("latency_us", "stalls"), [(70, ()), (4, ()), (9, (150, 700, 1200)), (0, (150,))])
+def test_what_the_kernel_adds_to_each_period_is_taken_off_it(latency_us, stalls):
+    task = Slow(latency_us * 1000)
+    periods = heard_by_a_late_process(task, 1800, stalls)
+    assert all(-2000 <= each - 10 * MS <= 3000 for each in periods)
+    assert all(abs(each - 10_000) <= latency_us + 3 for each in task.told)
+
+
+@pytest.mark.parametrize(("period_us", "least"), [(10_000, 9_900), (1000, 950)])
+def test_a_machine_that_stands_still_again_and_again_is_no_latency_to_be_taken_off(period_us, least):
+    task = Slow(3 * MS)
+    heard_by_a_late_process(task, 1000, period_us=period_us)
+    assert min(task.told) == least
+
+
+def test_one_that_is_set_up_again_begins_with_the_whole_period():
+    task = Slow(70_000)
+    sync = FollowedSync(task, 10_000, None, lambda _event: None)
+    sync.start(0)
+    for number in range(400):
+        sync.heard(number * 10_070_000)
+    assert task.told[-1] == 9_930
+    sync.tick(10_000 * MS)
+    assert task.told[-1] == 10_000

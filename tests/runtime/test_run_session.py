@@ -80,7 +80,9 @@ def test_a_processor_of_its_own_is_the_robots_and_not_its_childrens(monkeypatch)
     one = min(everywhere)
     session = Session(setup("pinned", "memory:pin"), RunOptions(cpu=one))
     started = []
-    monkeypatch.setattr(session.supervisor, "start_drives", lambda _setup: started.append(os.sched_getaffinity(0)))
+    monkeypatch.setattr(
+        session.supervisor, "start_drives", lambda _setup, _plant: started.append(os.sched_getaffinity(0))
+    )
     try:
         session.start()
         assert started == [everywhere]

@@ -42,13 +42,20 @@ def test_the_error_is_the_truth_less_odometry_as_odometry_sees_it():
     assert (reading.x, reading.y, reading.time) == (1.0, 3.0, 7.5)
 
 
-@pytest.mark.parametrize("again", [TruePoseTracker.align, lambda t: taken(t, (0, 0, 0), None)])
+@pytest.mark.parametrize("again", [TruePoseTracker.align, lambda t: taken(t, (9, 0, 0), (0, 0, 0), "other")])
 def test_the_frames_are_brought_together_anew_when_odometry_begins_anew(again):
     tracker = TruePoseTracker()
     taken(tracker, (1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     again(tracker)
     reading = taken(tracker, (2.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     assert reading.odom == (2.0, 0.0, 0.0)
+
+
+def test_what_happens_while_odometry_does_not_count_is_an_error_of_it():
+    tracker = TruePoseTracker()
+    taken(tracker, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert taken(tracker, (0.5, 0.0, 0.0), None).error is None
+    assert taken(tracker, (0.5, 0.0, 0.0), (0.0, 0.0, 0.0)).error == pytest.approx((0.5, 0.0, 0.0))
 
 
 def test_without_odometry_the_pose_is_known_and_no_error():

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from support.drive_shapes import MAKERS, NODE, SHAPES, UNWATCHED, write_shape
+from support.drive_shapes import MAKERS, NODE, SHAPES, UNWATCHED, commissioned, shape, write_shape
 from support.eds import DEVIATIONS
 from support.robots import Bench
 
@@ -55,6 +55,14 @@ def test_a_drive_as_vendors_describe_theirs_is_enabled_and_turns(tmp_path, what)
     assert math.copysign(1, turn) == 1
     if mode != "VL":  # revolutions per minute, whatever the scale
         assert 0.3 < turn / counts < 1.1
+
+
+@pytest.mark.parametrize(("told", "period"), [(10, 10_000), (1, 20_000), (15, 20_000), (None, 20_000)])
+def test_the_sync_of_a_dcf_is_kept_where_a_computer_can_follow_it(tmp_path, told, period):
+    od = commissioned(shape(), {(0x60C2, 1): told})
+    written = new_robot(tmp_path, write_shape(tmp_path, od))
+    assert written.robot.sync_us == period
+    assert bool(written.warnings) is (told in (1, 15))  # another time than SYNC's
 
 
 def test_all_axes_of_one_drive_turn_and_may_be_the_wheels_of_a_base(tmp_path):

@@ -49,6 +49,21 @@ def test_the_kernel_keeps_the_period_takes_another_one_and_ends_when_it_is_close
     assert {data for _, data in hears.of(SYNC)} == {b""}
 
 
+def test_a_period_is_adjusted_without_a_sync_in_between_and_the_counter_goes_on(vcan, listen):
+    hears = listen(vcan)
+    sync = KernelSync(vcan, [CanFrame(SYNC, bytes([count])) for count in range(1, 6)])
+    sync.start(50_000)
+    assert eventually(lambda: len(hears.of(SYNC)) >= 8, 10)
+    changed = time.time()
+    sync.adjust(20_000)
+    assert eventually(lambda: len(gaps(hears, changed)) >= 40, 10)
+    sync.close()
+    assert min(gaps(hears)) > 0.015, "none is sent by the change itself"
+    assert statistics.median(gaps(hears, changed)) == pytest.approx(0.02, rel=0.1)
+    counted = [data[0] for _, data in hears.of(SYNC)]
+    assert all(after == before % 5 + 1 for before, after in itertools.pairwise(counted))
+
+
 def test_a_counter_goes_round(vcan, listen):
     hears = listen(vcan)
     sync = KernelSync(vcan, [CanFrame(SYNC, bytes([count])) for count in range(1, 6)])

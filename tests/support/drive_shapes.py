@@ -9,7 +9,7 @@ from support.virtualbench import pdo_entries, servo_od
 from canopen_control.od.dcf import eds_text
 from canopen_control.od.model import DataType, Entry, ObjectCode, ObjectInfo
 
-__all__ = ["MAKERS", "SHAPES", "UNWATCHED", "shape", "write_shape"]
+__all__ = ["MAKERS", "SHAPES", "UNWATCHED", "commissioned", "shape", "write_shape"]
 
 NODE = 5
 PDOS = (0x1400, 0x1401, 0x1600, 0x1601, 0x1800, 0x1801, 0x1A00, 0x1A01)
@@ -161,6 +161,13 @@ def more_slots(od, count):
     return od
 
 
+def commissioned(od, values):
+    """Give entries values beside their defaults, as a DCF does."""
+    for address, value in values.items():
+        od.entries[address] = dataclasses.replace(od.entries[address], parameter_value=value)
+    return od
+
+
 OFF, NO_RTR = 0x80000000, 0x40000000
 PAIRS_OFF = [
     (rpdo, number, cob_id | (OFF if number > 1 else 0), mapping) for rpdo, number, cob_id, mapping in FOUR_PAIRS
@@ -198,6 +205,12 @@ MAKERS = {
         lambda: shape(drop=(0x60FF, 0x6502, 0x6042), pdos=POINTS, s607A_00=UNMAPPABLE, s6060_00=UNMAPPABLE,
                       s6061_00=UNMAPPABLE),
         "position", "IP"),
+    "Pilz PRBT": (
+        lambda: commissioned(
+            shape(drop=(0x60FF,), pdos=POINTS, s6098_00={"access": "const"}, **modes(0x43)),
+            {(0x1A00, 0): 2, (0x1A00, 2): 0x60610008, (0x1A02, 0): 2, (0x1A02, 1): PLACE, (0x1A02, 2): ACTUAL,
+             (0x6060, 0): 7, (0x60C2, 1): 10}),
+        "velocity", "VL"),
     "Elmo SimplIQ": (lambda: as_maker(shape(pdos=TEXTS), counts=False), "velocity", "PV"),
     "Faulhaber": (
         lambda: as_maker(

@@ -27,7 +27,8 @@ NOT_RUN = {
     r"^command .*\bio/lamp=": "outputs: tests/cli/test_command.py has some",
     r" /outputs/commands ": "outputs and a bridge: tests/ros/test_gpio_commands.py has what it sends",
     r"^calibrate\b": "a base that errs, and minutes of squares: tests/cli/test_calibrate.py has one",
-    r"--plant floor\.yml|^run .*--no-drives": "drives with a plant beside a robot: tests/support/floor.py has them",
+    r"^replay .*--page": "a flight recording: tests/cli/test_replay.py has one",
+    r"--plant floor\.yml": "a plant file: tests/integration/test_true_pose_of_a_run.py has one",
     r"^bench\b": "minutes of measuring: tests/bench runs every family of it",
 }
 #: Other programs in the blocks of the pages -> why they are not run from there.

@@ -183,6 +183,21 @@ def test_odometry_of_a_base_that_drives_sideways_is_on_its_own_topic(story, tmp_
     assert (odometry.twist.twist.linear.x, odometry.twist.twist.linear.y) == (0.5, 0.25)
 
 
+def test_the_true_pose_of_a_simulated_base_is_in_the_frame_of_its_odometry(story, tmp_path):
+    sample = {"kind": "odometry", "time": 1000.25, "x": 0.0, "y": 0.0, "heading": 0.0, "frame_id": "odom"}
+    truth = {"time": 1000.5, "x": 5.0, "y": 1.5, "z": 0.1, "heading": math.pi, "odom": [5.0, 0.0, math.pi / 2]}
+    state = {**states(story)[0], "samples": {"base": sample}, "true_pose": truth}
+    with BagWriter(tmp_path / "truth", "robby", urdf=story["urdf"]) as writer:
+        for _ in range(2):  # known once, sampled twice
+            writer.state(sample_of(state))
+        writer.state(sample_of({**state, "samples": {}, "true_pose": truth | {"time": 1001.0}}))
+    ((stamp, message),) = read(tmp_path / "truth")["/ground_truth"]
+    assert (stamp, message.header.frame_id) == (1_000_500_000_000, "odom")
+    place = message.pose.position
+    assert (place.x, place.y, place.z) == pytest.approx((1.5, 0.0, 0.1))
+    assert message.pose.orientation.z == pytest.approx(math.sqrt(0.5))
+
+
 def test_odometry_becomes_odom_tf_and_the_limited_twist(story, tmp_path):
     sample = {
         "kind": "odometry", "time": 1000.25, "x": 1.0, "y": 2.0, "heading": math.pi, "linear": 0.5, "angular": -0.25,

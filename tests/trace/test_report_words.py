@@ -2,7 +2,7 @@
 
 from msgspec.structs import replace
 
-from canopen_control.rpc.messages.state import RobotEvent, TrackingReading
+from canopen_control.rpc.messages.state import RobotEvent, TrackingReading, TruePose
 from canopen_control.trace.report_build import facts_of
 from canopen_control.trace.report_words import clock, summary
 
@@ -56,3 +56,11 @@ def test_the_joint_that_was_furthest_off_and_odd_set_points_are_told(calm_run):
     said = summary(replace(facts, joints=joints))
     assert f"Furthest off its set-points, by velocity, was {second}: 0.5 rad/s, RMS 0.02." in said
     assert f"Set-points that were repeated, and skipped, while a joint moved: {second} 0 and 3." in said
+
+
+def test_the_true_pose_of_a_simulated_base_is_told_as_it_was_in_the_end(calm_run):
+    assert facts_of(calm_run).true_pose is None
+    truth = TruePose(time=1.0, x=1.0, y=0.5, heading=0.0, error=(0.003, 0.004, 0.0))
+    calm_run.states[-1] = replace(calm_run.states[-1], true_pose=truth)
+    said = "At the end: true pose 1.000, 0.500 m, 0.0 deg; odometry is off by 5.0 mm and 0.00 deg."
+    assert said in facts_of(calm_run).summary

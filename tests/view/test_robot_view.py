@@ -1,4 +1,5 @@
 import dataclasses
+import math
 
 import pytest
 from support.pages import FORWARD, drive_state, info, robot, state
@@ -23,6 +24,17 @@ def test_only_what_has_moved_is_sent():
     moved = view.take(state(samples={"base": {"kind": "odometry", "time": 1.0, "x": 1.0, "y": 0.0, "heading": 0.0}}))
     assert moved == {"pose": [1.0, 0.0, 0.0]}
     assert list(view.trail.points) == [(1.0, 0.0)]
+
+
+def test_the_true_pose_of_a_simulated_base_has_a_way_of_its_own_where_odometry_sees_it():
+    view = robot()
+    odometry = {"base": {"kind": "odometry", "time": 1.0, "x": 1.0, "y": 0.0, "heading": 0.0}}
+    view.take(state(samples=odometry))
+    turned = {"time": 1.0, "x": 5.0, "y": 1.1, "heading": math.pi / 2, "odom": [5.0, 0.0, math.pi / 2]}
+    assert view.take(state(samples=odometry, true_pose=turned)) == {"truth": [1.1, 0.0, 0.0]}
+    assert (list(view.trail.points), list(view.true_trail.points)) == ([(1.0, 0.0)], [(1.1, 0.0)])
+    unaligned = {"time": 1.0, "x": 5.0, "y": 1.1, "heading": 0.0}
+    assert view.take(state(samples=odometry, true_pose=unaligned)) == {"truth": None}
 
 
 def test_what_hangs_on_a_faulty_drive_is_named():

@@ -122,6 +122,8 @@ def test_what_is_lost_is_said_to_be_old_and_out_of_reach_of_stop():
 
 
 def test_below_the_state_stands_what_counts():
+    truth = {"time": 1.0, "x": 1.0, "y": 0.0, "heading": 0.0, "error": [0.003, 0.004, 0.0]}
+    assert "odometry is off by 5.0 mm and 0.00 deg" in facts(state(true_pose=truth))
     html = facts(state())
     assert "cycle 20 ms" in html
     assert "none missed" in html

@@ -14,13 +14,13 @@ from canopen_control.host.lineclient import LineClient
 from canopen_control.host.reactor import ManualClock, Reactor
 from canopen_control.host.sockets import socket_path
 from canopen_control.rpc.messages.declare import PROTOCOL
-from canopen_control.rpc.messages.drive import BasePose, WorldState
+from canopen_control.rpc.messages.drive import BasePose, WorldShape, WorldState
 from canopen_control.version import __version__
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.diffbase import DiffBase
 from canopen_control.virtual.fault_table import FAULTS
 from canopen_control.virtual.nodehost import NodeHost
-from canopen_control.virtual.plant import LoadedPlant
+from canopen_control.virtual.plant import LoadedPlant, PlainWorld
 from canopen_control.virtual.wheel import WheelPlant
 
 
@@ -148,6 +148,21 @@ def test_the_true_pose_of_the_base_is_told_by_itself(controlled):
     told = controlled(world=SimpleNamespace(describe=lambda: WorldState(pose))).call("world")
     assert told == {"base": {"x": 1.5, "y": 0.5, "heading": 0.25, "time_ns": 7, "z": 0.1, "pitch": -0.2}}
     assert msgspec.convert(told, WorldState).base == pose
+
+
+def test_what_stands_in_a_world_is_told_where_there_is_such_a_thing(controlled):
+    box = WorldShape(name="box 0", kind="box", size=(1.0, 2.0, 3.0), position=(0.5, 0.0, 1.5), moves=True)
+
+    class Furnished(PlainWorld):
+        def shapes(self):
+            return (box,)
+
+    (told,) = controlled(world=Furnished()).call("shapes")
+    assert msgspec.convert(told, WorldShape) == box
+
+
+def test_a_world_without_things_tells_of_none(controlled):
+    assert controlled(world=PlainWorld()).call("shapes") == []
 
 
 def test_a_node_that_moves_no_base_has_no_true_pose(controlled):

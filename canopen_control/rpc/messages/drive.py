@@ -13,9 +13,9 @@ import msgspec
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
 __all__ = ["DRIVE", "ActiveFaults", "AddPayload", "AxisState", "BasePose", "BlockJoint", "DriveEvent", "DriveHello",
-           "DriveState", "FaultListing", "GetDriveState", "GetWorld", "ListFaults", "PlantState", "PushRobot",
-           "RestartQuality", "SetGrip", "SetInputs", "SetPlant", "SetPointQuality", "SetSignals", "SignalState",
-           "Spread", "SwitchFault", "WorldAct", "WorldState"]  # fmt: skip
+           "DriveState", "FaultListing", "GetDriveState", "GetWorld", "GetWorldShapes", "ListFaults", "PlantState",
+           "PushRobot", "RestartQuality", "SetGrip", "SetInputs", "SetPlant", "SetPointQuality", "SetSignals",
+           "SignalState", "Spread", "SwitchFault", "WorldAct", "WorldShape", "WorldState"]  # fmt: skip
 
 Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
@@ -289,3 +289,23 @@ WorldAct = AddPayload | PushRobot | BlockJoint | SetGrip
 @DRIVE.method("world", Effect.READS)
 class GetWorld(Request[WorldState], frozen=True):
     """The true pose of the world: where the base is that the node's axes move, as every node of that world says it."""
+
+
+class WorldShape(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A thing in a world that is no robot: `kind` is "box", `size` its lengths in m along its own axes.
+
+    `position` of its middle in m and `rotation`, the quaternion w, x, y, z, are those in the world; it `moves` where
+    it can be pushed.
+    """
+
+    name: str
+    kind: str
+    size: tuple[float, float, float]
+    position: tuple[float, float, float]
+    rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    moves: bool = False
+
+
+@DRIVE.method("shapes", Effect.READS)
+class GetWorldShapes(Request[tuple[WorldShape, ...]], frozen=True):
+    """What stands on the floor of the world beside robots: boxes, ramps, walls, where they are now."""

@@ -45,6 +45,7 @@ class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"})
 class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age_s"}):
     """A node: its NMT state, such as "OPERATIONAL", `age` in seconds since it was heard, and what is wrong with it.
 
+    `void_outputs` were commanded when it was lost, and by nobody since: they are as the device has them.
     `name` is empty in a recording from before protocol 2, which has it as the key alone.
     """
 
@@ -57,6 +58,7 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
     error: str | None = None
     sdo: SdoCounts = SdoCounts()
     axes: tuple[AxisReading, ...] = ()
+    void_outputs: tuple[str, ...] = ()
 
 
 class TrackingReading(msgspec.Struct, frozen=True):
@@ -179,6 +181,20 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         cosine, sine = math.cos(turn), math.sin(turn)
         along, across = self.x - x, self.y - y
         return cosine * along + sine * across, cosine * across - sine * along, self.heading - turn
+
+    @property
+    def rpy(self) -> Planar | None:
+        """Its roll, pitch and yaw in the frame of odometry, in rad; None where that is not known."""
+        return None if self.odom is None else (self.roll, self.pitch, self.heading - self.odom[2])
+
+    @property
+    def words(self) -> str:
+        """Where the base truly is and by how much odometry errs, as people read it."""
+        place = f"true pose {self.x:.3f}, {self.y:.3f} m, {math.degrees(self.heading):.1f} deg"
+        if self.error is None:
+            return place
+        x, y, turn = self.error
+        return f"{place}; odometry is off by {1e3 * math.hypot(x, y):.1f} mm and {abs(math.degrees(turn)):.2f} deg"
 
     def beside(self, odometry: Planar) -> TruePose:
         """Return the same with the error of what odometry said at that time."""

@@ -18,16 +18,21 @@ if TYPE_CHECKING:
     from canopen_control.view.history import Row
     from canopen_control.view.sampling import Chart
     from canopen_control.view.scene_tree import SceneDocument
+    from canopen_control.view.world_view import WorldDocument
 
 __all__ = ["Feed", "FeedMessage", "HoldButton", "HoldButtons", "PlotRows", "Presence", "RobotScene", "SceneChange",
            "StripCharts"]  # fmt: skip
 
 
 class SceneChange(TypedDict, total=False):
-    """What has moved: joints by their order in the tree, in rad or m, the base's pose, joints of drives in a fault."""
+    """What has moved: joints by their order in the tree, in rad or m, the base's pose, joints of drives in a fault.
+
+    `truth` is the true pose of a simulated base, in the frame of odometry as `pose` is.
+    """
 
     angles: list[float | None]
     pose: list[float] | None
+    truth: list[float] | None
     tint: list[str]
 
 
@@ -39,14 +44,17 @@ class PlotRows(TypedDict, total=False):
 
 
 class FeedMessage(TypedDict, total=False):
-    """One message; a key that is not there has not changed. `trail` are points in m, `titles` those of charts.
+    """One message; a key that is not there has not changed. `titles` are those of charts.
 
-    `ghost` is a place of the joints that is previewed, by their order in the tree, null for none.
+    `trail` are points in m where odometry was, `truth` where the base was. `ghost` is a place of the joints that is
+    previewed, by their order in the tree, null for none; `world` is what stands beside the robot.
     """
 
     scene: SceneChange
     plots: PlotRows
     trail: list[tuple[float, float]]
+    truth: list[tuple[float, float]]
+    world: WorldDocument
     ghost: list[float | None] | None
     titles: dict[str, str]
     lost: bool
@@ -111,8 +119,9 @@ _THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
 
 
 class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(_THREE)}):
-    """Takes from the feed: `scene` {"pose", "angles", "tint"}, `trail`, the way so far, and `ghost`, a previewed place.
+    """Takes from the feed: `scene` {"pose", "truth", "angles", "tint"}, `ghost`, a previewed place, and ways so far.
 
+    `trail` is that of odometry, `truth` that of the base itself, where a simulation knows it.
     Where the browser has no WebGL it says so in its place.
     """
 

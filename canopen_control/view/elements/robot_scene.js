@@ -1,6 +1,8 @@
 // three.js comes after the page is there: STOP and the state wait for no picture. Drawn is only what has changed, and
 // with fewer pixels where a processor has to draw it.
 const FAULT = 0xd62828, SLOW_MS = 45, LEAST_RATIO = 0.5;
+const BELIEVED = 0x266ec8, TRUE = 0xe07a00; // the ways of odometry and of the base itself
+const STANDING = 0x9aa7b5, MOVING = 0xc79a5b; // of a world: what stands fast, and what can be pushed
 const GHOST = { color: 0x1d5fd1, transparent: true, opacity: 0.35, depthWrite: false };
 const NONE = "This browser draws no 3D (no WebGL). Everything else on this page works.";
 
@@ -17,7 +19,9 @@ export default {
     this.latest = {};
     this.robot = JSON.parse(JSON.stringify(this.tree)); // plain, not watched by the toolkit
     this.listen("cc-scene", (event) => this.move(event.detail));
-    this.listen("cc-trail", (event) => this.setTrail(event.detail));
+    this.trails = { trail: { color: BELIEVED, points: [] }, truth: { color: TRUE, points: [] } };
+    for (const name of ["trail", "truth"]) this.listen(`cc-${name}`, (event) => this.setTrail(name, event.detail));
+    this.listen("cc-world", (event) => this.setWorld(event.detail));
     this.listen("cc-ghost", (event) => this.setGhost(event.detail));
     let parts;
     try {
@@ -32,8 +36,10 @@ export default {
     this.seen = new ResizeObserver(() => this.resize());
     this.seen.observe(this.$el);
     this.move(this.latest);
-    if (this.trailPoints) this.drawTrail();
-    window.ccScene = { place: (name, ghost) => this.place(name, ghost) };
+    for (const name in this.trails) this.drawTrail(name);
+    if (this.latestWorld) this.setWorld(this.latestWorld);
+    window.ccScene = { place: (name, ghost) => this.place(name, ghost), trail: (name) => this.trails[name].points,
+      world: () => (this.world ? this.world.group.children.map((each) => each.getWorldPosition(new parts.THREE.Vector3()).toArray()) : []) };
   },
   beforeUnmount() {
     for (const [name, handler] of this.handlers || []) window.removeEventListener(name, handler);
@@ -177,6 +183,7 @@ export default {
       if (!this.base) return;
       if (news.angles) this.moveJoints(news.angles, (name) => this.links.get(name));
       if (news.pose) this.moveBase(news.pose);
+      if (news.truth !== undefined) this.setTruth(news.truth);
       if (news.tint) this.setTint(new Set(news.tint));
       this.wake();
     },
@@ -222,7 +229,48 @@ export default {
       if (this.follow) this.shift(dx, dy);
       const section = 10 * this.cell;
       this.grid.position.set(Math.round(x / section) * section, Math.round(y / section) * section, 0);
-      this.addToTrail(x, y);
+      this.addToTrail("trail", x, y);
+    },
+    setTruth(pose) {
+      // where the base really is: a ring on the floor with a line ahead, beside the robot where odometry has it
+      if (pose && !this.truthMark) {
+        const THREE = this.parts.THREE, size = 0.6 * this.robot.extent, points = [new THREE.Vector3(size, 0, 0)];
+        for (let at = 0; at <= 48; at++) {
+          points.push(new THREE.Vector3(size * Math.cos((at * Math.PI) / 24), size * Math.sin((at * Math.PI) / 24), 0));
+        }
+        points.push(new THREE.Vector3());
+        const material = new THREE.LineBasicMaterial({ color: TRUE });
+        this.truthMark = new THREE.Line(new THREE.BufferGeometry().setFromPoints(points), material);
+        this.scene.add(this.truthMark);
+      }
+      if (this.truthMark) this.truthMark.visible = Boolean(pose);
+      if (!pose) return;
+      this.truthMark.position.set(pose[0], pose[1], 0.003);
+      this.truthMark.rotation.z = pose[2];
+      this.addToTrail("truth", pose[0], pose[1]);
+    },
+    setWorld(world) {
+      // what stands on the floor beside the robot, in a frame of its own
+      this.latestWorld = world;
+      if (!this.base) return;
+      const THREE = this.parts.THREE, sizes = JSON.stringify(world.shapes.map(({ size }) => size));
+      if (!this.world || this.world.sizes !== sizes) {
+        if (this.world) this.scene.remove(this.world.group);
+        this.world = { sizes, group: new THREE.Group() };
+        for (const shape of world.shapes) {
+          const material = new THREE.MeshStandardMaterial({ color: shape.moves ? MOVING : STANDING, roughness: 0.8 });
+          this.world.group.add(new THREE.Mesh(this.geometry(THREE, shape), material));
+        }
+        this.scene.add(this.world.group);
+      }
+      const [x, y, turn] = world.place;
+      this.world.group.position.set(x, y, 0);
+      this.world.group.rotation.z = turn;
+      world.shapes.forEach((shape, number) => {
+        this.world.group.children[number].position.set(...shape.position);
+        this.world.group.children[number].quaternion.copy(this.turn(shape.wxyz));
+      });
+      this.wake();
     },
     shift(dx, dy) {
       this.camera.position.x += dx;
@@ -246,29 +294,30 @@ export default {
         }
       }
     },
-    setTrail(points) {
-      this.trailPoints = points;
-      if (this.base) this.drawTrail();
+    setTrail(name, points) {
+      this.trails[name].points = points;
+      if (this.base) this.drawTrail(name);
     },
-    addToTrail(x, y) {
-      const points = (this.trailPoints ||= []);
+    addToTrail(name, x, y) {
+      const { points } = this.trails[name];
       const last = points[points.length - 1] || [Infinity, Infinity];
       const moved = Math.hypot(x - last[0], y - last[1]);
       if (moved < 0.01) return;
       if (points.length && moved > 1) points.length = 0;
       points.push([x, y]);
       if (points.length > 1500) points.shift();
-      this.drawTrail();
+      this.drawTrail(name);
     },
-    drawTrail() {
-      const THREE = this.parts.THREE, points = this.trailPoints.map(([x, y]) => new THREE.Vector3(x, y, 0.002));
-      if (!this.trail) {
-        this.trail = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: 0x266ec8 }));
-        this.trail.frustumCulled = false;
-        this.scene.add(this.trail);
+    drawTrail(name) {
+      const THREE = this.parts.THREE, trail = this.trails[name];
+      const points = trail.points.map(([x, y]) => new THREE.Vector3(x, y, 0.002));
+      if (!trail.line) {
+        trail.line = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: trail.color }));
+        trail.line.frustumCulled = false;
+        this.scene.add(trail.line);
       }
-      this.trail.geometry.dispose();
-      this.trail.geometry = new THREE.BufferGeometry().setFromPoints(points);
+      trail.line.geometry.dispose();
+      trail.line.geometry = new THREE.BufferGeometry().setFromPoints(points);
     },
     place(name, ghost = false) {
       const drawn = ghost ? this.ghost?.getObjectByName(name) : this.links?.get(name);

@@ -1,0 +1,113 @@
+"""Campaigns of `simulate`: how far they are, what was breached, what was written, and the sum at the end."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+import sys
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cli.support.output import Progress, json_line
+from canopen_control.simulation.campaign import Campaign, Totals
+from canopen_control.simulation.campaign_files import html_summary, junit_summary, write_breach, write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["CampaignDocument", "CampaignOrder", "run_campaign"]
+
+_SHRUNK: Final = 5  # breaches of a campaign that are shrunk: each takes a hundred simulations
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignOrder:
+    """What to run: seeds of `duration_ns` each in `jobs` processes; `words` of the command line say which robot.
+
+    Breaches and the summary go to `folder`; None: to one of the robot's name, if there are breaches.
+    """
+
+    seeds: range
+    duration_ns: int
+    faults: Sequence[str]
+    words: Sequence[str]
+    jobs: int = 1
+    folder: Path | None = None
+    as_json: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignDocument:
+    """What `--json` prints: how much was simulated, the breaches, and the scenarios that were written."""
+
+    seeds: int
+    robot_s: float
+    real_s: float
+    frames: int
+    breaches: tuple[str, ...]
+    scenarios: tuple[str, ...]
+
+
+def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
+    """Run seeds, shrink what breaks, and tell; 0 good, 1 with a breach. Ctrl-C keeps what there is."""
+    began = time.perf_counter()
+    campaign = Campaign(setup, order.duration_ns, order.faults)
+    totals = _run(campaign, order)
+    scenarios = _shrink(campaign, setup, totals, order, folder)
+    if totals.broken or order.folder is not None:
+        write_text(folder / "junit.xml", junit_summary(setup.name, totals))
+        write_text(folder / "summary.html", html_summary(setup.name, totals))
+    _sum_up(totals, scenarios, time.perf_counter() - began, order)
+    return 1 if totals.broken else 0
+
+
+def _run(campaign: Campaign, order: CampaignOrder) -> Totals:
+    totals = Totals()
+    with contextlib.suppress(KeyboardInterrupt), Progress("seeds", stream=sys.stderr) as progress:
+        for result in campaign.run(order.seeds, order.jobs):
+            totals.add(result)
+            progress.at(len(totals.results), len(order.seeds))
+            for breach in result.breaches:
+                _say(f"seed {result.seed}: {breach.sentence}", progress, order)
+    return totals
+
+
+def _shrink(
+    campaign: Campaign, setup: RobotSetup, totals: Totals, order: CampaignOrder, folder: Path
+) -> tuple[str, ...]:
+    """Write the smallest schedules of the first seeds that broke something, and return their files."""
+    command = shlex.join(["canopen-control", "simulate", *order.words])
+    written: list[str] = []
+    with contextlib.suppress(KeyboardInterrupt), Progress("shrinking", "tries", stream=sys.stderr) as progress:
+        for result in totals.broken[:_SHRUNK]:
+            acts = campaign.shrink(result, progress.at)
+            path = write_breach(folder, setup, result, acts, campaign.length_of(acts), command)
+            written.append(str(path))
+            _say(
+                f"seed {result.seed}: shrunk to {len(acts)} acts: {command} --scenario {shlex.quote(str(path))}",
+                progress,
+                order,
+            )
+    return tuple(written)
+
+
+def _say(line: str, progress: Progress, order: CampaignOrder) -> None:
+    if not order.as_json:
+        progress.end()
+        print(line)
+
+
+def _sum_up(totals: Totals, scenarios: tuple[str, ...], real_s: float, order: CampaignOrder) -> None:
+    count, hours = len(totals.results), totals.robot_s / 3600
+    if order.as_json:
+        breaches = tuple(f"seed {each.seed}: {one.sentence}" for each in totals.broken for one in each.breaches)
+        print(json_line(CampaignDocument(count, totals.robot_s, round(real_s, 3), totals.frames, breaches, scenarios)))
+        return
+    print(
+        f"{count} seeds, {hours:.2f} hours of the robot in {real_s:.1f} s, {totals.frames} frames, "
+        f"{len(totals.broken)} with breaches"
+    )

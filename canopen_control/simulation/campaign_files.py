@@ -1,0 +1,109 @@
+"""What a campaign leaves behind: the scenario and the frames of each breach, and its summary as JUnit and HTML."""
+
+from __future__ import annotations
+
+import contextlib
+from functools import partial
+from html import escape
+from typing import TYPE_CHECKING, Final
+from xml.sax.saxutils import escape as xml
+from xml.sax.saxutils import quoteattr
+
+from canopen_control.bus.recordings import RecordingWriter
+from canopen_control.frame import frames_of
+from canopen_control.host.files import failed
+from canopen_control.simulation.scenario_steps import scenario_text
+from canopen_control.simulation.simulation_run import SimulationRun
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.simulation.acts import Act
+    from canopen_control.simulation.campaign import SeedResult, Totals
+
+__all__ = ["html_summary", "junit_summary", "write_breach", "write_text"]
+
+
+_STYLE: Final = "body{font:14px sans-serif;margin:2em}td,th{padding:.1em .6em;text-align:right}"
+
+
+def write_breach(
+    folder: Path, setup: RobotSetup, result: SeedResult, acts: Sequence[Act], duration_ns: int, command: str
+) -> Path:
+    """Write the scenario that breaks, and its frames beside it, and return its path; ConfigError where that cannot be.
+
+    `command` is what replays it, before the name of the file.
+    """
+    path = folder / f"{setup.name}-seed{result.seed}.yml"
+    note = f"{result.breaches[0].sentence}\n# {command} --scenario {path}"
+    write_text(path, scenario_text(acts, seed=result.seed, duration_ns=duration_ns, note=note))
+    run = SimulationRun(setup, result.seed, acts)
+    with contextlib.ExitStack() as stack:
+        stack.callback(run.close)
+        for name, wire in run.robot.wires.items():
+            writer = stack.enter_context(RecordingWriter(folder / f"{path.stem}-{name}.log", name))
+            wire.heard.append(partial(_record, writer))
+        run.run(duration_ns)
+    return path
+
+
+def _record(writer: RecordingWriter, now: int, _label: str, record: bytes) -> None:
+    for frame in frames_of(record):
+        writer.write(now, frame)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file, and its folder; ConfigError where that cannot be."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise failed(path, error, "nothing was written") from error
+
+
+def junit_summary(robot: str, totals: Totals) -> str:
+    """Return the results as JUnit's XML: a test case for each seed."""
+    cases = "".join(_case(robot, each) for _, each in sorted(totals.results.items()))
+    count = f'tests="{len(totals.results)}" failures="{len(totals.broken)}"'
+    seconds = sum(each.real_s for each in totals.results.values())
+    return (
+        f'<?xml version="1.0" encoding="utf-8"?>\n<testsuite name={quoteattr(f"simulate {robot}")} {count} '
+        f'time="{seconds:.3f}">\n{cases}</testsuite>\n'
+    )
+
+
+def _case(robot: str, result: SeedResult) -> str:
+    head = f'<testcase classname={quoteattr(robot)} name="seed {result.seed}" time="{result.real_s:.3f}"'
+    if not result.breaches:
+        return f"{head}/>\n"
+    said = "\n".join(breach.sentence for breach in result.breaches)
+    return f"{head}><failure message={quoteattr(result.breaches[0].sentence)}>{xml(said)}</failure></testcase>\n"
+
+
+def html_summary(robot: str, totals: Totals) -> str:
+    """Return the results as a page: how much was simulated, what went wrong in which state, what was breached."""
+    states = sorted({state for _, state in totals.troubles})
+    kinds = sorted({kind for kind, _ in totals.troubles})
+    head = "".join(f"<th>{escape(each)}</th>" for each in ("", *states))
+    rows = "".join(f"<tr>{_cells(kind, states, totals)}</tr>\n" for kind in kinds)
+    breaches = "".join(
+        f"<li>seed {each.seed}: {escape(breach.sentence)}</li>\n" for each in totals.broken for breach in each.breaches
+    )
+    return f"""<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>simulate {escape(robot)}</title>
+<style>{_STYLE}</style>
+<h1>{escape(robot)}</h1>
+<p>{len(totals.results)} schedules, {totals.robot_s / 3600:.2f} hours of the robot, {totals.frames} frames,
+{len(totals.broken)} seeds with breaches</p>
+<h2>Breaches</h2><ul>{breaches or "<li>none</li>"}</ul>
+<h2>What went wrong, by the state of the robot</h2>
+<table><tr>{head}</tr>
+{rows}</table></html>
+"""
+
+
+def _cells(kind: str, states: Sequence[str], totals: Totals) -> str:
+    counts = [totals.troubles[kind, state] for state in states]
+    return "".join(f"<td>{each}</td>" for each in (escape(kind), *(each or "" for each in counts)))

@@ -1,0 +1,139 @@
+"""A recording of a robot as if it ran: its states and events at their own rhythm, on the socket of a robot.
+
+The law of the file: who watches a robot (the page, `status --watch`, `monitor`) can watch this one; whoever wants
+anything to move or change is refused, since there is nothing but a recording. It plays once, from when
+somebody watches, and then stands at its end.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.errors import ConfigError, ControlError
+from canopen_control.host.sockets import socket_path
+from canopen_control.rpc.messages import robot as messages
+from canopen_control.rpc.messages.declare import PROTOCOL, Done
+from canopen_control.rpc.messages.robot import ROBOT, BusPlace, Description, NodeListing, RobotHello
+from canopen_control.rpc.messages.state import StateSample, Status
+from canopen_control.rpc.server import Server
+from canopen_control.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.rpc.messages.robot import RobotPush
+    from canopen_control.rpc.messages.state import RobotEvent
+    from canopen_control.rpc.server import Call, Connection
+    from canopen_control.trace.flight_file import FlightMeta
+
+__all__ = ["ReplayedRobot"]
+
+_STANDS_NS: Final = 500_000_000
+_LONGEST_S: Final = 1.0  # between two samples: a gap of a recording is not waited for
+
+
+class ReplayedRobot:
+    """Serves `samples` and `events` of a recording under a name, so many times as fast as they came.
+
+    `over` says that the last sample was told.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        meta: FlightMeta,
+        samples: Sequence[StateSample],
+        events: Sequence[RobotEvent],
+        description: Description,
+        reactor: Reactor,
+        speed: float = 1.0,
+    ) -> None:
+        if not samples:
+            raise ConfigError(f"there are no states of {meta.robot} in the recording, so that there is nothing to see")
+        self.name, self.over, self._begun = name, False, False
+        self._meta, self._samples, self._description = meta, samples, description
+        self._events = sorted(events, key=lambda each: each.time)
+        self._reactor, self._speed = reactor, speed
+        self._at = 0
+        self._told: list[RobotEvent] = []
+        self._watching: dict[Connection, messages.Subscribe] = {}
+        self._server: Server[RobotHello, RobotPush] = Server(
+            ROBOT,
+            reactor,
+            socket_path("robot", name),
+            lambda: RobotHello(name, __version__, PROTOCOL, os.getpid()),
+            on_close=lambda connection: self._watching.pop(connection, None),
+            keeps=self._watching.__contains__,
+        )
+        self._answer()
+
+    def _answer(self) -> None:
+        answers = self._server.answers
+        for method in ROBOT.methods.values():
+            answers(method.request, self._refuse)
+        answers(messages.GetStatus, lambda call: call.reply(self._status()))
+        answers(messages.GetDescription, lambda call: call.reply(self._description))
+        answers(messages.GetNodes, lambda call: call.reply(self._nodes()))
+        answers(messages.GetLayout, lambda call: call.reply(self._meta.layout))
+        answers(messages.ListControllers, lambda call: call.reply(()))
+        answers(messages.Subscribe, self._subscribe)
+
+    def close(self) -> None:
+        """Leave the socket."""
+        self._server.close()
+
+    def _refuse(self, call: Call[Any]) -> None:
+        call.refuse(ControlError(f"{self.name} is a recording of {self._meta.robot}: nothing in it can be changed"))
+
+    def _subscribe(self, call: Call[messages.Subscribe]) -> None:
+        self._watching[call.connection] = call.request
+        call.reply(Done())
+        if call.request.state_rate is None:
+            return
+        if self._begun:
+            self._server.push(self._samples[self._at], [call.connection])
+        else:
+            self._begun = True
+            self._tell()
+
+    def _tell(self) -> None:
+        sample = self._samples[self._at]
+        self._server.push(sample, [each for each, wanted in self._watching.items() if wanted.state_rate is not None])
+        while self._events and self._events[0].time <= sample.time:
+            event = self._events.pop(0)
+            self._told.append(event)
+            self._server.push(event, [each for each, wanted in self._watching.items() if wanted.events])
+        if self._at + 1 == len(self._samples):
+            self.over = True
+            self._reactor.call_later(_STANDS_NS, self._tell)  # who hears nothing takes a robot for lost
+            return
+        wait = min(max(self._samples[self._at + 1].time - sample.time, 0.0), _LONGEST_S) / self._speed
+        self._reactor.call_later(round(wait * 1e9), self._next)
+
+    def _next(self) -> None:
+        self._at += 1
+        self._tell()
+
+    def _status(self) -> Status:
+        sample, known = self._samples[self._at], self._meta.status
+        return Status(
+            robot=self.name,
+            state=sample.state,
+            hint=sample.hint,
+            latched=sample.latched,
+            latched_by=sample.latched_by,
+            cycle=sample.cycle,
+            nodes=sample.nodes,
+            joints=sample.joints,
+            controllers=sample.controllers,
+            true_pose=sample.true_pose,
+            buses={} if known is None else known.buses,
+            boot=[] if known is None else known.boot,
+            events=list(self._told),
+        )
+
+    def _nodes(self) -> NodeListing:
+        """Return the buses and no node: those that answer there now are others."""
+        return NodeListing({name: BusPlace(channel, 1) for name, channel in self._meta.buses.items()}, [])

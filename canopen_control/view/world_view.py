@@ -1,0 +1,87 @@
+"""What stands in the world of a simulated robot, for the 3D scene: asked of its virtual drives, told where it changes.
+
+The law of the file: the scene is drawn in the frame of odometry, the world has one of its own; where that is follows
+from the true pose. A real drive has no socket that could be asked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from typing import TYPE_CHECKING, Final, TypedDict
+
+from canopen_control.client.drive_client import DriveClient
+from canopen_control.errors import RemoteError
+from canopen_control.host.sockets import drive_name, list_sockets
+from canopen_control.rpc.messages.drive import GetWorldShapes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from canopen_control.rpc.messages.drive import WorldShape
+    from canopen_control.rpc.messages.state import StateSample
+    from canopen_control.view.robot_info import VirtualNode
+
+__all__ = ["WorldDocument", "WorldView", "read_shapes"]
+
+_TIMEOUT_S: Final = 1.0
+
+
+class _ShapeDocument(TypedDict):
+    """A shape in the world: m, and the quaternion w, x, y, z."""
+
+    shape: str
+    size: Sequence[float]
+    position: Sequence[float]
+    wxyz: Sequence[float]
+    moves: bool
+
+
+class WorldDocument(TypedDict):
+    """The world as the browser takes it: `place` is where its frame is in that of odometry, x, y in m and rad."""
+
+    place: list[float]
+    shapes: list[_ShapeDocument]
+
+
+def read_shapes(nodes: Iterable[VirtualNode]) -> tuple[WorldShape, ...]:
+    """Ask the virtual drives that are there until one knows of shapes; waits, a second for each at most."""
+    alive = set(list_sockets("drive"))
+    for node in nodes:
+        if drive_name(node.channel, node.node_id) not in alive:
+            continue
+        with contextlib.suppress(RemoteError), DriveClient.connect(node.channel, node.node_id, _TIMEOUT_S) as client:
+            if found := client.ask(GetWorldShapes()):
+                return found
+    return ()
+
+
+class WorldView:
+    """The shapes of a world and where it is; `take` returns what the pages are to be told, None: nothing new."""
+
+    def __init__(self) -> None:
+        self.document: WorldDocument | None = None
+
+    def take(self, shapes: Sequence[WorldShape], state: StateSample) -> WorldDocument | None:
+        """Take shapes as they are now."""
+        truth = state.true_pose
+        if truth is None or truth.odom is None or not (shapes or self.document):
+            return None
+        x, y, turn = truth.odom
+        cosine, sine = math.cos(turn), math.sin(turn)
+        place = [-(cosine * x + sine * y), sine * x - cosine * y, -turn]
+        drawn = WorldDocument(place=[round(each, 4) + 0.0 for each in place], shapes=[_drawn(each) for each in shapes])
+        if drawn == self.document:
+            return None
+        self.document = drawn
+        return drawn
+
+
+def _drawn(shape: WorldShape) -> _ShapeDocument:
+    return {
+        "shape": shape.kind,
+        "size": list(shape.size),
+        "position": list(shape.position),
+        "wxyz": list(shape.rotation),
+        "moves": shape.moves,
+    }

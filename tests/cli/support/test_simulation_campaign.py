@@ -1,0 +1,36 @@
+import json
+from pathlib import Path
+
+import pytest
+from support.mutants import MUTANTS
+from support.simulated import S, setup_of
+
+from canopen_control.cli.support.simulation_campaign import CampaignOrder, run_campaign
+from canopen_control.simulation.campaign import Campaign
+from canopen_control.simulation.drawn_schedule import known_faults
+
+
+def order(seeds=range(2), **how):
+    how.setdefault("duration_ns", 2 * S)
+    return CampaignOrder(seeds, faults=known_faults(), words=["robby"], **how)
+
+
+def test_seeds_without_a_breach_write_nothing_unless_a_folder_is_named(tmp_path, capsys):
+    assert run_campaign(setup_of(), order(), tmp_path / "out") == 0
+    assert capsys.readouterr().out.startswith("2 seeds, 0.00 hours of the robot in ")
+    assert not (tmp_path / "out").exists()
+    assert run_campaign(setup_of(), order(folder=tmp_path / "out"), tmp_path / "out") == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"junit.xml", "summary.html"}
+
+
+@pytest.mark.sources
+def test_a_breach_is_told_shrunk_and_written(tmp_path, capsys, monkeypatch):
+    MUTANTS["reset_chains_into_enable"](monkeypatch)
+    monkeypatch.setattr(Campaign, "shrink", lambda self, result, hear: self.schedule(result.seed)[:12])
+    wanted = order(range(4, 5), duration_ns=7 * S, as_json=True)
+    assert run_campaign(setup_of(), wanted, tmp_path) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert "enable_unasked" in found["breaches"][0]
+    [scenario] = found["scenarios"]
+    assert (tmp_path / "summary.html").exists()
+    assert "steps:" in Path(scenario).read_text()
