@@ -155,10 +155,8 @@ class RobotCore:
         if self.failure is not None:
             return  # a bus was gone again, and that was told
         now = self.reactor.now()
-        for note in self.setup.notes:
-            self.report(Event(now, "note", "", note))
-        for text in self.setup.told_of_sync:
-            self.report(Event(now, "sync", "", text))
+        for kind, level, text in self.setup.told:
+            self.report(Event(now, kind, "", text, level))
         for bus in self.buses.values():
             bus.network.start(now)
             bus.send_waiting()

@@ -16,6 +16,7 @@ from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.hardware.peer_interfaces import with_interfaces_of_plugins
 from canopen_control.hardware.plugins import Kind, kind_of
 from canopen_control.master.config import read_bus
+from canopen_control.master.event_log import Level
 from canopen_control.runtime.bus_alone import controllers_of, description_of, doubts_about, with_free_drives
 from canopen_control.runtime.robot_bus import is_simulated
 from canopen_control.runtime.robot_files import MAIN_BUS
@@ -56,6 +57,18 @@ class RobotSetup:
     kernel_sync: bool = False
     physics: bool = False
     sync: Mapping[str, SyncChoice] = field(default_factory=dict)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What the drives of a bus without controllers cannot do, and what to change in bus.yml."""
+        return tuple(doubts_about(self.buses)) if self.files.bus_alone else ()
+
+    @property
+    def told(self) -> Iterator[tuple[str, Level, str]]:
+        """What is said of the files at a start: the kind of an event, its level and its text."""
+        yield from (("note", Level.INFO, text) for text in self.notes)
+        yield from (("doubt", Level.WARNING, text) for text in self.doubts)
+        yield from (("sync", Level.INFO, text) for text in self.told_of_sync)
 
     @property
     def on_drives(self) -> bool:
@@ -157,7 +170,7 @@ def read_robot(
         control,
         (*_wanted(files, *written, controllers), *free),
         mock,
-        tuple(_told_by_files(files, buses, control, description, mock=mock, real=real or physics)),
+        tuple(_told_by_files(buses, control, description, mock=mock, real=real or physics)),
         real,
         kernel_sync,
         physics,
@@ -166,7 +179,6 @@ def read_robot(
 
 
 def _told_by_files(
-    files: RobotFiles,
     buses: Mapping[str, BusConfig],
     control: ControllersFile,
     description: Description,
@@ -179,8 +191,6 @@ def _told_by_files(
         yield from bus.notes
     yield from control.warnings
     yield from description.notes
-    if files.bus_alone:
-        yield from doubts_about(buses)
     yield from _sim_time(control, [kind_of(description, each, mock=mock, real=real) for each in description.hardware])
 
 

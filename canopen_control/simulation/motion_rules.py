@@ -25,6 +25,7 @@ __all__ = ["GRACE_NS", "MotionRules"]
 _MS: Final = 1_000_000
 GRACE_NS: Final = 200 * _MS  # some cycles, and how late processes wake
 CONTROL_RAMP_NS: Final = 1000 * _MS  # by which a controller may ramp down what ran out
+BOOT_NS: Final = 500 * _MS  # in which a start resets drives that turn still
 PLACE_NS: Final = 8_000 * _MS  # for a position to be reached
 _UNASKED_NS: Final = 100 * _MS
 _STOPS: Final = ("stop", "latch", "axis disable", "axis quick-stop", "axis halt")
@@ -75,6 +76,8 @@ class MotionRules:
         elif what in _STOPS:
             self._stop_by(heard, f"{what} was asked", heard)
         elif act.kind == "activate":
+            if not self._latched:  # a controller that is switched to enables what it claims
+                self._enabled_ns, self._stop = heard, None
             self._fresh = {name: min(until, heard) for name, until in self._fresh.items()}
         elif act.kind == "command":
             life = self._lives.get(act.target, PLACE_NS)
@@ -86,7 +89,7 @@ class MotionRules:
         """Judge what the shafts do now."""
         if self._robot.started_ns > self._enabled_ns:  # a start enables, once
             self._enabled_ns, self._stop = self._robot.started_ns, None
-            self._fresh.clear()
+            self._fresh = {"": self._enabled_ns + BOOT_NS}
         for stop in self._reasons(now):
             self._stop_by(stop.since, stop.why, stop.until)
         for node in self._nodes:

@@ -156,7 +156,7 @@ def test_a_drive_that_no_pdo_commands_is_a_proxy_and_told_once_with_what_to_map(
     robot = bench(config, (2, 3))
     assert robot.robot.state is RobotState.RUNNING
     assert robot.robot.joints == {}
-    assert sum(word in each for each in robot.robot.setup.notes) == 2
+    assert sum(word in each for each in robot.texts("doubt")) == 2  # said as it starts
 
 
 def test_a_drive_whose_rpdos_carry_no_target_is_watched_homed_and_refuses_what_needs_one(bench, tmp_path):

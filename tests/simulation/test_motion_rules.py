@@ -1,6 +1,7 @@
 import pytest
-from support.simulated import FORWARD, Played
+from support.simulated import BASE, FORWARD, Played
 
+from canopen_control.runtime.core import RobotState
 from canopen_control.simulation.acts import Act
 from canopen_control.simulation.motion_rules import MotionRules
 from canopen_control.simulation.motions import motions_of
@@ -59,6 +60,18 @@ def test_an_enable_that_nobody_asked_for_is_told(judged):
     judged.player.on_asked = lambda now, act: None
     judged.do("axis", name="enable").run(0.5)
     assert judged.told == ["enable_unasked"] * 2
+
+
+def test_a_switch_to_a_controller_asks_for_an_enable(judged):
+    judged.do("activate", BASE).run(0.3).do("stop").run(0.5).do("activate", FORWARD).run(0.5)
+    assert judged.robot.core.state is RobotState.RUNNING
+    assert judged.told == []
+
+
+def test_a_robot_that_is_started_while_its_drives_turn_stops_them(judged):
+    judged.drive(5.0, 5.0, seconds=4.0).run(1.0).do("kill", seconds=0.1).run(1.5)
+    assert judged.told == []
+    assert judged.speed(2) == 0.0
 
 
 def test_an_enable_while_stop_is_latched_does_not_count(judged):
