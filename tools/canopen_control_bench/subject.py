@@ -117,6 +117,8 @@ class Subject:
     def _cycle(self) -> None:
         self._edge = self.reactor.now()
         self.robot.cycle.step_now(self._edge)
+        if self._last and self._last[-1].stamp >= self._edge:  # a late cycle reads what waits, and nothing wakes then
+            self.reactor.call_soon(self._on_answer)
 
     def _count_tpdos(self) -> int:
         return sum(pdo.count for node in self.robot.nodes.values() for pdo in node.received)
