@@ -1,7 +1,7 @@
 """The pages that are made of tables in the code, so that they cannot differ from it.
 
 Type, default and bounds of a key, the faults, the verbs and the import table are the code's; what a key means is said
-in `words.py`.
+in `words.py`, what a parameter of a controller means in `canopen_control.controllers.parameter_texts`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from protocol import drive_socket, hub_socket, robot_socket
-from words import BUS_YML, CONTROLLERS
+from words import BUS_YML
+
+from canopen_control.controllers.parameter_texts import TEXTS as CONTROLLERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -187,6 +189,7 @@ def controllers() -> str:
         types,
     )
     from canopen_control.controllers.base_params import AxisLimits
+    from canopen_control.controllers.controllers_file import ManagerParams
     from canopen_control.controllers.params import CommonParams
     from canopen_control.controllers.standard_params import BroadcasterParams
     from canopen_control.controllers.trajectory import params as trajectory
@@ -220,7 +223,12 @@ def controllers() -> str:
         ("Batteries", battery_params.BatteryParams, "BatteryState"),
         ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
     )
-    text = ["# Controllers and their parameters\n", "Names, defaults and meaning are those of ros2_controllers.\n"]
+    text = [
+        "# Controllers and their parameters\n",
+        "Names, defaults and meaning are those of ros2_controllers. `ros2 param describe` tells them too.\n",
+        "## The controller manager\n",
+        _keys(ManagerParams, CONTROLLERS["ManagerParams"], {}),
+    ]
     for title, cls, pattern in groups:
         named = [name for name in types.TYPES if pattern and re.search(rf"(^|/)[^/]*{pattern}|{pattern}", name)]
         if "Forward" in title:

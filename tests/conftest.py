@@ -87,8 +87,14 @@ MISSING = {
 FOLDERS = itertools.count()
 #: Where tests are about whole processes.
 WHOLE = ("integration", "socketcan", "hardware_can", "tools")
-#: Of the bench, what starts programs and measures nothing.
-ONLY_STAGED = ("test_stage.py", "test_clients.py")
+#: Of the bench, what starts programs and asks of what they have measured nothing that a busy machine changes.
+ONLY_STAGED = frozenset(
+    f"test_{name}.py"
+    for name in ("boot", "clients", "cycle", "machine", "memory", "ros_latency", "sdo_canopen", "sdo_client", "stage",
+                 "witness")
+)  # fmt: skip
+#: Kinds whose files tools/test finds by the mark in them; the bench's by their folder.
+FOUND_BY_MARK = ("alone", "timed")
 #: Rooms of screens, and of what becomes of whole robots.
 ROBOT_ROOMS = ("faults", "monitor", "view")
 #: The benches of tests/support with a bus or the sockets of a robot in them.
@@ -112,9 +118,18 @@ def pytest_collection_modifyitems(items):
             item.add_marker("process")
             if room == "bench" and item.path.name not in ONLY_STAGED:
                 item.add_marker("alone")  # it measures
+        for kind in FOUND_BY_MARK:
+            if item.get_closest_marker(kind) is not None and room != "bench" and not says(item.path, f"mark.{kind}"):
+                raise pytest.UsageError(
+                    f"{item.nodeid} is marked {kind}: write the mark in its file, tools/test looks there"
+                )
         if room in ROBOT_ROOMS or takes_a_robot(item.module) or not ROBOTS.isdisjoint(item.fixturenames):
             item.add_marker("robot")
-    skip_what_is_missing(items)
+
+
+@functools.cache
+def says(path, words):
+    return words in path.read_text(encoding="utf-8")
 
 
 @functools.cache
@@ -163,10 +178,39 @@ def pytest_configure(config):
         config.pluginmanager.register(Watchman(), "watchman")
 
 
-def pytest_collection_finish():
-    """Keep the tests themselves out of every look for garbage: with ten thousand of them each takes half a second."""
-    gc.collect()
-    gc.freeze()
+def pytest_collection_finish(session):
+    skip_what_is_missing(session.items)  # of those that are selected: to look for ROS takes a second
+    Seen.put_aside()
+
+
+class Seen:
+    """Keeps what is there before a test out of every look for garbage: of ten thousand tests that takes half a second.
+
+    A robot that has run in this process ends with `gc.unfreeze`, which brings all of it back: what is there is put
+    aside once more after such a test.
+    """
+
+    back = False
+    unfreeze = staticmethod(gc.unfreeze)
+
+    @classmethod
+    def put_aside(cls):
+        gc.collect()
+        gc.freeze()
+        cls.back = False
+
+    @classmethod
+    def bring_back(cls):
+        cls.unfreeze()
+        cls.back = True
+
+
+gc.unfreeze = Seen.bring_back
+
+
+def pytest_runtest_logfinish():
+    if Seen.back:
+        Seen.put_aside()
 
 
 def skip_what_is_missing(items):

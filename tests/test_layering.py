@@ -62,6 +62,12 @@ MAY_IMPORT = {
         },
         STDLIB,
     ),
+    "simulation": (  # the only room that joins both sides of the wire
+        {"od", "bus", "host", "rpc", "yamlfile", "master", "virtual", "hardware", "controllers", "runtime", "urdf"}
+        | {"cia301", "cia402", "data_files"},
+        STDLIB,
+    ),
+    "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "calibration": ({"client", "controllers", "rpc", "yamlfile"}, STDLIB),

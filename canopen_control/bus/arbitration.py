@@ -14,7 +14,7 @@ from canopen_control.bus.timing import NS_PER_S, duration_ns, frame_bits
 from canopen_control.frame import EXTENDED_FLAG, RECORD, RECORD_SIZE, REMOTE_FLAG
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 __all__ = ["PacedWire", "priority"]
 
@@ -30,12 +30,26 @@ def priority(can_id: int) -> int:
     return (can_id & 0x7FF) << 21 | remote << 20
 
 
+def _rank(waiting: tuple[int, deque[bytes]]) -> tuple[int, int]:
+    """Return what the lowest of which wins the bus."""
+    sender, queue = waiting
+    return priority(RECORD.unpack_from(queue[0])[0]), sender
+
+
+def _never(_sender: int, _record: bytes) -> bool:
+    return False
+
+
 class PacedWire:
-    """The wire at `bitrate` bit/s; senders are numbers, and the lower one wins between equal identifiers."""
+    """The wire at `bitrate` bit/s; senders are numbers, and the lower one wins between equal identifiers.
+
+    `disturbed(sender, record)` says whether a frame was, at its last bit: it is sent again.
+    """
 
     def __init__(self, bitrate: int) -> None:
         self.bitrate = bitrate
         self.bits = 0
+        self.disturbed: Callable[[int, bytes], bool] = _never
         self._queues: dict[int, deque[bytes]] = {}
         self._on_wire: tuple[int, bytes] | None = None
         self._done_ns = 0
@@ -68,9 +82,13 @@ class PacedWire:
     def advance(self, now: int) -> Iterator[tuple[int, bytes]]:
         """Yield sender and record of each frame whose last bit passed until `now`."""
         while self._on_wire is not None and self._done_ns <= now:
-            done = self._on_wire
+            done = sender, record = self._on_wire
+            disturbed = self.disturbed(sender, record)
+            if disturbed:
+                self._queues.setdefault(sender, deque()).appendleft(record)
             self._begin(self._done_ns)
-            yield done
+            if not disturbed:
+                yield done
 
     def next_deadline(self) -> int | None:
         """Return when the frame on the wire ends."""
@@ -82,12 +100,12 @@ class PacedWire:
         return self._last_load
 
     def _begin(self, now: int) -> None:
-        heads = [(priority(RECORD.unpack(queue[0])[0]), sender) for sender, queue in self._queues.items() if queue]
-        if not heads:
+        waiting = [(sender, queue) for sender, queue in self._queues.items() if queue]
+        if not waiting:
             self._on_wire = None
             return
-        sender = min(heads)[1]
-        record = self._queues[sender].popleft()
+        sender, queue = waiting[0] if len(waiting) == 1 else min(waiting, key=_rank)
+        record = queue.popleft()
         can_id, length, data = RECORD.unpack(record)
         bits = frame_bits(can_id, data[:length])
         self._on_wire = sender, record

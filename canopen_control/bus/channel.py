@@ -136,9 +136,9 @@ def open_port(channel: str, *, label: str = "", join: bool = False) -> Port:
 
 
 def _open_memory(spec: ChannelSpec, label: str) -> Port:
-    from canopen_control.bus.memory import MemoryBus
+    from canopen_control.bus.memory import bus_of_channel
 
-    return MemoryBus.get(spec.name).open(label)
+    return bus_of_channel(spec.name).open(label)
 
 
 def _open_local(spec: ChannelSpec, label: str) -> Port:

@@ -6,9 +6,10 @@ is a verb (`hold`, `release`) and not a time, so that tests stay exact under a m
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections import deque
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Protocol
 from weakref import WeakValueDictionary
 
 from canopen_control.bus import error_frames
@@ -19,15 +20,42 @@ from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
+
+    from canopen_control.bus.port import Port
 
     Predicate = Callable[[str, CanFrame], bool]
     """Label of the sender and the frame -> whether the knob takes it."""
 
-__all__ = ["MemoryBus", "MemoryPort"]
+__all__ = ["MemoryBus", "MemoryPort", "bus_of_channel", "provide"]
 
 QUEUE_LIMIT = 65536 * RECORD_SIZE  # bytes that wait for one reader
 HISTORY_LIMIT = 65536  # calls of send that are remembered
+
+
+class InProcessBus(Protocol):
+    """A bus inside this process that ports can be opened on."""
+
+    def open(self, label: str) -> Port:
+        """Join it."""
+
+
+_PROVIDED: dict[str, InProcessBus] = {}
+
+
+@contextlib.contextmanager
+def provide(name: str, bus: InProcessBus) -> Iterator[None]:
+    """Let who opens ``memory:NAME`` meanwhile join `bus`, a simulated wire for instance."""
+    _PROVIDED[name] = bus
+    try:
+        yield
+    finally:
+        del _PROVIDED[name]
+
+
+def bus_of_channel(name: str) -> InProcessBus:
+    """Return the bus that ``memory:NAME`` means."""
+    return _PROVIDED.get(name) or MemoryBus.get(name)
 
 
 class MemoryBus:

@@ -7,6 +7,7 @@ delimiter, acknowledge, end of frame and the three bits of intermission are not.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Final
 
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
 
@@ -14,46 +15,82 @@ __all__ = ["NS_PER_S", "duration_ns", "frame_bits", "worst_case_bits"]
 
 NS_PER_S = 1_000_000_000
 _CRC_POLYNOMIAL = 0x4599
+_STUFF_AFTER: Final = 5
 _UNSTUFFED_TAIL = 1 + 2 + 7 + 3  # CRC delimiter, acknowledge slot and delimiter, end of frame, intermission
 
 
-def _crc15(bits: str) -> int:
+def _crc_table() -> list[int]:
+    """Return what eight bits that leave the register add to it."""
+    table = []
+    for byte in range(256):
+        crc = byte << 7
+        for _ in range(8):
+            crc = crc << 1 ^ (_CRC_POLYNOMIAL if crc & 0x4000 else 0)
+        table.append(crc & 0x7FFF)
+    return table
+
+
+_CRC: Final = _crc_table()
+
+
+def _crc15(content: int, bits: int) -> int:
+    """Return the CRC of so many bits, zeros before them, which change nothing: the register begins with zeros."""
     crc = 0
-    for bit in bits:
-        feedback = (crc >> 14) ^ (bit == "1")
-        crc = (crc << 1) & 0x7FFF
-        if feedback:
-            crc ^= _CRC_POLYNOMIAL
+    for byte in content.to_bytes((bits + 7) // 8, "big"):
+        crc = crc << 8 & 0x7FFF ^ _CRC[crc >> 7 ^ byte]
     return crc
 
 
-def _header(can_id: int) -> str:
-    remote = "1" if can_id & REMOTE_FLAG else "0"
+def _header(can_id: int) -> tuple[int, int]:
+    """Return the bits up to the length, and how many they are."""
+    remote = 1 if can_id & REMOTE_FLAG else 0
     if can_id & EXTENDED_FLAG:
-        identifier = f"{can_id & 0x1FFFFFFF:029b}"
-        return f"0{identifier[:11]}11{identifier[11:]}{remote}00"  # SRR and IDE recessive; r1, r0
-    return f"0{can_id & 0x7FF:011b}{remote}00"  # IDE, r0
+        identifier = can_id & 0x1FFFFFFF
+        return (identifier >> 18) << 23 | 0b11 << 21 | (identifier & 0x3FFFF) << 3 | remote << 2, 35  # SRR, IDE; r1, r0
+    return (can_id & 0x7FF) << 3 | remote << 2, 15  # IDE, r0
 
 
-def _stuff_bits(bits: str) -> int:
-    count, run, last = 0, 0, ""
-    for bit in bits:
+@lru_cache(maxsize=4096)
+def _stuffed_byte(state: int, byte: int) -> tuple[int, int]:
+    """Return how many bits eight bits are stuffed with, and the state after them; it is 2 * equal bits + last bit."""
+    run, last, count = state >> 1, state & 1, 0
+    for at in range(7, -1, -1):
+        bit = byte >> at & 1
         run = run + 1 if bit == last else 1
         last = bit
-        if run == 5:
+        if run == _STUFF_AFTER:
             count += 1
-            run, last = 1, "0" if bit == "1" else "1"
+            run, last = 1, 1 - bit
+    return count, run << 1 | last
+
+
+def _stuff_bits(content: int, bits: int) -> int:
+    """Return how many bits are stuffed into so many bits, the last of which end a byte."""
+    lead = bits % 8
+    count, run, last = 0, 0, 0
+    for at in range(bits - 1, bits - 1 - lead, -1):
+        bit = content >> at & 1
+        run = run + 1 if bit == last else 1
+        last = bit
+        if run == _STUFF_AFTER:
+            count += 1
+            run, last = 1, 1 - bit
+    state = run << 1 | last
+    for byte in (content & (1 << bits - lead) - 1).to_bytes((bits - lead) // 8, "big"):
+        more, state = _stuffed_byte(state, byte)
+        count += more
     return count
 
 
 @lru_cache(maxsize=4096)
 def frame_bits(can_id: int, data: bytes) -> int:
     """Return the bits from start of frame to the end of intermission, stuffing included."""
-    content = _header(can_id) + f"{len(data):04b}"
+    content, bits = _header(can_id)
+    content, bits = content << 4 | len(data), bits + 4
     if data and not can_id & REMOTE_FLAG:
-        content += f"{int.from_bytes(data, 'big'):0{8 * len(data)}b}"
-    content += f"{_crc15(content):015b}"
-    return len(content) + _stuff_bits(content) + _UNSTUFFED_TAIL
+        content, bits = content << 8 * len(data) | int.from_bytes(data, "big"), bits + 8 * len(data)
+    content, bits = content << 15 | _crc15(content, bits), bits + 15
+    return bits + _stuff_bits(content, bits) + _UNSTUFFED_TAIL
 
 
 def worst_case_bits(length: int, *, extended: bool = False) -> int:

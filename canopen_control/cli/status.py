@@ -73,7 +73,8 @@ def render(state: Snapshot) -> list[str]:
         table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock, or simulated
     held = [state.hint] if state.hint else []
     active = ", ".join(state.active) or "none"
-    return [f"{head}, active: {active}", *held, *table.lines(), *_tracking(state), *_errors(state).values()]
+    below = [*_tracking(state), *_errors(state).values(), *_void_outputs(state)]
+    return [f"{head}, active: {active}", *held, *table.lines(), *below]
 
 
 def _tracking(state: Snapshot) -> list[str]:
@@ -95,6 +96,16 @@ def _errors(state: Snapshot) -> dict[str, str]:
         for name, node in state.nodes.items()
         if node.error
     }
+
+
+def _void_outputs(state: Snapshot) -> list[str]:
+    """Return which outputs are as their devices have them, though they had been commanded otherwise."""
+    return [
+        f"  node {node.node_id} ({name}): void since it was lost, and not restored: {', '.join(node.void_outputs)}; "
+        "command them anew"
+        for name, node in state.nodes.items()
+        if node.void_outputs
+    ]
 
 
 def _row(name: str, node: NodeReading, axis: AxisReading, joint: JointReading | None) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ _ARGUMENT = re.compile(r"[A-Za-z_]\w*:=")
 VERBS = {
     "run": "boot a robot and run its controllers",
     "demo": "run a robot on virtual drives, with a live table and a short motion",
+    "simulate": "a robot in virtual time, in one process: years of faults, the same for the same seed",
     "drive": "run virtual drives",
     "device": "run virtual I/O modules, encoders, sensors: any device with an EDS",
     "fault": "break a running virtual drive or device, and mend it; set its inputs",

@@ -3,7 +3,7 @@
 The law of the file (ros_controllers, noetic): that controller moves two joints under the type name that ROS 2 has for
 four, so its keys tell which one is meant. Its names become those of the bicycle and each is named once; odometry is by
 the wheel's position. What differs is told: a twist's `angular.z` is rad/s here and was the steering angle there, so
-limits of it have no effect; sizes are not taken out of the description.
+limits of it have no effect. Sizes that are not given are the description's, as there.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from canopen_control.controllers.steering_params import BicycleParams
 from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
+    from canopen_control.controllers.base import Geometry
     from canopen_control.controllers.params import Params
 
 __all__ = ["Ros1AckermannParams", "is_ros1", "read_ros1"]
@@ -87,13 +88,33 @@ def is_ros1(params: Params) -> bool:
     return any(params.flat.get(key) is not None for key in _OWN)
 
 
-def read_ros1(params: Params) -> Ros1AckermannParams:
-    """Return the parameters as a bicycle has them, not yet checked for what cannot be together."""
+def read_ros1(
+    params: Params, geometry: Geometry | None = None, tell: Callable[[str], object] = lambda _: None
+) -> Ros1AckermannParams:
+    """Return the parameters as a bicycle has them, not yet checked for what cannot be together.
+
+    Sizes that are not given are those of the description's `geometry`; `tell` is told of each.
+    """
     key = (
         params.flat.keys().get("front_steer")
         or params.flat.keys()[next(each for each in _OWN if params.flat.get(each))]
     )
     key.warning(_ANGLE)
-    given = params.read(Ros1AckermannParams, _RENAMES).as_bicycle()
+    given = _completed(params.read(Ros1AckermannParams, _RENAMES), geometry, tell).as_bicycle()
     params.taken = given
+    return given
+
+
+def _completed(
+    given: Ros1AckermannParams, geometry: Geometry | None, tell: Callable[[str], object]
+) -> Ros1AckermannParams:
+    if geometry is None:
+        return given
+    wheel, steer = (given.rear_wheel,), (given.front_steer,)
+    if given.wheelbase <= 0.0 and (base := geometry.separation(wheel, steer)):
+        tell(f"wheel_separation_h is not given, the description's is taken: {base:g} m")
+        given = replace(given, wheelbase=base)
+    if given.traction_wheel_radius <= 0.0 and (radius := geometry.radius(wheel)):
+        tell(f"wheel_radius is not given, the description's is taken: {radius:g} m")
+        given = replace(given, traction_wheel_radius=radius)
     return given

@@ -1,6 +1,7 @@
 """The parameters that a controller declares, as ROS 2 lists and describes them: made of the class that it reads.
 
-Name, type, default, bounds and choices are those of the dataclass, see `yamlfile.convert`. What may be set while the
+Name, type, default, bounds and choices are those of the dataclass, see `yamlfile.convert`; what it means is said in
+`parameter_texts`. What may be set while the
 controller is configured, its class says (`settable`); all else is read-only, as most of it is upstream.
 """
 
@@ -10,8 +11,9 @@ import enum
 import types
 import typing
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from canopen_control.controllers.parameter_texts import text_of
 from canopen_control.errors import ControlError, nearest
 from canopen_control.rpc.messages.parameters import SCALARS, ParameterReading, told
 from canopen_control.yamlfile.convert import fields_of, key_of
@@ -34,18 +36,13 @@ def declared_by(taken: object, settable: Iterable[str] = (), **effective: Told) 
     `effective` are values that others have than what was read: the `update_rate` that a controller has of the manager.
     """
     patterns = tuple(settable)
-    rows = sorted(_rows(taken, ""), key=lambda row: row[0])
-    return tuple(
-        _reading(name, wanted, effective.get(name, value), metadata, patterns)
-        for name, wanted, value, metadata in rows
-        if name not in _HIDDEN
-    )
+    rows = sorted(_rows(taken, ""), key=lambda row: row.name)
+    return tuple(_reading(row, effective.get(row.name, row.value), patterns) for row in rows if row.name not in _HIDDEN)
 
 
-def _reading(
-    name: str, wanted: object, value: object, metadata: Mapping[str, Any], patterns: Iterable[str]
-) -> ParameterReading:
-    kind, (low, high) = _kind(wanted, value), metadata.get("range") or (None, None)
+def _reading(row: _Row, value: object, patterns: Iterable[str]) -> ParameterReading:
+    name, metadata = row.name, row.metadata
+    kind, (low, high) = _kind(row.wanted, value), metadata.get("range") or (None, None)
     plain = value.value if isinstance(value, enum.Enum) else value
     return ParameterReading(
         name=name,
@@ -55,6 +52,7 @@ def _reading(
         low=low,
         high=high,
         choices=tuple(map(str, metadata.get("choices") or ())),
+        text=text_of(row.owner, row.key),
     )
 
 
@@ -94,20 +92,32 @@ def checked(owner: str, known: Sequence[ParameterReading], wanted: Sequence[Para
     return values
 
 
-def _rows(taken: Any, prefix: str) -> Iterator[tuple[str, Any, Any, Mapping[str, Any]]]:  # noqa: ANN401 - a dataclass
-    for entry, wanted in fields_of(type(taken)):
-        value, metadata = getattr(taken, entry.name), entry.metadata or _NO_METADATA
+class _Row(NamedTuple):
+    """One parameter: its whole name, annotation and value; `owner` declares it, by `key` of that class."""
+
+    name: str
+    wanted: Any
+    value: Any
+    metadata: Mapping[str, Any]
+    owner: type[object]
+    key: str
+
+
+def _rows(taken: Any, prefix: str) -> Iterator[_Row]:  # noqa: ANN401 - a dataclass
+    owner = type(taken)
+    for entry, wanted in fields_of(owner):
+        value, metadata, key = getattr(taken, entry.name), entry.metadata or _NO_METADATA, key_of(entry)
         if metadata.get("here") or metadata.get("derived"):
             continue
         if metadata.get("part"):
             yield from _rows(value, prefix)
         elif metadata.get("section") and isinstance(value, dict):  # whose names the file gives
             inner = typing.get_args(wanted)[-1]
-            yield from ((f"{prefix}{key_of(entry)}.{key}", inner, each, metadata) for key, each in value.items())
+            yield from (_Row(f"{prefix}{key}.{each}", inner, one, metadata, owner, key) for each, one in value.items())
         elif metadata.get("section"):
-            yield from _rows(value, f"{prefix}{key_of(entry)}.")
+            yield from _rows(value, f"{prefix}{key}.")
         else:
-            yield f"{prefix}{key_of(entry)}", wanted, value, metadata
+            yield _Row(f"{prefix}{key}", wanted, value, metadata, owner, key)
 
 
 def _kind(wanted: Any, value: object) -> str:  # noqa: ANN401 - a type, of which there is no common one

@@ -70,7 +70,7 @@ class ControllerManager:
     """Owns the controllers of one robot; `update_rate` in Hz, `cycle` in s where the cycle has another period.
 
     `running` are those that are active. `joints` are the movable ones of the description, `geometry` its wheels and
-    `description` all its joints; `limiter` may be set at any time.
+    `description` all its joints; `limiter` may be set at any time. `happened` is what `events` returns next.
     """
 
     def __init__(
@@ -97,9 +97,9 @@ class ControllerManager:
         self._params: dict[str, Params] = {}
         self._fallbacks: dict[str, tuple[str, ...]] = {}
         self._node_options: dict[str, tuple[str, ...]] = {}
-        self._events: list[ControllerEvent] = []
-        self.running = RunningControllers(update_rate, cycle or 1.0 / update_rate, self._events)
-        self._switcher = Switcher(registry, self._controllers, self.running, self._events)
+        self.happened: list[ControllerEvent] = []
+        self.running = RunningControllers(update_rate, cycle or 1.0 / update_rate, self.happened)
+        self._switcher = Switcher(registry, self._controllers, self.running, self.happened)
 
     # ------------------------------------------------------------------------------------------------- lifecycle
 
@@ -122,8 +122,8 @@ class ControllerManager:
         controller.description_joints, controller.geometry = self._joints, self._geometry
         controller.description, controller.cycle_rate = self._description, self.update_rate
         controller.explain = self._explain
-        self._events += controller.notices
-        controller.notices = self._events
+        self.happened += controller.notices
+        controller.notices = self.happened
         self._fallbacks[name], self._node_options[name] = tuple(fallbacks), tuple(node_options)
         self._controllers[name] = controller
         self._params[name] = params or Params.of({}, name)
@@ -195,10 +195,10 @@ class ControllerManager:
 
     def events(self) -> Events:
         """Return what happened since the last call, in order."""
-        if not self._events:
+        if not self.happened:
             return ()
-        events = tuple(self._events)
-        self._events.clear()
+        events = tuple(self.happened)
+        self.happened.clear()
         return events
 
     # -------------------------------------------------------------------------------------------------- parameters
@@ -382,4 +382,4 @@ class ControllerManager:
         )
 
     def _tell(self, kind: str, controller: str, text: str) -> None:
-        self._events.append(ControllerEvent(kind, controller, text))
+        self.happened.append(ControllerEvent(kind, controller, text))

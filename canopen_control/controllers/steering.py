@@ -196,7 +196,7 @@ class AckermannSteeringController(SteeringController):
         """Return checked parameters of ROS 2's controller, or of ROS 1's."""
         if not is_ros1(params):
             return super().read(params)
-        given = read_ros1(params)
+        given = read_ros1(params, self.geometry, lambda text: self.tell("parameter", text))
         refuse(self.name, given.mistakes())
         return given
 

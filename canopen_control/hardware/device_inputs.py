@@ -26,6 +26,7 @@ __all__ = ["POLL_NS", "InputSignal", "NodeInputs", "RawInput"]
 POLL_NS: Final = 1_000_000_000
 _POLLED_AGE_NS: Final = 5 * POLL_NS
 _SHORTEST_NS: Final = 50_000_000  # frames that come together were not sent together
+_STANDSTILL_NS: Final = 500_000_000  # of an input that only comes when it changes
 
 
 class RawInput:
@@ -46,6 +47,11 @@ class RawInput:
     def polled(self) -> bool:
         """Whether no TPDO carries it."""
         return self._input is None
+
+    @property
+    def comes_by_change(self) -> bool:
+        """Whether it is sent when it changes and at no other time, so that silence is standstill."""
+        return self._input is not None and self._input.pdo.age_limit_ns == 0
 
     def begin(self, now: int) -> None:
         """Take what the boot has read."""
@@ -97,6 +103,7 @@ class NodeInputs:
         self.boots = -1
         self.ready = self.lost = False  # lost: since somebody was told
         self.jumps: list[str] = []  # sentences, until somebody tells them
+        self._jumped: dict[str, int] = {}  # signals, by the boot since which that was told
 
     def of(self, address: Address) -> RawInput:
         """Return the raw input of an object of the dictionary."""
@@ -120,6 +127,12 @@ class NodeInputs:
                 each.begin(now)
         for each in self._inputs.values():
             each.read(now)
+
+    def tell_jump(self, signal: str, text: str) -> None:
+        """Take that a signal jumped: once for each boot, however many interfaces it is shown in."""
+        if self._jumped.get(signal) != self.boots:
+            self._jumped[signal] = self.boots
+            self.jumps.append(text)
 
     def poll(self, now: int) -> None:
         """Ask for one of those that no TPDO carries."""
@@ -185,11 +198,14 @@ class InputSignal:
         stamp, signal = self._raw.stamp, self.signal
         if self._jumped or stamp == self._came:
             return self._jumped
-        limit = (signal.max_rate or 0.0) * max(stamp - self._came, _SHORTEST_NS) / 1e9
+        passed = max(stamp - self._came, _SHORTEST_NS)
+        if passed > _STANDSTILL_NS and self._raw.comes_by_change:
+            passed = _SHORTEST_NS  # it stood until now, and has not had the whole time for its way
+        limit = (signal.max_rate or 0.0) * passed / 1e9
         if abs(value - self._before) > limit:  # false for the first one, which is compared with nan
             self._jumped = True
             text = f"{self.state.name} jumped from {self._before:g} to {value:g} {signal.unit}".rstrip()
-            self._inputs.jumps.append(f"{text}: it is nan until the node is booted again")
+            self._inputs.tell_jump(signal.name, f"{text}: it is nan until the node is booted again")
         self._before, self._came = value, stamp
         return self._jumped
 

@@ -46,6 +46,7 @@ class OutputSignal:
         self._gain = signal.gain({})
         self._void = math.nan  # what stood commanded when the node was not there
         self._commanded = math.nan  # what was sent last
+        self.void = False  # its node was lost while it was commanded, and nobody has commanded it since
         command.enabled = False
         command.safe = math.nan if keeps or signal.safe is None else signal.safe
         command.lowest, command.highest = self._span()
@@ -66,13 +67,13 @@ class OutputSignal:
             self._void = math.nan  # the next one is new
         elif value != self._commanded and value != self._void and not math.isinf(value):
             first = math.isnan(self._commanded)
-            self._void, self._commanded = math.nan, value
+            self._void, self._commanded, self.void = math.nan, value, False
             self._send(value, always=first)
 
     def release(self) -> None:
         """Take the safe value, or that of the controller that lets go, being commanded by nobody any more."""
         self.command.value = math.nan
-        commanded, self._commanded = self._commanded, math.nan
+        commanded, self._commanded, self.void = self._commanded, math.nan, False
         told, self.command.let_go_at = self.command.let_go_at, None
         safe = self.command.safe if told is None else told
         if not math.isnan(commanded) and safe is not None and not math.isnan(safe) and self._node.ready:
@@ -80,6 +81,7 @@ class OutputSignal:
 
     def _away(self, value: float) -> None:
         """Void what is commanded while the node is not there; take how it is scaled when it is back."""
+        self.void |= self.commanded
         self._commanded, self._void = math.nan, value
         self.command.value = math.nan  # a controller that goes on writes what it did before, which is void
         self.command.enabled = self._node.ready

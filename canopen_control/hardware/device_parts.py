@@ -137,6 +137,11 @@ class DevicePart:
         """The outputs that somebody has commanded."""
         return [output.signal.name for output in self._outputs.values() if output.commanded]
 
+    @property
+    def void(self) -> list[str]:
+        """The outputs that were commanded when the node was lost, and by nobody since."""
+        return [output.signal.name for output in self._outputs.values() if output.void]
+
     def release(self, interface: str) -> None:
         """Take that a controller gave a command interface back."""
         if (output := self._outputs.get(interface)) is not None:
@@ -224,6 +229,10 @@ class DeviceParts:
                 held = f"; of its outputs {which} void, and not restored until commanded anew" if outputs else ""
                 found.append((inputs.node, "device_lost", f"lost: its inputs are unknown{held}"))
         return found
+
+    def void_outputs(self, node: RemoteNode) -> list[str]:
+        """Return the outputs of a node that are void since it was lost: nothing restores them."""
+        return [name for part in self._parts if part.node is node for name in part.void]
 
     @property
     def command_names(self) -> Collection[str]:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import os
 import select
 import selectors
 import signal
@@ -24,6 +23,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Final, Protocol, TypeAlias, cast
 
 from canopen_control.errors import LocalProtocolError
+from canopen_control.host.selection import open_asker
 from canopen_control.host.timer import Clock, ManualClock, MonotonicClock, Timer, TimerQueue, open_alarm
 
 if TYPE_CHECKING:
@@ -74,16 +74,6 @@ class _Watch:
             self.on_writable = callback
 
 
-def _open_epoll(selector: selectors.BaseSelector) -> select.epoll | None:
-    """Return the kernel's object behind a selector, None for another kind: asking it is three times as fast.
-
-    It is a descriptor of its own, so that both can be closed.
-    """
-    if sys.platform == "linux" and isinstance(selector, selectors.EpollSelector):
-        return select.epoll.fromfd(os.dup(selector.fileno()))
-    return None
-
-
 def _fd_of(fileobj: FileLike) -> int:
     return fileobj if isinstance(fileobj, int) else fileobj.fileno()
 
@@ -99,18 +89,18 @@ class Reactor:
     twenty are printed to stderr). All methods but `call_threadsafe` belong to the loop's own thread.
     """
 
-    def __init__(self, clock: Clock | None = None) -> None:
+    def __init__(self, clock: Clock | None = None, selector: selectors.BaseSelector | None = None) -> None:
         self.clock: Clock = MonotonicClock() if clock is None else clock
         self.now: Callable[[], int] = self.clock.now
         """Return the clock's time in nanoseconds."""
         self.errors = 0
         self.on_error: Callable[[BaseException], None] = self._print_first_errors
-        self._selector = selectors.DefaultSelector()
+        self._selector: selectors.BaseSelector = selector or selectors.DefaultSelector()
         self._watches: dict[int, _Watch] = {}
         self._timers = TimerQueue()
         self._soon: deque[Callable[[], object]] = deque()
         self._from_threads: deque[Callable[[], object]] = deque()
-        self._epoll = _open_epoll(self._selector)
+        self._epoll = open_asker(self._selector)
         self._poll = self._select if self._epoll is None else self._epoll.poll
         self._turns = 0
         self._alarm = None if self.clock.is_manual else open_alarm()
@@ -214,6 +204,11 @@ class Reactor:
             with contextlib.suppress(OSError):
                 self._wake_out.send(_WAKE)
 
+    @property
+    def next_deadline(self) -> int | None:
+        """When the earliest timer is due; now, where a call waits to be made."""
+        return self.now() if self._soon else self._timers.next_deadline()
+
     # -- signals
 
     def handle_signals(self, handlers: Mapping[int, Callable[[], object]]) -> None:
@@ -267,6 +262,11 @@ class Reactor:
         done. False if it was stopped.
         """
         return self.run_until(self.now() + duration_ns)
+
+    def serve(self) -> None:
+        """Serve all that is ready and due now; a manual clock stays where it is."""
+        while self._turn(0):
+            pass
 
     def stop(self) -> None:
         """End `run`, `run_until` or `run_for` after this turn; when none of them runs, end the next at its start."""

@@ -8,9 +8,11 @@ SYNC or from time to time; any other one, an I/O module's, is sent when somebody
 
 from __future__ import annotations
 
+import struct
+import sys
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.cia301.pdo import MappedObject, PdoCodec
+from canopen_control.cia301.pdo import MAX_BITS, MappedObject, PdoCodec
 from canopen_control.frame import RECORD
 
 if TYPE_CHECKING:
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Input", "Output", "ProcessImage", "ReceivedPdo", "SentPdo"]
 
+_HEAD: Final = "<IB3x"  # of a record, see `canopen_control.frame`
 _NEVER: Final = -1
 _NO_END: Final = (1 << 62) - 1
 MISSED_SYNCS = 3  # after so many SYNCs without its TPDO what it carries is stale, unless bus.yml says otherwise
@@ -191,6 +194,7 @@ class SentPdo:
     """
 
     __slots__ = (
+        "_packer",
         "changed",
         "cob_id",
         "codec",
@@ -210,6 +214,7 @@ class SentPdo:
         self.cob_id, self.cyclic = cob_id, cyclic
         self.codec = PdoCodec(objects)
         self.record = RECORD.pack(cob_id, self.codec.length, b"")
+        self._packer = _packer(self.codec)
         self.enabled, self.count = False, 0
         self.idle = 0  # cycles since it was sent
         self._carry(outputs)
@@ -219,6 +224,7 @@ class SentPdo:
         for output in self.outputs:
             output.places = [place for place in output.places if place[0] is not self]
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
+        self._packer = _packer(self.codec)
         self.cyclic = layout.transmission_type in CYCLIC_SYNCHRONOUS
         self._carry(outputs)
 
@@ -235,8 +241,26 @@ class SentPdo:
 
     def pack(self) -> None:
         """Make the record of the values; LocalProtocolError for one that does not fit, and the record stays."""
-        self.record = RECORD.pack(self.cob_id, self.codec.length, self.codec.pack(self.values))
+        packer, codec = self._packer, self.codec
+        if packer is None:
+            self.record = RECORD.pack(self.cob_id, codec.length, codec.pack(self.values))
+        else:
+            try:
+                self.record = packer(self.cob_id, codec.length, *self.values)
+            except (struct.error, OverflowError):
+                codec.pack(self.values)  # says which object it is
+                raise
         self.changed = False
+
+
+def _packer(codec: PdoCodec) -> Callable[..., bytes] | None:
+    """Return what packs a whole record, identifier, length and values, in one go; None where that is not possible.
+
+    Records are of the host's byte order, values little-endian; a mapping of odd bits has no structure.
+    """
+    if codec.struct is None or sys.byteorder != "little":
+        return None
+    return struct.Struct(f"{_HEAD}{codec.struct.format[1:]}{MAX_BITS // 8 - codec.length}x").pack
 
 
 class ProcessImage:

@@ -83,6 +83,11 @@ class Network:
         self._collect()
 
     @property
+    def waits(self) -> bool:
+        """Whether an answer or a node is waited for, so that what comes is to be looked at as it comes."""
+        return self._guarding is not None or any(not node.ready or node.sdo.busy for node in self._by_id.values())
+
+    @property
     def identifiers(self) -> Collection[int]:
         """The identifiers that `receive` has a use for."""
         return self._handlers.keys()

@@ -88,8 +88,8 @@ class EmcyGate:
         self._window = 0
 
     def passes(self, now: int) -> bool:
-        """Whether the next message may be told."""
-        if now - self._window >= _SECOND:
+        """Whether the next message may be told; what was held is told first."""
+        if now - self._window >= _SECOND and not self.held:
             self._window, self._passed = now, 0
         self._passed += 1
         if self._passed > _EMCY_PER_SECOND:

@@ -18,7 +18,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 
 from canopen_control.ros.conversions import diagonal, seconds_of
-from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples
+from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples, success_of
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
@@ -113,10 +113,7 @@ class OdometrySetting(Endpoint):
         self._ros.unserve(self._service)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        def fill(_done: object, error: str | None) -> None:
-            response.success, response.message = error is None, error or ""
-            reply(response)
-
+        fill = success_of(response, reply)
         tilted = [axis for axis in ("z", "roll", "pitch") if getattr(request, axis) != 0.0]
         if tilted:
             fill(None, f"{self._controller} drives in the plane; {', '.join(tilted)} must be 0")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     #: takes a request, a response to be filled, and what sends it; once
     Handler = Callable[[Any, Any, Reply], object]
 
-__all__ = ["COMMANDER", "Endpoint", "NewSamples", "Ros", "RosMessage", "serve"]
+__all__ = ["COMMANDER", "Endpoint", "NewSamples", "Ros", "RosMessage", "serve", "success_of"]
 
 A = TypeVar("A")
 S = TypeVar("S", bound=Sample)
@@ -78,6 +78,16 @@ class Ros(Protocol):
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
         """Ask the robot, and have `answer(result, error)` called on the reactor's thread, where this is called too."""
+
+
+def success_of(response: RosMessage, reply: Reply) -> Callable[[object, str | None], None]:
+    """Return what answers a service that has `success` and `message`, once the robot has answered, or refused."""
+
+    def answer(_done: object, error: str | None) -> None:
+        response.success, response.message = error is None, error or ""
+        reply(response)
+
+    return answer
 
 
 class NewSamples(Generic[S]):

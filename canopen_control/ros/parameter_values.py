@@ -39,6 +39,7 @@ def descriptor_of(reading: ParameterReading) -> RosMessage:
     """Return a rcl_interfaces/msg/ParameterDescriptor, with the range of a number and the choices of a text."""
     message = interface("rcl_interfaces/msg/ParameterDescriptor")()
     message.name, message.type, message.read_only = reading.name, TYPES[reading.kind], reading.read_only
+    message.description = reading.text
     if reading.choices:
         message.additional_constraints = f"one of: {', '.join(reading.choices)}"
     element = KINDS[reading.kind] or reading.kind

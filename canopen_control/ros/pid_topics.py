@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.ros.controller_state import ControllerState
 from canopen_control.ros.conversions import unknown_as_nan
-from canopen_control.ros.endpoint import COMMANDER, Endpoint
+from canopen_control.ros.endpoint import COMMANDER, Endpoint, success_of
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.qos import REFERENCE
 from canopen_control.rpc.messages.robot import CommandController, SetFeedForward, SetMeasuredStates
@@ -145,11 +145,8 @@ class FeedForwardSwitch(Endpoint):
         self._ros.unserve(self._service)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        def fill(_done: object, error: str | None) -> None:
-            response.success, response.message = error is None, error or ""
-            reply(response)
-
-        self._ros.ask(SetFeedForward(controller=self._controller, enabled=request.data), fill)
+        wanted = SetFeedForward(controller=self._controller, enabled=request.data)
+        self._ros.ask(wanted, success_of(response, reply))
 
 
 def _dofs_of(controller: ControllerReading) -> list[str]:

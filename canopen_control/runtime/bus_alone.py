@@ -7,10 +7,14 @@ the mode that the drive is in and enables nothing. Every other node is a proxy: 
 SDO, NMT and PDO, and drives nothing. All drives of the bus are one stop group, as those of any robot. A drive whose
 PDOs carry no controlword or no statusword is a proxy too; one whose RPDOs carry no target is watched, and refuses what
 needs one. Both are told once, as doubts: who only wants to look needs no other bus.yml.
+
+A robot may mix both: a drive that no joint of its description names, and whose `driver` says that it is one, is what it
+would be on a bus alone, beside the others and in their stop group; without that driver it is a proxy.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.objects import (
@@ -28,6 +32,7 @@ from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import EFFORT, POSITION, TARGET, VELOCITY
 from canopen_control.hardware.joint_targets import serving_objects
+from canopen_control.hardware.system import PLUGINS
 from canopen_control.urdf.declared_interface import InterfaceInfo
 from canopen_control.urdf.description import Description
 from canopen_control.urdf.robot_model import RobotModel
@@ -39,7 +44,7 @@ if TYPE_CHECKING:
     from canopen_control.master.config import BusConfig, NodeConfig
     from canopen_control.master.plan import NodePlan
 
-__all__ = ["controllers_of", "description_of", "doubts_about", "unmoved_drives"]
+__all__ = ["controllers_of", "description_of", "doubts_about", "unmoved_drives", "with_free_drives"]
 
 _PLUGIN: Final = "canopen_control/CanopenSystem"
 _DRIVERS: Final = ("Cia402", "MotionController")
@@ -50,22 +55,29 @@ def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> Desc
     """Return what a URDF would say: a robot without a shape, whose joints are the drives; RobotConfigError."""
     joints = tuple(joint for bus in buses.values() for joint in _joints(bus))
     _refuse_doubles(path, joints)
-    states = {each: InterfaceInfo(each) for each in (POSITION, VELOCITY, EFFORT)}
-    parts = tuple(
-        ControlJoint(
-            joint, {"device_name": node.name, "axis": str(axis)}, {TARGET: InterfaceInfo(TARGET)}, dict(states)
-        )
-        for joint, node, axis in joints
-    )
-    system = Ros2ControlSystem(name, "system", _PLUGIN, joints=parts)
-    return Description(path, _URDF.format(name=name), RobotModel(name), (system,) if parts else ())
+    system = _system(name, joints)
+    return Description(path, _URDF.format(name=name), RobotModel(name), (system,) if joints else ())
 
 
 def controllers_of(path: str, description: Description) -> ControllersFile:
     """Return what a ros2_controllers.yaml would say: a controller for each drive, of the drive's own name."""
     names = [joint.name for system in description.hardware for joint in system.joints]
-    configs = {name: ControllerConfig(name, TYPE, Params.of({"joint": name}, name), path=path) for name in names}
-    return ControllersFile(controllers=configs, path=path)
+    return ControllersFile(controllers=_target_controllers(names, path), path=path)
+
+
+def with_free_drives(
+    description: Description, control: ControllersFile, buses: Mapping[str, BusConfig]
+) -> tuple[Description, ControllersFile, tuple[str, ...]]:
+    """Return both with the drives that take targets beside those of the description, and these drives' names."""
+    free = tuple(
+        (joint, node, axis) for joint, node, axis, problem in _free(buses, description, control) if not problem
+    )
+    if not free:
+        return description, control, ()
+    names = tuple(joint for joint, _, _ in free)
+    controllers = {**control.controllers, **_target_controllers(names, control.path)}
+    hardware = (*description.hardware, _system(_BESIDE, free))
+    return replace(description, hardware=hardware), replace(control, controllers=controllers), names
 
 
 def doubts_about(buses: Mapping[str, BusConfig]) -> Iterator[str]:
@@ -85,15 +97,67 @@ def doubts_about(buses: Mapping[str, BusConfig]) -> Iterator[str]:
                 yield f"{bus.path}:{node.line}: {joint}: {lack}"
 
 
-def unmoved_drives(buses: Mapping[str, BusConfig], description: Description) -> Iterator[str]:
-    """Yield which drives no joint of a description names, each with its place: they are proxies beside the others."""
-    joints = [joint.parameters for tag in description.hardware for joint in tag.joints]
-    named = {each for one in joints for each in (one.get("device_name"), one.get("node_id", "").strip())}
+def unmoved_drives(
+    buses: Mapping[str, BusConfig], description: Description, control: ControllersFile | None
+) -> Iterator[str]:
+    """Yield what the drives are that no joint of a description names, each with its place."""
+    free = dict[str, str]()
+    for joint, node, _, problem in _free(buses, description, control or ControllersFile()):
+        free[node.name] = problem or (
+            f"it takes targets by itself, as on a bus without controllers: axis enable {node.name}, command {joint}"
+        )
     for bus in buses.values():
         for node in bus.nodes.values():
-            if bus.plans[node.name].axes and not named & {node.name, str(node.node_id)}:
+            if bus.plans[node.name].axes and not _is_named(node, description):
+                what = free.get(node.name, "it is a proxy, and cannot be enabled")
                 text = f"{node.name} is a CiA 402 drive and no joint of {description.path} names it"
-                yield f"{bus.path}:{node.line}: {text}: it is a proxy, and cannot be enabled"
+                yield f"{bus.path}:{node.line}: {text}: {what}"
+
+
+_BESIDE: Final = "drives_of_bus_yml"
+
+
+def _free(
+    buses: Mapping[str, BusConfig], description: Description, control: ControllersFile
+) -> Iterator[tuple[str, NodeConfig, int, str]]:
+    """Yield the axes that say they are drives, and that no joint names: what a joint would be, and what forbids it."""
+    if any(tag.plugin in PLUGINS for tag in description.hardware):
+        parts = [part.name for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
+        taken = {*parts, *description.joints, *control.controllers}
+        for bus in buses.values():
+            for joint, node, axis in _axes(bus):
+                if node.ros.driver and not _is_named(node, description):
+                    lack = _uncontrolled(bus.plans[node.name], axis)
+                    clash = f"it is a proxy, since {joint!r} is a joint, a part or a controller too; rename the node"
+                    yield joint, node, axis, lack or (clash if joint in taken else "")
+
+
+def _is_named(node: NodeConfig, description: Description) -> bool:
+    joints = [part.parameters for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
+    return any(
+        each.get("device_name") == node.name or each.get("node_id", "").strip() == str(node.node_id) for each in joints
+    )
+
+
+def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2ControlSystem:
+    """Return the <ros2_control> tag of drives that take targets."""
+    states = {each: InterfaceInfo(each) for each in (POSITION, VELOCITY, EFFORT)}
+    target = {TARGET: InterfaceInfo(TARGET)}
+    joints = tuple(
+        ControlJoint(joint, _parameters(node, axis, beside=name == _BESIDE), dict(target), dict(states))
+        for joint, node, axis in axes
+    )
+    return Ros2ControlSystem(name, "system", _PLUGIN, joints=joints)
+
+
+def _parameters(node: NodeConfig, axis: int, *, beside: bool) -> dict[str, str]:
+    """Return what binds a joint; one beside others that the robot can do without has a stop group of its own."""
+    bound = {"device_name": node.name, "axis": str(axis)}
+    return bound | {"stop_group": node.name} if beside and not node.required else bound
+
+
+def _target_controllers(names: Iterable[str], path: str) -> dict[str, ControllerConfig]:
+    return {name: ControllerConfig(name, TYPE, Params.of({"joint": name}, name), path=path) for name in names}
 
 
 def _drives(driver: str) -> bool:

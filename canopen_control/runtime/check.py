@@ -100,7 +100,7 @@ class _Checker:
         control, description = (None, None) if alone else (self._read_controllers(), self._read_description())
         for text in doubts_about(self._whole) if alone else ():
             self.findings += check_rules.findings_of(text, str(self._files.bus), 0, Severity.WARNING)
-        for text in () if description is None else unmoved_drives(self._whole, description):
+        for text in () if description is None else unmoved_drives(self._whole, description, control):
             self.findings += check_rules.findings_of(text, str(self._files.bus), 0, Severity.NOTE)
         self.findings += check_rules.find(
             self._files,

@@ -307,11 +307,12 @@ class RobotCore:
         """Tell what the cycle, whose frames are on their way, has brought."""
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]
-        if missed := self.pacer.newly_missed(now):
+        pacer, manager = self.pacer, self.manager
+        if pacer.missed != pacer.told and (missed := pacer.newly_missed(now)):
             text = f"a cycle was missed, {self.pacer.late_max / 1e6:.0f} ms late at worst; is the machine busy?"
             text += cost_of_skipping(self.joints.values())
             self.report(Event(now, "cycle_missed", "", text, Level.WARNING, count=missed))
-        for event in self.manager.events():
+        for event in manager.events() if manager.happened else ():
             level = _CONTROLLER_LEVELS.get(event.kind, Level.WARNING)
             self.report(Event(now, event.kind, "", event.text, level, controller=event.controller))
         if self.events.is_due(now):

@@ -28,7 +28,8 @@ class Pacer:
 
     Meanwhile `edge` is the edge that the cycle is of, the newest one, and `skipped` how many before it were missed.
     `phase` is where another clock's ticks want the edges, half a period after them unless it is told otherwise.
-    `late_max` is the worst lateness, `work_max` what the longest cycle took, `work` what the newest one did.
+    `told` is how many of the `missed` edges were told. `late_max` is the worst lateness, `work_max` what the longest
+    cycle took, `work` what the newest one did.
     `late_counts[i]` counts the cycles that came at most `LATE_EDGES_NS[i]` late, and later than the edge before it; the
     last one counts the rest.
     """
@@ -41,7 +42,7 @@ class Pacer:
         self.edge = self.skipped = 0
         self.phase = SyncPhase(period_ns, period_ns // 2)
         self.on_edge, self._reactor = on_edge, reactor
-        self._edge = self._told = self._tell_at = 0
+        self._edge = self.told = self._tell_at = 0
         self._timer: Timer | None = None
 
     @property
@@ -51,10 +52,10 @@ class Pacer:
 
     def newly_missed(self, now: int) -> int:
         """Return how many edges were missed since it was last told, at most once a second; 0 for none to tell."""
-        missed = self.missed - self._told
+        missed = self.missed - self.told
         if not missed or now < self._tell_at:
             return 0
-        self._told, self._tell_at = self.missed, now + 1_000_000_000
+        self.told, self._tell_at = self.missed, now + 1_000_000_000
         return missed
 
     def start(self) -> None:

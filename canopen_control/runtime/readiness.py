@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402.state import POWERED_STATES
 from canopen_control.controllers.base import not_enabled
 from canopen_control.errors import NotEnabled, NotYetEnabled
+from canopen_control.hardware.interfaces import TARGET
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -41,7 +42,16 @@ def is_rising(joint: JointDrive) -> bool:
 
 def claimed_off(joints: Iterable[JointDrive]) -> list[JointDrive]:
     """Return the drives that a running controller claims and that are off."""
-    return [joint for joint in joints if joint.claimed is not None and is_off(joint)]
+    return [joint for joint in _claimed(joints) if is_off(joint)]
+
+
+def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
+    """Return the drives that running controllers claim.
+
+    One that takes targets by itself is enabled by a user's word alone: beside others nobody waits for it.
+    """
+    claimed = [joint for joint in joints if joint.claimed is not None]
+    return [joint for joint in claimed if joint.claimed != TARGET] or claimed
 
 
 def hint(joints: Sequence[JointDrive]) -> str | None:
@@ -81,7 +91,7 @@ def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
 def settled(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
     """Whether no drive is on its way to be enabled any more: it is, or it has a reason not to be."""
     drives = tuple(joints)
-    claimed = [joint for joint in drives if joint.claimed is not None]
+    claimed = _claimed(drives)
     # one that is not there and need not be, and with it all that move together
     waits = any(not joint.node.ready and not joint.node.config.required for joint in claimed)
     return waits or in_fault(nodes, drives) or all(joint.enabled or not joint.wanted for joint in claimed)

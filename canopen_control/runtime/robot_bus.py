@@ -33,6 +33,7 @@ _BACKLOG: Final = 100  # reads, of up to a thousand frames
 _SIMULATED_NS: Final = 250_000_000  # drives that are processes wait for a processor, as this one does
 _FAILURES: Final = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
 _RETURNS: Final = (BusEventKind.ERROR_ACTIVE, BusEventKind.UP)
+_LONGEST_NS: Final = 20_000_000  # of a cycle that needs no look at the port in between
 _LOST_WHILE_SILENT: Final = ("bus_frames_lost", "while it carried nothing")
 
 
@@ -44,7 +45,13 @@ def is_simulated(channel: str) -> bool:
 
 
 class RobotBus:
-    """Moves records between port and network; an error of the port ends the bus, never the cycle."""
+    """Moves records between port and network; an error of the port ends the bus, never the cycle.
+
+    `watched`: what comes wakes the process. Else it is read at the next edge: while all nodes are ready and no answer
+    is waited for, nothing that a frame says has a consequence before that, and a wake-up costs more than the cycle.
+    A heartbeat or event timer that stays away is found on an edge either way, on the same one if its time is whole
+    periods.
+    """
 
     def __init__(
         self,
@@ -79,6 +86,10 @@ class RobotBus:
         self.network.pdo_watch.look = self._catch_up
         if is_simulated(channel):
             self.network.pdo_watch.least_ns = _SIMULATED_NS
+        self.watched = True
+        times = [plan.heartbeat_timeout_ns for plan in config.plans.values()]
+        times += [pdo.age_limit_ns for pdo in self.network.image.inputs.values()]
+        self._may_rest = cycle_ns <= _LONGEST_NS and not any(time % cycle_ns for time in times)
         self._window: tuple[int, int] | None = None  # since when, and the bits until then
         self._measure_at = 0
 
@@ -142,7 +153,30 @@ class RobotBus:
         if self._followed is not None:
             self._followed.start(self._reactor.now())
         self._looked_at = self._reactor.now()
-        self._reactor.add_reader(self.port.fileno(), self.receive)
+        self.watch()
+
+    def watch(self) -> None:
+        """Read what comes as it comes."""
+        self.watched = True
+        if self.port is not None:
+            self._reactor.add_reader(self.port.fileno(), self.receive)
+
+    def rest_or_watch(self) -> None:
+        """Leave what comes to the edges while nothing is waited for; for who does cycles at edges."""
+        rests = self._may_rest and self._followed is None and not self.network.waits
+        if rests is not self.watched:
+            return
+        if not rests:
+            self.watch()
+        elif self.port is not None:
+            self.watched = False
+            self._reactor.remove_reader(self.port.fileno())
+
+    def _take(self) -> bytes:
+        """Return what waits to be sent; an answer to it is read as it comes."""
+        if not self.watched and self.network.waits:
+            self.watch()
+        return self.network.take()
 
     def _pass_over(self) -> None:
         """Take what waits and keep of it who has booted up; the end of the channel is told."""
@@ -159,8 +193,8 @@ class RobotBus:
         if self.port is not None:
             set_filter(self.port, self.network.identifiers)
 
-    def receive(self) -> None:
-        """Take everything that waits, and send what it calls for."""
+    def receive(self, edge: int | None = None) -> None:
+        """Take everything that waits, and send what it calls for; `edge` is when it counts as come, by default now."""
         port, network = self.port, self.network
         if port is None:
             return
@@ -171,10 +205,10 @@ class RobotBus:
             return
         if records:
             self._data_bytes += sum(records[_LENGTH::RECORD_SIZE])
-            now, since = self._reactor.now(), self._looked_at
+            now, since = self._reactor.now() if edge is None else edge, self._looked_at
             network.receive(records, now, since if now - since > self._away_ns else None)
             if network.outgoing:
-                self._send(network.take())
+                self._send(self._take())
         for event in port.events() if self.port is port else ():  # else it was lost while sending, and that was told
             self._on_bus_event(event)
 
@@ -187,7 +221,7 @@ class RobotBus:
         self._looked_at = now
         network.tick(now)
         if network.outgoing:
-            self._send(network.take())
+            self._send(self._take())
         port = self.port
         if port is None:
             return
@@ -208,7 +242,7 @@ class RobotBus:
         network = self.network
         with_sync = self._synchronous and self._sync_with_rpdos
         records = network.cycle(sync=with_sync)
-        self._send(network.take() + records if network.outgoing else records)
+        self._send(self._take() + records if network.outgoing else records)
         if with_sync or self._followed is not None:
             self._sent_sync(now)
 
@@ -229,7 +263,7 @@ class RobotBus:
     def send_waiting(self) -> None:
         """Send what waits, process data apart."""
         self.network.changed()
-        self._send(self.network.take())
+        self._send(self._take())
 
     def release_nodes(self) -> None:
         """Have the nodes go back to their stored communication settings: they no longer wait for this master then."""

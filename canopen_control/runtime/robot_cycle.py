@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CAUGHT_UP", "RobotCycle"]
 
+_LOOK_NS: Final = 100_000_000  # from one look at what buses wait for to the next
 CAUGHT_UP: Final = 2  # skipped edges whose set-points are passed over
 
 
@@ -51,13 +52,18 @@ class RobotCycle:
         self._sync_first = [bus for bus in self._buses if bus.sends_sync_first]
         self._following = [bus for bus in self._buses if bus.follows_sync]
         self._period = pacer.period_ns / 1e9
+        self._look_at = 0
 
     def step(self, now: int) -> None:
-        """Do a cycle; the reactor serves the ports in every turn and before its timers, so all that came is read."""
+        """Do a cycle with all that has come: ports that are watched were served before, as in every turn."""
+        pacer = self._pacer
+        for bus in self._buses:
+            if not bus.watched:
+                bus.receive(pacer.edge)
         for bus in self._sync_first:
             bus.send_sync(now)
-        period = self._skip(skipped) if (skipped := self._pacer.skipped) else self._period
-        components, manager, edge = self._registry.components, self._manager, self._pacer.edge
+        period = self._skip(skipped) if (skipped := pacer.skipped) else self._period
+        components, manager, edge = self._registry.components, self._manager, pacer.edge
         for component in components:
             if component.read(now, period) is ERROR:
                 self._failed(component, "read", now)
@@ -89,6 +95,10 @@ class RobotCycle:
         """Let time pass for what acts in the next cycle: heartbeats, time-outs, what is looked at now and then."""
         for bus in self._buses:
             bus.tick(now)
+        if now >= self._look_at and self._pacer.running:
+            self._look_at = now + _LOOK_NS
+            for bus in self._buses:
+                bus.rest_or_watch()
         for system in self._systems:
             system.supervise(now)
         for bus in self._following:

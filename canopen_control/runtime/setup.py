@@ -16,7 +16,7 @@ from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.hardware.peer_interfaces import with_interfaces_of_plugins
 from canopen_control.hardware.plugins import Kind, kind_of
 from canopen_control.master.config import read_bus
-from canopen_control.runtime.bus_alone import controllers_of, description_of, doubts_about
+from canopen_control.runtime.bus_alone import controllers_of, description_of, doubts_about, with_free_drives
 from canopen_control.runtime.robot_bus import is_simulated
 from canopen_control.runtime.robot_files import MAIN_BUS
 from canopen_control.runtime.sync_choice import SyncChoice, SyncSender, choose_sync
@@ -143,6 +143,10 @@ def read_robot(
             buses = _buses(files, peer_merge, allow_unsupervised)
             control = read_controllers(files.controllers, strict=strict)
             description = with_interfaces_of_plugins(reader.result(), plans_of(buses))
+    written = control, description
+    free = tuple(control.controllers) if files.bus_alone else ()
+    if not files.bus_alone and not mock:
+        description, control, free = with_free_drives(description, control, buses)
     if not buses:
         _refuse_drives(files, description, mock=mock, real=real or physics or drives)
     channels = _channels(name, buses, can)
@@ -156,7 +160,7 @@ def read_robot(
         channels,
         description,
         control,
-        _wanted(files, control, description, controllers),
+        (*_wanted(files, *written, controllers), *free),
         mock,
         tuple(_told_by_files(files, buses, control, description, mock=mock, real=real or physics or drives)),
         real,
@@ -296,7 +300,7 @@ def _wanted(
         if name not in control.controllers:
             raise RobotConfigError(f"{files.controllers}: no controller {name!r}{nearest(name, control.controllers)}")
     if files.bus_alone:
-        return tuple(control.controllers)
+        return ()
     types = {name: config.type for name, config in control.controllers.items()}
     parts = [part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
     commanded = any(part.command_interfaces for part in parts)

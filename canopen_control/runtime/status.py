@@ -175,6 +175,7 @@ def _node(robot: RobotCore, node: RemoteNode, now: int, axes: list[AxisReading])
         error=node.error,
         sdo=SdoCounts(node.sdo_reads, node.sdo_writes, node.sdo_failed),
         axes=tuple(axes),
+        void_outputs=tuple(name for system in robot.systems for name in system.devices.void_outputs(node)),
     )
 
 

@@ -19,6 +19,7 @@ from canopen_control.cia402.objects import (
 )
 from canopen_control.od.limits import outside_limits
 from canopen_control.scaffold.drive_choice import POSITION
+from canopen_control.scaffold.new_robot import FASTEST_MEASURED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -106,8 +107,16 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
     ]
     if node.drive is None:
         what = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
-        return [*lines, f"# {what}its PDOs stay as it has them"]
+        return [*lines, *_watched(node), f"# {what}its PDOs stay as it has them"]
     return [*lines, *_motion(node, node.drive), *_writes(node, node.drive), *_pdos(node.drive)]
+
+
+def _watched(node: NewNode) -> list[str]:
+    """Return what is no motion of an encoder, but a jump."""
+    if not node.measured:
+        return []
+    limit = remark(f"  - {{name: position, max_rate: {FASTEST_MEASURED:g}}}", "rad/s: a faster change is a jump, told;")
+    return ["signals:", limit, remark("", "the position is nan then until the device is booted again")]
 
 
 def _supervision(robot: NewRobot, node: NewNode) -> list[str]:

@@ -11,6 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 from canopen_control.profiles.device_type import Profile
 from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
+from canopen_control.scaffold.new_robot import FASTEST_MEASURED
 
 if TYPE_CHECKING:
     from canopen_control.scaffold.new_robot import NewJoint, NewNode, NewRobot
@@ -22,7 +23,6 @@ SEPARATION: Final = 0.3  # m, between left and right
 WHEELBASE: Final = 0.3  # m, between front and rear
 _WIDTH: Final = 0.02
 _FASTEST: Final = {VELOCITY: 30.0, POSITION: 1.0}  # rad/s
-_MEASURED: Final = 100.0  # rad/s, of what an encoder measures: nothing limits it
 
 
 def description_text(robot: NewRobot) -> str:
@@ -38,7 +38,7 @@ def description_text(robot: NewRobot) -> str:
         axis = "0 0 1" if robot.base.steers(len(robot.joints), number) else "0 1 0"
         lines += _joint(joint.name, _place(robot, number), axis, _FASTEST[joint.axis.interface])
     for number, node in enumerate(node for node in robot.nodes if node.measured):
-        lines += _joint(node.measured, (0.0, -0.1 * (number + 1), RADIUS), "0 1 0", _MEASURED)
+        lines += _joint(node.measured, (0.0, -0.1 * (number + 1), RADIUS), "0 1 0", FASTEST_MEASURED)
     lines += [
         f'  <ros2_control name={quoteattr(robot.name)} type="system">',
         "    <hardware>",

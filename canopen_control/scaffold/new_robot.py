@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.profiles.device_signal import Signal
     from canopen_control.scaffold.drive_choice import AxisChoice, DriveChoice, Supervision
 
-__all__ = ["Device", "NewJoint", "NewNode", "NewRobot", "check_robot_name", "plan_robot"]
+__all__ = ["FASTEST_MEASURED", "Device", "NewJoint", "NewNode", "NewRobot", "check_robot_name", "plan_robot"]
 
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LONGEST: Final = 32  # of a robot's name, which a socket has too
@@ -40,6 +40,8 @@ _KINDS: Final = {
     Profile.ENERGY: "energy",
 }
 """What a node is called that is no drive, before its node id."""
+FASTEST_MEASURED: Final = 30.0
+"""How fast what an encoder measures may turn, in rad/s; a guess that is written into its files."""
 _MASTERS: Final = (1, *range(127, 1, -1))
 
 

@@ -3,7 +3,7 @@
     meta.json     `FlightMeta`: robot, `reason` and when, `buses` {name: channel}, `layout` and `status` of the robot
     can.log       all frames of the window in candump's log format, the bus' name of bus.yml as the interface
     events.jsonl  the run's events as in the robot's stream, one a line; older than the window too
-    states.jsonl  the samples of the state stream, of which a `TimedSnapshot` is read
+    states.jsonl  the samples of the state stream, of which a `TimedSnapshot` is read at least
     eds/          the EDS files of the nodes, so that the frames can be decoded by name anywhere
 
 Times are Unix seconds, those of frames Unix ns. A file is complete or not there: it gets its name when it is whole. A
@@ -34,7 +34,7 @@ from canopen_control.frame import CanFrame, frames_of
 from canopen_control.host.files import telling
 from canopen_control.rpc.messages.declare import Count, Document, UnixTime
 from canopen_control.rpc.messages.layout import Layout
-from canopen_control.rpc.messages.state import RobotEvent, Status, TimedSnapshot
+from canopen_control.rpc.messages.state import RobotEvent, StateSample, Status, TimedSnapshot
 from canopen_control.rpc.wire import decode, text_of
 
 if TYPE_CHECKING:
@@ -263,8 +263,17 @@ def _lines(archive: zipfile.ZipFile, name: str, kind: type[T]) -> list[T]:
     return [_parsed(f"{name}, line {number}", line, kind) for number, line in lines]
 
 
+def _states(archive: zipfile.ZipFile) -> list[TimedSnapshot]:
+    """Return the samples with what controllers told, without that where an earlier version told it otherwise."""
+    found = _lines(archive, _STATES, TimedSnapshot)  # what must be there
+    try:
+        return list(_lines(archive, _STATES, StateSample))
+    except FlightFileError:
+        return found
+
+
 def _read(archive: zipfile.ZipFile, meta: FlightMeta) -> FlightFile:
-    file = FlightFile(meta, _lines(archive, _EVENTS, RobotEvent), _lines(archive, _STATES, TimedSnapshot))
+    file = FlightFile(meta, _lines(archive, _EVENTS, RobotEvent), _states(archive))
     buses = {interface_name(bus): bus for bus in meta.buses}
     for line in _content(archive, _CAN).decode("ascii", "replace").splitlines():
         found = parse_line(line)

@@ -16,6 +16,7 @@ from canopen_control.trace.network_description import network_of_layout
 from canopen_control.trace.report_facts import Gaps, ReportFacts, event_at
 from canopen_control.trace.report_frames import read_frames
 from canopen_control.trace.report_samples import cycle_of, joints_of, node_spans, stopped_after
+from canopen_control.trace.report_sensors import measured
 from canopen_control.trace.report_words import summary
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None
         frames=frames.around,
         last_words=frames.last_words,
         gaps=_gaps(file, networks),
+        measured=tuple(measured(states)),
     )
     facts.summary.extend(summary(facts))
     return facts

@@ -101,6 +101,17 @@ class BusFacts(Document, frozen=True):
     load: BusLoad
 
 
+class MeasuredFacts(Document, frozen=True):
+    """A value that a controller told: the least, the most and the last of it in the recording."""
+
+    controller: str
+    what: str
+    unit: str
+    least: float
+    most: float
+    last: float
+
+
 class Gaps(Document, frozen=True):
     """What is missing in a recording."""
 
@@ -133,6 +144,7 @@ class ReportFacts(Document, frozen=True, kw_only=True):
     frames: list[FrameFacts]
     last_words: list[FrameFacts]
     gaps: Gaps
+    measured: tuple[MeasuredFacts, ...] = ()
 
     @property
     def fault_at(self) -> float | None:

@@ -58,7 +58,19 @@ tr.error{background:var(--badbg)}tr.warning{background:var(--warnbg)}tr.here td{
 def page_of(facts: ReportFacts) -> str:
     """Return the page of `facts_of` a recording."""
     title = f"{facts.robot or 'CAN recording'}, {clock(facts.end, date=True)}"
-    sections = (_summary, _timeline, _joints, _tracking, _events, _boot, _cycle, _buses, _last_words, _frames)
+    sections = (
+        _summary,
+        _timeline,
+        _joints,
+        _tracking,
+        _measured,
+        _events,
+        _boot,
+        _cycle,
+        _buses,
+        _last_words,
+        _frames,
+    )
     body = "\n".join(part for section in sections for part in section(facts))
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -137,6 +149,17 @@ def _tracking(facts: ReportFacts) -> Iterator[str]:
 _TRACKING_HEADINGS: Final = (
     "joint", "follows", "max", "RMS", "max since enable", "RMS since enable", "repeated", "skipped",
 )  # fmt: skip
+
+
+def _measured(facts: ReportFacts) -> Iterator[str]:
+    """Yield what sensors, batteries, inputs and outputs, and grippers told."""
+    rows = [
+        ("", [("", each.controller), ("", each.what), *(("n", f"{value:.4g}") for value in numbers), ("", each.unit)])
+        for each in facts.measured
+        for numbers in [(each.least, each.most, each.last)]
+    ]
+    if rows:
+        yield _section("Measured", _table(("told by", "value", "least", "most", "last", ""), rows), kind="long")
 
 
 def _events(facts: ReportFacts) -> Iterator[str]:

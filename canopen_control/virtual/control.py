@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.virtual_drive import VirtualDrive
     from canopen_control.virtual.virtual_node import VirtualNode
 
-__all__ = ["NodeControl", "describe"]
+__all__ = ["NodeControl", "NodeMethods", "describe"]
 
 A = TypeVar("A")
 
@@ -58,43 +58,28 @@ def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
     )
 
 
-class NodeControl:
-    """Serves the control socket of `node`, which runs in `host`, on the axes of `world`."""
+class NodeMethods:
+    """What can be asked of `node`, which runs in `host`, on the axes of `world`: the methods of its socket."""
 
     def __init__(self, host: NodeHost, node: VirtualNode, world: World | None = None) -> None:
         self._host, self._node, self._world = host, node, world
         self._switches = node.switches or FaultSwitches(node)
-        channel = host.port.channel
-        hello = DriveHello(
-            node_id=node.node_id,
-            name=node.name,
-            channel=channel,
-            version=__version__,
-            protocol=PROTOCOL,
-            pid=os.getpid(),
-        )
-        path = socket_path("drive", drive_name(channel, node.node_id))
-        self._server: Server[DriveHello, DriveEvent] = Server(DRIVE, host.reactor, path, lambda: hello)
-        self._work: dict[type[Request[Any]], Callable[[Any], Any]] = {}
-        self._answer(messages.ListFaults, self._faults)
-        self._answer(messages.SwitchFault, self._switch_fault)
-        self._answer(messages.GetDriveState, self._state)
-        self._answer(messages.SetInputs, self._set_inputs)
-        self._answer(messages.SetSignals, self._set_signals)
-        self._answer(messages.SetPlant, self._set_plant)
-        self._answer(messages.RestartQuality, self._restart_quality)
-        for act in get_args(messages.WorldAct):
-            self._answer(act, self._act)
-        self._answer(messages.GetWorld, self._tell_world)
-        self._server.check()
+        self._work: dict[type[Request[Any]], Callable[[Any], Any]] = {
+            messages.ListFaults: self._faults,
+            messages.SwitchFault: self._switch_fault,
+            messages.GetDriveState: self._state,
+            messages.SetInputs: self._set_inputs,
+            messages.SetSignals: self._set_signals,
+            messages.SetPlant: self._set_plant,
+            messages.RestartQuality: self._restart_quality,
+            **dict.fromkeys(get_args(messages.WorldAct), self._act),
+            messages.GetWorld: self._tell_world,
+        }
 
-    def close(self) -> None:
-        """Remove the socket."""
-        self._server.close()
-
-    def push(self, text: str) -> None:
-        """Tell everybody connected what happened."""
-        self._server.push(DriveEvent(text))
+    @property
+    def kinds(self) -> tuple[type[Request[Any]], ...]:
+        """What can be asked."""
+        return tuple(self._work)
 
     def do(self, request: Request[A]) -> A:
         """Do what is asked, also for somebody in this process; ConfigError for what this node does not have."""
@@ -102,13 +87,6 @@ class NodeControl:
         answer: A = self._work[type(request)](request)
         self._host.wake(self._node)
         return answer
-
-    def _answer(self, kind: type[Request[A]], work: Callable[[Any], A]) -> None:
-        def answer(call: Call[Request[A]]) -> None:
-            call.reply(self.do(call.request))
-
-        self._work[kind] = work
-        self._server.answers(kind, answer)
 
     def _faults(self, _request: messages.ListFaults) -> tuple[FaultListing, ...]:
         active = self._switches.active
@@ -163,6 +141,39 @@ class NodeControl:
         if drive is None:
             raise ConfigError(f"the node has no axis {axis}; it has: {', '.join(map(str, self._node.drives))}")
         return drive
+
+
+class NodeControl:
+    """Serves the control socket of `node`, which runs in `host`, on the axes of `world`."""
+
+    def __init__(self, host: NodeHost, node: VirtualNode, world: World | None = None) -> None:
+        methods = NodeMethods(host, node, world)
+        self.do = methods.do
+        channel = host.port.channel
+        hello = DriveHello(
+            node_id=node.node_id,
+            name=node.name,
+            channel=channel,
+            version=__version__,
+            protocol=PROTOCOL,
+            pid=os.getpid(),
+        )
+        path = socket_path("drive", drive_name(channel, node.node_id))
+        self._server: Server[DriveHello, DriveEvent] = Server(DRIVE, host.reactor, path, lambda: hello)
+        for kind in methods.kinds:
+            self._server.answers(kind, self._answer)
+        self._server.check()
+
+    def _answer(self, call: Call[Request[Any]]) -> None:
+        call.reply(self.do(call.request))
+
+    def close(self) -> None:
+        """Remove the socket."""
+        self._server.close()
+
+    def push(self, text: str) -> None:
+        """Tell everybody connected what happened."""
+        self._server.push(DriveEvent(text))
 
 
 def _holder(plant: Plant, name: str) -> object:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-__all__ = ["LEFT", "RIGHT", "DiffBase", "SharedBase", "slipped"]
+__all__ = ["LEFT", "RIGHT", "DiffBase", "SharedBase", "open_shared", "slipped"]
 
 LEFT, RIGHT = 0, 1
 SILENT_NS = 10_000_000_000
@@ -157,10 +157,7 @@ class SharedBase:
 
     def _open(self) -> int:
         if self._file is None:
-            try:
-                self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            except OSError as error:
-                raise ConfigError(f"{self._path} cannot be shared: {error.strerror}") from error
+            self._file = open_shared(self._path)
         return self._file
 
     def _read(self, fd: int) -> None:
@@ -177,6 +174,14 @@ class SharedBase:
         if self._file is not None:
             os.close(self._file)
             self._file = None
+
+
+def open_shared(path: Path) -> int:
+    """Open a file that several processes keep something in, made if it is not there; ConfigError if it cannot be."""
+    try:
+        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be shared: {error.strerror}") from error
 
 
 def slipped(way: float, slip: float, seed: int, wheel: int, step: int) -> float:

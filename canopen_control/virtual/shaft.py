@@ -14,7 +14,7 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
-from canopen_control.errors import ConfigError
+from canopen_control.virtual.diffbase import open_shared
 from canopen_control.virtual.plant import LoadedPlant, World
 from canopen_control.virtual.wheel import WheelPlant
 
@@ -103,8 +103,5 @@ class ShaftFile:
 
     def _open(self) -> int:
         if self._file is None:
-            try:
-                self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            except OSError as error:
-                raise ConfigError(f"{self._path} cannot be shared: {error.strerror}") from error
+            self._file = open_shared(self._path)
         return self._file

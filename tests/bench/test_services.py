@@ -2,6 +2,7 @@
 
 import itertools
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 from canopen_control_bench import services
@@ -24,12 +25,16 @@ def test_a_wrong_byte_is_seen():
         services.check(keeping(lambda data: b"\xff" + data[1:]), b"0123456789")
 
 
-def test_rounds_are_paired_ours_first():
-    ticks = itertools.count()
+def test_rounds_are_paired_ours_first(monkeypatch):
+    readings = itertools.accumulate(itertools.cycle((0.5, 1.0, 0.5, 2.0)))  # a pause, ours, a pause, the peer's
+    clock = itertools.chain.from_iterable((each, 10 * each) for each in readings)
+    both = SimpleNamespace(process_time=lambda: next(clock), perf_counter=lambda: next(clock))
+    monkeypatch.setattr(services, "time", both)
 
     @contextmanager
     def opener():
         yield keeping()
 
-    found = services._rounds(lambda client: None, lambda: next(ticks), (opener, opener), 3, lambda seconds: seconds)
-    assert found == [(1, 1)] * 3
+    rounds = services._rounds(lambda client: None, (opener, opener), 3)
+    assert services._each(rounds, lambda spent: spent.cpu_s) == [(1.0, 2.0)] * 3
+    assert services._each(rounds, lambda spent: spent.wall_s) == [(10.0, 20.0)] * 3

@@ -44,6 +44,12 @@ def test_mock_hardware_has_joints_without_nodes():
     assert any(line.split()[:5] == ["no", "drive", "-", "-", "left_wheel_joint"] for line in lines)
 
 
+def test_outputs_that_are_void_are_named_also_when_their_node_is_back():
+    node = {**STATE["nodes"]["left_drive"], "node_id": 5, "axes": [], "void_outputs": ["do0", "ao1"]}
+    lines = render(sample_of({**STATE, "nodes": {"io": node}}))
+    assert lines[-1] == "  node 5 (io): void since it was lost, and not restored: do0, ao1; command them anew"
+
+
 @pytest.mark.parametrize(
     ("mode", "target"), [("PV", "10.000 rad/s"), ("CSP", "10.000 rad"), ("CST", "10.000 Nm"), (None, "10.000 ")]
 )

@@ -97,3 +97,21 @@ def test_what_cannot_be_is_refused(params, words):
     with pytest.raises(RobotConfigError) as caught:
         base(**params)
     assert words in str(caught.value)
+
+
+class Geometry:
+    def separation(self, left, right):
+        return 0.5 if (left, right) == (("rear_wheel_joint",), ("front_steer_joint",)) else None
+
+    def radius(self, wheels):
+        return 0.2 if wheels == ("rear_wheel_joint",) else None
+
+
+def test_sizes_that_are_not_given_are_the_descriptions_and_told():
+    told = []
+    given = read_ros1(Params.of({"front_steer": "front_steer_joint"}, "base"), Geometry(), told.append)
+    assert (given.wheelbase, given.radius) == (0.5, 0.2)
+    assert [text.partition(" is not")[0] for text in told] == ["wheel_separation_h", "wheel_radius"]
+    given = read_ros1(Params.of(NOETIC, "base"), Geometry(), told.append)
+    assert (given.radius, len(told)) == (0.11, 2)
+    assert read_ros1(Params.of({"front_steer": "other"}, "base"), Geometry(), told.append).wheelbase == 0.0

@@ -83,9 +83,9 @@ def test_a_battery_is_told_in_units(robot):
     assert states(robot, *STATES[418]) == [pytest.approx(25.6, abs=1e-3), 25.0, 80.0, 80.0]
 
 
-def test_an_encoder_that_jumps_is_told(tmp_path):
+def test_an_encoder_that_jumps_is_told_once_and_has_neither_position_nor_velocity(tmp_path):
     keys = {"signals": [{"name": "position", "max_rate": 20.0}]}
-    bench = DeviceBench("sensor-jump", with_device(tmp_path, "generic_cia406.eds", ("position",), keys=keys))
+    bench = DeviceBench("sensor-jump", with_device(tmp_path, "generic_cia406.eds", ("position", "velocity"), keys=keys))
     try:
         bench.start()
         bench.set(velocity=10.0)
@@ -94,6 +94,7 @@ def test_an_encoder_that_jumps_is_told(tmp_path):
         bench.device.switches.set("input_jump", True, bench.reactor.now())
         bench.run(100)
         assert math.isnan(bench.state("io/position"))
+        assert math.isnan(bench.state("io/velocity"))
         (told,) = bench.texts("input_jumped")
         assert told.startswith("node 5 (io): io/position jumped from")
     finally:

@@ -146,6 +146,17 @@ def test_what_changes_faster_than_it_can_has_jumped_and_is_told_once():
     assert node.receives(16) == 16.0
 
 
+@pytest.mark.parametrize(("age_limit", "jumped"), [(0, True), (3 * S, False)])
+def test_one_that_only_comes_when_it_changes_has_stood_still_while_it_was_silent(age_limit, jumped):
+    node = Node(Signal("level", *VALUE, max_rate=100.0))
+    node.receives(0)
+    node.pdo.age_limit_ns = age_limit
+    node.now += 2 * S
+    assert math.isnan(node.receives(50)) is jumped  # 200 would be its way in that time, 5 the one in 50 ms
+    node.now += 2 * S
+    assert math.isnan(node.receives(51)) is jumped
+
+
 def test_frames_that_come_together_are_no_jump():
     node = Node(Signal("level", *VALUE, max_rate=100.0))
     node.receives(0)

@@ -65,7 +65,9 @@ def test_what_was_commanded_before_the_node_was_lost_is_void(goes_on):
     line = Line(LAMP)
     assert line.sends(1.0) == 4
     line.node.ready = False
+    assert not line.output.void
     assert line.sends(1.0) is None
+    assert line.output.void
     assert not line.command.enabled
     line.node.ready, line.node.boots = True, 2
     line.object.know(0)
@@ -73,9 +75,11 @@ def test_what_was_commanded_before_the_node_was_lost_is_void(goes_on):
     assert line.command.enabled
     if goes_on:  # a controller that writes the same in each cycle has not commanded anew
         assert [line.sends(1.0), line.sends(1.0)] == [None, None]
+        assert line.output.void
         assert [line.sends(0.0), line.sends(1.0)] == [0, 4]
     else:
         assert line.sends(1.0) == 4
+    assert not line.output.void
 
 
 @given(

@@ -8,6 +8,7 @@ from support.devices import IO, DeviceBench, with_device, with_measured_joint
 from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.frame import rpdo_cob_id
+from canopen_control.runtime.status import status_message
 
 EDS = "generic_cia401.eds"
 STATES = ("di0", "di11", "ai0", "do0", "ao1", "0x6000:01")
@@ -88,6 +89,14 @@ def test_a_device_that_disappears_is_told_with_what_is_void(io):
         "node 5 (io): lost: its inputs are unknown; of its outputs do0, do1, ao1 are void, "
         "and not restored until commanded anew"
     ]
+    assert status_message(io.robot).nodes["io"].void_outputs == ("do0", "do1", "ao1")
+    io.power_on(IO)
+    io.until(lambda: io.robot.nodes["io"].ready)
+    io.run(200)
+    assert status_message(io.robot).nodes["io"].void_outputs == ("do0", "do1", "ao1")
+    command(io, 1.0, 1.0, 0.0)
+    io.run(200)
+    assert "do1" not in status_message(io.robot).nodes["io"].void_outputs
 
 
 def test_the_end_of_the_robot_sends_safe_values_to_a_module_that_knows_no_error_modes(tmp_path):

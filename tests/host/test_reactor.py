@@ -594,3 +594,18 @@ def test_run_for_on_the_real_clock_takes_that_long_and_ends(real):
 
 def test_run_until_on_the_real_clock_gives_up_at_its_timeout(real):
     assert not real.run_until(lambda: False, timeout_ns=3 * MS)
+
+
+def test_serving_does_what_is_due_and_leaves_a_manual_clock_alone():
+    reactor = Reactor(ManualClock(10))
+    done = []
+    reactor.call_at(10, lambda: done.append("due"))
+    reactor.call_at(11, lambda: done.append("later"))
+    assert reactor.next_deadline == 10
+    reactor.serve()
+    assert (done, reactor.now(), reactor.next_deadline) == (["due"], 10, 11)
+    reactor.call_soon(lambda: done.append("soon"))
+    assert reactor.next_deadline == 10
+    reactor.serve()
+    assert done == ["due", "soon"]
+    reactor.close()

@@ -1,9 +1,13 @@
-import pytest
+import re
 
-from canopen_control.cia301.pdo import MappedObject
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.cia301.pdo import MappedObject, PdoCodec
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import RECORD, RECORD_SIZE, frames_of
-from canopen_control.master.cycle import ProcessImage
+from canopen_control.master.cycle import Output, ProcessImage, SentPdo
 from canopen_control.master.plan_builder import PdoLayout
 from canopen_control.master.supervision import PdoWatch
 from canopen_control.od.model import DataType
@@ -173,3 +177,31 @@ def test_process_data_begin_with_what_the_node_says():
     assert image.output(3, 0x6060).value == 3
     position = image.input(3, 0x6064)
     assert (position.value, position.fresh) == (-5, False)
+
+
+_WIDTHS = (
+    (DataType.UNSIGNED8, 8), (DataType.INTEGER8, 8), (DataType.UNSIGNED16, 16), (DataType.INTEGER16, 16),
+    (DataType.UNSIGNED32, 32), (DataType.INTEGER32, 32), (DataType.BOOLEAN, 1), (DataType.UNSIGNED8, 4),
+)  # fmt: skip
+_mappings = st.lists(st.sampled_from(_WIDTHS), max_size=8).filter(lambda found: sum(bits for _, bits in found) <= 64)
+
+
+@given(_mappings, st.lists(st.integers(-(1 << 33), 1 << 33), min_size=8, max_size=8))
+def test_a_record_is_its_identifier_its_length_and_what_the_codec_packs(mapping, values):
+    objects = [MappedObject(0x2000 + number, 0, bits, kind) for number, (kind, bits) in enumerate(mapping)]
+    outputs = [Output() for _ in objects]
+    pdo = SentPdo(0x203, objects, outputs, cyclic=True)
+    before = pdo.record
+    for output, value in zip(outputs, values, strict=False):
+        output.set(value)
+    pdo.changed = True
+    try:
+        data = PdoCodec(objects).pack(values[: len(objects)])
+    except LocalProtocolError as error:
+        with pytest.raises(LocalProtocolError, match=re.escape(str(error))):
+            pdo.pack()
+        assert (pdo.record, pdo.changed) == (before, True)
+    else:
+        pdo.pack()
+        assert pdo.record == RECORD.pack(0x203, len(data), data)
+        assert not pdo.changed

@@ -75,6 +75,16 @@ def test_ten_emergencies_a_second_pass_and_the_rest_is_summed_up():
     assert gate.passes(1500 * MS)
 
 
+def test_a_flood_read_once_a_cycle_is_summed_though_it_goes_on_when_the_second_is_over():
+    gate, told = EmcyGate(), []
+    for edge in range(0, 3001, 20):
+        for _ in range(4):
+            gate.passes(edge * MS)
+        if summed := gate.summary(edge * MS):
+            told.append((edge, summed))
+    assert told == [(1000, 194), (2020, 194)]
+
+
 def test_two_heartbeats_per_period_are_two_nodes_and_jitter_is_not():
     watch = DuplicateWatch(PERIOD)
     late = [0, 60, 10, 55, 0, 59, 30, 0, 60, 5] * 20

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 from support.ros import domain, run_ros
 
-from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.endpoint import Endpoint, success_of
 
 
 def test_an_endpoint_takes_everything_and_cares_for_nothing():
@@ -56,3 +58,11 @@ asking.stop(5), spinner.stop(5), other.shutdown(), context.shutdown()
 """
     with domain() as number:
         assert run_ros(code, number, fallback) == ""
+
+
+@pytest.mark.parametrize(("error", "told"), [(None, (True, "")), ("it is off", (False, "it is off"))])
+def test_a_service_with_a_message_says_what_the_robot_refused(error, told):
+    response, replies = SimpleNamespace(success=None, message=None), []
+    success_of(response, replies.append)(None, error)
+    assert replies == [response]
+    assert (response.success, response.message) == told

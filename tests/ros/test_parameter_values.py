@@ -45,8 +45,9 @@ def test_what_is_not_set_has_no_type():
     assert wanted_by(parameter("x", endpoints.interface("rcl_interfaces/msg/ParameterValue")(type=5))).kind == "not_set"
 
 
-def test_a_descriptor_tells_type_range_and_choices():
-    told_of = descriptor_of(ParameterReading(name="t", kind="double", read_only=True, low=0.0))
+def test_a_descriptor_tells_what_it_means_type_range_and_choices():
+    told_of = descriptor_of(ParameterReading(name="t", kind="double", read_only=True, low=0.0, text="s; 0: never"))
+    assert told_of.description == "s; 0: never"
     assert (told_of.name, told_of.type, told_of.read_only) == ("t", 3, True)
     (limits,) = told_of.floating_point_range
     assert (limits.from_value, limits.to_value) == (0.0, math.inf)

@@ -187,6 +187,78 @@ def test_a_drive_that_no_joint_of_a_robot_names_is_a_proxy_beside_the_others_and
     assert "spare" not in [joint.name for tag in setup.description.hardware for joint in tag.joints]
 
 
+def with_spare(folder, driver="ros2_canopen::Cia402Driver", name="spare"):
+    """Write a robot of two drives that has a third one, which no joint names."""
+    config = write_generic(folder)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text() + f"  {name}:\n    node_id: 9\n    driver: {driver}\n")
+    return config
+
+
+def test_a_robot_may_have_a_drive_that_takes_targets_beside_its_joints(tmp_path):
+    config = with_spare(tmp_path)
+    told = [each.text for each in check(config, controllers=["velocity"]).findings if "spare" in each.text]
+    assert any("it takes targets by itself" in each and "axis enable spare, command spare" in each for each in told)
+    robot = AloneBench("mixed", config=config, drives=(2, 3, 9), controllers=["velocity"])
+    try:
+        robot.start()
+        assert list(robot.robot.joints)[-1] == "spare"
+        assert robot.robot.state is RobotState.RUNNING  # those of its own controllers are enabled
+        assert (robot.powered(2), robot.powered(9)) == (True, False)
+        assert "not enabled" in robot.target(1.0, "spare")
+        robot.enable("spare")
+        robot.mode("PV", "spare")
+        assert robot.target(1.0, "spare") is None
+        robot.run(1000)
+        assert robot.at("velocity", 9) == pytest.approx(1.0, rel=0.05)
+        robot.power_off(9)  # one stop group, as in any robot
+        robot.run(2000)
+        assert not robot.powered(2)
+        assert any("stopping" in each and "spare" in each for each in robot.texts("stop"))
+    finally:
+        robot.close()
+
+
+def test_a_drive_beside_the_others_that_need_not_be_there_stops_and_keeps_none_of_them(tmp_path):
+    config = with_spare(tmp_path)
+    (config / "bus.yml").write_text((config / "bus.yml").read_text() + "    required: false\n")
+    robot = AloneBench("mixed", config=config, drives=(2, 3), controllers=["velocity"])
+    try:
+        robot.start()
+        assert robot.robot.state is RobotState.RUNNING
+        robot.power_on(9)
+        robot.until(lambda: robot.robot.nodes["spare"].ready)
+        robot.enable("spare")
+        robot.power_off(9)
+        robot.run(2000)
+        assert robot.powered(2)
+        robot.robot.stop(print)
+        robot.run(2000)
+        assert not robot.powered(2)
+    finally:
+        robot.close()
+
+
+@pytest.mark.parametrize(
+    ("how", "why"),
+    [
+        ({"driver": "ros2_canopen::ProxyDriver"}, "it is a proxy, and cannot be enabled"),
+        ({"name": "velocity"}, "it is a proxy, since 'velocity' is a joint, a part or a controller too"),
+    ],
+)
+def test_one_that_is_to_be_none_or_whose_name_is_taken_is_a_proxy(tmp_path, how, why):
+    config = with_spare(tmp_path, **how)
+    assert any(why in each.text for each in check(config, controllers=["velocity"]).findings)
+    setup = read_robot(find_robot(str(config)), controllers=["velocity"])
+    assert len([joint for tag in setup.description.hardware for joint in tag.joints]) == 2
+
+
+def test_a_mocked_robot_has_no_drive_beside_its_joints(tmp_path):
+    setup = read_robot(find_robot(str(with_spare(tmp_path))), controllers=["velocity"], mock=True)
+    assert "spare" not in setup.to_activate
+    assert "spare" in read_robot(find_robot(str(tmp_path / "generic")), controllers=["velocity"]).to_activate
+
+
 def test_there_is_nothing_to_mock(tmp_path):
     config = write_io(tmp_path)
     with pytest.raises(RobotConfigError, match="--mock"):

@@ -1,7 +1,7 @@
 """The bus of a robot: what happens when the channel does something."""
 
 import pytest
-from support.robots import LEFT, Bench
+from support.robots import LEFT, MS, Bench, copy_robby
 
 from canopen_control.bus.error_frames import ERROR_FLAG
 from canopen_control.errors import BusError
@@ -45,6 +45,7 @@ def test_every_frame_that_was_sent_was_received_by_the_drives():
     bench = Bench("bus4")
     bench.start()
     bench.hold(10.0, 10.0, ms=2000)
+    bench.robot.buses["can"].receive()  # what waits for the next edge
     master = bench.robot.buses["can"].port.stats
     others = sum(port.stats.tx for port in bench.ports.values())
     assert bench.ports[LEFT].stats.rx > master.tx * 0.9
@@ -92,4 +93,94 @@ def test_a_channel_that_closes_before_the_robot_began_ends_the_run_as_well():
     assert "memory:busgone" in bench.robot.failure
     bench.robot.start()
     assert bench.robot.state is RobotState.STOPPED
+    bench.close()
+
+
+def detected_after(bench, stop_ms):
+    """Let the left drive fall silent `stop_ms` after an edge, and return at which edge that is told."""
+    edge = bench.robot.pacer.edge
+    bench.until(lambda: bench.robot.pacer.edge != edge)
+    bench.run(stop_ms)
+    begin = bench.robot.pacer.edge
+    bench.bus.cut(f"drive {LEFT}")
+    bench.until(lambda: not bench.robot.nodes["left_drive"].ready)
+    return (bench.robot.pacer.edge - begin) / MS
+
+
+def test_a_bus_on_which_nothing_is_waited_for_is_read_at_the_edges_alone():
+    bench = Bench("busrests")
+    bench.start()
+    bus = bench.robot.buses["can"]
+    bench.run(300)
+    assert not bus.watched
+    before = bus.port.stats.rx
+    edge = bench.robot.pacer.edge
+    bench.until(lambda: bench.robot.pacer.edge != edge)
+    read = bus.port.stats.rx
+    assert read > before
+    bench.run(15)
+    assert bus.port.stats.rx == read
+    bench.close()
+
+
+def test_an_answer_is_read_as_it_comes():
+    bench = Bench("buswakes")
+    bench.start()
+    bench.run(300)
+    bus, node, answers = bench.robot.buses["can"], bench.robot.nodes["left_drive"], []
+    edge = bench.robot.pacer.edge
+    bench.until(lambda: bench.robot.pacer.edge != edge)
+    node.read(0x1018, 1, answers.append)
+    bus.send_waiting()
+    assert bus.watched
+    bench.until(lambda: answers, 5)
+    assert bench.robot.pacer.edge == edge + 20 * MS
+    bench.run(300)
+    assert not bus.watched
+    bench.close()
+
+
+def test_a_node_that_is_not_there_is_waited_for():
+    bench = Bench("busmisses")
+    bench.start()
+    bench.run(300)
+    bench.power_off(LEFT)
+    bench.until(lambda: not bench.robot.nodes["left_drive"].ready)
+    bench.run(120)
+    assert bench.robot.buses["can"].watched
+    bench.power_on(LEFT)
+    bench.until(lambda: bench.robot.nodes["left_drive"].ready)
+    bench.run(300)
+    assert not bench.robot.buses["can"].watched
+    bench.close()
+
+
+@pytest.mark.parametrize("ms", [0.3, 7.0, 19.0])
+def test_a_heartbeat_is_missed_at_the_edge_at_which_it_was_when_frames_were_read_as_they_came(ms):
+    found = []
+    for watched in (False, True):
+        bench = Bench(f"busbeats{watched}{round(10 * ms)}")
+        bus = bench.robot.buses["can"]
+        if watched:
+            bench.robot.after_cycle.append(lambda _now, bus=bus: bus.watch())
+        bench.start()
+        bench.run(300)
+        assert bus.watched is watched
+        found.append(detected_after(bench, ms))
+        bench.close()
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [
+        {"bus": {"sync_period: 20000": "sync_period: 30000"}, "controllers": {"update_rate: 50": "update_rate: 33"}},
+        {"bus": {"heartbeat_producer: 100": "heartbeat_producer: 93"}},
+    ],
+)
+def test_a_bus_is_watched_where_a_heartbeat_would_be_missed_later(tmp_path, edits):
+    bench = Bench("busalways", config=copy_robby(tmp_path, **edits))
+    bench.start()
+    bench.run(500)
+    assert bench.robot.buses["can"].watched
     bench.close()

@@ -1,5 +1,7 @@
 """The phase lock: one edge between two SYNCs, whatever the clocks and the process do."""
 
+import bisect
+import operator
 import random
 
 import pytest
@@ -47,6 +49,24 @@ def test_in_an_hour_at_200_ppm_no_edge_is_lost_and_none_doubled(ppm):
     assert drift == pytest.approx(720 * MS, rel=1e-4), "72 periods that a clock of its own would have lost"
     behind = [(edge - 3 * MS) % (sent[1] - sent[0]) for edge in edges[-1000:]]
     assert max(behind) - min(behind) < period // 8
+
+
+def on_the_next(edge):
+    """Return when an adapter hands over what came at `edge`: once a millisecond, as over USB."""
+    return -(-edge // MS) * MS
+
+
+@pytest.mark.parametrize(("period", "ppm", "syncs"), [(10 * MS, -200, 360_000), (4 * MS, 200, 150_000)])
+def test_in_an_hour_a_process_up_to_2_ms_late_behind_a_slow_adapter_has_one_set_point_there_at_each_sync(
+    period, ppm, syncs
+):
+    chance = random.Random(ppm)
+    _, edges, sent, _ = follow(period, period // 8, syncs, ppm=ppm, lateness=lambda chance: round(chance.random() * MS))
+    arrived = [on_the_next(edge + round(chance.random() * 2 * MS)) for edge in edges[64:]]
+    assert all(map(operator.le, arrived, arrived[1:])), "none overtakes another"
+    first = bisect.bisect(sent, arrived[0])
+    waiting = [bisect.bisect(sent, when, lo=max(0, first + place - 3)) for place, when in enumerate(arrived[:-1])]
+    assert waiting == list(range(first, first + len(waiting)))
 
 
 @settings(max_examples=60, deadline=None)

@@ -7,6 +7,7 @@ from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.check import CheckOptions, check_robot
 from canopen_control.runtime.robot_files import find_robot
+from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.controllers_text import controllers_text
 from canopen_control.scaffold.new_robot import Device, plan_robot
 from canopen_control.scaffold.robot_folder import write_robot
@@ -43,6 +44,12 @@ def test_what_is_only_measured_is_told():
 def test_the_joint_of_an_encoder_is_told_by_the_broadcaster_of_joints():
     kinds = controllers_of(406)["controller_manager"]["ros__parameters"]
     assert [each for each in kinds if isinstance(kinds[each], dict)] == ["joint_state_broadcaster"]
+
+
+def test_what_an_encoder_cannot_do_is_a_jump():
+    node = yaml.safe_load(bus_text(planned(406)))["defaults"]
+    assert node["signals"] == [{"name": "position", "max_rate": 30}]
+    assert "signals" not in yaml.safe_load(bus_text(planned(410)))["defaults"]
 
 
 @pytest.mark.parametrize("number", [401, 404, 406, 410, 418])

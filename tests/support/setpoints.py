@@ -83,28 +83,3 @@ class StreamBench(Bench):
             made = gone // (controller_ms * MS)
             self.cycle(round(made * controller_ms * STEP / 10), sync_ms / 1000)
         return self
-
-
-def replay(frames, node_id, period_s, model, sync=0x80):
-    """Let a drive take recorded SYNCs and positions of one node at the times at which they were on the wire.
-
-    `frames` are (seconds, identifier, data), the position in bytes 3 to 6; returns what the drive tells of them.
-    """
-    bench = StreamBench(round(period_s * 1000), model=model)
-    begun, first = bench.now, frames[0][0]
-    for when, identifier, data in frames:
-        bench.to(max(bench.now, begun + round((when - first) * 1e9)))
-        if identifier == sync:
-            bench.sync()
-        elif identifier == 0x200 + node_id:
-            bench.send(int.from_bytes(data[3:7], "little", signed=True))
-    return bench.quality
-
-
-def evenly(frames, period_s, sync=0x80):
-    """Return the same frames with SYNCs that come in time, and what came between two of them in the middle."""
-    count, moved = 0, []
-    for _, identifier, data in frames:
-        count += identifier == sync
-        moved.append(((count + (0 if identifier == sync else 0.5)) * period_s, identifier, data))
-    return moved

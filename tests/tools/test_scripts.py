@@ -56,7 +56,11 @@ def checkout(tmp_path):
     (tmp_path / "tests" / "cia402").mkdir(parents=True)
     shutil.copy(TOOLS / "test", tmp_path / "tools" / "test")
     (tmp_path / "tools" / "environment").write_text(STUB)
-    programs = {"python": PYTHON, "tools/guest/run_tests": "exit 0", "tools/compile": "pwd"}
+    programs = {
+        "python": PYTHON,
+        "tools/guest/run_tests": 'echo "begin $2" >>log; echo "end $2" >>log',
+        "tools/compile": "pwd",
+    }
     programs |= dict.fromkeys(("tools/socketcan_guest", "tools/can_hardware_guest", "chromium", "tmux"), "exit 0")
     for name, text in programs.items():
         path = tmp_path / name
@@ -96,6 +100,8 @@ def test_what_measures_runs_while_nothing_else_does_and_what_computes_runs_besid
     waiting, computing = span(log, "(process and not alone and"), span(log, "(not process and not alone)")
     assert waiting[0] < computing[1]
     assert computing[0] < waiting[1]
+    for guest in ("tools/socketcan_guest", "tools/can_hardware_guest"):
+        assert waiting[1] < span(log, guest)[0] < alone[0]
     for part in (
         "mypy --strict",
         "pytest, compiled, whole robots",

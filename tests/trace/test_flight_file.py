@@ -15,7 +15,7 @@ from canopen_control.bus.candump import line_of
 from canopen_control.errors import ConfigError, DiskFull
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, RECORD, CanFrame, pack_records, remote_frame
 from canopen_control.rpc.messages.layout import BusLayout, Layout, NodeLayout
-from canopen_control.rpc.messages.state import RobotEvent
+from canopen_control.rpc.messages.state import RobotEvent, StateSample
 from canopen_control.rpc.wire import plain, text_of
 from canopen_control.trace import flight_file
 from canopen_control.trace.flight_file import (
@@ -297,3 +297,13 @@ def test_lines_that_are_no_frames_are_counted(tmp_path):
     file = read_flight(save(tmp_path, META, iter(lines), [], []))
     assert [frame.can_id for _, _, frame in file.frames] == [0x80, 0x181]
     assert file.unread_lines == 2
+
+
+def test_samples_have_what_controllers_told_unless_an_earlier_version_told_it_otherwise(tmp_path):
+    told = {"front": {"kind": "range", "time": 1.0, "frame_id": "f", "range": 1.25}}
+    (state,) = read_flight(rewritten(write(tmp_path), **{"states.jsonl": sample(1, samples=told)})).states
+    assert state.samples["front"].range == 1.25
+    path = rewritten(write(tmp_path), **{"states.jsonl": sample(1, samples={"front": {"kind": "sonar", "time": 1.0}})})
+    (state,) = read_flight(path).states
+    assert not isinstance(state, StateSample)
+    assert state.time == 1

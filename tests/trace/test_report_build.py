@@ -58,7 +58,7 @@ def test_facts_are_printed_with_the_keys_that_scripts_know(lost_drive):
     facts = plain(facts_of(lost_drive))
     assert " ".join(facts) == (
         "summary robot begin end seconds channels fault events nodes joints stopped_after_s last_state cycle boot sdo "
-        "buses frames last_words gaps"
+        "buses frames last_words gaps measured"
     )
     assert set(facts["joints"]["left_wheel_joint"]) == set(
         "quantity time command actual error position velocity effort tracking".split()  # noqa: SIM905 - one line

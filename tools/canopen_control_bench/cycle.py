@@ -49,8 +49,10 @@ NAMES = (OURS, CANOPEN, CANOPEN_THREADED, PYTHON_CAN)
 ROUNDS = 5
 CPU_LIMIT, WAKE_LIMIT, LATE_LIMIT_US = 0.25, 0.4, 250.0
 REALTIME_S = 60.0
-#: label -> period in us, cycles of a quick turn (0: left out), cycles of a turn
-PACES = {"100 Hz": (10_000, 0, 200), "500 Hz": (2000, 0, 1000), "1 kHz": (1000, 1000, 2000)}
+PACED = (OURS, CANOPEN, PYTHON_CAN)
+FAST_US = 1000
+#: label -> period in us, cycles of a turn; not in a quick run
+SLOWER = {"100 Hz": (10_000, 200), "500 Hz": (2000, 1000)}
 _BUS = ROBOT = "bench"
 _CHECKED_CYCLES, _CHECKED_US, _ATTEMPTS = 100, 10_000, 5
 _SETTLE_S, _SETTLED = 20.0, 0.01  # rad/s
@@ -230,16 +232,16 @@ def rounds_of(
     arena: Arena,
     names: Sequence[str],
     count: int,
-    run: Callable[[Contender], Turn],
+    run: Callable[[Contender], A],
     *,
     check: bool = True,
     as_is: bool = False,
-) -> dict[str, list[Turn]]:
+) -> dict[str, list[A]]:
     """Have the contenders take turns, `count` times each, one right after another; first turns' bytes are looked at.
 
     Each has a processor for itself meanwhile, but for `as_is`.
     """
-    turns: dict[str, list[Turn]] = {name: [] for name in names}
+    turns: dict[str, list[A]] = {name: [] for name in names}
     for number in range(count):
         for name in names:
             with arena.contender(name, check=check and number == 0) as contender, arena.replayed():
@@ -250,25 +252,28 @@ def rounds_of(
 
 
 def measure(options: Options) -> list[Figure]:
-    """Measure free-running cycles and paced ones."""
-    figures: list[Figure] = []
+    """Measure free-running cycles and paced ones; who has run freely is paced at 1 kHz right after."""
     names = (OURS, CANOPEN) if options.quick else NAMES
+    free_cycles, paced_cycles = (1000, 1000) if options.quick else (3000, 2000)
     with stage() as played:
-        arena = Arena(played, 2, 1000)
-        cycles = 1000 if options.quick else 3000
-        turns = rounds_of(arena, names, ROUNDS, lambda contender: contender.turn(cycles, 0), as_is=options.as_is)
-        figures += cpu_figures("free-running", turns)
-        for label, (period_us, quick_cycles, cycles) in PACES.items():
-            if options.quick and not quick_cycles:
-                continue
-            count = quick_cycles if options.quick else cycles
+        arena = Arena(played, 2, FAST_US)
+
+        def free_and_fast(contender: Contender) -> tuple[Turn, Turn]:
+            return contender.turn(free_cycles, 0), contender.turn(paced_cycles, FAST_US * 1000)
+
+        both = rounds_of(arena, names, ROUNDS, free_and_fast, as_is=options.as_is)
+        figures = cpu_figures("free-running", {name: [free for free, _ in turns] for name, turns in both.items()})
+        fast = {name: [paced for _, paced in turns] for name, turns in both.items()}
+        figures += _paced_figures("1 kHz", fast)
+        for label, (period_us, cycles) in () if options.quick else SLOWER.items():
             arena.pace(period_us)
-            run = functools.partial(Contender.turn, cycles=count, period_ns=period_us * 1000)
-            paced = [name for name in names if name != CANOPEN_THREADED]
-            turns = rounds_of(arena, paced, ROUNDS, run, as_is=options.as_is)
-            figures += cpu_figures(label, turns)
-            figures.append(wake_figure(label, turns))
+            run = functools.partial(Contender.turn, cycles=cycles, period_ns=period_us * 1000)
+            figures += _paced_figures(label, rounds_of(arena, PACED, ROUNDS, run, as_is=options.as_is))
     return figures if options.quick else [*figures, *_realtime(options.seconds or REALTIME_S)]
+
+
+def _paced_figures(label: str, turns: dict[str, list[Turn]]) -> list[Figure]:
+    return [*cpu_figures(label, {name: turns[name] for name in turns if name in PACED}), wake_figure(label, turns)]
 
 
 def _realtime(seconds: float) -> list[Figure]:

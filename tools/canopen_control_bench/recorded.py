@@ -77,6 +77,9 @@ class RecordedFleet:
         host.close()
         port.close()
         core.pacer.stop()
+        for each in core.buses.values():
+            each.watch()  # `cycle` reads what it feeds
+            each.receive()
         if len(frames) != len(pdos):
             raise CanopenError(f"{len(frames)} TPDOs were recorded of {len(pdos)}")
         return frames

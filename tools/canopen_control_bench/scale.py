@@ -36,7 +36,7 @@ QUICK_COUNTS = (2, 16)
 LIMITS_US = {16: 8.0, 64: 6.0}
 CANOPEN_LIMIT, FLAT_LIMIT = 0.25, 1.05
 BITRATES = (125_000, 250_000, 500_000, 1_000_000)
-ROUNDS = 5
+ROUNDS, QUICK_ROUNDS = 5, 3
 _FREE_PERIOD_US = 10_000
 _PACED_S = 10.0
 _DRIVE_US = 500  # what a virtual drive may take for a cycle while it boots, on a busy machine
@@ -55,7 +55,8 @@ def measure(options: Options) -> list[Figure]:
         with stage() as played:
             arena = Arena(played, count, max(_FREE_PERIOD_US, count * _DRIVE_US), base=False)
             run = functools.partial(Contender.turn, cycles=cycles, period_ns=0)
-            turns = rounds_of(arena, names, ROUNDS, run, as_is=options.as_is)
+            rounds = QUICK_ROUNDS if options.quick else ROUNDS
+            turns = rounds_of(arena, names, rounds, run, as_is=options.as_is)
             per_drive[count] = [turn.cpu_us / count for turn in turns[OURS]]
             figures += _figures(count, turns, options)
             if not options.quick:

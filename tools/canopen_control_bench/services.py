@@ -14,6 +14,7 @@ import contextlib
 import os
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.local import ask_hub
@@ -28,6 +29,7 @@ from canopen_control_bench.sdo_client import BLOCK_BYTES, BUS, NODE, Client, our
 from canopen_control_bench.stage import EDS, stage
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from contextlib import AbstractContextManager
 
     from canopen_control_bench.runner import Options
@@ -44,6 +46,17 @@ Work = Callable[[Client], object]
 SAME_BUS: tuple[Opener, Opener] = (our_client, their_client)
 AS_THEY_COME: tuple[Opener, Opener] = (our_client, their_virtual_client)
 PAYLOAD = bytes(number % 251 for number in range(BLOCK_BYTES))
+
+
+@dataclass(frozen=True, slots=True)
+class Spent:
+    """What a piece of work took: CPU of this process, and time."""
+
+    cpu_s: float
+    wall_s: float
+
+
+Pair = tuple[Spent, Spent]  # ours and the peer's, of one round
 
 
 def measure(options: Options) -> list[Figure]:
@@ -77,8 +90,9 @@ def _round_trips(trips: int) -> list[Figure]:
         for _ in range(trips):
             client.read()
 
-    cpu = _rounds(expedited, time.process_time, SAME_BUS, ROUNDS, lambda seconds: 1e6 * seconds / trips)
-    rate = _rounds(expedited, time.perf_counter, SAME_BUS, ROUNDS, lambda seconds: trips / seconds)
+    rounds = _rounds(expedited, SAME_BUS, ROUNDS)
+    cpu = _each(rounds, lambda spent: 1e6 * spent.cpu_s / trips)
+    rate = _each(rounds, lambda spent: trips / spent.wall_s)
     return [
         compared("SDO round trip, same bus: CPU", "us", cpu, peer_name=CANOPEN, limit=CPU_LIMIT),
         compared("SDO round trips, same bus", "1/s", rate, peer_name=CANOPEN),
@@ -92,11 +106,11 @@ def _blocks(*, quick: bool) -> list[Figure]:
         ("block download", lambda client: client.download(PAYLOAD, True)),
         ("block upload", lambda client: client.upload(True)),
     ):
-        cpu = _rounds(move, time.process_time, SAME_BUS, ROUNDS, lambda seconds: 1e3 * seconds)
+        cpu = _each(_rounds(move, SAME_BUS, ROUNDS), lambda spent: 1e3 * spent.cpu_s)
         figures.append(compared(f"{name}, same bus: CPU", "ms", cpu, peer_name=CANOPEN, limit=CPU_LIMIT))
         if quick:
             continue
-        ours, theirs = zip(*_rounds(move, time.perf_counter, AS_THEY_COME, BEST_OF, _kilobytes), strict=True)
+        ours, theirs = zip(*_each(_rounds(move, AS_THEY_COME, BEST_OF), _kilobytes), strict=True)
         best = [(max(ours), max(theirs))]
         figures.append(
             compared(f"{name}, as it comes", "kB/s", best, peer_name=CANOPEN, limit=BLOCK_LIMIT, direction=AT_LEAST)
@@ -109,7 +123,7 @@ def _segmented() -> list[Figure]:
         compared(
             f"segmented {name}, same bus",
             "kB/s",
-            _rounds(move, time.perf_counter, SAME_BUS, SEGMENTED_ROUNDS, _kilobytes),
+            _each(_rounds(move, SAME_BUS, SEGMENTED_ROUNDS), _kilobytes),
             peer_name=CANOPEN,
         )
         for name, move in (
@@ -119,29 +133,30 @@ def _segmented() -> list[Figure]:
     ]
 
 
-def _rounds(
-    work: Work,
-    clock: Callable[[], float],
-    openers: tuple[Opener, Opener],
-    rounds: int,
-    quantity: Callable[[float], float],
-) -> list[tuple[float, float]]:
-    """Return each round's quantity, ours first; a server has one client at a time, so they come and go."""
+def _rounds(work: Work, openers: tuple[Opener, Opener], rounds: int) -> list[Pair]:
+    """Have both do the work in turns; a server has one client at a time, so they come and go."""
     found = []
     for _ in range(rounds):
-        times = []
-        for opener in openers:
-            with opener() as client:
-                client.read()  # connected and warm
-                begin = clock()
-                work(client)
-                times.append(clock() - begin)
-        found.append((quantity(times[0]), quantity(times[1])))
+        ours, theirs = (_spent(work, opener) for opener in openers)
+        found.append((ours, theirs))
     return found
 
 
-def _kilobytes(seconds: float) -> float:
-    return BLOCK_BYTES / seconds / 1e3
+def _spent(work: Work, opener: Opener) -> Spent:
+    with opener() as client:
+        client.read()  # connected and warm
+        cpu, wall = time.process_time(), time.perf_counter()
+        work(client)
+        return Spent(time.process_time() - cpu, time.perf_counter() - wall)
+
+
+def _each(rounds: Sequence[Pair], quantity: Callable[[Spent], float]) -> list[tuple[float, float]]:
+    """Return a quantity of each round, ours first."""
+    return [(quantity(ours), quantity(theirs)) for ours, theirs in rounds]
+
+
+def _kilobytes(spent: Spent) -> float:
+    return BLOCK_BYTES / spent.wall_s / 1e3
 
 
 def _eds() -> Figure:

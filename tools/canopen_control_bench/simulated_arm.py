@@ -168,6 +168,8 @@ class SimulatedArm:
         robot = self.robot
         components, buses, manager, last = robot.registry.components, robot.buses.values(), robot.manager, self.now
         sync_first = [bus for bus in buses if bus.sends_sync_first]
+        for bus in buses:
+            bus.watch()
 
         def cycle(now: int) -> None:
             nonlocal last

@@ -78,6 +78,7 @@ class Subject:
             self.robot.after_cycle.remove(self._after_cycle)
             for bus in self.robot.buses.values():
                 assert bus.port is not None
+                bus.watch()
                 self.reactor.add_reader(bus.port.fileno(), self._on_answer)
         self._missed, self._tpdos = self.robot.pacer.missed, self._count_tpdos()
         self.robot.pacer.late_max = 0
@@ -126,8 +127,7 @@ class Subject:
         self._turn = None
         if self._free:
             for bus in self.robot.buses.values():
-                assert bus.port is not None
-                self.reactor.add_reader(bus.port.fileno(), bus.receive)
+                bus.watch()
             self.robot.after_cycle.insert(0, self._after_cycle)
             self.robot.pacer.start()
         turn.say()

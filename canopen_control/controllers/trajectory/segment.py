@@ -95,10 +95,11 @@ class Segment:
         s5 = s4 * s
         v2, v3, v4, v5 = 2.0 * s, 3.0 * s2, 4.0 * s3, 5.0 * s4
         a3, a4, a5 = 6.0 * s, 12.0 * s2, 20.0 * s3
+        starts, c1s, c2s, c3s, c4s, c5s = self._start, self._c1, self._c2, self._c3, self._c4, self._c5
         # nothing is made of joints without a position, whatever the other vectors say of them
-        coefficients = zip(self._start, self._c1, self._c2, self._c3, self._c4, self._c5, strict=False)
-        for i, (p0, c1, c2, c3, c4, c5) in enumerate(coefficients):
-            positions[i] = p0 + s * c1 + s2 * c2 + s3 * c3 + s4 * c4 + s5 * c5
+        for i in range(min(len(starts), len(c1s), len(c2s), len(c3s))):
+            c1, c2, c3, c4, c5 = c1s[i], c2s[i], c3s[i], c4s[i], c5s[i]
+            positions[i] = starts[i] + s * c1 + s2 * c2 + s3 * c3 + s4 * c4 + s5 * c5
             velocities[i] = c1 + v2 * c2 + v3 * c3 + v4 * c4 + v5 * c5
             accelerations[i] = 2.0 * c2 + a3 * c3 + a4 * c4 + a5 * c5
 

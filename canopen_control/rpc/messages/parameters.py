@@ -79,13 +79,14 @@ class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
 class ParameterReading(ParameterValue, frozen=True, kw_only=True, omit_defaults=True):
     """A parameter and what may be set: `low` and `high` bound a number, `choices` are the texts that it may be.
 
-    One that is `read_only` is what it was when its controller was configured.
+    One that is `read_only` is what it was when its controller was configured. `text` is what it means.
     """
 
     read_only: bool = False
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    text: str = ""
 
 
 class GetParameters(Request[tuple[ParameterReading, ...]], frozen=True, kw_only=True):

@@ -45,6 +45,7 @@ class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"})
 class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age_s"}):
     """A node: its NMT state, such as "OPERATIONAL", `age` in seconds since it was heard, and what is wrong with it.
 
+    `void_outputs` were commanded when it was lost, and by nobody since: they are as the device has them.
     `name` is empty in a recording from before protocol 2, which has it as the key alone.
     """
 
@@ -57,6 +58,7 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
     error: str | None = None
     sdo: SdoCounts = SdoCounts()
     axes: tuple[AxisReading, ...] = ()
+    void_outputs: tuple[str, ...] = ()
 
 
 class TrackingReading(msgspec.Struct, frozen=True):

@@ -20,6 +20,7 @@ from canopen_control_bench.peers.pattern import MODE, RAMPS, STEPS, controlword,
 from canopen_control_bench.turns import serve_turns
 
 ANSWER_S = 5.0
+LEAVE_S = 0.05  # its thread looks that often whether it is to end, where nothing comes; the package waits for that
 
 
 class Drive:
@@ -73,6 +74,7 @@ class Master:
     def __init__(self, bus: can.BusABC, *, inline: bool) -> None:
         self.bus, self.inline, self.controlword = bus, inline, 0
         self.network = canopen.Network(bus)
+        self.network.NOTIFIER_CYCLE = LEAVE_S
         self.network.connect()
         self.arrived = threading.Event()
         self.drives: list[Drive] = []

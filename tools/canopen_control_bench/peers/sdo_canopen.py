@@ -14,6 +14,7 @@ import canopen
 
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.frame import CanFrame
+from canopen_control_bench.peers.canopen_pdo import LEAVE_S
 from canopen_control_bench.sdo_client import BLOCK, BUS, NODE, NUMBER, Client, Store
 
 if TYPE_CHECKING:
@@ -59,6 +60,7 @@ def their_virtual_client() -> Iterator[Client]:
 def their_client(interface: str = "canopen_control") -> Iterator[Client]:
     """Return a client on a bus of python-can."""
     network = canopen.Network(can.Bus(interface=interface, channel=BUS))
+    network.NOTIFIER_CYCLE = LEAVE_S
     network.connect()
     node = canopen.RemoteNode(NODE, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]  # it is untyped
     network.add_node(node)

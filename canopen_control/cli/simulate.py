@@ -1,0 +1,182 @@
+"""`simulate`: a whole robot in virtual time, in one process: hours in minutes, and the same seed does the same again.
+
+Runtime, master, buses and virtual drives are the classes of `run` and `drive`, each with a clock of its own that is a
+few ppm off and wakes late as a process does; the bus arbitrates frames and takes its time for each. A seed draws
+commands, switches and troubles (--faults); --scenario FILE says them instead:
+
+    for: 20s
+    seed: 7
+    steps:
+      - {at: 1s, do: command, target: robby_forward_controller, values: [5, 5], for: 3s}
+      - {at: 2s, node: 3, fault: heartbeat_lost, for: 1s}
+      - {at: 4s, do: axis, name: fault-reset}
+      - {at: 5s, do: axis, name: enable}
+      - {at: 6s, do: stall, target: master, for: 300ms}
+
+--speed 1 is a run without processes, for a debugger. Ctrl-C ends it and keeps what there is. --json prints one object
+at the end, with the SHA-256 of every frame and event with its time.
+
+Exit codes: 0 good, 1 something happened that must not, 2 usage or configuration.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cli.run import add_file_arguments, find_files
+from canopen_control.cli.support.arguments import number, whole_number
+from canopen_control.errors import ConfigError, nearest
+
+if TYPE_CHECKING:
+    from canopen_control.cli.support.output import Progress
+    from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.simulation.acts import Act
+    from canopen_control.simulation.simulation_run import Outcome, SimulationRun
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control simulate robby --for 3 --seed 7
+         canopen-control simulate robby --for 3 --faults heartbeat_lost,silent --json"""
+
+DEFAULT_NS: Final = 60_000_000_000
+_LARGEST_SEED: Final = 1 << 63
+
+_seed = whole_number("seed: a whole number from 0 on", range(_LARGEST_SEED))
+_factor = number("speed: max, or a number above 0", lambda value: value > 0.0)
+
+
+def _speed(text: str) -> float | None:
+    return None if text == "max" else _factor(text)
+
+
+def _duration(text: str) -> int:
+    from canopen_control.simulation.scenario_steps import nanoseconds_of
+
+    try:
+        duration = nanoseconds_of(text)
+    except ValueError:
+        duration = 0
+    if duration <= 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no time above 0: 1h, 5min, 30s, 500ms, or a number of seconds")
+    return duration
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_file_arguments(parser)
+    parser.add_argument(
+        "--controller",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="activate this controller (default: the first)",
+    )
+    parser.add_argument(
+        "--for", dest="length", type=_duration, metavar="T", help="how long, as 1h or 30s (default: 1min)"
+    )
+    parser.add_argument(
+        "--seed", type=_seed, metavar="N", help="draws commands, troubles, lateness, oscillators (default: 0)"
+    )
+    parser.add_argument("--scenario", metavar="FILE", help="what happens, see above, instead of what the seed draws")
+    parser.add_argument("--faults", default="none", metavar="all|LIST|none", help="what goes wrong (default: none)")
+    parser.add_argument("--speed", type=_speed, metavar="max|F", help="times real time at most (default: max)")
+    parser.add_argument("--json", action="store_true", help="print one object at the end")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate; 0 good, 1 with a breach."""
+    from canopen_control.simulation.simulation_run import SimulationRun
+
+    setup = _setup(args)
+    acts, seed, duration_ns = _schedule(args, setup)
+    simulation = SimulationRun(setup, seed, acts, speed=args.speed)
+    try:
+        _watch(simulation, duration_ns, quiet=args.json)
+        outcome = simulation.outcome
+        failure = simulation.robot.core.failure
+    finally:
+        simulation.close()
+    _tell(outcome, failure, as_json=args.json)
+    return 1 if outcome.breaches else 0
+
+
+def _setup(args: argparse.Namespace) -> RobotSetup:
+    from canopen_control.runtime.setup import read_robot
+
+    if args.can:
+        raise ConfigError(f"--can {args.can[0]}: a simulation has buses of its own; leave the option away")
+    return read_robot(
+        find_files(args),
+        controllers=args.controller,
+        strict=args.strict,
+        peer_merge=args.peer_merge,
+        allow_unsupervised=args.allow_unsupervised,
+    )
+
+
+def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Act, ...], int, int]:
+    """Return what happens, the seed and how long, of the scenario file or drawn."""
+    from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
+    from canopen_control.simulation.motions import motions_of
+    from canopen_control.simulation.scenario_steps import read_scenario_steps
+
+    faults = _faults(args.faults, known_faults())
+    if args.scenario is not None:
+        if faults:
+            raise ConfigError("--faults draws troubles from the seed, --scenario says them: give one of both")
+        scenario = read_scenario_steps(Path(args.scenario), setup)
+        seed = args.seed if args.seed is not None else scenario.seed or 0
+        last = max((act.at_ns + (act.for_ns or 0) for act in scenario.acts), default=0)
+        return scenario.acts, seed, args.length or scenario.duration_ns or last + DEFAULT_NS // 6
+    seed, duration_ns = args.seed or 0, args.length or DEFAULT_NS
+    nodes = [node.node_id for bus in setup.buses.values() for node in bus.nodes.values()]
+    return draw_schedule(seed, duration_ns, motions_of(setup), nodes, faults), seed, duration_ns
+
+
+def _faults(text: str, known: list[str]) -> list[str]:
+    if text == "none":
+        return []
+    if text == "all":
+        return known
+    names = [each.strip() for each in text.split(",")]
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"--faults: no fault {name!r}{nearest(name, known)}; see: canopen-control fault list")
+    return names
+
+
+def _watch(simulation: SimulationRun, duration_ns: int, *, quiet: bool) -> None:
+    """Run it, tell its events and how far it is; Ctrl-C ends it."""
+    from canopen_control.cli.support.output import Progress
+
+    progress = Progress("robot time", "s", stream=sys.stderr)
+    if not quiet:
+        simulation.robot.on_event = lambda event: _say(f"{event.time / 1e9 - 1.0:9.3f} {event.sentence}", progress)
+    with contextlib.suppress(KeyboardInterrupt), progress:
+        simulation.run(duration_ns, lambda robot_s, _real: progress.at(int(robot_s), int(duration_ns / 1e9) or None))
+
+
+def _say(line: str, progress: Progress) -> None:
+    progress.end()
+    print(line)
+
+
+def _tell(outcome: Outcome, failure: str | None, *, as_json: bool) -> None:
+    from canopen_control.cli.support.output import json_line
+
+    if as_json:
+        print(json_line(outcome))
+        return
+    factor = outcome.robot_s / outcome.real_s if outcome.real_s else 0.0
+    print(
+        f"seed {outcome.seed}: {outcome.robot_s:g} s of the robot in {outcome.real_s:.1f} s ({factor:.0f} times real "
+        f"time), {outcome.frames} frames, {outcome.events} events, sha256 {outcome.sha256}"
+    )
+    for breach in outcome.breaches:
+        print(f"breach: {breach}")
+    if failure is not None:
+        print(f"the robot ended: {failure}")

@@ -1,0 +1,95 @@
+"""What a reactor waits with: the kernel's epoll, or marks of a simulation, in which readiness costs no system call."""
+
+from __future__ import annotations
+
+import os
+import select
+import selectors
+import sys
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["MarkedSelector", "open_asker"]
+
+_FIRST: Final = 1 << 30  # no file has such a number
+_READABLE: Final = getattr(select, "EPOLLIN", 1)
+
+
+class Asker(Protocol):
+    """Whom a reactor asks what is ready."""
+
+    def poll(self, timeout: float | None, maxevents: int, /) -> Sequence[tuple[int, int]]:
+        """Return descriptors, and what they are ready for as epoll says it."""
+
+    def close(self) -> None:
+        """Give the descriptor back."""
+
+
+def open_asker(selector: selectors.BaseSelector) -> Asker | None:
+    """Return who knows faster than a selector what is ready, None for a kind without one: the kernel's object, marks.
+
+    The former is a descriptor of its own, so that both can be closed.
+    """
+    if isinstance(selector, MarkedSelector):
+        return selector
+    if sys.platform == "linux" and isinstance(selector, selectors.EpollSelector):
+        return select.epoll.fromfd(os.dup(selector.fileno()))
+    return None
+
+
+class MarkedSelector(selectors.BaseSelector):
+    """Tells who was marked as readable, in the order of the marks; it never waits.
+
+    Numbers come from `allot` and stand for descriptors. Real descriptors may be registered too, and are never ready.
+    """
+
+    def __init__(self) -> None:
+        self._keys: dict[int, selectors.SelectorKey] = {}
+        self._marked: dict[int, None] = {}
+        self._next = _FIRST
+
+    def allot(self) -> int:
+        """Return a number that nobody has."""
+        self._next += 1
+        return self._next
+
+    def mark(self, number: int) -> None:
+        """Make a number readable, until `unmark`."""
+        self._marked[number] = None
+
+    def unmark(self, number: int) -> None:
+        """Make a number unreadable; a no-op where it is."""
+        self._marked.pop(number, None)
+
+    def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:  # noqa: ANN401 - selectors' own types
+        """Watch a number."""
+        key = self._keys[fileobj] = selectors.SelectorKey(fileobj, fileobj, events, data)
+        return key
+
+    def unregister(self, fileobj: Any) -> selectors.SelectorKey:  # noqa: ANN401 - as above
+        """Watch a number no more."""
+        return self._keys.pop(fileobj)
+
+    def select(self, _timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        """Return the marked numbers that are watched for reading, and those that are watched for writing."""
+        keys = self._keys
+        return [
+            (key, selectors.EVENT_READ)
+            for number in self._marked
+            if (key := keys.get(number)) is not None and key.events & selectors.EVENT_READ
+        ]
+
+    def poll(self, _timeout: float | None, _most: int) -> Sequence[tuple[int, int]]:
+        """Return what is marked as epoll does, for a reactor; each is readable."""
+        return [(number, _READABLE) for number in self._marked if number in self._keys] if self._marked else ()
+
+    def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
+        """Return what is watched."""
+        return self._keys
+
+    def close(self) -> None:
+        """Forget everything."""
+        self._keys.clear()
+        self._marked.clear()

@@ -1,0 +1,248 @@
+"""Plays a schedule on a simulated robot: what its clients, its drives, its buses and its processes do and suffer.
+
+Clients speak to the runtime through the verbs behind its API, and publish ten times a second; what they are refused is
+counted. Times in ns from the start.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.bus.wire_faults import DropRule
+from canopen_control.controllers.trajectory.goal import Goal
+from canopen_control.controllers.trajectory.point import JointTrajectory, Point
+from canopen_control.errors import CanopenError
+from canopen_control.frame import CanFrame
+from canopen_control.hardware.axis_power import Action
+from canopen_control.rpc.messages.drive import SetPlant, SwitchFault
+from canopen_control.simulation.simulated_robot import MASTER
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from canopen_control.runtime.core import RobotCore
+    from canopen_control.simulation.acts import Act
+    from canopen_control.simulation.simulated_robot import SimulatedRobot
+    from canopen_control.simulation.simulated_wire import SimulatedWire
+    from canopen_control.simulation.virtual_time import Actor
+
+__all__ = ["SOURCE", "ActPlayer"]
+
+SOURCE: Final = "simulate"
+PUBLISH_NS: Final = 100_000_000
+_TROUBLES: Final = ("fault", "power", "stall", "kill", "cut", "bus_off", "lose", "double", "disturb", "frame")
+_BRIEFLY_NS: Final = 100_000_000
+
+
+class ActPlayer:
+    """Plays acts from now on; `played` are those that have begun, `refused` counts what the robot refused.
+
+    `troubles` counts what went wrong, with the state that the robot was in; `on_asked` hears what clients ask for.
+    """
+
+    def __init__(self, robot: SimulatedRobot) -> None:
+        self.robot = robot
+        self.played: list[Act] = []
+        self.refused = 0
+        self.troubles: Counter[tuple[str, str]] = Counter()
+        self.on_asked: Callable[[int, Act], object] = lambda _now, _act: None
+        self._publishing: dict[str, int] = {}  # controller -> whose turn it is to command it
+        self._down = False
+
+    def plan(self, acts: Iterable[Act]) -> None:
+        """Put acts on the clock."""
+        start = self.robot.time.now_ns
+        for act in acts:
+            self.robot.time.at(start + act.at_ns, partial(self.play, act))
+
+    def play(self, act: Act) -> None:
+        """Begin an act now."""
+        self.played.append(act)
+        if act.kind in _TROUBLES:
+            self.troubles[act.name or act.kind, self.robot.core.state.value] += 1
+        _PLAY[act.kind](self, act)
+
+    # -- drives
+
+    def fault(self, act: Act) -> None:
+        """Switch a fault on."""
+        self._switch(act, on=True)
+        if act.for_ns is not None:
+            self._later(act.for_ns, lambda: self._switch(act, on=False))
+
+    def heal(self, act: Act) -> None:
+        """Switch a fault off."""
+        self._switch(act, on=False)
+
+    def _switch(self, act: Act, *, on: bool) -> None:
+        request = SwitchFault(name=act.name, on=on)
+        self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
+
+    def plant(self, act: Act) -> None:
+        """Set numbers of a plant."""
+        request = SetPlant(numbers=dict(act.plant), axis=act.axis)
+        self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
+
+    def power(self, act: Act) -> None:
+        """Take the supply of a drive away."""
+        drive = self.robot.drives[int(act.target)]
+        drive.power_off()
+        if act.for_ns is not None:
+            self._later(act.for_ns, drive.power_on)
+
+    # -- processes
+
+    def stall(self, act: Act) -> None:
+        """Let a process do nothing."""
+        actor = self._actor(act.target)
+        if actor is not None:
+            actor.stall(act.for_ns or _BRIEFLY_NS)
+
+    def kill(self, act: Act) -> None:
+        """Kill the robot's process, and start it again."""
+        if self._down:
+            return
+        self._down = True
+        self.robot.kill()
+        if act.for_ns is not None:
+            self._later(act.for_ns, self._restart)
+
+    def _restart(self) -> None:
+        self._down = False
+        self.robot.restart()
+
+    def _actor(self, target: str) -> Actor | None:
+        return self.robot.host if target == MASTER else self.robot.drives[int(target)].actor
+
+    # -- buses
+
+    def cut(self, act: Act) -> None:
+        """Cut a cable, and mend it."""
+        for wire, label in self._members(act.target):
+            wire.cut.add(label)
+            if act.for_ns is not None:
+                self._later(act.for_ns, partial(wire.cut.discard, label))
+
+    def bus_off(self, act: Act) -> None:
+        """Send a controller off the bus."""
+        for wire, label in self._members(act.target):
+            wire.bus_off(label, act.for_ns or _BRIEFLY_NS)
+
+    def tamper(self, act: Act) -> None:
+        """Lose, double or disturb every n-th frame of a member; n is the first value, and 1 without one."""
+        for wire, label in self._members(act.target):
+            rules = {"lose": wire.lost, "double": wire.doubled, "disturb": wire.disturbed}[act.kind]
+            rule = DropRule(label, every=int(act.values[0]) if act.values else 1)
+            rules.append(rule)
+            if act.for_ns is not None:
+                self._later(act.for_ns, partial(rules.remove, rule))
+
+    def frame(self, act: Act) -> None:
+        """Put a frame onto every bus."""
+        can_id, *data = (int(each) for each in act.values)
+        for wire in self.robot.wires.values():
+            wire.inject(CanFrame(can_id, bytes(data)))
+
+    def _members(self, target: str) -> list[tuple[SimulatedWire, str]]:
+        if target == MASTER:
+            return [(wire, MASTER) for wire in self.robot.wires.values()]
+        if not target:
+            return [(wire, "") for wire in self.robot.wires.values()]
+        drive = self.robot.drives[int(target)]
+        return [(drive.wire, drive.label)]
+
+    # -- clients
+
+    def command(self, act: Act) -> None:
+        """Publish a command until its time is over; the newest publisher of a controller is the only one."""
+        turn = self._publishing[act.target] = self._publishing.get(act.target, 0) + 1
+        self._publish(act, turn, self.robot.now_ns + (act.for_ns or 0))
+
+    def _publish(self, act: Act, turn: int, until_ns: int) -> None:
+        if self._publishing[act.target] != turn:
+            return
+        self._ask(act, lambda core: core.command(act.target, act.values, SOURCE))
+        if self.robot.now_ns + PUBLISH_NS < until_ns:
+            self._later(PUBLISH_NS, lambda: self._publish(act, turn, until_ns))
+
+    def trajectory(self, act: Act) -> None:
+        """Send a trajectory with one point, which stands."""
+        joints = self.robot.core.manager.get(act.target).joints if act.target in self.robot.core.manager.states else ()
+        points = [Point(act.values, [0.0] * len(act.values), time=act.for_ns or PUBLISH_NS)]
+        self._ask(act, lambda core: core.send_goal(act.target, Goal(JointTrajectory(joints, points)), SOURCE))
+
+    def stop(self, act: Act) -> None:
+        """Stop."""
+        self._ask(act, lambda core: core.stop(_ignore, by=SOURCE))
+
+    def latch(self, act: Act) -> None:
+        """Stop, latched."""
+        self._ask(act, lambda core: core.stop(_ignore, SOURCE, SOURCE))
+
+    def release(self, act: Act) -> None:
+        """Release the latch."""
+        self._ask(act, lambda core: core.latch.release(SOURCE, core.reactor.now()))
+
+    def axis(self, act: Act) -> None:
+        """Do something to the axes of a node, or of all."""
+        self._ask(act, lambda core: core.axis(Action(act.name), act.target or "all", _ignore))
+
+    def activate(self, act: Act) -> None:
+        """Switch to a controller, from those that have what it claims."""
+        self._ask(act, lambda core: self._switch_to(core, act.target))
+
+    def _switch_to(self, core: RobotCore, name: str) -> None:
+        active = [each for each in core.manager.active if not core.manager.get(each).is_broadcaster]
+        core.switch([name] if name not in active else [], [each for each in active if each != name], strict=True)
+
+    def deactivate(self, act: Act) -> None:
+        """Deactivate a controller."""
+        self._ask(act, lambda core: core.switch([], [act.target], strict=False))
+
+    def _ask(self, act: Act, verb: Callable[[RobotCore], object]) -> None:
+        """Ask the robot for something as a client; a robot that is down hears nothing."""
+        if self._down:
+            return
+        self.on_asked(self.robot.now_ns, act)
+        core = self.robot.core
+
+        def ask() -> None:
+            try:
+                verb(core)
+            except CanopenError:
+                self.refused += 1
+
+        self.robot.host.call(ask)
+
+    def _later(self, delay_ns: int, work: Callable[[], object]) -> None:
+        self.robot.time.later(delay_ns, work)
+
+
+def _ignore(_reason: str | None) -> None:
+    pass
+
+
+_PLAY: Final[dict[str, Callable[[ActPlayer, Act], None]]] = {
+    "fault": ActPlayer.fault,
+    "heal": ActPlayer.heal,
+    "plant": ActPlayer.plant,
+    "power": ActPlayer.power,
+    "stall": ActPlayer.stall,
+    "kill": ActPlayer.kill,
+    "cut": ActPlayer.cut,
+    "bus_off": ActPlayer.bus_off,
+    "lose": ActPlayer.tamper,
+    "double": ActPlayer.tamper,
+    "disturb": ActPlayer.tamper,
+    "frame": ActPlayer.frame,
+    "command": ActPlayer.command,
+    "trajectory": ActPlayer.trajectory,
+    "stop": ActPlayer.stop,
+    "latch": ActPlayer.latch,
+    "release": ActPlayer.release,
+    "axis": ActPlayer.axis,
+    "activate": ActPlayer.activate,
+    "deactivate": ActPlayer.deactivate,
+}

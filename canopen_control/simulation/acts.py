@@ -1,0 +1,69 @@
+"""What happens in a simulation, and when: the acts of a schedule, one table of their kinds.
+
+A schedule is a list of acts. It is drawn from a seed or read from a scenario file, and is played by `ActPlayer`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+__all__ = ["KINDS", "Act", "Kind"]
+
+
+class Kind(NamedTuple):
+    """What an act is about: whom it takes (`node`, `member`, `controller` or nobody), and what it does in words."""
+
+    target: str
+    does: str
+    lasts: bool = False
+    values: bool = False
+
+
+KINDS: Final = {
+    "fault": Kind("node", "switches a fault of a virtual drive on, and off after `for`", lasts=True),
+    "heal": Kind("node", "switches a fault of a virtual drive off"),
+    "plant": Kind("node", "sets numbers of what hangs on an axis"),
+    "power": Kind("node", "takes the supply of a drive away, for good or for a while", lasts=True),
+    "stall": Kind("member", "lets a process do nothing for a while: `master`, or a drive's node id", lasts=True),
+    "kill": Kind("", "kills the robot's process; it starts again after `for`", lasts=True),
+    "cut": Kind("member", "cuts the cable of `master`, or of a drive, for a while", lasts=True),
+    "bus_off": Kind("member", "sends a CAN controller off the bus", lasts=True),
+    "lose": Kind("member", "loses some frames of a member, or of all", lasts=True, values=True),
+    "double": Kind("member", "doubles some frames of a member, or of all", lasts=True, values=True),
+    "disturb": Kind("member", "disturbs some frames, which are sent again", lasts=True, values=True),
+    "frame": Kind("", "puts a frame onto the bus that nobody expects: identifier, then bytes", values=True),
+    "command": Kind("controller", "commands values, ten times a second", lasts=True, values=True),
+    "trajectory": Kind("controller", "sends a trajectory to positions, there after `for`", lasts=True, values=True),
+    "stop": Kind("", "stops the robot"),
+    "latch": Kind("", "stops the robot and latches it"),
+    "release": Kind("", "releases a latched stop"),
+    "axis": Kind("", "enable, disable, halt, quick-stop or fault-reset (`name`) of all drives"),
+    "activate": Kind("controller", "switches to a controller"),
+    "deactivate": Kind("controller", "deactivates a controller"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """One act `at_ns` after the start, of a kind of KINDS; `for_ns` is how long it lasts, None: for good, or at once.
+
+    `target` is a node id, `master`, or a controller; `name` that of a fault or of an action.
+    """
+
+    at_ns: int
+    kind: str
+    target: str = ""
+    name: str = ""
+    values: tuple[float, ...] = ()
+    for_ns: int | None = None
+    plant: tuple[tuple[str, float], ...] = ()
+    axis: int = 0
+
+    @property
+    def words(self) -> str:
+        """The act in one line."""
+        what = " ".join(each for each in (self.kind, self.target, self.name) if each)
+        values = " ".join(f"{each:g}" for each in self.values)
+        lasts = f" for {self.for_ns / 1e9:g} s" if self.for_ns is not None else ""
+        return f"{self.at_ns / 1e9:.3f} s: {what}{f' {values}' if values else ''}{lasts}"

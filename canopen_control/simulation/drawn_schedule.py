@@ -1,0 +1,157 @@
+"""Draws a schedule from a seed: commands and switches as clients give them, faults of drives, buses and processes.
+
+Every number comes from `random()` alone, whose sequence is the same in every version of Python. Whatever is broken is
+mended again, then faults are reset and the drives enabled, so that the next trouble finds a robot that moves.
+"""
+
+from __future__ import annotations
+
+from random import Random
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from canopen_control.simulation.acts import Act
+from canopen_control.simulation.simulated_robot import MASTER
+from canopen_control.virtual.fault_table import FAULTS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.simulation.motions import Motion
+
+__all__ = ["DrawnSchedule", "draw_schedule", "known_faults"]
+
+T = TypeVar("T")
+
+_S: Final = 1_000_000_000
+_MS: Final = 1_000_000
+_BOOTED_NS: Final = 600 * _MS
+TROUBLES: Final = ("fault", "fault", "fault", "fault", "power", "stall", "cut", "lose", "double", "disturb", "bus_off")
+"""What goes wrong, as often as it is named here, beside the rarer `kill` and `frame`."""
+_RARE: Final = ("kill", "frame")
+_OF_DEVICES: Final = ("input", "output")  # that are no drives
+_CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
+
+
+def draw_schedule(
+    seed: int, duration_ns: int, motions: Sequence[Motion], nodes: Sequence[int], faults: Sequence[str]
+) -> tuple[Act, ...]:
+    """Return the acts of a seed in the order of time; without `faults` nothing goes wrong."""
+    return DrawnSchedule(seed, duration_ns, motions, nodes, faults).acts()
+
+
+class DrawnSchedule:
+    """Draws the acts of one seed."""
+
+    def __init__(
+        self, seed: int, duration_ns: int, motions: Sequence[Motion], nodes: Sequence[int], faults: Sequence[str]
+    ) -> None:
+        self._random = Random(f"{seed}/schedule").random
+        self._duration = duration_ns
+        self._motions, self._nodes, self._faults = list(motions), list(nodes), list(faults)
+        self._acts: list[Act] = []
+        self._active = next((each for each in motions if each.starts), None)
+
+    def acts(self) -> tuple[Act, ...]:
+        """Return what was drawn."""
+        now = _BOOTED_NS
+        trouble = now + self._between(1 * _S, 5 * _S)
+        while now < self._duration:
+            if self._faults and now >= trouble:
+                now = self._trouble(now)
+                trouble = now + self._between(2 * _S, 8 * _S)
+            elif self._random() < 0.12:
+                now = self._client(now)
+            else:
+                now = self._move(now)
+        return tuple(sorted((each for each in self._acts if each.at_ns < self._duration), key=lambda each: each.at_ns))
+
+    # -- numbers
+
+    def _between(self, low: int, high: int) -> int:
+        """Return whole ms between two times."""
+        return (low + int((high - low) * self._random())) // _MS * _MS
+
+    def _one(self, these: Sequence[T]) -> T:
+        return these[int(self._random() * len(these))]
+
+    def _add(self, at_ns: int, kind: str, target: str = "", **more: object) -> None:
+        self._acts.append(Act(at_ns, kind, target, **more))  # type: ignore[arg-type]
+
+    # -- clients
+
+    def _move(self, now: int) -> int:
+        """Command something for a while; at times with a pause in which the command ends by itself."""
+        motion, lasts = self._active, self._between(_S // 2, 3 * _S)
+        if motion is not None:
+            drawn = [low + (high - low) * self._random() for low, high in motion.ranges]
+            still = self._random() < 0.15
+            values = tuple(0.0 if still and motion.kind == "command" else round(each, 3) for each in drawn)
+            self._add(now, motion.kind, motion.controller, values=values, for_ns=lasts)
+        return now + lasts + (self._between(0, 6 * _S) if self._random() < 0.25 else 0)
+
+    def _client(self, now: int) -> int:
+        kind = self._one(_CLIENTS)
+        if kind == "switch":
+            return self._switch(now)
+        moved = self._move(now)  # what is stopped moves
+        now += self._between(0, moved - now)
+        if kind == "axis":
+            self._add(now, "axis", name=self._one(("disable", "halt", "quick-stop")))
+        else:
+            self._add(now, kind)
+        later = now + self._between(_S // 5, 2 * _S)
+        if kind == "latch":
+            self._add(now + 100 * _MS, "axis", name="enable")  # in vain
+            self._add(later, "release")
+        return self._recover(max(later, moved) + 50 * _MS)
+
+    def _switch(self, now: int) -> int:
+        if len(self._motions) > 1:
+            self._active = self._one(self._motions)
+            self._add(now, "activate", self._active.controller)
+        return now + self._between(0, _S // 2)
+
+    def _recover(self, now: int) -> int:
+        """Reset faults and enable, with a pause after each."""
+        self._add(now, "axis", name="fault-reset")
+        self._add(now + 300 * _MS, "axis", name="enable")
+        if self._active is not None and self._random() < 0.5:
+            self._add(now + 600 * _MS, "activate", self._active.controller)
+        return now + 900 * _MS
+
+    # -- troubles
+
+    def _trouble(self, now: int) -> int:
+        """Break something while the robot moves, mend it, and go on."""
+        moved = self._move(now)
+        kind = self._one(_RARE) if self._random() < 0.08 else self._one(TROUBLES)
+        at, lasts = now + self._between(0, moved - now), self._between(20 * _MS, 2500 * _MS)
+        node = str(self._one(self._nodes))
+        member = MASTER if self._random() < 0.3 else node
+        if kind == "fault":
+            self._add(at, "fault", node, name=self._one(self._faults), for_ns=lasts)
+        elif kind == "power":
+            self._add(at, kind, node, for_ns=lasts)
+        elif kind in ("stall", "cut", "bus_off"):
+            self._add(at, kind, member, for_ns=lasts if self._random() < 0.5 else lasts // 10)
+        elif kind in ("lose", "double", "disturb"):
+            every = float(self._one((1, 2, 3, 7, 50)))
+            self._add(at, kind, "" if self._random() < 0.3 else member, values=(every,), for_ns=lasts // 3)
+        elif kind == "kill":
+            self._add(at, kind, for_ns=lasts)
+        else:
+            self._add(at, "frame", values=tuple(self._frame()))
+        if self._random() < 0.2:
+            return max(at, moved)  # the next trouble comes on top of this one
+        return self._recover(max(at + lasts, moved) + self._between(0, _S))
+
+    def _frame(self) -> list[float]:
+        """Return a frame that nobody expects: any identifier of the predefined set, any data."""
+        base = self._one((0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E5))
+        data = [float(int(256 * self._random())) for _ in range(self._one((0, 1, 2, 4, 6, 8)))]
+        return [float(base + (int(self._one(self._nodes)) if base not in (0, 0x7E5) else 0)), *data]
+
+
+def known_faults() -> list[str]:
+    """Return the faults that drives can show."""
+    return [each.name for each in FAULTS.values() if each.acts not in _OF_DEVICES]

@@ -1,0 +1,96 @@
+"""What must hold in every simulation, watched by an observer on the wire and at the shafts; and what users add.
+
+A rule of a user is a function of the entry point group `canopen_control.invariants`: it is called with the
+`SimulatedRobot` every 20 ms of its time and returns a sentence where something is wrong, else None.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.simulation.motion_rules import MotionRules
+from canopen_control.simulation.told_rules import ToldRules
+from canopen_control.simulation.wire_rules import WireRules
+from canopen_control.simulation.wire_view import WireView
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.simulation.act_player import ActPlayer
+    from canopen_control.simulation.motions import Motion
+    from canopen_control.simulation.simulated_robot import SimulatedRobot
+
+    Rule = Callable[[SimulatedRobot], str | None]
+
+__all__ = ["GROUP", "Breach", "Invariants", "user_rules"]
+
+GROUP: Final = "canopen_control.invariants"
+_LOOK_NS: Final = 20_000_000
+_MOST: Final = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Breach:
+    """An invariant that did not hold, `at_s` after the start; `rule` is its short name."""
+
+    at_s: float
+    rule: str
+    text: str
+
+    @property
+    def sentence(self) -> str:
+        """The breach in a line."""
+        return f"{self.at_s:.3f} s: {self.rule}: {self.text}"
+
+
+def user_rules() -> list[tuple[str, Rule]]:
+    """Return the rules that installed packages add, by name."""
+    return [(each.name, each.load()) for each in importlib.metadata.entry_points(group=GROUP)]
+
+
+class Invariants:
+    """Watches a robot from now on; `breaches` grows, up to a hundred."""
+
+    def __init__(
+        self,
+        robot: SimulatedRobot,
+        player: ActPlayer,
+        motions: Sequence[Motion],
+        rules: Sequence[tuple[str, Rule]] = (),
+    ) -> None:
+        self.breaches: list[Breach] = []
+        self._robot, self._began = robot, robot.now_ns
+        views = {name: WireView(bus) for name, bus in robot.setup.buses.items()}
+        self._motion = MotionRules(robot, views, motions, self._tell)
+        self._told = ToldRules(robot, views, self._tell)
+        self._wires = [WireRules(robot, robot.wires[name], view, self._tell) for name, view in views.items()]
+        self._rules = list(rules)
+        self._broken: set[str] = set()
+        for (name, view), wire in zip(views.items(), self._wires, strict=True):
+            robot.wires[name].heard += [view.hear, wire.heard]
+        player.on_asked = self._motion.asked
+        robot.time.later(_LOOK_NS, self._look)
+
+    def _tell(self, rule: str, text: str) -> None:
+        if len(self.breaches) < _MOST:
+            self.breaches.append(Breach((self._robot.now_ns - self._began) / 1e9, rule, text))
+
+    def _look(self) -> None:
+        now = self._robot.now_ns
+        self._motion.sampled(now)
+        self._told.sampled(now)
+        for wire in self._wires:
+            wire.sampled(now)
+        for name, rule in self._rules:
+            self._ask(name, rule)
+        self._robot.time.later(_LOOK_NS, self._look)
+
+    def _ask(self, name: str, rule: Rule) -> None:
+        text = rule(self._robot)
+        if text is None:
+            self._broken.discard(name)
+        elif name not in self._broken:
+            self._broken.add(name)
+            self._tell(name, text)

@@ -1,0 +1,174 @@
+"""Invariants of motion: it takes an enable and a fresh command, stops end in time, and no enable comes unasked.
+
+Judged by the wire, the drives' shafts, and what clients have asked; never by what the runtime says. A reason to stop is
+a stop or disable that was asked, a drive in fault, a node that boots or falls silent, a master that falls silent. From
+it the shafts have the time to notice it, the drives' own ramp, and `GRACE_NS`. Times in ns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.simulation.simulated_robot import MASTER
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from canopen_control.simulation.acts import Act
+    from canopen_control.simulation.motions import Motion
+    from canopen_control.simulation.simulated_robot import SimulatedRobot
+    from canopen_control.simulation.wire_view import NodeView, WireView
+
+__all__ = ["GRACE_NS", "MotionRules"]
+
+_MS: Final = 1_000_000
+GRACE_NS: Final = 200 * _MS  # some cycles, and how late processes wake
+CONTROL_RAMP_NS: Final = 1000 * _MS  # by which a controller may ramp down what ran out
+PLACE_NS: Final = 8_000 * _MS  # for a position to be reached
+_UNASKED_NS: Final = 100 * _MS
+_STOPS: Final = ("stop", "latch", "axis disable", "axis quick-stop", "axis halt")
+_ENABLES: Final = ("axis enable",)
+_STANDING: Final = 0.03  # of the fastest that a shaft has turned
+
+
+@dataclass(slots=True)
+class _Stop:
+    """Why everything has to stop, since when it is known, and until when all must stand, their ramps apart."""
+
+    since: int
+    why: str
+    until: int
+
+
+class MotionRules:
+    """Judges a robot's motion; `tell(rule, text)` takes breaches. `asked` and `sampled` are called as time passes."""
+
+    def __init__(
+        self,
+        robot: SimulatedRobot,
+        views: Mapping[str, WireView],
+        motions: Sequence[Motion],
+        tell: Callable[[str, str], None],
+    ) -> None:
+        self._robot, self._views, self._tell = robot, views, tell
+        self._nodes = [node for view in views.values() for node in view.nodes.values()]
+        self._lives = {each.controller: each.life_ns or PLACE_NS for each in motions}
+        self._fresh: dict[str, int] = {}  # controller -> until when its command counts
+        self._enabled_ns = robot.now_ns
+        self._followed_ns = 0  # when a drive was first seen to be enabled since then
+        self._stop: _Stop | None = None
+        self._latched = False
+        self._fastest: dict[int, float] = {}
+        self._moving: set[int] = set()  # nodes whose motion was told
+        self._judged: dict[int, int] = {}  # node -> when it was commanded to enable, judged already
+        self._excused: dict[int, int] = {}
+
+    def asked(self, now: int, act: Act) -> None:
+        """Take what a client asks for; a process that is stalled hears it when it goes on."""
+        heard = max(now, self._robot.host.stalled_until)
+        what = f"{act.kind} {act.name}".strip()
+        if act.kind in ("latch", "release"):
+            self._latched = act.kind == "latch"
+        if what in _ENABLES and not self._latched:
+            self._enabled_ns, self._stop = heard, None
+        elif what in _STOPS:
+            self._stop_by(heard, f"{what} was asked", heard)
+        elif act.kind == "activate":
+            self._fresh = {name: min(until, heard) for name, until in self._fresh.items()}
+        elif act.kind == "command":
+            life = self._lives.get(act.target, PLACE_NS)
+            self._fresh[act.target] = heard + (life if any(act.values) or life == PLACE_NS else 0)
+        elif act.kind == "trajectory":
+            self._fresh[act.target] = heard + (act.for_ns or 0) + 2000 * _MS
+
+    def sampled(self, now: int) -> None:
+        """Judge what the shafts do now."""
+        if self._robot.started_ns > self._enabled_ns:  # a start enables, once
+            self._enabled_ns, self._stop = self._robot.started_ns, None
+            self._fresh.clear()
+        for stop in self._reasons(now):
+            self._stop_by(stop.since, stop.why, stop.until)
+        for node in self._nodes:
+            self._judge_enable(node)
+            self._judge_shaft(node, now)
+
+    # -- reasons to stop
+
+    def _stop_by(self, since: int, why: str, until: int) -> None:
+        if self._stop is None:
+            self._stop = _Stop(since, why, until)
+
+    def _reasons(self, now: int) -> Iterator[_Stop]:
+        """Yield what has come since the last enable, once a drive has followed it."""
+        if self._stop is not None:
+            return
+        if self._followed_ns <= self._enabled_ns:
+            if any(node.shown_enabled_at > self._enabled_ns for node in self._nodes):
+                self._followed_ns = now
+            return
+        since = self._followed_ns
+        for view in self._views.values():
+            master = view.config.master
+            for node in view.nodes.values():
+                name = f"node {node.node_id}"
+                if node.fault_at > since and node.in_fault:
+                    yield _Stop(node.fault_at, f"{name} is in fault", node.fault_at)
+                if node.booted_at > since:
+                    yield _Stop(node.booted_at, f"{name} has booted", node.booted_at)
+                limit = node.plan.heartbeat_timeout_ns
+                if limit and max(node.alive_at, since) < now - limit - GRACE_NS:
+                    silent = max(node.alive_at, since) + limit
+                    yield _Stop(silent, f"{name} is silent", silent)
+                watched = master.heartbeat_producer * _MS * 5
+                if watched and 0 < view.master_at < now - watched - GRACE_NS:
+                    yield _Stop(view.master_at, f"{MASTER} is silent", view.master_at + watched)
+
+    # -- verdicts
+
+    def _judge_enable(self, node: NodeView) -> None:
+        """Tell of a controlword that enables after a reason to stop, without anybody having asked."""
+        at = node.enabled_at
+        if self._judged.get(node.node_id, 0) == at:
+            return
+        self._judged[node.node_id] = at
+        stop = self._stop
+        if stop is not None and stop.since + _UNASKED_NS < at:
+            late = (at - stop.since) / 1e9
+            self._tell(
+                "enable_unasked", f"node {node.node_id} is enabled {late:.3f} s after {stop.why}, and nobody asked"
+            )
+
+    def _judge_shaft(self, node: NodeView, now: int) -> None:
+        drive = self._robot.drives[node.node_id]
+        device, actor = drive.device, drive.actor
+        if device is None or actor is None or not device.drives:
+            return
+        if now < actor.stalled_until:
+            self._excused[node.node_id] = actor.stalled_until + 1000 * _MS
+        number, axis = next(iter(device.drives.items()))
+        speed = abs(axis.mover.plant.velocity)
+        fastest = self._fastest[node.node_id] = max(self._fastest.get(node.node_id, 10.0), speed)
+        if speed <= _STANDING * fastest:
+            self._moving.discard(node.node_id)
+            return
+        if node.node_id in self._moving or now < self._excused.get(node.node_id, 0):
+            return
+        ramp = self._ramp_ns(node.node_id, number, fastest)
+        stop = self._stop
+        if stop is not None and now > stop.until + ramp + GRACE_NS:
+            self._breach(node, speed, f"{(now - stop.since) / 1e9:.3f} s after {stop.why}", "stop_late")
+        elif now > (until := max(self._fresh.values(), default=0)) + ramp + GRACE_NS + CONTROL_RAMP_NS:
+            since = f"{(now - until) / 1e9:.3f} s after its last command ended" if until else "without any command"
+            self._breach(node, speed, since, "motion_uncommanded")
+
+    def _breach(self, node: NodeView, speed: float, when: str, rule: str) -> None:
+        self._moving.add(node.node_id)
+        self._tell(rule, f"the shaft of node {node.node_id} turns at {speed:.0f} counts/s, {when}")
+
+    def _ramp_ns(self, node_id: int, axis: int, speed: float) -> int:
+        """Return what a drive takes to stand from its greatest speed, by its own deceleration."""
+        device = self._robot.drives[node_id].device
+        rates = [device.get(index + 0x800 * axis) for index in (0x6084, 0x6085)] if device is not None else []
+        slowest = min((rate for rate in rates if isinstance(rate, int) and rate > 0), default=0)
+        return round(speed / slowest * 1e9) if slowest else 1000 * _MS

@@ -1,0 +1,89 @@
+"""What a robot's controllers can be told to do, and within which numbers, for whoever draws commands from a seed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.controllers.base import twist_axes_of
+from canopen_control.controllers.types import moves_joints
+from canopen_control.errors import CanopenError
+from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY
+from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.selection import MarkedSelector
+from canopen_control.runtime.core import RobotCore
+from canopen_control.runtime.startup_controllers import load_controller
+
+if TYPE_CHECKING:
+    from canopen_control.controllers.base import Controller
+    from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.urdf.joint_element import Joint
+
+__all__ = ["Motion", "motions_of"]
+
+_TWIST: Final = {"linear.x": 0.4, "linear.y": 0.3, "angular.z": 0.8}  # m/s, rad/s
+_MOST: Final = {VELOCITY: 8.0, POSITION: 0.6, EFFORT: 0.2}  # of joints without narrower limits: rad/s, rad, Nm
+_MARGIN: Final = 0.9  # of a limit, so that commands are legal
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A controller that moves joints: how it is commanded (`command` or `trajectory`) and the range of each value.
+
+    `starts`: it is active from the start. `life_ns` is that of a command, 0 for one without an end.
+    """
+
+    controller: str
+    kind: str
+    ranges: tuple[tuple[float, float], ...]
+    starts: bool
+    life_ns: int = 0
+
+
+def motions_of(setup: RobotSetup) -> tuple[Motion, ...]:
+    """Return what can be commanded, in the order of the controllers file; what cannot be loaded is left out."""
+    with Reactor(ManualClock(), MarkedSelector()) as reactor:
+        core = RobotCore(setup, reactor)
+        found = [_motion(setup, core, name, config.type) for name, config in setup.controllers.controllers.items()]
+        core.close()
+    return tuple(each for each in found if each is not None)
+
+
+def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> Motion | None:
+    if not moves_joints(type_name):
+        return None
+    try:
+        if name not in core.manager.states:
+            load_controller(setup, core.manager, name)
+        controller = core.manager.get(name)
+        names = controller.command_interface_names()
+    except CanopenError:
+        return None
+    starts, life_ns = name in setup.to_activate, controller.life.limit_ns
+    if axes := twist_axes_of(controller):
+        return Motion(name, "command", tuple((-_TWIST[axis], _TWIST[axis]) for axis in axes), starts, life_ns)
+    joints = setup.description.joints
+    if controller.topic is None or "trajectory" in type_name:
+        return _trajectory(controller, joints, starts=starts)
+    ranges = [_range(joints.get(each.partition("/")[0]), each.rpartition("/")[2]) for each in names]
+    return Motion(name, "command", tuple(ranges), starts, life_ns) if ranges and None not in ranges else None  # type: ignore[arg-type]
+
+
+def _trajectory(controller: Controller, joints: object, *, starts: bool) -> Motion | None:
+    if "trajectory" not in controller.type:
+        return None  # a gripper's goals
+    ranges = [_range(joints.get(each), POSITION) for each in controller.joints]  # type: ignore[attr-defined]
+    return Motion(controller.name, "trajectory", tuple(ranges), starts)  # type: ignore[arg-type]
+
+
+def _range(joint: Joint | None, interface: str) -> tuple[float, float] | None:
+    most = _MOST.get(interface)
+    if joint is None or most is None:
+        return None
+    limits = joint.limits
+    if interface == POSITION:
+        low, high = max(-most, limits.lower * _MARGIN), min(most, limits.upper * _MARGIN)
+        return (low, high) if low < high else (limits.lower, limits.upper)
+    limit = limits.velocity if interface == VELOCITY else limits.effort
+    return (-min(most, limit * _MARGIN), min(most, limit * _MARGIN)) if math.isfinite(limit) else (-most, most)

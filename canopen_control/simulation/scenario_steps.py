@@ -1,0 +1,198 @@
+"""Scenario files of simulations: what happens and when, read with every mistake told at once, and written.
+
+    for: 20s
+    seed: 7
+    steps:
+      - {at: 1s, do: command, target: robby_forward_controller, values: [5, 5], for: 3s}
+      - {at: 2s, node: 3, fault: heartbeat_lost, for: 1s}    # as in the scenario of `drive`
+      - {at: 4s, do: axis, name: enable}
+      - {at: 6s, do: stall, target: master, for: 300ms}
+
+`for` is how long it is simulated, `seed` draws what the steps do not say: how late processes wake, and the oscillators.
+`do` is one of the kinds of `acts`, `target` the node id, `master` or controller that it takes. A scenario of `drive` is
+one of these too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import nearest
+from canopen_control.simulation.acts import KINDS, Act
+from canopen_control.simulation.simulated_robot import MASTER
+from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.scenario import ScenarioError, seconds_of
+from canopen_control.yamlfile.convert import position, setting
+from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
+from canopen_control.yamlfile.reader import load
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+    from pathlib import Path
+
+    from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.yamlfile.problems import Problems
+
+__all__ = ["Scenario", "nanoseconds_of", "read_scenario_steps", "scenario_text"]
+
+_ACTIONS: Final = ("enable", "disable", "halt", "quick-stop", "fault-reset")
+_LONGEST_NS: Final = 10**15
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """What a file says; `duration_ns` and `seed` are None where it does not say them."""
+
+    acts: tuple[Act, ...]
+    duration_ns: int | None = None
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class SimulationStep:
+    """One entry of the file."""
+
+    at: float | str
+    do: str = ""
+    target: str | int = ""
+    name: str = ""
+    values: tuple[float, ...] = ()
+    length: float | str | None = setting(None, key="for")
+    node: int | None = None
+    fault: str = ""
+    state: bool = True
+    axis: int = setting(0, low=0, high=7)
+    plant: dict[str, float] = setting(factory=dict)  # noqa: RUF009 - makes a field
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+
+@dataclass(frozen=True)
+class SimulationFile:
+    """The file as a whole."""
+
+    steps: list[SimulationStep]
+    length: float | str | None = setting(None, key="for")
+    seed: int | None = None
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+
+def nanoseconds_of(text: float | str) -> int:
+    """Return the ns of ``1h``, ``5min``, ``5s``, ``500ms`` or a number of seconds; ValueError for what is none."""
+    words = str(text).strip()
+    for unit, factor in (("min", 60), ("h", 3600)):
+        if words.endswith(unit):
+            return round(seconds_of(words.removesuffix(unit)) * factor * 1e9)
+    return round(seconds_of(words) * 1e9)
+
+
+def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
+    """Return what a file says for a robot; ScenarioError with every mistake and its line."""
+    nodes = [node.node_id for bus in setup.buses.values() for node in bus.nodes.values()]
+    controllers = list(setup.controllers.controllers)
+    acts: list[Act] = []
+    found: list[Scenario] = []
+
+    def check(file: SimulationFile, _problems: Problems) -> None:
+        for step in file.steps:
+            acts.extend(_Checked(step, nodes, controllers).acts())
+        length = None if file.length is None else _time(file.here, file.length)
+        if length == 0:
+            file.here.error("for: 0 simulates nothing; give a time above 0, as 20s")
+        found.append(Scenario(tuple(sorted(acts, key=lambda act: act.at_ns)), length, file.seed))
+
+    load(path, SimulationFile, error=ScenarioError, check=check)
+    return found[0]
+
+
+def _time(here: Node, value: float | str) -> int:
+    try:
+        return nanoseconds_of(value)
+    except ValueError as error:
+        here.error(str(error).replace("5s, 500ms", "1h, 5min, 5s, 500ms"))
+        return 1
+
+
+class _Checked:
+    """One step, held against the robot."""
+
+    def __init__(self, step: SimulationStep, nodes: Sequence[int], controllers: Sequence[str]) -> None:
+        self._step, self._nodes, self._controllers = step, nodes, controllers
+
+    def acts(self) -> Iterator[Act]:
+        """Yield what it means; mistakes are reported."""
+        step = self._step
+        kind = step.do or ("plant" if step.plant else "fault" if step.state else "heal")
+        target = str(step.target if step.node is None else step.node)
+        name = step.fault or step.name
+        if kind not in KINDS:
+            step.here.error(f"do: {kind} is nothing that can be done{nearest(kind, KINDS)}")
+            return
+        self._check_target(kind, target)
+        self._check_name(kind, name)
+        values = step.values if KINDS[kind].values or not step.values else self._no("values", kind)
+        lasts = None if step.length is None else _time(step.here, step.length)
+        if lasts is not None and not KINDS[kind].lasts:
+            self._no("for", kind)
+        if kind == "frame":
+            self._check_frame()
+        yield Act(
+            _time(step.here, step.at), kind, target, name, tuple(values), lasts, tuple(step.plant.items()), step.axis
+        )
+
+    def _no(self, key: str, kind: str) -> tuple[float, ...]:
+        self._step.here.error(f"{key}: does not go with {kind}")
+        return ()
+
+    def _check_target(self, kind: str, target: str) -> None:
+        wanted, here = KINDS[kind].target, self._step.here
+        known = [str(each) for each in self._nodes]
+        if wanted == "controller" and target not in self._controllers:
+            here.error(f"target: the robot has no controller {target!r}{nearest(target, self._controllers)}")
+        elif wanted == "node" and target not in known:
+            here.error(f"{kind}: there is no node {target or 'named'}; there are: {', '.join(known)}")
+        elif wanted == "member" and target not in (*known, MASTER) and (target or kind in ("stall", "cut", "bus_off")):
+            here.error(f"target: {target or 'nobody'} is not on a bus; there are: {MASTER}, {', '.join(known)}")
+        elif wanted == "" and target and kind != "axis":
+            here.error(f"target: does not go with {kind}")
+
+    def _check_name(self, kind: str, name: str) -> None:
+        here = self._step.here
+        if kind in ("fault", "heal"):
+            if name not in FAULTS:
+                here.error(f"no fault {name!r}{nearest(name, list(FAULTS))}; see: canopen-control fault list")
+        elif kind == "axis":
+            if name not in _ACTIONS:
+                here.error(f"name: {name or 'nothing'} is no action; there are: {', '.join(_ACTIONS)}")
+        elif name:
+            here.error(f"name: does not go with {kind}")
+
+    def _check_frame(self) -> None:
+        values = self._step.values
+        data = values[1:]
+        if not 1 <= len(values) <= 9 or not 0 <= values[0] <= 0x7FF or any(not 0 <= each <= 255 for each in data):
+            self._step.here.error("values: of a frame are its identifier, 0 to 0x7FF, and up to eight bytes")
+
+
+def scenario_text(acts: Iterable[Act], *, seed: int, duration_ns: int, note: str = "") -> str:
+    """Return the file that says the same."""
+    head = f"# {note}\n" if note else ""
+    lines = "".join(f"  - {_line(act)}\n" for act in acts)
+    return f"{head}for: {_seconds(duration_ns)}\nseed: {seed}\nsteps:{f'{chr(10)}{lines}' if lines else ' []'}"
+
+
+def _line(act: Act) -> str:
+    words = {"at": _seconds(act.at_ns), "do": act.kind, "target": act.target, "name": act.name}
+    if act.values:
+        words["values"] = f"[{', '.join(f'{each:g}' for each in act.values)}]"
+    if act.for_ns is not None:
+        words["for"] = _seconds(act.for_ns)
+    if act.plant:
+        words["plant"] = f"{{{', '.join(f'{name}: {value!r}' for name, value in act.plant)}}}"
+    if act.axis:
+        words["axis"] = str(act.axis)
+    return f"{{{', '.join(f'{key}: {value}' for key, value in words.items() if value != '')}}}"
+
+
+def _seconds(time_ns: int) -> str:
+    return f"{time_ns // 1_000_000}ms" if time_ns % 1_000_000 == 0 else f"{time_ns / 1e9:.9f}s"

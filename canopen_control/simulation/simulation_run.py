@@ -1,0 +1,109 @@
+"""One simulation from start to end: a robot, its schedule, and what came of it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.simulation.act_player import ActPlayer
+from canopen_control.simulation.invariants import Invariants, user_rules
+from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.simulated_robot import SimulatedRobot
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.simulation.acts import Act
+    from canopen_control.simulation.motions import Motion
+
+__all__ = ["Outcome", "SimulationRun"]
+
+_SLICE_NS: Final = 100_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of a simulation; `sha256` is that of every frame and event with its time, `breaches` are sentences."""
+
+    seed: int
+    robot_s: float
+    real_s: float
+    frames: int
+    events: int
+    sha256: str
+    breaches: tuple[str, ...] = ()
+
+
+class SimulationRun:
+    """Runs a schedule on a robot from its start; `outcome` is what has come of it so far.
+
+    `speed` is how much faster than real time it may be, None: as fast as it can.
+    """
+
+    def __init__(
+        self,
+        setup: RobotSetup,
+        seed: int,
+        acts: Sequence[Act],
+        *,
+        speed: float | None = None,
+        motions: Sequence[Motion] | None = None,
+    ) -> None:
+        self.seed, self.speed = seed, speed
+        self.robot = SimulatedRobot(setup, seed)
+        self.player = ActPlayer(self.robot)
+        self.invariants = Invariants(
+            self.robot, self.player, motions_of(setup) if motions is None else motions, user_rules()
+        )
+        self.player.plan(acts)
+        self._began_ns = self.robot.now_ns
+        self._began = time.perf_counter()
+
+    def run(
+        self,
+        duration_ns: int,
+        progress: Callable[[float, float], object] = lambda _robot, _real: None,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Start and run; `progress` hears how far it is now and then, in s of the robot and of the computer.
+
+        It ends early where `stop` says so.
+        """
+        self._began = time.perf_counter()
+        self.robot.start()
+        end = self._began_ns + duration_ns
+        while (now := self.robot.now_ns) < end and not stop():
+            self.robot.time.run_until(min(end, now + _SLICE_NS))
+            progress(self.robot_s, self.real_s)
+            if self.speed is not None and (ahead := self.robot_s / self.speed - self.real_s) > 0:
+                time.sleep(ahead)
+
+    @property
+    def robot_s(self) -> float:
+        """How long the robot has run, in s."""
+        return (self.robot.now_ns - self._began_ns) / 1e9
+
+    @property
+    def real_s(self) -> float:
+        """How long that has taken, in s."""
+        return time.perf_counter() - self._began
+
+    @property
+    def outcome(self) -> Outcome:
+        """What has come of it so far."""
+        robot = self.robot
+        digest = robot.digest
+        return Outcome(
+            self.seed, self.robot_s, round(self.real_s, 3), robot.frames, digest.events, digest.hex, self.breaches
+        )
+
+    @property
+    def breaches(self) -> tuple[str, ...]:
+        """What must not be and was, in sentences."""
+        return tuple(each.sentence for each in self.invariants.breaches)
+
+    def close(self) -> None:
+        """Give everything back."""
+        self.robot.close()

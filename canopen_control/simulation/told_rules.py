@@ -1,0 +1,90 @@
+"""Invariants of the runtime itself: the state told is the state that is, memory is bounded, the program has no error.
+
+What a face of the robot claims (state, axes, velocities) is held against the wire and the shafts. Times in ns.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.runtime.core import RobotState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from canopen_control.simulation.simulated_robot import SimulatedRobot
+    from canopen_control.simulation.wire_view import NodeView, WireView
+
+__all__ = ["ToldRules"]
+
+_MS: Final = 1_000_000
+_SECOND: Final = 1_000_000_000
+_SOON_NS: Final = 400 * _MS  # in which what has happened is told
+_FRESH_NS: Final = 100 * _MS
+_MEMORY_NS: Final = 60 * _SECOND
+_BLOCKS: Final = 60_000  # of memory, that a robot may have more than a while after its start
+
+
+class ToldRules:
+    """Holds the runtime's words against what is; `tell(rule, text)` takes breaches."""
+
+    def __init__(self, robot: SimulatedRobot, views: Mapping[str, WireView], tell: Callable[[str, str], None]) -> None:
+        self._robot, self._tell = robot, tell
+        self._nodes = [node for view in views.values() for node in view.nodes.values()]
+        self._wrong_since: dict[str, int] = {}
+        self._errors = 0
+        self._blocks: int | None = None
+        self._weigh_at = robot.now_ns + _MEMORY_NS
+
+    def sampled(self, now: int) -> None:
+        """Judge what is told now."""
+        robot = self._robot
+        for error in robot.errors[self._errors :]:
+            self._tell("program_error", f"{type(error).__name__}: {error}")
+        self._errors = len(robot.errors)
+        if now >= self._weigh_at:
+            self._weigh(now)
+        if not robot.up or now < robot.host.stalled_until:
+            self._wrong_since.clear()
+            return
+        state = robot.core.state
+        for node in self._nodes:
+            self._judge_state(state, node, now)
+            self._judge_axes(node, now)
+
+    def _judge_state(self, state: RobotState, node: NodeView, now: int) -> None:
+        """Judge that RUNNING means that every node is there and no drive is in fault."""
+        name = f"node {node.node_id}"
+        limit = node.plan.heartbeat_timeout_ns
+        running = state is RobotState.RUNNING
+        silent = bool(limit) and node.alive_at > 0 and now - node.alive_at > limit
+        fault = node.in_fault and now - node.status_at < _FRESH_NS
+        self._hold(f"running, and {name} is silent", running and silent, now)
+        self._hold(f"running, and {name} is in fault", running and fault, now)
+
+    def _judge_axes(self, node: NodeView, now: int) -> None:
+        """Judge that an axis told as enabled shows it on the wire."""
+        for joint in self._robot.core.joints.values():
+            if joint.node.node_id != node.node_id:
+                continue
+            fresh = now - node.status_at < _FRESH_NS
+            enabled = fresh and joint.enabled and not node.enabled
+            self._hold(f"{joint.joint} is told enabled, and its statusword says no", enabled, now)
+
+    def _hold(self, what: str, wrong: bool, now: int) -> None:
+        """Tell what has been wrong for longer than it takes to be told."""
+        if not wrong:
+            self._wrong_since.pop(what, None)
+        elif now - self._wrong_since.setdefault(what, now) > _SOON_NS and self._wrong_since[what] >= 0:
+            self._wrong_since[what] = 1 << 62  # once
+            self._tell("state_told", what)
+
+    def _weigh(self, now: int) -> None:
+        blocks = sys.getallocatedblocks()
+        self._weigh_at = now + _MEMORY_NS
+        if self._blocks is None:
+            self._blocks = blocks
+        elif blocks - self._blocks > _BLOCKS:
+            self._tell("memory", f"{blocks - self._blocks} blocks of memory more than after a minute")
+            self._blocks = blocks

@@ -1,0 +1,150 @@
+"""Virtual time: one clock for many reactors, each of which wakes late as a process does and has an oscillator.
+
+Nothing waits: time jumps to what happens next. Whatever is due at the same nanosecond happens in the order in which it
+was put on the clock, so that the same seed does the same every time. Times in ns.
+"""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass
+from random import Random
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.selection import MarkedSelector
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["START_NS", "Actor", "Timing", "VirtualTime"]
+
+START_NS: Final = 1_000_000_000  # a monotonic clock that has run for a while, as any
+_BILLION: Final = 1_000_000_000
+_NEVER: Final = 1 << 62
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How late a process wakes: at least `latency_ns`, up to `jitter_ns` later, and seldom up to `spike_ns`.
+
+    `ppm` is by how much its oscillator is fast.
+    """
+
+    latency_ns: int = 0
+    jitter_ns: int = 0
+    spike_ns: int = 0
+    ppm: float = 0.0
+
+
+_SPIKES: Final = 0.0005  # of all wake-ups
+
+
+class VirtualTime:
+    """The clock that jumps; `now_ns` is the time."""
+
+    __slots__ = ("_heap", "_sequence", "now_ns")
+
+    def __init__(self) -> None:
+        self.now_ns = START_NS
+        self._heap: list[tuple[int, int, Callable[[], object]]] = []
+        self._sequence = 0
+
+    def at(self, when_ns: int, callback: Callable[[], object]) -> None:
+        """Call `callback` once, at `when_ns`, or now where that is over."""
+        self._sequence += 1
+        heapq.heappush(self._heap, (max(when_ns, self.now_ns), self._sequence, callback))
+
+    def later(self, delay_ns: int, callback: Callable[[], object]) -> None:
+        """Call `callback` once, `delay_ns` from now."""
+        self.at(self.now_ns + delay_ns, callback)
+
+    def next_ns(self) -> int | None:
+        """Return when something happens next, None: nothing will."""
+        return self._heap[0][0] if self._heap else None
+
+    def run_until(self, limit_ns: int) -> None:
+        """Let happen what is due up to `limit_ns`, which is the time then."""
+        heap, pop = self._heap, heapq.heappop
+        while heap and heap[0][0] <= limit_ns:
+            self.now_ns, _, callback = pop(heap)
+            callback()
+        self.now_ns = max(self.now_ns, limit_ns)
+
+
+class Actor:
+    """A process in virtual time: its reactor, its clock, how late it wakes; it may be stalled, and end for good.
+
+    `stalled_until` is until when it does nothing.
+    """
+
+    def __init__(self, time: VirtualTime, name: str, timing: Timing, seed: str) -> None:
+        self.name, self.timing = name, timing
+        self._time = time
+        self._random = Random(f"{seed}/{name}").random
+        self._rate = round(timing.ppm * 1000)  # parts of 10^9
+        self.clock = ManualClock(self.local(time.now_ns))
+        self.selector = MarkedSelector()
+        self.reactor = Reactor(self.clock, self.selector)
+        self._wake_at = _NEVER
+        self.stalled_until = 0
+        self._ended = False
+
+    def local(self, now_ns: int) -> int:
+        """Return what its own clock shows."""
+        return now_ns + now_ns * self._rate // _BILLION
+
+    def _shared(self, local_ns: int) -> int:
+        """Return when its own clock shows a time, or has just passed it."""
+        shared = local_ns * _BILLION // (_BILLION + self._rate)
+        while self.local(shared) < local_ns:
+            shared += 1
+        return shared
+
+    def arrived(self) -> None:
+        """Wake it for something that is there now."""
+        self._wake(self._time.now_ns)
+
+    def call(self, work: Callable[[], object]) -> None:
+        """Have something done on its reactor when it wakes, as a client's request."""
+        self.reactor.call_soon(work)
+        self.arrived()
+
+    def stall(self, duration_ns: int) -> None:
+        """Let it do nothing for a while, as a process that is stopped or gets no processor."""
+        self.stalled_until = max(self.stalled_until, self._time.now_ns + duration_ns)
+
+    def end(self) -> None:
+        """End it as SIGKILL does: nothing of it runs any more."""
+        if not self._ended:
+            self._ended = True
+            self.reactor.close()
+
+    def _wake(self, due_ns: int) -> None:
+        at = max(due_ns, self.stalled_until) + self._lateness()
+        if at < self._wake_at and not self._ended:
+            self._wake_at = at
+            self._time.at(at, self._woken)
+
+    def _lateness(self) -> int:
+        timing = self.timing
+        if not timing.jitter_ns:
+            return timing.latency_ns
+        drawn = self._random()
+        if drawn < _SPIKES:
+            return timing.latency_ns + int(timing.spike_ns * drawn / _SPIKES)
+        return timing.latency_ns + int(timing.jitter_ns * drawn)
+
+    def _woken(self) -> None:
+        now = self._time.now_ns
+        if self._wake_at != now or self._ended:
+            return  # an earlier one came in between
+        self._wake_at = _NEVER
+        if now < self.stalled_until:
+            self._wake(now)
+            return
+        self.clock.now_ns = self.local(now)
+        self.reactor.serve()
+        deadline = self.reactor.next_deadline
+        if deadline is not None and not self._ended:
+            self._wake(self._shared(deadline))

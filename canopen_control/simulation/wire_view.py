@@ -1,0 +1,147 @@
+"""What a listener on a bus knows of each node and of the master: words, targets, signs of life; nothing else.
+
+Decoded by the layout of the PDOs in bus.yml, and by the requests and answers of SDO. Times in ns.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402 import objects as o
+from canopen_control.frame import RECORD
+from canopen_control.simulation.simulated_robot import MASTER
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from canopen_control.cia301.pdo import MappedObject
+    from canopen_control.master.config import BusConfig
+    from canopen_control.master.plan import NodePlan
+    from canopen_control.master.plan_builder import PdoLayout
+
+__all__ = ["NodeView", "WireView"]
+
+_SDO_DOWNLOAD: Final = (0x22, 0x2B, 0x27, 0x23, 0x2F)
+_BOOT_UP: Final = b"\0"
+_ENABLED: Final = 0x0F  # of a controlword: switch on, voltage, no quick stop, enable operation
+_FAULT_RESET: Final = 0x80
+
+
+class NodeView:
+    """What was heard of a node: `controlword` and `targets` (by object) sent to it, `statusword` of it.
+
+    `alive_at` is its last sign of life, `booted_at` its last boot-up, `status_at` when the statusword came, `fault_at`
+    when it began to show a fault; `enabled_at` when a controlword began to enable it, `shown_enabled_at` when it last
+    showed that it is. 0: never.
+    """
+
+    def __init__(self, plan: NodePlan) -> None:
+        self.plan, self.node_id = plan, plan.node_id
+        self.controlword = self.statusword = 0
+        self.targets: dict[int, int] = {}
+        self.target_changed_at = 0
+        self.alive_at = self.booted_at = self.status_at = self.enabled_at = self.shown_enabled_at = 0
+        self.fault_at = 0
+
+    @property
+    def commanded(self) -> bool:
+        """Whether the controlword wants operation enabled."""
+        return self.controlword & 0x8F == _ENABLED
+
+    @property
+    def in_fault(self) -> bool:
+        """Whether the statusword shows FAULT or its reaction."""
+        return self.statusword & 0x4F in (0x08, 0x0F)
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the statusword shows OPERATION ENABLED."""
+        return self.statusword & 0x6F == 0x27
+
+    def told(self, index: int, value: int, now: int) -> None:
+        """Take an object that the master has written, of any of its axes."""
+        if index == o.CONTROLWORD:
+            was, self.controlword = self.commanded, value
+            if self.commanded and not was:
+                self.enabled_at = now
+        elif self.targets.get(index) != value:
+            self.targets[index] = value
+            self.target_changed_at = now
+
+    def tells(self, index: int, value: int, now: int) -> None:
+        """Take an object that the node has sent."""
+        if index == o.STATUSWORD:
+            faulty, self.statusword, self.status_at = self.in_fault, value, now
+            if self.in_fault and not faulty:
+                self.fault_at = now
+            if self.enabled:
+                self.shown_enabled_at = now
+
+
+class WireView:
+    """Hears one bus: `nodes` by node id; `master_at` is the master's last heartbeat, `sync_at` the last SYNC."""
+
+    def __init__(self, config: BusConfig) -> None:
+        self.config = config
+        self.nodes = {plan.node_id: NodeView(plan) for plan in config.plans.values()}
+        self.master_at = self.sync_at = 0
+        self._pdos: dict[int, tuple[NodeView, bool, tuple[tuple[int, int, int, bool], ...]]] = {}
+        for plan in config.plans.values():
+            view = self.nodes[plan.node_id]
+            self._map(view, plan.rpdos, to_node=True)
+            self._map(view, plan.tpdos, to_node=False)
+        self._alive = {0x700 + node_id: view for node_id, view in self.nodes.items()}
+        self._requests = {0x600 + node_id: view for node_id, view in self.nodes.items()}
+        self._master = 0x700 + config.master.node_id
+
+    def _map(self, view: NodeView, layouts: Sequence[PdoLayout], *, to_node: bool) -> None:
+        for layout in layouts:
+            self._pdos[layout.cob_id] = (view, to_node, tuple(_fields(layout.objects)))
+
+    def hear(self, now: int, label: str, record: bytes) -> None:
+        """Take a frame; what a stranger sends is heard as the robot hears it."""
+        can_id, length, data = RECORD.unpack(record)
+        pdo = self._pdos.get(can_id)
+        if pdo is not None:
+            self._take(pdo, int.from_bytes(data[:length], "little"), 8 * length, now)
+        elif can_id == 0x80:
+            self.sync_at = now
+        elif (view := self._alive.get(can_id)) is not None:
+            view.alive_at = now
+            if data[:length] == _BOOT_UP:
+                view.booted_at = now
+        elif can_id == self._master and label == MASTER:
+            self.master_at = now
+        elif (view := self._requests.get(can_id)) is not None and data[0] in _SDO_DOWNLOAD:
+            index = int.from_bytes(data[1:3], "little")
+            if index == o.CONTROLWORD:
+                view.told(index, int.from_bytes(data[4:6], "little"), now)
+
+    def _take(
+        self, pdo: tuple[NodeView, bool, tuple[tuple[int, int, int, bool], ...]], bits: int, length: int, now: int
+    ) -> None:
+        view, to_node, fields = pdo
+        for index, at, mask, signed in fields:
+            if at + mask.bit_length() > length:
+                return
+            value = bits >> at & mask
+            if signed and value > mask >> 1:
+                value -= mask + 1
+            if to_node:
+                view.told(index, value, now)
+            else:
+                view.tells(index, value, now)
+
+
+def _fields(objects: Iterable[MappedObject]) -> Iterable[tuple[int, int, int, bool]]:
+    """Yield index, place, mask and sign of what a PDO carries and somebody judges."""
+    at = 0
+    for mapped in objects:
+        if mapped.index in _JUDGED:
+            signed = mapped.index in _TARGETS
+            yield mapped.index, at, (1 << mapped.bits) - 1, signed
+        at += mapped.bits
+
+
+_TARGETS: Final = (o.TARGET_POSITION, o.TARGET_VELOCITY, o.TARGET_TORQUE)
+_JUDGED: Final = (o.CONTROLWORD, o.STATUSWORD, *_TARGETS)

@@ -1,0 +1,93 @@
+"""Fixtures of pytest: `robot` in virtual time, its `drives`, `bus` and `clock`.
+
+Which robot is said by the ini option `canopen_robot` (a folder, seen from the ini file, or a bundled name), for one
+test or module by the mark `canopen_robot("config/robby", controllers=["..."], seed=7)`. A test in which an invariant
+was breached fails, unless its mark says `breaches=True`.
+"""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.testing.tested_robot import TestedRobot
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.testing.tested_robot import TestedBus, TestedClock, TestedDrives
+
+__all__ = ["bus", "clock", "drives", "pytest_addoption", "pytest_configure", "robot"]
+
+_MARK = "canopen_robot"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Declare which robot is tested."""
+    parser.addini(_MARK, "the robot of the fixture `robot`: its folder, or the name of a bundled one", default="")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare the mark."""
+    config.addinivalue_line(
+        "markers", f"{_MARK}(config, controllers=(), seed=0, breaches=False): the robot of the fixture `robot`"
+    )
+
+
+@functools.cache
+def _setup(config: str, controllers: tuple[str, ...]) -> RobotSetup:
+    """Return a robot as its files describe it, read once for all tests."""
+    return read_robot(find_robot(config), controllers=controllers)
+
+
+def _wanted(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
+    marks = list(request.node.iter_markers(_MARK))
+    words = {key: value for mark in reversed(marks) for key, value in mark.kwargs.items()}
+    named = next((str(mark.args[0]) for mark in marks if mark.args), "")
+    if named:
+        return named, words
+    given = str(request.config.getini(_MARK))
+    if not given:
+        raise pytest.UsageError(
+            "the fixture `robot` needs to know which one: canopen_robot = FOLDER in the ini file, or the mark "
+            '@pytest.mark.canopen_robot("FOLDER")'
+        )
+    beside = Path(request.config.rootpath) / given
+    return str(beside) if beside.exists() else given, words
+
+
+@pytest.fixture
+def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
+    """Yield a robot that has booted in virtual time; a breach of an invariant fails the test."""
+    config, words = _wanted(request)
+    made = TestedRobot(_setup(config, tuple(words.get("controllers", ()))), words.get("seed", 0))
+    try:
+        yield made
+    finally:
+        made.close()
+    if made.breaches and not words.get("breaches", False):
+        pytest.fail("an invariant did not hold: " + "; ".join(made.breaches), pytrace=False)
+
+
+@pytest.fixture
+def drives(robot: TestedRobot) -> TestedDrives:
+    """Return the robot's drives, by node id or name."""
+    return robot.drives
+
+
+@pytest.fixture
+def bus(robot: TestedRobot) -> TestedBus:
+    """Return the robot's buses."""
+    return robot.bus
+
+
+@pytest.fixture
+def clock(robot: TestedRobot) -> TestedClock:
+    """Return the robot's clock."""
+    return robot.clock

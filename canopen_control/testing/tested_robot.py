@@ -1,0 +1,296 @@
+"""A robot in virtual time as a test sees it: commands in, motion and events out, drives and buses to break.
+
+Times are seconds, positions and velocities of joints are SI. Nothing passes but by `run`, `until` and
+`stopped_within`; the same test does the same every time.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import ConfigError, UnknownName, nearest
+from canopen_control.frame import CanFrame, frames_of
+from canopen_control.simulation.act_player import ActPlayer
+from canopen_control.simulation.acts import Act
+from canopen_control.simulation.invariants import Invariants, user_rules
+from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.simulated_robot import SimulatedRobot
+from canopen_control.virtual.fault_table import find_fault
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from canopen_control.master.event_log import Event
+    from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.simulation.simulated_robot import SimulatedDrive
+
+__all__ = ["TestedBus", "TestedClock", "TestedDrive", "TestedDrives", "TestedRobot"]
+
+_S: Final = 1_000_000_000
+_STEP_S: Final = 0.001
+_BOOT_S: Final = 30.0
+_STANDING: Final = 0.5  # counts/s
+
+
+class TestedRobot:
+    """A robot that has booted; `events` are those since its start, `breaches` what must not be and was."""
+
+    __test__ = False
+
+    def __init__(self, setup: RobotSetup, seed: int = 0) -> None:
+        self.events: list[Event] = []
+        self.simulated = SimulatedRobot(setup, seed)
+        self.simulated.on_event = self.events.append
+        self.player = ActPlayer(self.simulated)
+        self._invariants = Invariants(self.simulated, self.player, motions_of(setup), user_rules())
+        self._began_ns = self.simulated.now_ns
+        self.drives = TestedDrives(self)
+        self.bus = TestedBus(self)
+        self.clock = TestedClock(self)
+        self.simulated.start()
+        self.until(lambda: self.simulated.running, _BOOT_S)
+
+    # -- time
+
+    def run(self, seconds: float) -> None:
+        """Let time pass."""
+        self.simulated.run_for(round(seconds * _S))
+        if self.simulated.errors:
+            raise self.simulated.errors[0]
+
+    def until(self, condition: Callable[[], object], timeout: float = 10.0) -> float:
+        """Let time pass until `condition` is true, and return how long that took; AssertionError after `timeout`."""
+        passed = 0.0
+        while not condition():
+            if passed >= timeout:
+                said = "; ".join(event.sentence for event in self.events[-3:])
+                raise AssertionError(f"it has not come to that within {timeout:g} s; the last events: {said or 'none'}")
+            self.run(_STEP_S)
+            passed += _STEP_S
+        return passed
+
+    def stopped_within(self, seconds: float) -> bool:
+        """Let at most `seconds` pass until all shafts stand, and tell whether they do."""
+        left = round(seconds / _STEP_S)
+        while self.moving and left > 0:
+            self.run(_STEP_S)
+            left -= 1
+        return not self.moving
+
+    # -- what it does
+
+    @property
+    def state(self) -> str:
+        """What it does, in a word: "running", "disabled", "fault", ..."""
+        return self.simulated.core.state.value
+
+    @property
+    def moving(self) -> bool:
+        """Whether a shaft turns."""
+        return any(drive.moving for drive in self.drives)
+
+    @property
+    def breaches(self) -> list[str]:
+        """What must not be and was, in sentences."""
+        return [each.sentence for each in self._invariants.breaches]
+
+    def velocity(self, joint: str) -> float:
+        """Return the velocity of a joint as the robot knows it, in rad/s or m/s."""
+        return self._state(joint, "velocity")
+
+    def position(self, joint: str) -> float:
+        """Return the position of a joint as the robot knows it, in rad or m."""
+        return self._state(joint, "position")
+
+    def _state(self, joint: str, quantity: str) -> float:
+        joints = self.simulated.core.joints
+        if joint not in joints:
+            raise UnknownName(f"no joint {joint!r}{nearest(joint, joints)}")
+        return joints[joint].states[quantity].value
+
+    # -- what is asked of it
+
+    def command(self, controller: str, *values: float, seconds: float | None = None) -> None:
+        """Command a controller: once, or ten times a second for a while from now on."""
+        self._controller(controller)
+        self.do("command", controller, values=values, seconds=seconds)
+
+    def trajectory(self, controller: str, *positions: float, seconds: float) -> None:
+        """Send a trajectory to positions of all joints of a controller, there after `seconds`."""
+        self._controller(controller)
+        self.do("trajectory", controller, values=positions, seconds=seconds)
+
+    def activate(self, controller: str) -> None:
+        """Switch to a controller."""
+        self._controller(controller)
+        self.do("activate", controller)
+
+    def enable(self) -> None:
+        """Enable all drives."""
+        self.do("axis", name="enable")
+
+    def disable(self) -> None:
+        """Disable all drives."""
+        self.do("axis", name="disable")
+
+    def reset_faults(self) -> None:
+        """Acknowledge the faults of all drives."""
+        self.do("axis", name="fault-reset")
+
+    def stop(self, *, latch: bool = False) -> None:
+        """Stop, and latch it."""
+        self.do("latch" if latch else "stop")
+
+    def release(self) -> None:
+        """Release a latched stop."""
+        self.do("release")
+
+    def stall(self, seconds: float) -> None:
+        """Let the robot's process do nothing for a while."""
+        self.do("stall", "master", seconds=seconds)
+
+    def kill(self, seconds: float | None = None) -> None:
+        """Kill the robot's process; it is started again after `seconds`."""
+        self.do("kill", seconds=seconds)
+
+    def do(
+        self,
+        kind: str,
+        target: str = "",
+        *,
+        name: str = "",
+        values: tuple[float, ...] = (),
+        seconds: float | None = None,
+    ) -> None:
+        """Play an act of a scenario now."""
+        for_ns = None if seconds is None else round(seconds * _S)
+        self.player.play(Act(0, kind, target, name, tuple(map(float, values)), for_ns))
+
+    def _controller(self, name: str) -> None:
+        known = self.simulated.setup.controllers.controllers
+        if name not in known:
+            raise UnknownName(f"no controller {name!r}{nearest(name, known)}")
+
+    def close(self) -> None:
+        """Give everything back."""
+        self.simulated.close()
+
+
+class TestedDrive:
+    """A drive, to be broken and looked at."""
+
+    __test__ = False
+
+    def __init__(self, robot: TestedRobot, drive: SimulatedDrive) -> None:
+        self._robot, self._drive = robot, drive
+
+    @property
+    def velocity(self) -> float:
+        """How fast its shaft turns, in counts/s; 0 without supply."""
+        device = self._drive.device
+        return 0.0 if device is None else max((axis.mover.plant.velocity for axis in device.drives.values()), key=abs)
+
+    @property
+    def moving(self) -> bool:
+        """Whether its shaft turns."""
+        return abs(self.velocity) > _STANDING
+
+    def fault(self, name: str, seconds: float | None = None) -> None:
+        """Switch a fault on now, and off after `seconds`; ConfigError for one that it does not have."""
+        find_fault(name)
+        self._robot.do("fault", str(self._drive.node_id), name=name, seconds=seconds)
+
+    def heal(self, name: str) -> None:
+        """Switch a fault off."""
+        find_fault(name)
+        self._robot.do("heal", str(self._drive.node_id), name=name)
+
+    def power_off(self, seconds: float | None = None) -> None:
+        """Take its supply away, for a while."""
+        self._robot.do("power", str(self._drive.node_id), seconds=seconds)
+
+    def cut(self, seconds: float | None = None) -> None:
+        """Cut its cable, for a while."""
+        self._robot.do("cut", str(self._drive.node_id), seconds=seconds)
+
+
+class TestedDrives:
+    """The drives of a robot, by node id or by name in bus.yml."""
+
+    __test__ = False
+
+    def __init__(self, robot: TestedRobot) -> None:
+        buses = robot.simulated.setup.buses.values()
+        self._ids = {node.name: node.node_id for bus in buses for node in bus.nodes.values()}
+        self._drives = {number: TestedDrive(robot, each) for number, each in robot.simulated.drives.items()}
+
+    def __getitem__(self, node: int | str) -> TestedDrive:
+        drive = self._drives.get(self._ids.get(node, -1) if isinstance(node, str) else node)
+        if drive is None:
+            known = ", ".join(f"{name} ({number})" for name, number in self._ids.items())
+            raise UnknownName(f"no drive {node!r}; there are: {known}")
+        return drive
+
+    def __iter__(self) -> Iterator[TestedDrive]:
+        return iter(self._drives.values())
+
+    def __len__(self) -> int:
+        return len(self._drives)
+
+
+class TestedBus:
+    """The buses of a robot: `frames` are time in s, sender and frame of all that passed since its start."""
+
+    __test__ = False
+
+    def __init__(self, robot: TestedRobot) -> None:
+        self.frames: list[tuple[float, str, CanFrame]] = []
+        self._robot = robot
+        for wire in robot.simulated.wires.values():
+            wire.heard.append(self._hear)
+
+    def _hear(self, now: int, label: str, record: bytes) -> None:
+        self.frames += [(self._robot.clock.at(now), label, frame) for frame in frames_of(record)]
+
+    def lose(self, every: int = 1, seconds: float | None = None) -> None:
+        """Lose every n-th frame, for a while."""
+        self._tamper("lose", every, seconds)
+
+    def double(self, every: int = 1, seconds: float | None = None) -> None:
+        """Double every n-th frame, for a while."""
+        self._tamper("double", every, seconds)
+
+    def disturb(self, every: int = 1, seconds: float | None = None) -> None:
+        """Disturb every n-th frame, which is sent again, for a while."""
+        self._tamper("disturb", every, seconds)
+
+    def send(self, can_id: int, data: bytes = b"") -> None:
+        """Put a frame onto the bus that nobody expects."""
+        self._robot.do("frame", values=(can_id, *data))
+
+    def _tamper(self, kind: str, every: int, seconds: float | None) -> None:
+        if every < 1:
+            raise ConfigError(f"every {every}: it is every frame with 1, every second one with 2")
+        self._robot.do(kind, values=(every,), seconds=seconds)
+
+
+class TestedClock:
+    """The virtual clock of a robot, in s since its start."""
+
+    __test__ = False
+
+    def __init__(self, robot: TestedRobot) -> None:
+        self._robot, self._began_ns = robot, robot.simulated.now_ns
+
+    @property
+    def now(self) -> float:
+        """The time in s."""
+        return self.at(self._robot.simulated.now_ns)
+
+    def at(self, now_ns: int) -> float:
+        """Return a time of the simulation in s."""
+        return (now_ns - self._began_ns) / _S
+
+    def run(self, seconds: float) -> None:
+        """Let time pass."""
+        self._robot.run(seconds)

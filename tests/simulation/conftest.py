@@ -1,0 +1,9 @@
+import pytest
+from support.simulated import Played
+
+
+@pytest.fixture
+def played():
+    made = Played()
+    yield made
+    made.close()

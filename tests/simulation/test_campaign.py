@@ -1,0 +1,38 @@
+import pytest
+from support.mutants import MUTANTS
+from support.simulated import S, setup_of
+
+from canopen_control.simulation.campaign import Campaign, Totals
+from canopen_control.simulation.drawn_schedule import known_faults
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return Campaign(setup_of(), 4 * S, known_faults())
+
+
+@pytest.mark.process
+def test_results_do_not_depend_on_how_many_processes_there_are(campaign):
+    alone, together = Totals(), Totals()
+    for result in campaign.run([0, 1, 2], 1):
+        alone.add(result)
+    for result in campaign.run([0, 1, 2], 2):
+        together.add(result)
+    assert [each.sha256 for each in alone.results.values()] == [each.sha256 for each in together.results.values()]
+    assert alone.robot_s == 12.0
+    assert alone.frames == together.frames > 1000
+    assert alone.broken == []
+    assert alone.troubles == together.troubles
+
+
+@pytest.mark.sources
+def test_a_breach_is_shrunk_to_what_it_takes(campaign, monkeypatch):
+    MUTANTS["reset_chains_into_enable"](monkeypatch)
+    long = Campaign(setup_of(), 8 * S, known_faults())
+    result = long.run_seed(4)
+    assert result.breaches[0].rule == "enable_unasked"
+    tries = []
+    found = long.shrink(result, tries.append)
+    assert len(found) < len(long.schedule(4)) / 2
+    assert any(act.name == "fault-reset" for act in found)
+    assert tries

@@ -1,0 +1,49 @@
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.simulation.acts import KINDS
+from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
+from canopen_control.simulation.motions import Motion
+from canopen_control.simulation.simulated_robot import MASTER
+
+S = 1_000_000_000
+MOTIONS = (
+    Motion("wheels", "command", ((-1.0, 1.0), (-2.0, 2.0)), starts=True),
+    Motion("arm", "trajectory", ((0.0, 0.5),), starts=False),
+)
+
+
+def drawn(seed, seconds=60, faults=None):
+    return draw_schedule(seed, seconds * S, MOTIONS, (2, 3), known_faults() if faults is None else faults)
+
+
+def test_a_seed_draws_the_same_each_time_and_another_something_else():
+    assert drawn(1) == drawn(1) != drawn(2)
+    assert drawn(7, 5)[0].words == "0.600 s: command wheels 0 0 for 1.882 s"  # in every version of Python
+
+
+@given(st.integers(0, 10_000))
+def test_whatever_is_drawn_can_be_played(seed):
+    acts = drawn(seed)
+    assert [act.at_ns for act in acts] == sorted(act.at_ns for act in acts)
+    for act in acts:
+        wanted = KINDS[act.kind].target
+        assert act.at_ns < 60 * S
+        assert wanted != "node" or act.target in ("2", "3")
+        assert wanted != "member" or act.target in ("2", "3", MASTER, "")
+        assert wanted != "controller" or act.target in ("wheels", "arm")
+        assert act.kind != "fault" or act.name in known_faults()
+        ranges = next((each.ranges for each in MOTIONS if each.controller == act.target), ())
+        if act.values and ranges:
+            assert all(low <= value <= high for value, (low, high) in zip(act.values, ranges, strict=True))
+
+
+def test_without_faults_nothing_breaks():
+    kinds = {act.kind for seed in range(20) for act in drawn(seed, faults=[])}
+    assert kinds <= {"command", "trajectory", "stop", "latch", "release", "axis", "activate"}
+
+
+def test_every_kind_of_trouble_and_every_fault_is_drawn_by_some_seed():
+    acts = [act for seed in range(300) for act in drawn(seed)]
+    assert {act.kind for act in acts} == KINDS.keys() - {"heal", "plant", "deactivate"}
+    assert {act.name for act in acts if act.kind == "fault"} == set(known_faults())

@@ -1,0 +1,26 @@
+import pytest
+from support.simulated import setup_of
+
+from canopen_control.simulation.motions import motions_of
+
+
+def test_a_base_takes_twists_and_wheels_take_speeds():
+    forward, base = motions_of(setup_of())
+    assert (forward.controller, forward.kind, forward.starts) == ("robby_forward_controller", "command", True)
+    assert forward.ranges == ((-8.0, 8.0),) * 2
+    assert (base.controller, base.kind, base.starts) == ("robby_base_controller", "command", False)
+    assert len(base.ranges) == 2
+
+
+def test_an_arm_takes_positions_and_trajectories_within_its_joints():
+    positions, trajectories = motions_of(setup_of("arm6"))
+    assert (positions.kind, trajectories.kind) == ("command", "trajectory")
+    assert len(positions.ranges) == len(trajectories.ranges) == 6
+    limits = [joint.limits for joint in setup_of("arm6").description.joints.values() if not joint.fixed]
+    for (low, high), limit in zip(positions.ranges, limits, strict=True):
+        assert limit.lower <= low < high <= limit.upper
+
+
+@pytest.mark.parametrize("name", ["forklift", "mecanum", "diffbot_sim", "mobile_base_ros1"])
+def test_every_bundled_robot_can_be_commanded(name):
+    assert any(each.starts for each in motions_of(setup_of(name)))

@@ -1,0 +1,93 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.simulated import setup_of
+
+from canopen_control.simulation.acts import Act
+from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
+from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.scenario_steps import nanoseconds_of, read_scenario_steps, scenario_text
+from canopen_control.virtual.scenario import ScenarioError
+
+S = 1_000_000_000
+
+
+def read(folder, text):
+    path = folder / "scenario.yml"
+    path.write_text(text)
+    return read_scenario_steps(path, setup_of())
+
+
+def test_a_scenario_says_what_happens_and_when(tmp_path):
+    scenario = read(
+        tmp_path,
+        """
+for: 20s
+seed: 7
+steps:
+  - {at: 2s, node: 3, fault: heartbeat_lost, for: 1s}
+  - {at: 1s, do: command, target: robby_forward_controller, values: [5, 5], for: 500ms}
+  - {at: 3, do: axis, name: enable}
+  - {at: 4s, do: stall, target: master, for: 300ms}
+  - {at: 5s, node: 3, plant: {position: 4}}
+  - {at: 6s, node: 3, fault: silent, state: off}
+""",
+    )
+    assert (scenario.duration_ns, scenario.seed) == (20 * S, 7)
+    assert scenario.acts == (
+        Act(S, "command", "robby_forward_controller", values=(5.0, 5.0), for_ns=S // 2),
+        Act(2 * S, "fault", "3", "heartbeat_lost", for_ns=S),
+        Act(3 * S, "axis", name="enable"),
+        Act(4 * S, "stall", "master", for_ns=300_000_000),
+        Act(5 * S, "plant", "3", plant=(("position", 4.0),)),
+        Act(6 * S, "heal", "3", "silent"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        ("{at: 1s, do: dance}", "do: dance is nothing that can be done"),
+        ("{at: soon, do: stop}", "'soon' is no time"),
+        (
+            "{at: 1s, do: command, target: robby_foward_controller, values: [1]}",
+            "did you mean 'robby_forward_controller'?",
+        ),
+        ("{at: 1s, node: 9, fault: silent}", "there is no node 9; there are: 3, 2"),
+        ("{at: 1s, node: 3, fault: silnt}", "no fault 'silnt', did you mean 'silent'?"),
+        ("{at: 1s, do: axis, name: fly}", "name: fly is no action"),
+        ("{at: 1s, do: stop, for: 2s}", "for: does not go with stop"),
+        ("{at: 1s, do: stop, values: [2]}", "values: does not go with stop"),
+        ("{at: 1s, do: stop, name: it}", "name: does not go with stop"),
+        ("{at: 1s, do: stop, target: 3}", "target: does not go with stop"),
+        ("{at: 1s, do: cut}", "target: nobody is not on a bus"),
+        ("{at: 1s, do: frame, values: [0x900]}", "values: of a frame"),
+    ],
+)
+def test_a_mistake_is_told_with_its_line(tmp_path, step, said):
+    with pytest.raises(ScenarioError, match=r"scenario\.yml:2:") as caught:
+        read(tmp_path, f"steps:\n  - {step}\n")
+    assert said in str(caught.value)
+
+
+def test_all_mistakes_are_told_at_once(tmp_path):
+    with pytest.raises(ScenarioError) as caught:
+        read(tmp_path, "steps:\n  - {at: 1s, do: dance}\n  - {at: 2s, do: sing}\nseed: x\n")
+    assert len([line for line in str(caught.value).splitlines() if "scenario.yml:" in line]) >= 1
+    with pytest.raises(ScenarioError, match="for: 0 simulates nothing"):
+        read(tmp_path, "for: 0s\nsteps: []\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "ns"), [("1h", 3600 * S), ("5min", 300 * S), ("5s", 5 * S), ("500ms", S // 2), (2, 2 * S)]
+)
+def test_times_have_units(text, ns):
+    assert nanoseconds_of(text) == ns
+
+
+@given(st.integers(0, 500))
+def test_what_is_written_reads_as_the_same(tmp_path_factory, seed):
+    acts = draw_schedule(seed, 30 * S, motions_of(setup_of()), (2, 3), known_faults())
+    text = scenario_text(acts, seed=seed, duration_ns=30 * S, note="of a test")
+    scenario = read(tmp_path_factory.mktemp("scenario"), text)
+    assert (scenario.acts, scenario.seed, scenario.duration_ns) == (acts, seed, 30 * S)

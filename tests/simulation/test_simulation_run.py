@@ -1,0 +1,64 @@
+import os
+import subprocess
+import sys
+
+import pytest
+from support.simulated import S, setup_of
+
+from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
+from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.simulation_run import SimulationRun
+
+SEED = 11
+
+
+def drawn(seconds):
+    return draw_schedule(SEED, seconds * S, motions_of(setup_of()), (2, 3), known_faults())
+
+
+def outcome(seconds=8, **how):
+    run = SimulationRun(setup_of(), SEED, drawn(seconds), **how)
+    run.run(seconds * S)
+    found = run.outcome
+    run.close()
+    return found
+
+
+def test_what_came_of_it_is_told():
+    found = outcome()
+    assert (found.seed, found.robot_s, found.breaches) == (SEED, 8.0, ())
+    assert found.frames > 1000
+    assert found.events > 10
+    assert found.real_s > 0.0
+
+
+def test_the_progress_is_told_in_both_times():
+    seen = []
+    run = SimulationRun(setup_of(), 1, ())
+    run.run(S, lambda robot_s, real_s: seen.append((robot_s, real_s)))
+    run.close()
+    assert seen[-1][0] == 1.0
+    assert seen == sorted(seen)
+
+
+def test_it_may_be_as_slow_as_real_time():
+    run = SimulationRun(setup_of(), 1, (), speed=2.0)
+    run.run(S // 2)
+    assert run.real_s >= 0.25
+    run.close()
+
+
+@pytest.mark.process
+def test_the_same_seed_does_the_same_in_another_process_whatever_the_order_of_its_sets():
+    words = ["simulate", "robby", "--for", "8s", "--seed", str(SEED), "--faults", "all", "--json"]
+    digests = set()
+    for number in "12":
+        done = subprocess.run(
+            [sys.executable, "-m", "canopen_control", *words],
+            env={**os.environ, "PYTHONHASHSEED": number},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        digests.add(done.stdout.partition('"sha256":"')[2][:64])
+    assert digests == {outcome().sha256}

@@ -1,0 +1,118 @@
+"""Runtimes with a mistake each, for the tests of the invariants."""
+
+from canopen_control.controllers.command_life import CommandLife
+from canopen_control.controllers.manager import ControllerManager
+from canopen_control.hardware.joint import JointDrive
+from canopen_control.hardware.recovery import Recovery
+from canopen_control.master.network import Network
+from canopen_control.runtime.core import RobotCore, RobotState
+from canopen_control.runtime.latch import StopLatch
+from canopen_control.runtime.pacer import Pacer
+
+
+def stop_is_late(patch):
+    real = RobotCore.stop
+
+    def stop(self, *words, **how):
+        self.reactor.call_later(700_000_000, lambda: real(self, *words, **how))
+
+    patch.setattr(RobotCore, "stop", stop)
+
+
+def stop_does_nothing(patch):
+    patch.setattr(RobotCore, "stop", lambda self, *words, **how: None)
+
+
+def enabled_again_when_its_node_is_back(patch):
+    came = JointDrive._came
+
+    def back(self):
+        came(self)
+        self.resume = bool(self.stopped_by)
+
+    patch.setattr(JointDrive, "_came", back)
+
+
+def enabled_again_after_a_stop(patch):
+    step = Recovery.step
+
+    def again(self, now):
+        for joint in self._joints:
+            joint.resume = joint.resume or (joint.power.state.name == "OFF" and now % 5_000_000_000 < 200_000_000)
+        step(self, now)
+
+    patch.setattr(Recovery, "step", again)
+
+
+def reset_chains_into_enable(patch):
+    def reset(self):
+        real(self)
+        self.resume = True
+
+    real = JointDrive.fault_reset
+    patch.setattr(JointDrive, "fault_reset", reset)
+
+
+def stale_commands(patch):
+    patch.setattr(CommandLife, "runs_out", lambda self, now: False)
+
+
+def latch_does_not_refuse(patch):
+    patch.setattr(StopLatch, "refuse", lambda self, *what: None)
+
+
+def told_as_running(patch):
+    patch.setattr(RobotCore, "state", property(lambda self: RobotState.RUNNING))
+
+
+def told_as_enabled(patch):
+    patch.setattr(JointDrive, "enabled", property(lambda self: self.node.ready))
+
+
+def skipped_cycles(patch):
+    real = Pacer._on_edge
+
+    def edge(self):
+        if self.count % 200 == 199:
+            self.count += 1
+            self._arm(self._edge + self.period_ns)
+            return
+        real(self)
+
+    patch.setattr(Pacer, "_on_edge", edge)
+
+
+def commands_sent_again_and_again(patch):
+    real = Network.cycle
+    patch.setattr(Network, "cycle", lambda self, *, sync: real(self, sync=sync) + self.sync_record() * 40)
+
+
+def exceptions(patch):
+    real = ControllerManager.command
+
+    def command(self, *args, **how):
+        self.commands = getattr(self, "commands", 0) + 1
+        if self.commands == 50:
+            raise ZeroDivisionError("of a mutant")
+        return real(self, *args, **how)
+
+    patch.setattr(ControllerManager, "command", command)
+
+
+MUTANTS = {
+    each.__name__: each
+    for each in (
+        stop_is_late,
+        stop_does_nothing,
+        enabled_again_when_its_node_is_back,
+        enabled_again_after_a_stop,
+        reset_chains_into_enable,
+        stale_commands,
+        latch_does_not_refuse,
+        told_as_running,
+        told_as_enabled,
+        skipped_cycles,
+        commands_sent_again_and_again,
+        exceptions,
+    )
+}

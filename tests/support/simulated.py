@@ -1,0 +1,53 @@
+"""Robots in virtual time for the tests of simulations."""
+
+import functools
+
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.simulation.act_player import ActPlayer
+from canopen_control.simulation.acts import Act
+from canopen_control.simulation.simulated_robot import SimulatedRobot
+
+MS = 1_000_000
+S = 1_000_000_000
+FORWARD, BASE = "robby_forward_controller", "robby_base_controller"
+
+
+@functools.cache
+def setup_of(name="robby", *controllers):
+    return read_robot(find_robot(name), controllers=controllers)
+
+
+class Played:
+    """A simulated robot that plays acts: `seconds` into its time, `kinds` of its events, `speed` of a drive's shaft."""
+
+    def __init__(self, name="robby", seed=1):
+        self.robot = SimulatedRobot(setup_of(name), seed)
+        self.player = ActPlayer(self.robot)
+        self.events = []
+        self.robot.on_event = self.events.append
+        self.robot.start()
+        self.run(0.6)
+
+    @property
+    def kinds(self):
+        return [event.kind for event in self.events]
+
+    def run(self, seconds):
+        self.robot.run_for(round(seconds * S))
+        assert self.robot.errors == []
+        return self
+
+    def do(self, kind, target="", seconds=None, **more):
+        self.player.play(Act(0, kind, str(target), for_ns=None if seconds is None else round(seconds * S), **more))
+        return self
+
+    def drive(self, *values, seconds=2.0):
+        return self.do("command", FORWARD, seconds, values=values)
+
+    def speed(self, node_id):
+        device = self.robot.drives[node_id].device
+        return 0.0 if device is None else device.drives[0].mover.plant.velocity
+
+    def close(self):
+        self.robot.close()

@@ -1,0 +1,84 @@
+import pytest
+from support.simulated import FORWARD, setup_of
+
+from canopen_control.errors import ConfigError, UnknownName
+from canopen_control.testing.tested_robot import TestedRobot
+
+
+@pytest.fixture
+def robot():
+    made = TestedRobot(setup_of(), 1)
+    yield made
+    made.close()
+
+
+def test_names_that_nobody_has_are_refused_with_those_there_are(robot):
+    with pytest.raises(UnknownName, match="no controller 'robby_foward_controller'"):
+        robot.command("robby_foward_controller", 1, 1)
+    with pytest.raises(UnknownName, match="no drive 9; there are: left_drive \\(3\\), right_drive \\(2\\)"):
+        robot.drives[9]
+    with pytest.raises(UnknownName, match="no drive 'left'"):
+        robot.drives["left"]
+    with pytest.raises(UnknownName, match="no joint 'left'"):
+        robot.velocity("left")
+    with pytest.raises(ConfigError, match="did you mean silent"):
+        robot.drives[3].fault("silnt")
+    with pytest.raises(ConfigError, match="every 0"):
+        robot.bus.lose(0)
+
+
+def test_a_condition_that_never_comes_is_told_with_the_last_events(robot):
+    with pytest.raises(AssertionError, match=r"within 0\.1 s; the last events: .*runs"):
+        robot.until(lambda: False, timeout=0.1)
+
+
+def test_it_has_booted_stands_and_moves_when_it_is_told(robot):
+    assert robot.state == "running"
+    assert len(robot.drives) == 2
+    assert not robot.moving
+    before = robot.clock.now
+    robot.command(FORWARD, 4.0, 4.0, seconds=1.0)
+    assert robot.until(lambda: robot.moving) < 0.1
+    assert robot.clock.now > before
+    robot.run(0.6)
+    assert robot.position("left_wheel_joint") > 0.1
+    assert not robot.stopped_within(0.05)
+    robot.stop()
+    assert robot.stopped_within(0.3)
+    assert robot.breaches == []
+
+
+def test_a_latched_stop_is_released_and_a_fault_healed(robot):
+    robot.stop(latch=True)
+    robot.run(0.3)
+    assert robot.simulated.core.latch.held
+    robot.release()
+    robot.disable()
+    robot.run(0.3)
+    assert robot.state == "disabled"
+    robot.drives[3].fault("warning")
+    robot.drives[3].heal("warning")
+    robot.run(0.1)
+    assert robot.simulated.drives[3].device.switches.active == []
+
+
+def test_frames_are_heard_lost_doubled_and_sent(robot):
+    robot.bus.send(0x7E5, b"\x01")
+    assert robot.bus.frames[-1][1:] == ("stranger", (0x7E5, b"\x01"))
+    robot.bus.lose(seconds=0.1)
+    count = len(robot.bus.frames)
+    robot.run(0.09)
+    assert len(robot.bus.frames) == count
+    robot.bus.double(2, seconds=0.2)
+    robot.run(0.2)
+    assert robot.activate(FORWARD) is None
+    robot.drives[2].cut(0.1)
+    robot.run(0.2)
+
+
+def test_an_arm_follows_a_trajectory():
+    robot = TestedRobot(setup_of("arm6", "arm_controller"))
+    robot.trajectory("arm_controller", *[0.2] * 6, seconds=0.5)
+    robot.run(1.0)
+    assert robot.position("joint_1") == pytest.approx(0.2, abs=1e-3)
+    robot.close()
