@@ -1,7 +1,7 @@
 """Physics: the robot of a description on a floor, with contacts, slip, payload, and a servo loop on each driven joint.
 
 The engine is MuJoCo; this is the only room that imports it, and only when somebody asks for a world: `engine` makes one
-for the virtual drives of a process, `simulated_robot` one for a simulation plugin without drives.
+for the virtual drives of a process, `plugin_robot` one for a simulation plugin without drives.
 
 - files: `physics_file` (the plant file), `world_file` (what stands on the floor, and what happens)
 - a model: `urdf_repair` and `body_model` of a description, `mjcf_model` of a scene of MuJoCo's own; `ground_contact`

@@ -50,7 +50,7 @@ def simulation_engine(setup: RobotSetup, kinds: Sequence[Kind], report: Callable
 
 def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[Event], None]) -> Engine:
     """Make the world of a tag."""
-    from canopen_control.physics.simulated_robot import make_simulated
+    from canopen_control.physics.plugin_robot import make_simulated
 
     model = tag.parameters.get(_MODEL, "")
     scene = Path(setup.description.path).parent / model if model else None

@@ -8,7 +8,7 @@ from canopen_control.errors import ConfigError
 from canopen_control.hardware.plugins import Kind
 from canopen_control.hardware.simulation import PHYSICS_PLUGIN
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.physics.simulated_robot import SimulatedRobot
+from canopen_control.physics.plugin_robot import SimulatedRobot
 from canopen_control.runtime.simulation_engine import simulation_engine
 
 KINDS = [Kind.SIMULATION]

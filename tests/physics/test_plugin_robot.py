@@ -2,7 +2,7 @@ import pytest
 
 from canopen_control.hardware.simulation import SimulatedSystem
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.physics.simulated_robot import axes_of, make_simulated, sensors_of
+from canopen_control.physics.plugin_robot import axes_of, make_simulated, sensors_of
 from canopen_control.urdf.description import parse_description
 
 ROBOT = """<robot name="arm">
