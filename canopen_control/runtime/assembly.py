@@ -64,12 +64,16 @@ class Assembly:
         ]
         if Kind.CANOPEN in kinds or setup.files.bus_alone:
             self._add_buses()
-        engine = None if Kind.SIMULATION not in kinds else simulation_engine(setup, kinds, self.report)
+        engine = None if Kind.SIMULATION not in kinds else simulation_engine(setup, kinds, self._tell_once_it_runs)
         for tag, kind in zip(setup.description.hardware, kinds, strict=True):
             if kind is Kind.CANOPEN:
                 self._add_system(tag)
             else:
                 self.registry.register(made_up(setup.description, tag, kind, engine))
+
+    def _tell_once_it_runs(self, kind: str, text: str) -> None:
+        """Report what was found while it is built: nobody listens yet."""
+        self.reactor.call_soon(lambda: self.report(Event(self.reactor.now(), kind, "", text)))
 
     def _add_buses(self) -> None:
         setup = self.setup

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.hardware.plugins import Kind
 from canopen_control.hardware.simulation import PHYSICS_PLUGIN
-from canopen_control.master.event_log import Event
 from canopen_control.physics import require_physics
 
 if TYPE_CHECKING:
@@ -27,8 +26,11 @@ __all__ = ["simulation_engine"]
 _MODEL: Final = "mujoco_model"
 
 
-def simulation_engine(setup: RobotSetup, kinds: Sequence[Kind], report: Callable[[Event], None]) -> Engine | None:
-    """Return the physics of a robot's one simulated tag, None for simple motors; RobotConfigError, PhysicsError."""
+def simulation_engine(setup: RobotSetup, kinds: Sequence[Kind], report: Callable[[str, str], None]) -> Engine | None:
+    """Return the physics of a robot's one simulated tag, None for simple motors; RobotConfigError, PhysicsError.
+
+    `report` takes the kind and the text of what was guessed, or keeps it from physics.
+    """
     tags = [tag for tag, kind in zip(setup.description.hardware, kinds, strict=True) if kind is Kind.SIMULATION]
     wanted = any(tag.plugin == PHYSICS_PLUGIN for tag in tags)
     if not setup.simulate:
@@ -43,12 +45,11 @@ def simulation_engine(setup: RobotSetup, kinds: Sequence[Kind], report: Callable
     except ConfigError as error:
         if wanted:
             raise
-        text = f"simple motors move {setup.name}, since there is no physics: {error}"
-        report(Event(0, "note", "", text))
+        report("physics", f"simple motors move {setup.name}, since there is no physics: {error}")
         return None
 
 
-def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[Event], None]) -> Engine:
+def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, str], None]) -> Engine:
     """Make the world of a tag."""
     from canopen_control.physics.plugin_robot import make_simulated
 
@@ -56,5 +57,5 @@ def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[Event],
     scene = Path(setup.description.path).parent / model if model else None
     engine = make_simulated(setup.description, tag, scene)
     for note in engine.notes:
-        report(Event(0, "physics", "", note))
+        report("physics", note)
     return engine
