@@ -53,6 +53,7 @@ MAY_IMPORT = {
             "rpc",
             "master",
             "virtual",
+            "physics",
             "hardware",
             "controllers",
             "yamlfile",

@@ -300,6 +300,8 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
         allow_unsupervised=args.allow_unsupervised,
         kernel_sync=getattr(args, "kernel_sync", False),
         physics=getattr(args, "physics", False),
+        drives=bool(args.can),
+        simulate=True,
     )
 
 

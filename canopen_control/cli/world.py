@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-    from canopen_control.rpc.messages.drive import WorldAct, WorldState
+    from canopen_control.rpc.messages.drive import BasePose, WorldAct, WorldState
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -130,8 +130,12 @@ def _drive(can: str | None) -> tuple[str, int]:
 
 
 def _told(world: WorldState) -> str:
-    """Say where the robot is."""
-    base = world.base
+    """Say where the robot is, and what its sensors measure."""
+    sensors = [f"{name}: {' '.join(f'{value:.4g}' for value in values)}" for name, values in world.sensors.items()]
+    return "\n".join([_pose(world.base), *sensors])
+
+
+def _pose(base: BasePose | None) -> str:
     if base is None:
         return "the robot is bolted to the ground, or its drives have no physics: run it with --physics"
     heading = math.degrees(base.heading)

@@ -16,6 +16,7 @@ from canopen_control.hardware.transmitted_system import TransmittedSystem
 
 if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import HardwareComponent
+    from canopen_control.hardware.simulation import Engine
     from canopen_control.urdf.description import Description
     from canopen_control.urdf.ros2_control import Ros2ControlSystem
 
@@ -50,10 +51,12 @@ def kind_of(description: Description, tag: Ros2ControlSystem, *, mock: bool = Fa
     return kind
 
 
-def made_up(description: Description, tag: Ros2ControlSystem, kind: Kind) -> HardwareComponent:
+def made_up(
+    description: Description, tag: Ros2ControlSystem, kind: Kind, engine: Engine | None = None
+) -> HardwareComponent:
     """Return the component of a tag that needs no bus. A tag that is mocked by option moves its joints."""
     if kind is Kind.SIMULATION:
-        return simulation.SimulatedSystem(tag, description.joints)
+        return simulation.SimulatedSystem(tag, description.joints, engine=engine)
     if tag.plugin not in mock.PLUGINS:
         tag = replace(tag, parameters={"calculate_dynamics": "true", **tag.parameters})
     return mock.GenericSystem(tag)

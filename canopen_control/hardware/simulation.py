@@ -33,12 +33,16 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint_element import Joint, Limits
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
-__all__ = ["PLUGINS", "FirstOrderMotor", "Motor", "SimulatedSystem"]
+__all__ = ["PHYSICS_PLUGIN", "PLUGINS", "Engine", "FirstOrderMotor", "Motor", "SimulatedSystem"]
+
+PHYSICS_PLUGIN: Final = "mujoco_ros2_control/MujocoSystemInterface"
+"""The plugin whose users want physics and nothing less."""
 
 PLUGINS: Final[tuple[str, ...]] = (
     "canopen_control/SimulatedSystem",
     "gazebo_ros2_control/GazeboSystem",
     "gz_ros2_control/GazeboSimSystem",
+    PHYSICS_PLUGIN,
     "ign_ros2_control/IgnitionSystem",
     "gazebo_ros_control/DefaultRobotHWSim",
 )
@@ -54,6 +58,19 @@ class Motor(Protocol):
 
     def follow(self, interface: str, target: float, seconds: float) -> None:
         """Move for `seconds` as a target of position, velocity or effort makes it move."""
+
+
+class Engine(Protocol):
+    """Motors that move together, and sensors beside them: physics in place of motors of their own."""
+
+    def motor(self, joint: str) -> Motor | None:
+        """Return the motor of a joint, None where it has none; its target counts at the next step of all."""
+
+    def sensed(self, interface: str) -> Callable[[], float] | None:
+        """Return what reads a state interface of a sensor, such as "imu/orientation.x"; None: it measures no such."""
+
+    def step(self, seconds: float) -> None:
+        """Let time pass for all motors and sensors."""
 
 
 class FirstOrderMotor:
@@ -138,7 +155,8 @@ class _Joint:
 class SimulatedSystem(Lifecycle):
     """One <ros2_control> tag, simulated; `joints` are those of the description, for their limits and mimics.
 
-    Parameters of the tag or of a joint: time_constant (s), inertia, damping. `make_motor` replaces the motors.
+    Parameters of the tag or of a joint: time_constant (s), inertia, damping. `make_motor` replaces the motors; those of
+    an `engine` move together, and its sensors measure.
     """
 
     def __init__(
@@ -146,6 +164,7 @@ class SimulatedSystem(Lifecycle):
         description: Ros2ControlSystem,
         joints: Mapping[str, Joint],
         make_motor: Callable[[Limits], Motor] | None = None,
+        engine: Engine | None = None,
     ) -> None:
         super().__init__()
         self.name = description.name
@@ -154,8 +173,12 @@ class SimulatedSystem(Lifecycle):
         self._joints: list[_Joint] = []
         for part in description.joints:
             limits = joints[part.name].limits
-            motor = make_motor(limits) if make_motor else _motor(limits, {**description.parameters, **part.parameters})
+            motor = None if engine is None else engine.motor(part.name)
+            if motor is None:
+                own = {**description.parameters, **part.parameters}
+                motor = make_motor(limits) if make_motor else _motor(limits, own)
             self._joints.append(_Joint(part, motor))
+        self._engine = engine
         by_name = {each.name: each for each in self._joints}
         self._mimics = [
             (by_name[part.name], by_name[part.mimic.joint], part.mimic)
@@ -173,6 +196,11 @@ class SimulatedSystem(Lifecycle):
         self.command_interfaces: Sequence[CommandInterface] = [
             *(one for each in self._joints for one in each.commands.values()),
             *extra_commands,
+        ]
+        self._sensed = [
+            (state, source)
+            for state in extra_states
+            if engine is not None and (source := engine.sensed(state.name)) is not None
         ]
         self._owners: dict[str, _Joint | None] = {one.name: None for one in extra_commands}
         self._owners.update({one.name: each for each in self._joints for one in each.commands.values()})
@@ -227,6 +255,8 @@ class SimulatedSystem(Lifecycle):
                 return ERROR
         for joint in self._driven:
             joint.step(step / 1e9)
+        if self._engine is not None:
+            self._engine.step(step / 1e9)
         self._show()
         return OK
 
@@ -241,6 +271,8 @@ class SimulatedSystem(Lifecycle):
             follower.motor.velocity = mimic.multiplier * leader.motor.velocity
         for joint in self._joints:
             joint.show()
+        for state, source in self._sensed:
+            state.value = source()
         for command, state in self._mirrored:
             if not math.isnan(command.value):
                 state.value = command.value

@@ -1,9 +1,13 @@
 """Physics: the robot of a description on a floor, with contacts, slip, payload, and a servo loop on each driven joint.
 
 The engine is MuJoCo; this is the only room that imports it, and only when somebody asks for a world: `engine` makes one
-for the virtual drives of a process. `physics_file` is the plant file, `urdf_repair` and `body_model` make a model of a
-description, `ground_contact` finds its wheels, `joint_servo` is a drive's loops on one joint and `physics_world` moves
-all of it together.
+for the virtual drives of a process, `plugin_robot` one for a simulation plugin without drives.
+
+- files: `physics_file` (the plant file), `world_file` (what stands on the floor, and what happens)
+- a model: `urdf_repair` and `body_model` of a description, `mjcf_model` of a scene of MuJoCo's own; `ground_contact`
+  finds the wheels, `scenery` adds ramps, boxes and walls, `world_sensors` what measures
+- motion: `joint_servo` (a drive's loops on one joint), `physics_world` (all of them together), `mecanum_contact`
+  (rollers on the floor), `disturbances` (payload, pushes, grip)
 """
 
 from __future__ import annotations

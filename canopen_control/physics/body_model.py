@@ -22,17 +22,20 @@ from canopen_control.physics.ground_contact import Ground, Part, stand
 from canopen_control.physics.mecanum_contact import RollerWheel
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.scenery import add_scenery
+from canopen_control.physics.world_sensors import add_sensors
 from canopen_control.urdf.geometry import from_yaw
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from canopen_control.physics.physics_file import AxisSettings, Floor
     from canopen_control.physics.urdf_repair import RepairedUrdf
     from canopen_control.physics.world_file import WorldDescription
+    from canopen_control.physics.world_sensors import WorldSensor
     from canopen_control.urdf.description import Description
 
-__all__ = ["BASE_JOINT", "Body", "JointPlace", "Motor", "build", "read_spec"]
+__all__ = ["BASE_JOINT", "Body", "JointPlace", "Motor", "build", "compiled", "estimated_motors", "give_locks", "placed",
+           "read_spec"]  # fmt: skip
 
 BASE_JOINT: Final = "floating_base_joint"
 _FLOOR: Final = "floor"
@@ -119,6 +122,7 @@ def build(
     free: bool | None,
     path: str,
     world: WorldDescription,
+    sensors: Sequence[WorldSensor] = (),
 ) -> Body:
     """Make the model of a description in a world; `axes` by their joints, `free`: its root is, None: if it rolls.
 
@@ -131,10 +135,8 @@ def build(
     ground = stand(compiled(spec, description.path))
     is_free = ground.rolls if free is None else free
     _set_options(spec, step)
-    for joint in axes:
-        lock = spec.add_equality(name=f"{_LOCK}{joint}", type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, active=False)
-        lock.objtype = mujoco.mjtObj.mjOBJ_JOINT
-        lock.solref, lock.solimp = [2.0 * step, 1.0], [0.99, 0.999, 0.0001, 0.5, 2.0]
+    give_locks(spec, axes, step)
+    add_sensors(spec, sensors, path)
     _touch_floor(spec, ground, floor, step)
     root = description.model.root
     if is_free:
@@ -144,7 +146,8 @@ def build(
         body.quat = list(from_yaw(math.radians(world.start.heading)))
     _lay_floor(spec, step, 0.0 if is_free else min(0.0, -ground.lift))
     add_scenery(spec, world, _solref(step))
-    motors = _motors(compiled(spec, description.path), description, axes, ground)
+    efforts = {name: description.joints[name].limits.effort for name in axes}
+    motors = estimated_motors(compiled(spec, description.path), axes, efforts, ground)
     for name, motor in motors.items():
         joint = spec.joint(name)
         joint.armature = motor.rotor
@@ -153,11 +156,19 @@ def build(
     model = compiled(spec, description.path)
     return Body(
         model,
-        {name: _place(model, name, motor) for name, motor in motors.items()},
+        {name: placed(model, name, motor) for name, motor in motors.items()},
         int(model.body(root).id) if is_free else None,
         tuple(_told(axes, motors, ground, is_free)),
         *_on_floor(model, ground, axes),
     )
+
+
+def give_locks(spec: Any, axes: Mapping[str, AxisSettings], step: float) -> None:  # noqa: ANN401 - as above
+    """Add what holds each driven joint, off until a brake or a blocked shaft needs it."""
+    for joint in axes:
+        lock = spec.add_equality(name=f"{_LOCK}{joint}", type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, active=False)
+        lock.objtype = mujoco.mjtObj.mjOBJ_JOINT
+        lock.solref, lock.solimp = [2.0 * step, 1.0], [0.99, 0.999, 0.0001, 0.5, 2.0]
 
 
 def _check_joints(axes: Mapping[str, AxisSettings], description: Description, path: str) -> None:
@@ -254,13 +265,13 @@ def _on_floor(
 # -- motors
 
 
-def _motors(
+def estimated_motors(
     model: Any,  # noqa: ANN401 - as above
-    description: Description,
     axes: Mapping[str, AxisSettings],
+    efforts: Mapping[str, float],
     ground: Ground,
 ) -> dict[str, Motor]:
-    """Return the motors by joint, with what the file does not say estimated."""
+    """Return the motors by joint, with what the file does not say estimated; `efforts` are those of a description."""
     wheels = {touch.joint: touch.radius for touch in ground.touches if touch.part is Part.WHEEL}
     driven = [joint for joint in axes if joint in wheels] or [""]
     share = float(model.body_subtreemass[0]) / len(driven)
@@ -271,7 +282,7 @@ def _motors(
         radius, inertia, weight = wheels.get(name, 0.0), inertias[name], weights[name]
         inertia += share * radius * radius
         need = _RATED * share * gravity * radius + (0.0 if radius else 2.0 * (weight + inertia * _ARM_ACCELERATION))
-        found[name] = _motor(axis, description.joints[name].limits.effort, inertia, max(need, 1e-6), wheel=radius > 0.0)
+        found[name] = _motor(axis, efforts.get(name, math.inf), inertia, max(need, 1e-6), wheel=radius > 0.0)
     return found
 
 
@@ -312,7 +323,8 @@ def _in_postures(model: Any, axes: Mapping[str, AxisSettings]) -> tuple[dict[str
     return {name: math.exp(value) for name, value in logs.items()}, weights
 
 
-def _place(model: Any, name: str, motor: Motor) -> JointPlace:  # noqa: ANN401 - as above
+def placed(model: Any, name: str, motor: Motor) -> JointPlace:  # noqa: ANN401 - as above
+    """Return where a driven joint is in a model."""
     joint = model.joint(name)
     return JointPlace(int(joint.qposadr[0]), int(joint.dofadr[0]), int(model.equality(f"{_LOCK}{name}").id), motor)
 

@@ -5,6 +5,7 @@
     step_ms: 1                       # of the simulation
     floor: {friction: 0.8, caster_friction: 0.02}
     world: hall.yml                  # what stands on the floor and what happens, see `world_file`
+    sensors: {imu: {kind: imu, link: base_link, noise: 0.01}}
     axes:
       "3": {joint: left_wheel_joint, scale_pos_to_dev: -254.65, rated_torque: 0.5, peak_torque: 1.0}
       "3/1": {joint: lift_joint, scale_pos_to_dev: 1000}         # axis 1 of node 3
@@ -28,9 +29,19 @@ if TYPE_CHECKING:
 
     from canopen_control.yamlfile.problems import Problems
 
-__all__ = ["AxisSettings", "Floor", "PhysicsError", "PhysicsFile", "axis_address", "read_physics_file"]
+__all__ = [
+    "DENSITY",
+    "AxisSettings",
+    "Floor",
+    "PhysicsError",
+    "PhysicsFile",
+    "SensorSettings",
+    "axis_address",
+    "read_physics_file",
+]
 
 _AXES = 8  # of a node
+DENSITY = 1000.0
 
 
 class PhysicsError(ConfigError):
@@ -74,6 +85,16 @@ class Floor:
 
 
 @dataclass(frozen=True)
+class SensorSettings:
+    """A sensor on a link, see `world_sensors`; `reach` in m is that of a range finder."""
+
+    kind: Literal["imu", "range", "force_torque"]
+    link: str
+    noise: float = setting(0.0, low=0.0)
+    reach: float = setting(10.0, low=1e-3)
+
+
+@dataclass(frozen=True)
 class PhysicsFile:
     """The file as a whole; `arguments` are those of a xacro, `density` in kg/m3 is that of links without masses."""
 
@@ -84,9 +105,10 @@ class PhysicsFile:
     arguments: dict[str, str] = setting(factory=dict)  # noqa: RUF009 - makes a field
     step_ms: float = setting(1.0, low=0.1, high=4.0)
     base: Literal["free", "fixed"] | None = None
-    density: float = setting(1000.0, low=1.0, high=30_000.0)
+    density: float = setting(DENSITY, low=1.0, high=30_000.0)
     floor: Floor = Floor()
     world: str = ""
+    sensors: dict[str, SensorSettings] = setting(factory=dict)  # noqa: RUF009 - makes a field
     here: Node = position()  # noqa: RUF009 - makes a field
 
 

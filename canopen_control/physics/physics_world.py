@@ -16,15 +16,17 @@ import numpy as np
 
 from canopen_control.physics.joint_servo import JointPlant
 from canopen_control.physics.mecanum_contact import MecanumContact
+from canopen_control.physics.world_sensors import SensorReader
 from canopen_control.physics.world_shapes import shapes_of
 from canopen_control.rpc.messages.drive import BasePose, WorldState
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from canopen_control.physics.body_model import Body, JointPlace
     from canopen_control.physics.disturbances import Disturbances
     from canopen_control.physics.physics_file import AxisSettings
+    from canopen_control.physics.world_sensors import WorldSensor
     from canopen_control.rpc.messages.drive import WorldAct, WorldShape
 
 __all__ = ["PhysicsWorld"]
@@ -47,6 +49,7 @@ class PhysicsWorld:
         axes: Mapping[tuple[int, int], AxisSettings],
         disturbances: Disturbances,
         notes: tuple[str, ...] = (),
+        sensors: Sequence[WorldSensor] = (),
     ) -> None:
         self._body, self._axes, self.model, self.notes = body, axes, body.model, notes
         self.data = mujoco.MjData(body.model)
@@ -62,6 +65,7 @@ class PhysicsWorld:
         self._orders: list[tuple[object, ...]] = []
         self._heading, self._turns = 0.0, 0
         self._began: int | None = None  # point of the grid from which the world's own times count
+        self._sensors = SensorReader(self.model, self.data, sensors)
         self._settle()
         self._disturbances = disturbances
         load = self._weight() / max(1, len(body.rollers))
@@ -240,14 +244,15 @@ class PhysicsWorld:
         return w, x, y, z
 
     def describe(self) -> WorldState:
-        """Return the true pose of the base."""
+        """Return the true pose of the base, and what the sensors measure."""
+        sensors = self._sensors.read()
         if self._body.base is None:
-            return WorldState()
+            return WorldState(sensors=sensors)
         x, y, z = (float(each) for each in self.angles[:3])
         self._look_at_heading()
         heading = self._heading + self._turns * math.tau
         roll, pitch = _roll_and_pitch(self._rotation())
-        return WorldState(BasePose(x, y, heading, max(0, self._shown), z=z, roll=roll, pitch=pitch))
+        return WorldState(BasePose(x, y, heading, max(0, self._shown), z=z, roll=roll, pitch=pitch), sensors=sensors)
 
     def shapes(self) -> tuple[WorldShape, ...]:
         """Return what stands on the floor beside the robot."""

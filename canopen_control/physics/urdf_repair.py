@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.description import Description
 
-__all__ = ["RepairedUrdf", "repaired"]
+__all__ = ["RepairedUrdf", "guessed_masses", "repaired"]
 
 _FOREIGN: Final = ("ros2_control", "gazebo", "transmission", "mujoco_inputs", "mujoco")
 _MESHES: Final = (".stl", ".obj")
@@ -52,6 +52,13 @@ def repaired(description: Description) -> RepairedUrdf:
     text = ET.tostring(root, encoding="unicode")
     guessed = tuple(link.get("name", "") for link in root.findall("link") if _is_guessed(link))
     return RepairedUrdf(text, guessed, tuple(notes))
+
+
+def guessed_masses(urdf: RepairedUrdf, density: float) -> tuple[str, ...]:
+    """Return the sentence that tells whose masses were guessed, at a density in kg/m3; none where none was."""
+    if not urdf.guessed:
+        return ()
+    return (f"masses are guessed from shapes at {density:g} kg/m3: {', '.join(urdf.guessed)}",)
 
 
 def _is_guessed(link: ET.Element) -> bool:

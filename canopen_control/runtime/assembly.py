@@ -15,6 +15,7 @@ from canopen_control.hardware.plugins import Kind, kind_of, made_up, transmitted
 from canopen_control.hardware.system import CanopenSystem
 from canopen_control.master.event_log import Event
 from canopen_control.runtime.robot_bus import RobotBus
+from canopen_control.runtime.simulation_engine import simulation_engine
 from canopen_control.runtime.sync_choice import SyncSender
 
 if TYPE_CHECKING:
@@ -63,11 +64,16 @@ class Assembly:
         ]
         if Kind.CANOPEN in kinds or setup.files.bus_alone:
             self._add_buses()
+        engine = None if Kind.SIMULATION not in kinds else simulation_engine(setup, kinds, self._tell_once_it_runs)
         for tag, kind in zip(setup.description.hardware, kinds, strict=True):
             if kind is Kind.CANOPEN:
                 self._add_system(tag)
             else:
-                self.registry.register(made_up(setup.description, tag, kind))
+                self.registry.register(made_up(setup.description, tag, kind, engine))
+
+    def _tell_once_it_runs(self, kind: str, text: str) -> None:
+        """Report what was found while it is built: nobody listens yet."""
+        self.reactor.call_soon(lambda: self.report(Event(self.reactor.now(), kind, "", text)))
 
     def _add_buses(self) -> None:
         setup = self.setup

@@ -10,7 +10,7 @@ import json
 import math
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.channel import parse_channel
+from canopen_control.bus.channel import may_host_virtual_drives, parse_channel
 from canopen_control.errors import RobotConfigError
 from canopen_control.host.files import state_dir, write_whole
 from canopen_control.urdf.wheels import WheelGeometry
@@ -44,6 +44,8 @@ def check_physics(setup: RobotSetup) -> None:
             f"{', '.join(setup.channels)}"
         )
     for channel in setup.channels.values():
+        if not may_host_virtual_drives(channel):
+            raise RobotConfigError(f"--physics: real drives may be on {channel}; use --can local:NAME, or vcan0")
         if parse_channel(channel).kind.in_process:
             raise RobotConfigError(
                 f"--physics: the drives on {channel} are no process of their own; use --can local:NAME"

@@ -57,6 +57,8 @@ class RobotSetup:
     kernel_sync: bool = False
     physics: bool = False
     sync: Mapping[str, SyncChoice] = field(default_factory=dict)
+    drives: bool = False
+    simulate: bool = False
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -73,7 +75,7 @@ class RobotSetup:
     @property
     def on_drives(self) -> bool:
         """Whether drives, real or virtual, move the joints whatever the plugins of the description are."""
-        return self.real or self.physics
+        return self.real or self.physics or self.drives
 
     @property
     def bus(self) -> BusConfig:
@@ -131,13 +133,16 @@ def read_robot(
     allow_unsupervised: bool = False,
     kernel_sync: bool = False,
     physics: bool = False,
+    drives: bool = False,
+    simulate: bool = False,
 ) -> RobotSetup:
     """Read and check all three files; raises a ConfigError.
 
     `mock` and `real` overrule the hardware plugins of the description; with `strict`, what is suspicious in
     ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes;
     `allow_unsupervised` accepts drives that nothing stops when the master dies; `kernel_sync` leaves SYNC to the
-    kernel; with `physics` virtual drives move the robot in a world.
+    kernel; with `physics` virtual drives move the robot in a world, with `drives` drives do where simulation plugins
+    would; `simulate` lets these move it in a world.
     """
     name = name or files.name
     if files.bus_alone:
@@ -156,7 +161,7 @@ def read_robot(
     if not files.bus_alone and not mock:
         description, control, free = with_free_drives(description, control, buses)
     if not buses:
-        _refuse_drives(files, description, mock=mock, real=real or physics)
+        _refuse_drives(files, description, mock=mock, real=real or physics or drives)
     channels = _channels(name, buses, can)
     if kernel_sync:
         _require_kernel_sync(buses, channels, mock=mock)
@@ -170,11 +175,13 @@ def read_robot(
         control,
         (*_wanted(files, *written, controllers), *free),
         mock,
-        tuple(_told_by_files(buses, control, description, mock=mock, real=real or physics)),
+        tuple(_told_by_files(buses, control, description, mock=mock, real=real or physics or drives)),
         real,
         kernel_sync,
         physics,
         sync,
+        drives,
+        simulate,
     )
 
 

@@ -40,7 +40,7 @@ class Noting(PlainWorld):
         self.acts.append(what)
 
     def describe(self):
-        return WorldState(self.base)
+        return WorldState(self.base, sensors={"range": (1.5,)})
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def world(tmp_path, monkeypatch, request):
 def test_it_tells_where_the_robot_is(world, capsys):
     assert main(["world", "--can", CAN]) == 0
     said = capsys.readouterr().out
-    assert said == "x 1.0000 m, y -2.0000 m, z 0.5000 m, heading 180.00 deg, roll 0.0 deg, pitch -5.7 deg\n"
+    assert said == "x 1.0000 m, y -2.0000 m, z 0.5000 m, heading 180.00 deg, roll 0.0 deg, pitch -5.7 deg\nrange: 1.5\n"
     assert main(["world", "--can", CAN, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["base"]["z"] == 0.5
 

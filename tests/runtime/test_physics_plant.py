@@ -68,6 +68,7 @@ def test_a_simulation_plugin_gives_way_to_drives():
         ({"mock": True}, "leave --mock away"),
         ({"channels": {"can": "local:a", "second": "local:b"}}, "buses can, second"),
         ({"channels": {"can": "memory:a"}}, "use --can local:NAME"),
+        ({"channels": {"can": "can0"}}, "real drives may be on can0"),
     ],
 )
 def test_what_physics_cannot_do_is_told(changes, words):

@@ -1,0 +1,214 @@
+"""A robot in physics without drives: what a simulation plugin of ros2_control moves, as Gazebo or MuJoCo would.
+
+Each joint follows a position, a velocity or an effort through a servo of its own, as behind a drive; all of them move
+together once every cycle. A position is gone to evenly within the cycle. Sensors of the tag measure in the world: those
+with orientation, angular velocity or acceleration are IMUs, with force or torque force-torque sensors, with `range` a
+range finder; their link is the parameter `frame_id`, else the root, and `noise` is a parameter too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import mujoco
+
+from canopen_control.physics.body_model import build, read_spec
+from canopen_control.physics.joint_servo import ServoLoop
+from canopen_control.physics.mjcf_model import build_mjcf
+from canopen_control.physics.physics_file import DENSITY, AxisSettings, Floor, PhysicsError
+from canopen_control.physics.urdf_repair import guessed_masses, repaired
+from canopen_control.physics.world_file import WorldDescription
+from canopen_control.physics.world_sensors import FORCE, IMU, INTERFACES, RANGE, SensorReader, WorldSensor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from pathlib import Path
+
+    from canopen_control.physics.body_model import Body, JointPlace
+    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
+
+__all__ = ["JointMotor", "SimulatedRobot", "axes_of", "make_simulated", "sensors_of"]
+
+_NS: Final = 1_000_000_000
+_STEP_S: Final = 0.001
+_SCALE: Final = 1e6  # counts for each rad of an encoder without grain
+_LONGEST_NS: Final = 200_000_000  # that one cycle may ask for; more has been lost, as on a machine that slept
+_LEAD: Final = 0.2  # rad or m that a velocity may run ahead of a joint that is held up
+_SETTLE_STEPS: Final = 300
+_WORDS: Final = ((IMU, ("orientation.", "angular_velocity.", "linear_acceleration.")), (FORCE, ("force.", "torque.")))
+
+
+def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
+    """Return the joints of a tag that something commands, each with a motor that is estimated."""
+    return {
+        part.name: AxisSettings(part.name, _SCALE, brake=False)
+        for part in tag.joints
+        if part.command_interfaces and part.mimic is None
+    }
+
+
+def sensors_of(tag: Ros2ControlSystem, root: str) -> list[WorldSensor]:
+    """Return the sensors of a tag that a world has; PhysicsError for a parameter that is no number."""
+    return [found for part in tag.sensors if (found := _sensor(part, root)) is not None]
+
+
+def _sensor(part: ControlJoint, root: str) -> WorldSensor | None:
+    numbers = {}
+    for name, default in (("noise", 0.0), ("range_max", 10.0)):
+        try:
+            numbers[name] = float(part.parameters.get(name, default))
+        except ValueError:
+            numbers[name] = math.nan
+        if not (math.isfinite(numbers[name]) and numbers[name] >= 0.0):
+            raise PhysicsError(f"sensor {part.name}: {name} is {part.parameters[name]!r}; it is a number from 0")
+    link = part.parameters.get("frame_id", root)
+    for kind, words in _WORDS:
+        if any(name.startswith(words) for name in part.state_interfaces):
+            return WorldSensor(part.name, kind, link, numbers["noise"])
+    if RANGE in part.state_interfaces:
+        return WorldSensor(part.name, RANGE, link, numbers["noise"], numbers["range_max"])
+    return None
+
+
+@dataclass(slots=True)
+class _Target:
+    """What a joint is to follow until the end of a cycle."""
+
+    interface: str = "velocity"
+    before: float = 0.0
+    value: float = 0.0
+
+
+class JointMotor:
+    """One joint of the world: rad, rad/s, N m (m, m/s, N); its target counts at the next step of all."""
+
+    def __init__(self, robot: SimulatedRobot, place: JointPlace, settings: AxisSettings, period: float) -> None:
+        self._robot, self._place, self._period = robot, place, period
+        self._loop = ServoLoop(place.motor, settings, period)
+        self._target = _Target()
+        self._place_wanted = 0.0
+        self.effort = 0.0
+
+    @property
+    def position(self) -> float:
+        """Where the joint is."""
+        return float(self._robot.data.qpos[self._place.qpos])
+
+    @position.setter
+    def position(self, value: float) -> None:
+        """Put the joint there before it begins."""
+        self._robot.data.qpos[self._place.qpos] = value
+        self._place_wanted = self._target.before = self._target.value = value
+
+    @property
+    def velocity(self) -> float:
+        """How fast it moves."""
+        return float(self._robot.data.qvel[self._place.dof])
+
+    @velocity.setter
+    def velocity(self, value: float) -> None:
+        """Set it in motion."""
+        self._robot.data.qvel[self._place.dof] = value
+
+    def follow(self, interface: str, target: float, seconds: float) -> None:  # noqa: ARG002 # the step of all says it
+        """Take the target of a position, a velocity or an effort until the next cycle."""
+        old = self._target
+        if interface != old.interface:  # what it did before is no position to come from
+            self._place_wanted = self.position
+            old.value = target if interface == "position" else old.value
+        self._target = _Target(interface, old.value, target)
+
+    def push(self, part: float, length: float) -> None:
+        """Set the torque of one step, `part` of the way through a cycle of `length` seconds."""
+        target, place, peak = self._target, self._place, self._place.motor.peak_torque
+        angle = self.position
+        if target.interface == "effort":
+            self.effort = max(-peak, min(peak, target.value))
+            self._loop.rest(self.effort)
+        elif target.interface == "position":
+            speed = (target.value - target.before) / length
+            self._place_wanted = target.before + part * (target.value - target.before)
+            self.effort = self._loop.torque(angle, self._place_wanted, speed, peak)
+        else:
+            ahead = self._place_wanted + target.value * self._period
+            self._place_wanted = max(angle - _LEAD, min(angle + _LEAD, ahead))
+            self.effort = self._loop.torque(angle, self._place_wanted, target.value, peak)
+        self._robot.data.qfrc_applied[place.dof] = self.effort
+
+
+class SimulatedRobot:
+    """All joints and sensors of a body, moved once a cycle; an `Engine` of `hardware.simulation`."""
+
+    def __init__(
+        self,
+        body: Body,
+        axes: dict[str, AxisSettings],
+        sensors: Iterable[WorldSensor] = (),
+        notes: tuple[str, ...] = (),
+    ) -> None:
+        self.body, self.model, self.notes = body, body.model, notes
+        self.data = mujoco.MjData(body.model)
+        self._period = float(body.model.opt.timestep)
+        self._period_ns = round(self._period * _NS)
+        self._left_ns = 0
+        self._motors = {name: JointMotor(self, place, axes[name], self._period) for name, place in body.joints.items()}
+        self._sensors = list(sensors)
+        self._reader = SensorReader(self.model, self.data, self._sensors)
+        self._seen: dict[str, float] = {}
+        mujoco.mj_step(self.model, self.data, _SETTLE_STEPS)
+        self.data.qvel[:] = 0.0
+        for place in body.joints.values():
+            self.data.qpos[place.qpos] = self.model.qpos0[place.qpos]
+        mujoco.mj_forward(self.model, self.data)
+        self._look()
+
+    def motor(self, joint: str) -> JointMotor | None:
+        """Return the motor of a joint, None where it has none."""
+        return self._motors.get(joint)
+
+    def sensed(self, interface: str) -> Callable[[], float] | None:
+        """Return what reads a state interface of a sensor, such as "imu/orientation.x"; None: it measures no such."""
+        return (lambda: self._seen[interface]) if interface in self._seen else None
+
+    def step(self, seconds: float) -> None:
+        """Let time pass in whole steps; what is left of it counts in the next cycle."""
+        self._left_ns = min(_LONGEST_NS, self._left_ns + round(seconds * _NS))
+        count = self._left_ns // self._period_ns
+        self._left_ns -= count * self._period_ns
+        motors = self._motors.values()
+        for number in range(1, count + 1):
+            for motor in motors:
+                motor.push(number / count, count * self._period)
+            mujoco.mj_step(self.model, self.data)
+        if self._sensors:
+            self._look()
+
+    def _look(self) -> None:
+        for name, numbers in self._reader.read().items():
+            kind = next(each.kind for each in self._sensors if each.name == name)
+            self._seen.update({f"{name}/{part}": value for part, value in zip(INTERFACES[kind], numbers, strict=True)})
+
+
+def make_simulated(description: Description, tag: Ros2ControlSystem, scene: Path | None = None) -> SimulatedRobot:
+    """Return the robot of a tag in an empty world, or in an MJCF `scene`; PhysicsError for what cannot be simulated."""
+    axes, sensors, world = axes_of(tag), sensors_of(tag, description.model.root), WorldDescription()
+    if scene is not None:
+        body = build_mjcf(scene, axes, step=_STEP_S, path=description.path, world=world, sensors=sensors)
+        return SimulatedRobot(body, axes, sensors, body.notes)
+    urdf = repaired(description)
+    body = build(
+        read_spec(urdf, description.path),
+        description,
+        axes,
+        Floor(),
+        step=_STEP_S,
+        density=DENSITY,
+        free=None,
+        path=description.path,
+        world=world,
+        sensors=sensors,
+    )
+    return SimulatedRobot(body, axes, sensors, (*urdf.notes, *guessed_masses(urdf, DENSITY), *body.notes))

@@ -1,0 +1,107 @@
+import pytest
+
+from canopen_control.hardware.simulation import SimulatedSystem
+from canopen_control.physics.physics_file import PhysicsError
+from canopen_control.physics.plugin_robot import axes_of, make_simulated, sensors_of
+from canopen_control.urdf.description import parse_description
+
+ROBOT = """<robot name="arm">
+  <link name="base"/>
+  <joint name="swing" type="revolute"><parent link="base"/><child link="rod"/><origin xyz="0 0 2"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="60" velocity="5"/></joint>
+  <link name="rod"><inertial><origin xyz="0.3 0 0"/><mass value="2"/>
+    <inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <ros2_control name="arm" type="system"><hardware><plugin>mujoco_ros2_control/MujocoSystemInterface</plugin></hardware>
+    <joint name="swing"><command_interface name="position"/><command_interface name="velocity"/>
+      <command_interface name="effort"/><state_interface name="position">
+      <param name="initial_value">0.5</param></state_interface><state_interface name="velocity"/>
+      <state_interface name="effort"/></joint>
+    <sensor name="imu"><param name="frame_id">rod</param><state_interface name="orientation.w"/>
+      <state_interface name="angular_velocity.y"/></sensor>
+    <sensor name="other"><state_interface name="voltage"/></sensor>
+  </ros2_control></robot>"""
+MS = 1_000_000
+
+
+class Moved:
+    """A system on a simulated robot, stepped as a cycle does."""
+
+    def __init__(self, interface):
+        self.description = parse_description(ROBOT, "arm.urdf")
+        self.tag = self.description.hardware[0]
+        self.engine = make_simulated(self.description, self.tag)
+        self.system = SimulatedSystem(self.tag, self.description.joints, engine=self.engine)
+        self.system.configure()
+        self.system.activate()
+        self.system.perform_command_mode_switch([f"swing/{interface}"], [])
+        self.command = next(each for each in self.system.command_interfaces if each.name == f"swing/{interface}")
+        self.now = 0
+
+    def go(self, value, seconds):
+        for _ in range(round(seconds * 50)):
+            self.command.value = value
+            self.now += 20 * MS
+            self.system.read(self.now, 0.02)
+        return self.states()
+
+    def states(self):
+        return {each.name: each.value for each in self.system.state_interfaces}
+
+
+def test_a_position_is_gone_to_and_held_against_the_weight():
+    moved = Moved("position")
+    assert moved.engine.motor("swing").position == 0.5
+    states = moved.go(0.6, 1.5)
+    assert states["swing/position"] == pytest.approx(0.6, abs=2e-3)
+    assert states["swing/effort"] == pytest.approx(-2.0 * 9.81 * 0.3 * 0.825, rel=0.05)  # cos 0.6
+
+
+def test_a_velocity_is_kept_and_an_effort_moves_what_it_can():
+    assert Moved("velocity").go(-0.5, 1.0)["swing/velocity"] == pytest.approx(-0.5, rel=0.02)
+    states = Moved("effort").go(0.0, 0.3)
+    assert states["swing/velocity"] > 0.5  # it falls
+
+
+def test_its_imu_measures_and_another_sensor_stays_as_it_was():
+    moved = Moved("velocity")
+    states = moved.go(0.5, 0.5)
+    assert states["imu/angular_velocity.y"] == pytest.approx(0.5, rel=0.05)
+    assert 0.5 < states["imu/orientation.w"] < 1.0
+    assert states["other/voltage"] == 0.0
+
+
+def test_what_is_simulated_is_read_of_the_tag():
+    moved = Moved("position")
+    assert list(axes_of(moved.tag)) == ["swing"]
+    assert [(each.name, each.kind, each.link) for each in sensors_of(moved.tag, "base")] == [("imu", "imu", "rod")]
+    assert moved.engine.motor("nobody") is None
+    assert moved.engine.sensed("other/voltage") is None
+
+
+def test_the_step_does_not_depend_on_how_long_a_cycle_is():
+    fast, slow = Moved("velocity"), Moved("velocity")
+    fast.go(0.5, 0.4)
+    for _ in range(4):
+        slow.command.value = 0.5
+        slow.now += 100 * MS
+        slow.system.read(slow.now, 0.1)
+    assert slow.states()["swing/position"] == pytest.approx(fast.states()["swing/position"], abs=1e-6)
+
+
+@pytest.mark.parametrize("noise", ["much", "-1", "nan"])
+def test_a_noise_that_is_none_is_told(noise):
+    text = ROBOT.replace('<param name="frame_id">', f'<param name="noise">{noise}</param><param name="frame_id">')
+    with pytest.raises(PhysicsError, match="sensor imu: noise is"):
+        make_simulated(parse_description(text), parse_description(text).hardware[0])
+
+
+def test_a_scene_of_its_own_has_the_joints(tmp_path):
+    scene = tmp_path / "scene.xml"
+    scene.write_text(
+        '<mujoco><worldbody><body name="rod" pos="0 0 2"><joint name="swing" axis="0 1 0"/>'
+        '<geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.03" mass="2"/></body></worldbody></mujoco>'
+    )
+    description = parse_description(ROBOT, "arm.urdf")
+    engine = make_simulated(description, description.hardware[0], scene)
+    assert engine.motor("swing") is not None
+    assert float(engine.model.body_mass.sum()) == pytest.approx(2.0)

@@ -1,0 +1,63 @@
+import math
+
+import mujoco
+import pytest
+
+from canopen_control.physics.physics_file import PhysicsError
+from canopen_control.physics.world_sensors import FORCE, IMU, INTERFACES, RANGE, SensorReader, WorldSensor, add_sensors
+
+ARM = """<mujoco><option gravity="0 0 -10"/><worldbody>
+  <geom name="wall" type="box" size="0.1 5 5" pos="3.1 0 0"/>
+  <body name="base"><body name="tip" pos="1 0 0"><joint name="turn" axis="0 0 1"/>
+    <geom type="sphere" size="0.1" mass="2"/></body></body></worldbody></mujoco>"""
+
+
+def reader(*sensors, speed=0.0, steps=3, seed=0):
+    spec = mujoco.MjSpec.from_string(ARM)
+    add_sensors(spec, sensors, "robot.urdf")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qvel[0] = speed
+    mujoco.mj_step(model, data, steps)
+    return SensorReader(model, data, sensors, seed)
+
+
+def test_an_imu_feels_gravity_and_turning():
+    numbers = reader(WorldSensor("imu", IMU, "tip"), speed=2.0, steps=1).read()["imu"]
+    told = dict(zip(INTERFACES[IMU], numbers, strict=True))
+    assert told["orientation.w"] == pytest.approx(1.0, abs=1e-3)
+    assert told["angular_velocity.z"] == pytest.approx(2.0, rel=1e-3)
+    assert told["linear_acceleration.z"] == pytest.approx(10.0, rel=1e-3)
+
+
+def test_a_range_finder_looks_ahead_and_tells_when_there_is_nothing():
+    near, far = WorldSensor("near", RANGE, "tip", reach=5.0), WorldSensor("far", RANGE, "tip", reach=5.0)
+    assert reader(near).read()["near"] == (pytest.approx(2.0, abs=1e-3),)
+    spec = mujoco.MjSpec.from_string(ARM.replace('pos="3.1 0 0"', 'pos="-9 0 0"'))
+    add_sensors(spec, [far], "robot.urdf")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data)
+    assert SensorReader(model, data, [far]).read()["far"] == (-1.0,)
+
+
+def test_a_force_torque_sensor_carries_the_weight():
+    told = dict(zip(INTERFACES[FORCE], reader(WorldSensor("wrist", FORCE, "tip")).read()["wrist"], strict=True))
+    assert abs(told["force.z"]) == pytest.approx(20.0, rel=1e-3)
+    assert told["torque.x"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_noise_is_that_of_a_seed_and_turns_no_orientation():
+    noisy = WorldSensor("imu", IMU, "tip", noise=0.1)
+    first, again, other = (reader(noisy, seed=seed) for seed in (1, 1, 2))
+    numbers = first.read()["imu"]
+    assert numbers == again.read()["imu"] != other.read()["imu"]
+    assert math.hypot(*numbers[:4]) == pytest.approx(1.0, abs=1e-6)
+    spread = [first.read()["imu"][9] for _ in range(400)]
+    mean = sum(spread) / 400
+    assert math.sqrt(sum((each - mean) ** 2 for each in spread) / 400) == pytest.approx(0.1, rel=0.2)
+
+
+def test_a_link_that_is_not_there_is_told():
+    with pytest.raises(PhysicsError, match=r"sensor imu: no link 'tap', did you mean 'tip'\?"):
+        reader(WorldSensor("imu", IMU, "tap"))
