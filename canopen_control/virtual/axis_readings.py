@@ -37,10 +37,10 @@ class Statusword:
     def __init__(self, axis: Axis, modes: DriveModes) -> None:
         self._power, self._limits, self._mover, self._modes = axis.power, axis.limits, axis.mover, modes
         self._velocity_bits = axis.objects.model.velocity_bits
-        self.remote = Seam(True)
-        self.warning = Seam(False)
-        self.forced = Seam(0)
-        self.suppressed = Seam(0)
+        self.remote: Seam[bool] = Seam(True)
+        self.warning: Seam[bool] = Seam(False)
+        self.forced: Seam[int] = Seam(0)
+        self.suppressed: Seam[int] = Seam(0)
         self.replaced: Seam[int | None] = Seam(None)
 
     def value(self) -> int:
@@ -66,9 +66,9 @@ class AxisReadings:
     def __init__(self, axis: Axis, modes: DriveModes) -> None:
         self.mover, self.limits, self.modes = axis.mover, axis.limits, modes
         self.objects, self.units = axis.objects, axis.objects.units
-        self.statusword = Statusword(axis, modes)
+        self.statusword: Statusword = Statusword(axis, modes)
         self.inputs = 0
-        self.inverted = Seam(False)
+        self.inverted: Seam[bool] = Seam(False)
 
     @property
     def sign(self) -> float:

@@ -63,9 +63,10 @@ class DriveModes:
         self._axis = axis
         self._all = {number: make(axis) for number, make in MODES.items()}
         self._none = Mode(axis)
-        self.number, self.active = 0, self._none
-        self.stuck = Seam(False)
-        self.delay_ns = Seam(0)
+        self.number: int = 0
+        self.active: Mode = self._none
+        self.stuck: Seam[bool] = Seam(False)
+        self.delay_ns: Seam[int] = Seam(0)
 
     @property
     def homing(self) -> Homing:

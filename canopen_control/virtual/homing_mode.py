@@ -75,7 +75,7 @@ class Homing(Mode):
 
     def __init__(self, axis: Axis) -> None:
         super().__init__(axis)
-        self.fails = Seam(False)
+        self.fails: Seam[bool] = Seam(False)
 
     def reset(self) -> None:
         """Forget the run; what it found stays in the drive."""

@@ -36,7 +36,7 @@ class Clock:
         self.now = 0
         self.sync_ns: int | None = None
         self.rhythm = SyncRhythm()
-        self.drift_ppm = Seam(0.0)
+        self.drift_ppm: Seam[float] = Seam(0.0)
 
 
 class NodeOutbox:

@@ -70,10 +70,10 @@ class PowerMachine:
         self.halted = False
         self.causes: set[int] = set()
         self._communication_causes: set[int] = set()
-        self.voltage = Seam(True)
-        self.transition_delay_ns = Seam(0)
-        self.reset_deaf = Seam(False)
-        self.fault_on_enable = Seam(0)
+        self.voltage: Seam[bool] = Seam(True)
+        self.transition_delay_ns: Seam[int] = Seam(0)
+        self.reset_deaf: Seam[bool] = Seam(False)
+        self.fault_on_enable: Seam[int] = Seam(0)
 
     @property
     def running(self) -> bool:

@@ -24,8 +24,8 @@ class RpdoInput:
     """Hands RPDO frames on. Seams: `delay_ns`, how late; `lost`, one of how many never is, 0: none is lost."""
 
     def __init__(self) -> None:
-        self.delay_ns = Seam(0)
-        self.lost = Seam(0)
+        self.delay_ns: Seam[int] = Seam(0)
+        self.lost: Seam[int] = Seam(0)
         self._received = 0
         self._delayed: deque[tuple[int, Receive, CanFrame]] = deque()
 

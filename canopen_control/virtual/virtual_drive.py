@@ -68,13 +68,13 @@ class VirtualDrive:
         self.wants_samples = shows_motion
         self.objects = objects = AxisObjects(store, axis, model)
         self.mover = mover = Mover(IdealPlant() if plant is None else plant, self)
-        self.power = PowerMachine(objects, mover, outbox, nmt, self)
+        self.power: PowerMachine = PowerMachine(objects, mover, outbox, nmt, self)
         self.limits = AxisLimits(objects, mover, outbox, self.power)
         self.meter = SetPointMeter()
         self._overload = OverloadGuard()
         parts = Axis(objects, mover, self.power, self.limits, outbox, clock, self.meter)
-        self.modes = DriveModes(parts)
-        self.readings = AxisReadings(parts, self.modes)
+        self.modes: DriveModes = DriveModes(parts)
+        self.readings: AxisReadings = AxisReadings(parts, self.modes)
         self.probes = TouchProbes(objects, mover, outbox)
         self._mode_address = (o.MODES_OF_OPERATION + objects.offset, 0)
         self._values = store.values

@@ -67,7 +67,7 @@ class VirtualNode:
         self.od, self.node_id, self.model = od, node_id, model
         self.filter: FaultFilter | None = None
         self.switches: FaultFilter | None = None
-        self.starts_itself = Seam(False)
+        self.starts_itself: Seam[bool] = Seam(False)
         self._boot_at: int | None = 0
         self._reset_delay_ns: int | None = 0  # before the boot-up message, None: it never boots
         self._started = self._settling = False
