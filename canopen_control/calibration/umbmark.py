@@ -22,6 +22,7 @@ __all__ = ["Correction", "Direction", "ImplausibleEnds", "SquareRun", "WheelFact
 
 Planar = tuple[float, float, float]
 _CORNER: Final = math.pi / 2
+_LARGEST: Final = 1000.0  # m, more than any hall
 _FAR: Final = 0.5  # of the side; what ends further away was not measured right, or did not drive that square
 
 
@@ -116,6 +117,8 @@ def _refuse_sizes(side: float, separation: float) -> None:
     for name, value in (("side of the square", side), ("wheel separation", separation)):
         if not (math.isfinite(value) and value > 0.0):
             raise ImplausibleEnds(f"the {name} is {value:g} m; give a length above 0")
+    if side > _LARGEST:
+        raise ImplausibleEnds(f"a side of {side:g} m is longer than {_LARGEST:g} m; was it given in metres?")
     if side < separation:
         raise ImplausibleEnds(f"a side of {side:g} m is shorter than the wheels are apart; drive a larger square")
 
