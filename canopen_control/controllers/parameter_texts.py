@@ -160,7 +160,7 @@ TEXTS: Final[Mapping[str, Mapping[str, str]]] = {
         "constraints.goal_time": "s after the end in which the goal must be reached; 0: no limit",
         "constraints.decelerate_on_cancel": "brakes with `max_deceleration_on_cancel` where a trajectory is given up",
         "unreachable_points": "what happens to a trajectory with a point that a joint cannot reach in time from the "
-        "one before within its velocity limit: `refuse`, `warn` (taken, and told), `off`",
+        "one before within its velocity limit: `warn` (taken, and told), `refuse`, `off`",
         "allowed_start_tolerance": "rad or m from a joint to the first point, beyond what it can go until then; 0: any",
         "continue_without_client": "a goal goes on when the action client that sent it is gone, as upstream's does",
         "joint_limiter_type": "keeps each commanded point within the limits (rolling); empty: nothing does",

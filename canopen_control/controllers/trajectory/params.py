@@ -127,7 +127,7 @@ class TrajectoryParams(CommonParams):
     goal_time: float = setting(0.0, key="constraints.goal_time", low=0.0)
     decelerate_on_cancel: bool = setting(False, key="constraints.decelerate_on_cancel")
     allowed_start_tolerance: float = setting(0.1, low=0.0)
-    unreachable_points: str = setting("refuse", choices=("refuse", "warn", "off"))
+    unreachable_points: str = setting("warn", choices=("warn", "refuse", "off"))
     continue_without_client: bool = False
     joint_limiter_type: str = setting("", choices=("", POINT_LIMITER))
     gains: tuple[JointGains, ...] = derived(())

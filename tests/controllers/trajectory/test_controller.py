@@ -528,10 +528,10 @@ def test_without_a_limiter_a_trajectory_may_leap_where_nobody_asks_whether_it_ca
 
 
 def test_points_that_a_joint_cannot_reach_in_time_are_refused_or_taken_and_told():
-    arm = Arm()
+    arm = Arm(unreachable_points="refuse")
     with pytest.raises(TrajectoryRefused, match=r"point 1: a would have to go 1 in 0\.1 s.*give it 0\.5 s"):
         arm.send((0.1, 0.0), (0.2, 1.0))
-    arm = Arm(unreachable_points="warn")
+    arm = Arm()
     arm.send((0.1, 0.0), (0.2, 1.0))
     assert max(steps_of(arm, 30)) == pytest.approx(0.1)
     (told,) = [each.text for each in arm.events if each.kind == "unreachable"]
