@@ -40,13 +40,11 @@ def test_keys_move_the_base_and_ctrl_c_leaves_it_standing(terminal, capsys):
 
         def user():
             terminal.write(b"i")
-            assert eventually(lambda: (commands(robot)[0] or 0.0) > 1.0)
-            assert commands(robot)[0] == commands(robot)[1]
+            assert eventually(lambda: (commands(robot)[0] or 0.0) > 1.0 and commands(robot)[0] == commands(robot)[1])
             terminal.write(b" ")
             assert eventually(lambda: stopped(robot))
             terminal.write(b"j")
-            assert eventually(lambda: (commands(robot)[1] or 0.0) > 0.5)
-            assert commands(robot)[0] == -commands(robot)[1]
+            assert eventually(lambda: (commands(robot)[1] or 0.0) > 0.5 and commands(robot)[0] == -commands(robot)[1])
             terminal.write(b"\x03")
 
         with in_background(user, terminal.close):

@@ -39,8 +39,9 @@ def test_arguments_of_a_description_stand_anywhere(verb):
 
 
 def test_they_are_not_taken_for_the_robot_and_end_where_ros_begins():
+    # which robot is shown when none is named, `demo` decides when it knows of all files
     args = parser_of("demo").parse_args(["prefix:=a", "--ros", "--ros-args", "-r", "a:=b"])
-    assert (args.config, args.xacro, args.ros_args) == ("robby", ["prefix:=a"], ["-r", "a:=b"])
+    assert (args.config, args.xacro, args.ros_args) == (None, ["prefix:=a"], ["-r", "a:=b"])
 
 
 def test_a_verb_without_a_description_takes_none():

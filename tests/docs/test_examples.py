@@ -61,7 +61,8 @@ PUBLIC = (
     "canopen_control.rpc.messages.robot",
     "canopen_control.rpc.messages.state",
 )
-PROGRAMS = sorted(EXAMPLES.rglob("*.py"))
+#: tests of a robot that stand there as examples run in tests/testing
+PROGRAMS = sorted(path for path in EXAMPLES.rglob("*.py") if not path.name.startswith("test_"))
 
 
 def code_of(path):

@@ -82,6 +82,7 @@ def test_what_happens_does_not_depend_on_who_looks_how_often(tmp_path, told, eve
     assert axes.digest() == told
 
 
+@pytest.mark.process
 def test_another_process_comes_to_the_same_bits(tmp_path):
     script = (
         "import sys; from pathlib import Path; sys.path[:0] = [sys.argv[2], sys.argv[2] + '/physics']\n"
