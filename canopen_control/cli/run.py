@@ -55,20 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--view", action="store_true", help="show the robot on a page of this computer")
     parser.add_argument("--teleop", action="store_true", help="with --view: buttons that drive while they are held")
-    parser.add_argument(
-        "--kernel-sync",
-        action="store_true",
-        help="on SocketCAN: the kernel sends SYNC, on time whatever this process is doing, and the cycle follows it",
-    )
-    parser.add_argument(
-        "--realtime",
-        nargs="?",
-        type=_priority,
-        const=DEFAULT_PRIORITY,
-        metavar="PRIORITY",
-        help=f"SCHED_FIFO (default: {DEFAULT_PRIORITY}), memory locked (else no start), processors kept awake",
-    )
-    parser.add_argument("--cpu", type=int, metavar="N", help="keep the robot's own thread on this processor")
+    _add_timing_arguments(parser)
     parser.add_argument(
         "--full-speed", action="store_true", help="with --real: not slow, although no pre-flight passed"
     )
@@ -90,6 +77,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="...",
         help="with --ros, comes last: parameters, remappings, files for the bridge, as for any ROS program",
     )
+
+
+def _add_timing_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--kernel-sync",
+        action="store_true",
+        help="on SocketCAN: the kernel sends SYNC, on time whatever this process is doing, and the cycle follows it",
+    )
+    parser.add_argument(
+        "--realtime",
+        nargs="?",
+        type=_priority,
+        const=DEFAULT_PRIORITY,
+        metavar="PRIORITY",
+        help=f"SCHED_FIFO (default: {DEFAULT_PRIORITY}), memory locked (else no start), processors kept awake",
+    )
+    parser.add_argument("--cpu", type=int, metavar="N", help="keep the robot's own thread on this processor")
 
 
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
@@ -165,20 +169,7 @@ def run(args: argparse.Namespace) -> int:
 def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = False) -> int:
     """Run a robot until it ends; 0 good, 1 failed."""
     setup = read_setup(args)
-    if args.ros:
-        from canopen_control.ros.installation import require_ros
-
-        require_ros()
-    if args.view:
-        from canopen_control.view import require_view
-
-        require_view()
-    elif args.teleop:
-        raise ConfigError("--teleop is for the page; show it with --view, or drive by keyboard: canopen-control teleop")
-    if args.physics:
-        _check_physics(args, setup)
-    elif args.world is not None:
-        raise ConfigError("--world is of a robot with physics; give --physics too")
+    _require_parts(args, setup)
     from canopen_control.cli.support.output import Announcer
     from canopen_control.runtime.run_session import RunOptions, Session
 
@@ -216,6 +207,24 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     if failure is not None:
         raise (ConfigError if session.supervisor.refused else CanopenError)(failure)
     return 0
+
+
+def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
+    """Raise ConfigError where an option needs another one, or an extra that is not installed."""
+    if args.ros:
+        from canopen_control.ros.installation import require_ros
+
+        require_ros()
+    if args.view:
+        from canopen_control.view import require_view
+
+        require_view()
+    elif args.teleop:
+        raise ConfigError("--teleop is for the page; show it with --view, or drive by keyboard: canopen-control teleop")
+    if args.physics:
+        _check_physics(args, setup)
+    elif args.world is not None:
+        raise ConfigError("--world is of a robot with physics; give --physics too")
 
 
 def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:

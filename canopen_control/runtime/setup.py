@@ -145,23 +145,17 @@ def read_robot(
     would; `simulate` lets these move it in a world.
     """
     name = name or files.name
+    on_drives = real or physics or drives
     if files.bus_alone:
-        _refuse_for_a_bus(files, mock=mock)
-        buses = _buses(files, peer_merge, allow_unsupervised)
-        description = description_of(name, str(files.bus), buses)
-        control = controllers_of(str(files.bus), description)
+        buses, description, control = _read_bus_alone(files, name, peer_merge, allow_unsupervised, mock=mock)
     else:
-        mappings = files.mappings(mock=mock)
-        with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
-            buses = _buses(files, peer_merge, allow_unsupervised)
-            control = read_controllers(files.controllers, strict=strict)
-            description = with_interfaces_of_plugins(reader.result(), plans_of(buses))
+        buses, description, control = _read_files(files, peer_merge, allow_unsupervised, mock=mock, strict=strict)
     written = control, description
     free = tuple(control.controllers) if files.bus_alone else ()
     if not files.bus_alone and not mock:
         description, control, free = with_free_drives(description, control, buses)
     if not buses:
-        _refuse_drives(files, description, mock=mock, real=real or physics or drives)
+        _refuse_drives(files, description, mock=mock, real=on_drives)
     channels = _channels(name, buses, can)
     if kernel_sync:
         _require_kernel_sync(buses, channels, mock=mock)
@@ -175,7 +169,7 @@ def read_robot(
         control,
         (*_wanted(files, *written, controllers), *free),
         mock,
-        tuple(_told_by_files(buses, control, description, mock=mock, real=real or physics or drives)),
+        tuple(_told_by_files(buses, control, description, mock=mock, real=on_drives)),
         real,
         kernel_sync,
         physics,
@@ -183,6 +177,27 @@ def read_robot(
         drives,
         simulate,
     )
+
+
+def _read_bus_alone(
+    files: RobotFiles, name: str, peer_merge: bool, allow_unsupervised: bool, *, mock: bool
+) -> tuple[dict[str, BusConfig], Description, ControllersFile]:
+    """Return the buses of a bus.yml without ros2_control, and what its nodes make of the other two files."""
+    _refuse_for_a_bus(files, mock=mock)
+    buses = _buses(files, peer_merge, allow_unsupervised)
+    description = description_of(name, str(files.bus), buses)
+    return buses, description, controllers_of(str(files.bus), description)
+
+
+def _read_files(
+    files: RobotFiles, peer_merge: bool, allow_unsupervised: bool, *, mock: bool, strict: bool
+) -> tuple[dict[str, BusConfig], Description, ControllersFile]:
+    """Return the buses, the description and the controllers as the three files have them."""
+    mappings = files.mappings(mock=mock)
+    with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
+        buses = _buses(files, peer_merge, allow_unsupervised)
+        control = read_controllers(files.controllers, strict=strict)
+        return buses, with_interfaces_of_plugins(reader.result(), plans_of(buses)), control
 
 
 def _told_by_files(

@@ -1,35 +1,17 @@
 import math
 
 import pytest
-from support.floor import BASE, BenchClient, FloorBench
+from support.floor import BASE, QUICK, BenchClient, FloorBench
 from support.robots import FORWARD
 
 from canopen_control.calibration.base_link import FACTORS, BaseLink, choose_base
-from canopen_control.calibration.square_path import Pace, SquarePath
+from canopen_control.calibration.square_path import SquarePath
 from canopen_control.calibration.umbmark import Direction
 from canopen_control.errors import ConfigError, ControlError, RemoteError
 from canopen_control.rpc.messages.parameters import ParameterReading
 from canopen_control.rpc.messages.state import ControllerReading
 
-QUICK = Pace(speed=0.8, turn=3.0, ramp=1.2, turn_ramp=6.0, settle=0.2)
 DIFF = "diff_drive_controller/DiffDriveController"
-
-
-@pytest.fixture
-def floor(tmp_path):
-    made = []
-
-    def make(name, **wrong):
-        bench = FloorBench(tmp_path, name, **wrong)
-        made.append(bench)
-        bench.start()
-        bench.hurry()
-        client = BenchClient(bench)
-        return bench, client, BaseLink(client)
-
-    yield make
-    for each in made:
-        each.close()
 
 
 def path(direction=Direction.CCW):

@@ -1,36 +1,18 @@
 import math
 
 import pytest
-from support.floor import BASE, BenchClient, FloorBench
+from support.floor import BASE, QUICK
 
-from canopen_control.calibration.base_link import FACTORS, BaseLink, Driven, WheelValues
+from canopen_control.calibration.base_link import FACTORS, Driven, WheelValues
 from canopen_control.calibration.square_path import Pace
 from canopen_control.calibration.typed_ends import FiledEnds
 from canopen_control.calibration.umbmark import Direction, ImplausibleEnds
 from canopen_control.calibration.umbmark_session import CalibrationPlan, TrueEnds, calibrate, fitting_pace, space
 from canopen_control.errors import ControlError
 
-QUICK = Pace(speed=0.8, turn=3.0, ramp=1.2, turn_ramp=6.0, settle=0.2)
-
-
-@pytest.fixture
-def floor(tmp_path):
-    made = []
-
-    def make(name, **wrong):
-        bench = FloorBench(tmp_path, name, **wrong)
-        made.append(bench)
-        bench.start()
-        bench.hurry()
-        return bench, BaseLink(BenchClient(bench))
-
-    yield make
-    for each in made:
-        each.close()
-
 
 def test_a_robot_with_unequal_wheels_and_a_wrong_track_is_calibrated_in_two_passes(floor):
-    bench, link = floor("umb", track=1.02, unequal=1.005)
+    bench, _, link = floor("umb", track=1.02, unequal=1.005)
     told, new = [], []
     plan = CalibrationPlan(side=0.7, passes=2, pace=QUICK)
     outcome = calibrate(link, TrueEnds(told.append), plan, told.append, new.append)

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import threading
 
 import pytest
 from support.host import use_private_folders
-from support.virtualbench import servo
+from support.virtualbench import served, servo
 
-from canopen_control.bus.channel import open_port
 from canopen_control.cli.main import main
 from canopen_control.cli.support.node_names import KnownNode
-from canopen_control.host.reactor import Reactor
-from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.fault_table import FAULTS
-from canopen_control.virtual.nodehost import NodeHost
 
 CAN = "memory:cli-fault"
 
@@ -24,23 +18,9 @@ CAN = "memory:cli-fault"
 @pytest.fixture
 def node(tmp_path, monkeypatch):
     use_private_folders(monkeypatch, tmp_path)
-    ready, reactor, device = threading.Event(), Reactor(), servo(5)
-
-    def serve():
-        with reactor, contextlib.closing(open_port(CAN)) as port:
-            host = NodeHost(reactor, port, [device])
-            control = NodeControl(host, device)
-            reactor.call_soon(ready.set)
-            reactor.run()
-            control.close()
-            host.close()
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    assert ready.wait(10)
-    yield device
-    reactor.call_threadsafe(reactor.stop)
-    thread.join(10)
+    device = servo(5)
+    with served(CAN, device):
+        yield device
 
 
 def test_list_explains_every_fault_in_sentences_and_says_where_the_wire_is_broken(capsys):

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import threading
 
 import pytest
 from support.host import use_private_folders
-from support.virtualbench import servo
+from support.virtualbench import served, servo
 
-from canopen_control.bus.channel import open_port
 from canopen_control.cli.main import main
 from canopen_control.errors import ConfigError
-from canopen_control.host.reactor import Reactor
 from canopen_control.rpc.messages.drive import (
     AddPayload,
     BasePose,
@@ -22,8 +18,6 @@ from canopen_control.rpc.messages.drive import (
     SetGrip,
     WorldState,
 )
-from canopen_control.virtual.control import NodeControl
-from canopen_control.virtual.nodehost import NodeHost
 from canopen_control.virtual.plant import PlainWorld
 
 CAN = "memory:cli-world"
@@ -47,23 +41,8 @@ class Noting(PlainWorld):
 def world(tmp_path, monkeypatch, request):
     use_private_folders(monkeypatch, tmp_path)
     made = getattr(request, "param", Noting)()
-    ready, reactor, device = threading.Event(), Reactor(), servo(5)
-
-    def serve():
-        with reactor, contextlib.closing(open_port(CAN)) as port:
-            host = NodeHost(reactor, port, [device])
-            control = NodeControl(host, device, made)
-            reactor.call_soon(ready.set)
-            reactor.run()
-            control.close()
-            host.close()
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    assert ready.wait(10)
-    yield made
-    reactor.call_threadsafe(reactor.stop)
-    thread.join(10)
+    with served(CAN, servo(5), made):
+        yield made
 
 
 def test_it_tells_where_the_robot_is(world, capsys):

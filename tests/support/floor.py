@@ -8,6 +8,7 @@ from support.robots import Bench, dictionary_of
 
 from canopen_control.bus.channel import open_port
 from canopen_control.calibration.base_link import Driven, WheelValues
+from canopen_control.calibration.square_path import Pace
 from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.parameters import GetParameters, ParameterValue, SetParameters
@@ -20,6 +21,7 @@ from canopen_control.virtual.nodehost import NodeHost
 from canopen_control.virtual.worldfile import read_world
 
 BASE = "robby_base_controller"
+QUICK = Pace(speed=0.8, turn=3.0, ramp=1.2, turn_ramp=6.0, settle=0.2)
 PLANT = """
 base: {left: 3, right: 2, wheel_radius: 0.035, wheel_separation: %s, counts_per_revolution: 1600,
        right_wheel_radius: %s, reversed: [%s], slip: %s}

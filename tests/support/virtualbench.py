@@ -3,14 +3,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
+import threading
 from pathlib import Path
 
+from canopen_control.bus.channel import open_port
 from canopen_control.cia301.nmt import NmtCommand, nmt_frame
 from canopen_control.cia402 import objects as o
 from canopen_control.frame import CanFrame
+from canopen_control.host.reactor import Reactor
 from canopen_control.od.model import DataType, DeviceInfo, Entry, ObjectDictionary
+from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.device import make_device
+from canopen_control.virtual.nodehost import NodeHost
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -270,3 +276,25 @@ GENERIC = Path(__file__).parents[2] / "eds" / "generic_cia402.eds"
 def generic(node_id=5, **kwargs):
     """The bundled drive with every object of the profile."""
     return make_device(GENERIC, node_id, **kwargs)
+
+
+@contextlib.contextmanager
+def served(channel, device, *world):
+    """Let a device run in a thread, with its control socket, and what hangs on it."""
+    ready, reactor = threading.Event(), Reactor()
+
+    def serve():
+        with reactor, contextlib.closing(open_port(channel)) as port:
+            host = NodeHost(reactor, port, [device])
+            control = NodeControl(host, device, *world)
+            reactor.call_soon(ready.set)
+            reactor.run()
+            control.close()
+            host.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    assert ready.wait(10)
+    yield
+    reactor.call_threadsafe(reactor.stop)
+    thread.join(10)
