@@ -1,4 +1,4 @@
-"""`world pause`, `step`, `reset` and `play` on the bundled robot of Gazebo's plugin, in this process and in real time."""
+"""`world pause`, `step`, `reset` and `play` on the bundled robot of Gazebo's plugin, in this process."""
 
 from __future__ import annotations
 
