@@ -37,7 +37,10 @@ def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
     from canopen_control.physics.world_sensors import WorldSensor
 
     world = read_world_description(path.parent / file.world) if file.world else WorldDescription()
-    sensors = [WorldSensor(name, each.kind, each.link, each.noise, each.reach) for name, each in file.sensors.items()]
+    sensors = [
+        WorldSensor(name, each.kind, each.link, each.noise, each.reach, each.seed)
+        for name, each in file.sensors.items()
+    ]
     body, notes = (_of_mjcf if file.mjcf else _of_urdf)(file, path, world, sensors)
     disturbances = Disturbances(body, world.floor or file.floor, world)
     try:

@@ -35,11 +35,14 @@ __all__ = [
     "Floor",
     "PhysicsError",
     "PhysicsFile",
+    "SensorKind",
     "SensorSettings",
     "axis_address",
     "read_physics_file",
 ]
 
+SensorKind = Literal["imu", "range", "force_torque", "pose", "magnetometer"]
+"""What a sensor of a world measures, see `tag_sensors`."""
 _AXES = 8  # of a node
 DENSITY = 1000.0
 
@@ -86,12 +89,13 @@ class Floor:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """A sensor on a link, see `world_sensors`; `reach` in m is that of a range finder."""
+    """A sensor on a link, see `world_sensors`; `reach` in m is that of a range finder, `seed` that of its noise."""
 
-    kind: Literal["imu", "range", "force_torque"]
+    kind: SensorKind
     link: str
     noise: float = setting(0.0, low=0.0)
     reach: float = setting(10.0, low=1e-3)
+    seed: int = setting(0, low=0, high=2**31 - 1)
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,12 @@
 """A robot in physics without drives: what a simulation plugin of ros2_control moves, as Gazebo or MuJoCo would.
 
 Each joint follows a position, a velocity or an effort through a servo of its own, as behind a drive; all of them move
-together once every cycle. A position is gone to evenly within the cycle. Sensors of the tag measure in the world: those
-with orientation, angular velocity or acceleration are IMUs, with force or torque force-torque sensors, with `range` a
-range finder; their link is the parameter `frame_id`, else the root, and `noise` is a parameter too.
+together once every cycle. A position is gone to evenly within the cycle. Sensors of the tag (`tag_sensors`) measure in
+the world.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -19,10 +17,11 @@ from canopen_control.errors import ControlError, nearest
 from canopen_control.physics.body_model import build, read_spec
 from canopen_control.physics.joint_servo import ServoLoop
 from canopen_control.physics.mjcf_model import build_mjcf
-from canopen_control.physics.physics_file import DENSITY, AxisSettings, Floor, PhysicsError
+from canopen_control.physics.physics_file import DENSITY, AxisSettings, Floor
+from canopen_control.physics.tag_sensors import INTERFACES, tag_sensors
 from canopen_control.physics.urdf_repair import guessed_masses, repaired
 from canopen_control.physics.world_file import WorldDescription
-from canopen_control.physics.world_sensors import FORCE, IMU, INTERFACES, RANGE, SensorReader, WorldSensor
+from canopen_control.physics.world_sensors import SensorReader, WorldSensor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 
     from canopen_control.physics.body_model import Body, JointPlace
     from canopen_control.urdf.description import Description
-    from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
+    from canopen_control.urdf.ros2_control import Ros2ControlSystem
 
 __all__ = ["JointMotor", "SimulatedRobot", "axes_of", "make_simulated", "sensors_of"]
 
@@ -43,7 +42,6 @@ _LONGEST_NS: Final = 200_000_000  # that one cycle may ask for; more has been lo
 _LEAD: Final = 0.2  # rad or m that a velocity may run ahead of a joint that is held up
 _SETTLE_STEPS: Final = 300
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-_WORDS: Final = ((IMU, ("orientation.", "angular_velocity.", "linear_acceleration.")), (FORCE, ("force.", "torque.")))
 
 
 def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
@@ -55,27 +53,11 @@ def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
     }
 
 
-def sensors_of(tag: Ros2ControlSystem, root: str) -> list[WorldSensor]:
-    """Return the sensors of a tag that a world has; PhysicsError for a parameter that is no number."""
-    return [found for part in tag.sensors if (found := _sensor(part, root)) is not None]
-
-
-def _sensor(part: ControlJoint, root: str) -> WorldSensor | None:
-    numbers = {}
-    for name, default in (("noise", 0.0), ("range_max", 10.0)):
-        try:
-            numbers[name] = float(part.parameters.get(name, default))
-        except ValueError:
-            numbers[name] = math.nan
-        if not (math.isfinite(numbers[name]) and numbers[name] >= 0.0):
-            raise PhysicsError(f"sensor {part.name}: {name} is {part.parameters[name]!r}; it is a number from 0")
-    link = part.parameters.get("frame_id", root)
-    for kind, words in _WORDS:
-        if any(name.startswith(words) for name in part.state_interfaces):
-            return WorldSensor(part.name, kind, link, numbers["noise"])
-    if RANGE in part.state_interfaces:
-        return WorldSensor(part.name, RANGE, link, numbers["noise"], numbers["range_max"])
-    return None
+def sensors_of(description: Description, tag: Ros2ControlSystem) -> list[WorldSensor]:
+    """Return the sensors of a tag that a world has; PhysicsError with what is wrong of them."""
+    model = description.model
+    found = tag_sensors(tag.sensors, model.links, model.root, description.path)
+    return [WorldSensor(name, each.kind, each.link, each.noise, each.reach, each.seed) for name, each in found.items()]
 
 
 @dataclass(slots=True)
@@ -206,8 +188,8 @@ class SimulatedRobot:
         names = [self.model.key(number).name for number in range(self.model.nkey)]
         if keyframe:
             if keyframe not in names:
-                there = f"; there are: {', '.join(names)}" if names else ", since its model has none"
-                raise ControlError(f"no key frame {keyframe!r}{nearest(keyframe, names)}{there}")
+                there = nearest(keyframe, names) if names else ", since its model has none"
+                raise ControlError(f"no key frame {keyframe!r}{there}")
             mujoco.mj_resetDataKeyframe(self.model, self.data, names.index(keyframe))
         elif self._start is not None:
             mujoco.mj_setState(self.model, self.data, self._start, _STATE)
@@ -226,7 +208,7 @@ class SimulatedRobot:
 
 def make_simulated(description: Description, tag: Ros2ControlSystem, scene: Path | None = None) -> SimulatedRobot:
     """Return the robot of a tag in an empty world, or in an MJCF `scene`; PhysicsError for what cannot be simulated."""
-    axes, sensors, world = axes_of(tag), sensors_of(tag, description.model.root), WorldDescription()
+    axes, sensors, world = axes_of(tag), sensors_of(description, tag), WorldDescription()
     if scene is not None:
         body = build_mjcf(scene, axes, step=_STEP_S, path=description.path, world=world, sensors=sensors)
         return SimulatedRobot(body, axes, sensors, body.notes)

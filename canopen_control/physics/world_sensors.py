@@ -1,9 +1,10 @@
 """Sensors of a world: IMU, range finder and force-torque sensor on links, with noise that a seed repeats.
 
 An IMU measures the orientation of its link in the world, angular velocities and accelerations along the link's own
-axes, gravity included. A range finder looks along the x axis of its link and tells -1 where there is nothing in reach.
-A force-torque sensor measures what a link gets from the one that carries it, in its own axes. Units are rad/s, m/s2, m,
-N and Nm; `noise` is the standard deviation of each number but those of an orientation.
+axes, gravity included; a pose is that of its link in the world. A range finder looks along the x axis of its link and
+tells -1 where there is nothing in reach. A force-torque sensor measures what a link gets from the one that carries it,
+in its own axes. Units are rad/s, m/s2, m, N, Nm and tesla; `noise` is the standard deviation of each number but those
+of an orientation.
 """
 
 from __future__ import annotations
@@ -16,31 +17,24 @@ import mujoco
 
 from canopen_control.errors import nearest
 from canopen_control.physics.physics_file import PhysicsError
+from canopen_control.physics.tag_sensors import FORCE, IMU, MAGNET, POSE, RANGE
 from canopen_control.urdf.geometry import about
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-__all__ = ["FORCE", "IMU", "INTERFACES", "RANGE", "SensorReader", "WorldSensor", "add_sensors"]
+    from canopen_control.physics.physics_file import SensorKind
 
-IMU, RANGE, FORCE = "imu", "range", "force_torque"
+__all__ = ["SensorReader", "WorldSensor", "add_sensors"]
+
 _KINDS = mujoco.mjtSensor
 #: kind -> what is measured, in the order of the numbers
-_PARTS: Final[Mapping[str, tuple[Any, ...]]] = {
+_PARTS: Final[Mapping[SensorKind, tuple[Any, ...]]] = {
     IMU: (_KINDS.mjSENS_FRAMEQUAT, _KINDS.mjSENS_GYRO, _KINDS.mjSENS_ACCELEROMETER),
     RANGE: (_KINDS.mjSENS_RANGEFINDER,),
     FORCE: (_KINDS.mjSENS_FORCE, _KINDS.mjSENS_TORQUE),
-}
-_XYZ: Final = ("x", "y", "z")
-#: kind -> the state interfaces of ros2_control, in the order of the numbers
-INTERFACES: Final[Mapping[str, tuple[str, ...]]] = {
-    IMU: (
-        *(f"orientation.{axis}" for axis in ("w", *_XYZ)),
-        *(f"angular_velocity.{axis}" for axis in _XYZ),
-        *(f"linear_acceleration.{axis}" for axis in _XYZ),
-    ),
-    RANGE: ("range",),
-    FORCE: (*(f"force.{axis}" for axis in _XYZ), *(f"torque.{axis}" for axis in _XYZ)),
+    POSE: (_KINDS.mjSENS_FRAMEPOS, _KINDS.mjSENS_FRAMEQUAT),
+    MAGNET: (_KINDS.mjSENS_MAGNETOMETER,),
 }
 _SITE: Final = "sensor "
 _Z_TO_X: Final = about((0.0, 1.0, 0.0), 1.5707963267948966)
@@ -51,10 +45,11 @@ class WorldSensor:
     """A sensor by its name: what kind, on which link, its noise, and of a range finder how far it reaches in m."""
 
     name: str
-    kind: str
+    kind: SensorKind
     link: str
     noise: float = 0.0
     reach: float = 10.0
+    seed: int = 0  # of the noise
 
 
 def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  # noqa: ANN401 - of MuJoCo
@@ -79,7 +74,7 @@ class SensorReader:
 
     def __init__(self, model: Any, data: Any, sensors: Sequence[WorldSensor], seed: int = 0) -> None:  # noqa: ANN401
         self._data, self._sensors = data, sensors
-        self._random = random.Random(seed)
+        self._random = {each.name: random.Random(f"{seed} {each.seed} {each.name}") for each in sensors}
         self._places: dict[str, list[tuple[int, int]]] = {}
         for each in sensors:
             parts = [model.sensor(f"{each.name} {number}") for number in range(len(_PARTS[each.kind]))]
@@ -93,10 +88,13 @@ class SensorReader:
             for start, end in self._places[each.name]:
                 noise = 0.0 if end - start == 4 else each.noise  # an orientation has a length of 1
                 numbers += [
-                    float(value) + self._error(noise, float(value)) for value in self._data.sensordata[start:end]
+                    float(value) + _error(self._random[each.name], noise, float(value))
+                    for value in self._data.sensordata[start:end]
                 ]
             found[each.name] = tuple(numbers)
         return found
 
-    def _error(self, noise: float, value: float) -> float:
-        return self._random.gauss(0.0, noise) if noise and value != -1.0 else 0.0
+
+def _error(of: random.Random, noise: float, value: float) -> float:
+    """Return what noise adds to a number; a range finder that sees nothing tells that without an error."""
+    return of.gauss(0.0, noise) if noise and value != -1.0 else 0.0

@@ -17,6 +17,7 @@ from canopen_control.master.event_log import Event
 from canopen_control.runtime.robot_bus import RobotBus
 from canopen_control.runtime.simulation_engine import simulation_engine
 from canopen_control.runtime.sync_choice import SyncSender
+from canopen_control.runtime.world_sensing import sensed_world
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -68,6 +69,8 @@ class Assembly:
         for tag, kind in zip(setup.description.hardware, kinds, strict=True):
             if kind is Kind.CANOPEN:
                 self._add_system(tag)
+                if (sensed := sensed_world(setup, tag)) is not None:
+                    self.registry.register(sensed)
             else:
                 self.registry.register(made_up(setup.description, tag, kind, engine))
 
