@@ -91,9 +91,8 @@ def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[s
     kind = _kind(part)
     if kind is None:
         return None
-    for name in part.state_interfaces:
-        if name not in INTERFACES[kind]:
-            wrong.append(f"no {kind} sensor has {name!r}{nearest(name, INTERFACES[kind])}")
+    unknown = [name for name in part.state_interfaces if name not in INTERFACES[kind]]
+    wrong += [f"no {kind} sensor has {name!r}{nearest(name, INTERFACES[kind])}" for name in unknown]
     link = given.get("frame_id", root).strip()
     if link not in links and SENSOR_PREFIX not in given:
         wrong.append(f"no link {link!r} for its frame_id{nearest(link, links)}")

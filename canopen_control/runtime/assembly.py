@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from canopen_control.errors import BusError
     from canopen_control.hardware.joint import JointDrive
+    from canopen_control.hardware.sensed_world import SensedWorld
     from canopen_control.hardware.stop_group import StopGroup
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.remote_node import RemoteNode
@@ -35,7 +36,7 @@ __all__ = ["Assembly"]
 
 @dataclass(slots=True)
 class Assembly:
-    """The parts by their names; `systems` are the components on buses. RobotConfigError for what cannot be built.
+    """The parts by their names; `systems` are the components on buses, `sensed` those of a world. RobotConfigError for what cannot be built.
 
     `report` takes the events of nodes and joints, `on_lost` the end of a bus, `lead` the SYNCs that
     somebody else sends.
@@ -52,6 +53,7 @@ class Assembly:
     bus_by_node: dict[str, RobotBus] = field(default_factory=dict)
     joints: dict[str, JointDrive] = field(default_factory=dict)
     systems: list[CanopenSystem] = field(default_factory=list)
+    sensed: list[SensedWorld] = field(default_factory=list)
     _groups: dict[str, StopGroup[JointDrive]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -71,6 +73,7 @@ class Assembly:
                 self._add_system(tag)
                 if (sensed := sensed_world(setup, tag)) is not None:
                     self.registry.register(sensed)
+                    self.sensed.append(sensed)
             else:
                 self.registry.register(made_up(setup.description, tag, kind, engine))
 

@@ -97,6 +97,7 @@ class RobotCore:
         made = Assembly(setup, reactor, self.report, self._on_bus_lost, self.pacer.lead)
         self.registry, self.buses, self.nodes = made.registry, made.buses, made.nodes
         self.joints, self.systems, self._bus_by_node = made.joints, made.systems, made.bus_by_node
+        self.sensed = made.sensed
         self.manager = ControllerManager(
             self.registry,
             setup.update_rate,

@@ -105,7 +105,7 @@ class Session:
         cleanup.callback(self.api.close)
         cleanup.callback(self.robot.close)
         drives = [drive_name(self.robot.bus_of(node).channel, node.node_id) for node in self.robot.nodes.values()]
-        sensed = SensedValues(self.robot.registry.components, world_sensors(setup))
+        sensed = SensedValues(self.robot.sensed, world_sensors(setup))
         self._true_pose = TruePoseQuery(
             drives,
             self.reactor,

@@ -13,9 +13,8 @@ from canopen_control.hardware.sensed_world import SensedWorld
 from canopen_control.physics.tag_sensors import INTERFACES, tag_sensors
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from canopen_control.hardware.interfaces import HardwareComponent
     from canopen_control.physics.physics_file import SensorSettings
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
@@ -52,8 +51,8 @@ def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> SensedWorld | Non
 class SensedValues:
     """Hands what a world measures to the components that show it."""
 
-    def __init__(self, components: Iterable[HardwareComponent], sensors: Mapping[str, SensorSettings]) -> None:
-        self._components = [each for each in components if isinstance(each, SensedWorld)]
+    def __init__(self, components: Sequence[SensedWorld], sensors: Mapping[str, SensorSettings]) -> None:
+        self._components = components
         self._names = {
             name: [f"{name}/{interface}" for interface in INTERFACES[each.kind]] for name, each in sensors.items()
         }

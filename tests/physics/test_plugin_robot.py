@@ -99,9 +99,8 @@ def test_its_imu_measures_and_another_sensor_stays_as_it_was():
 def test_what_is_simulated_is_read_of_the_tag():
     moved = Moved("position")
     assert list(axes_of(moved.tag)) == ["swing"]
-    assert [(each.name, each.kind, each.link) for each in sensors_of(moved.description, moved.tag)] == [
-        ("imu", "imu", "rod")
-    ]
+    (imu,) = sensors_of(moved.description, moved.tag)
+    assert (imu.name, imu.kind, imu.link) == ("imu", "imu", "rod")
     assert moved.engine.motor("nobody") is None
     assert moved.engine.sensed("other/voltage") is None
 

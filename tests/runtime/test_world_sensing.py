@@ -49,7 +49,7 @@ def told(robot):
 
 
 def sense(robot):
-    SensedValues(robot.robot.registry.components, world_sensors(robot.setup)).take(robot.world.describe().sensors)
+    SensedValues(robot.robot.sensed, world_sensors(robot.setup)).take(robot.world.describe().sensors)
 
 
 def test_what_the_world_measures_is_in_the_interfaces_and_is_broadcast(robot):
@@ -71,7 +71,7 @@ def test_without_physics_there_is_nothing_to_measure(tmp_path):
     try:
         assert world_sensors(bench.setup) == {}
         assert sensed_world(bench.setup, bench.setup.description.hardware[0]) is None
-        assert not SensedValues(bench.robot.registry.components, {}).wanted
+        assert not SensedValues(bench.robot.sensed, {}).wanted
     finally:
         bench.close()
 
