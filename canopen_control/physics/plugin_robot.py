@@ -8,7 +8,7 @@ the world.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import mujoco
 import numpy as np
@@ -24,7 +24,7 @@ from canopen_control.physics.world_file import WorldDescription
 from canopen_control.physics.world_sensors import SensorReader, WorldSensor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -69,10 +69,33 @@ class _Target:
     value: float = 0.0
 
 
-class JointMotor:
-    """One joint of the world: rad, rad/s, N m (m, m/s, N); its target counts at the next step of all."""
+class EffortLoop(Protocol):
+    """A loop that makes an effort of an error, in place of a joint's own servo."""
 
-    def __init__(self, robot: SimulatedRobot, place: JointPlace, settings: AxisSettings, period: float) -> None:
+    def compute(self, error: float, dt: float) -> float:
+        """Return the effort for an error, `dt` s after the last one."""
+        ...
+
+    def reset(self) -> None:
+        """Forget the past."""
+        ...
+
+
+class JointMotor:
+    """One joint of the world: rad, rad/s, N m (m, m/s, N); its target counts at the next step of all.
+
+    `loops`, by the interface that is commanded, take the place of its servo; its peak torque holds for them too.
+    """
+
+    def __init__(
+        self,
+        robot: SimulatedRobot,
+        place: JointPlace,
+        settings: AxisSettings,
+        period: float,
+        loops: Mapping[str, EffortLoop],
+    ) -> None:
+        self._loops = loops
         self._robot, self._place, self._period = robot, place, period
         self._loop = ServoLoop(place.motor, settings, period)
         self._target = _Target()
@@ -105,12 +128,16 @@ class JointMotor:
         self._target, self._place_wanted, self.effort = _Target(), self.position, 0.0
         self._target.before = self._target.value = self._place_wanted
         self._loop.begin()
+        for loop in self._loops.values():
+            loop.reset()
 
     def follow(self, interface: str, target: float, seconds: float) -> None:  # noqa: ARG002 # the step of all says it
         """Take the target of a position, a velocity or an effort until the next cycle."""
         old = self._target
         if interface != old.interface:  # what it did before is no position to come from
             self._place_wanted = self.position
+            if (loop := self._loops.get(interface)) is not None:
+                loop.reset()
             old.value = target if interface == "position" else old.value
         self._target = _Target(interface, old.value, target)
 
@@ -124,12 +151,19 @@ class JointMotor:
         elif target.interface == "position":
             speed = (target.value - target.before) / length
             self._place_wanted = target.before + part * (target.value - target.before)
-            self.effort = self._loop.torque(angle, self._place_wanted, speed, peak)
+            self.effort = self._effort(angle, self._place_wanted, speed, self._place_wanted - angle)
         else:
             ahead = self._place_wanted + target.value * self._period
             self._place_wanted = max(angle - _LEAD, min(angle + _LEAD, ahead))
-            self.effort = self._loop.torque(angle, self._place_wanted, target.value, peak)
+            self.effort = self._effort(angle, self._place_wanted, target.value, target.value - self.velocity)
         self._robot.data.qfrc_applied[place.dof] = self.effort
+
+    def _effort(self, angle: float, place: float, speed: float, error: float) -> float:
+        """Return what the loop of what is commanded gives for an error, else the servo for a place and a speed."""
+        peak, loop = self._place.motor.peak_torque, self._loops.get(self._target.interface)
+        if loop is None:
+            return self._loop.torque(angle, place, speed, peak)
+        return max(-peak, min(peak, loop.compute(error, self._period)))
 
 
 class SimulatedRobot:
@@ -141,13 +175,18 @@ class SimulatedRobot:
         axes: dict[str, AxisSettings],
         sensors: Iterable[WorldSensor] = (),
         notes: tuple[str, ...] = (),
+        loops: Mapping[str, Mapping[str, EffortLoop]] | None = None,
     ) -> None:
         self.body, self.model, self.notes = body, body.model, notes
         self.data = mujoco.MjData(body.model)
         self._period = float(body.model.opt.timestep)
         self._period_ns = round(self._period * _NS)
         self._left_ns = 0
-        self._motors = {name: JointMotor(self, place, axes[name], self._period) for name, place in body.joints.items()}
+        own = loops or {}
+        self._motors = {
+            name: JointMotor(self, place, axes[name], self._period, own.get(name, {}))
+            for name, place in body.joints.items()
+        }
         self._sensors = list(sensors)
         self._reader = SensorReader(self.model, self.data, self._sensors)
         self._seen: dict[str, float] = {}
@@ -206,12 +245,20 @@ class SimulatedRobot:
             self._seen.update({f"{name}/{part}": value for part, value in zip(INTERFACES[kind], numbers, strict=True)})
 
 
-def make_simulated(description: Description, tag: Ros2ControlSystem, scene: Path | None = None) -> SimulatedRobot:
-    """Return the robot of a tag in an empty world, or in an MJCF `scene`; PhysicsError for what cannot be simulated."""
+def make_simulated(
+    description: Description,
+    tag: Ros2ControlSystem,
+    scene: Path | None = None,
+    loops: Mapping[str, Mapping[str, EffortLoop]] | None = None,
+) -> SimulatedRobot:
+    """Return the robot of a tag in an empty world, or in an MJCF `scene`; PhysicsError for what cannot be simulated.
+
+    `loops` take the place of the servos, by joint and the interface that is commanded.
+    """
     axes, sensors, world = axes_of(tag), sensors_of(description, tag), WorldDescription()
     if scene is not None:
         body = build_mjcf(scene, axes, step=_STEP_S, path=description.path, world=world, sensors=sensors)
-        return SimulatedRobot(body, axes, sensors, body.notes)
+        return SimulatedRobot(body, axes, sensors, body.notes, loops)
     urdf = repaired(description)
     body = build(
         read_spec(urdf, description.path),
@@ -225,4 +272,4 @@ def make_simulated(description: Description, tag: Ros2ControlSystem, scene: Path
         world=world,
         sensors=sensors,
     )
-    return SimulatedRobot(body, axes, sensors, (*urdf.notes, *guessed_masses(urdf, DENSITY), *body.notes))
+    return SimulatedRobot(body, axes, sensors, (*urdf.notes, *guessed_masses(urdf, DENSITY), *body.notes), loops)

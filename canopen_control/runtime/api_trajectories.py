@@ -190,7 +190,7 @@ class TrajectoryMethods:
 
     def _time_of(self, unix: float) -> int:
         """Return a time in Unix seconds on the robot's clock, in ns."""
-        return round(unix * 1e9) - self._robot.wall_offset_ns - self._robot.cycle.clock.stood_ns
+        return self._robot.cycle.clock.of(round(unix * 1e9) - self._robot.wall_offset_ns)
 
     def _scale(self, call: Call[ScaleTrajectory]) -> None:
         controller = call.request.controller

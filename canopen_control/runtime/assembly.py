@@ -36,9 +36,9 @@ __all__ = ["Assembly"]
 
 @dataclass(slots=True)
 class Assembly:
-    """The parts by their names; `systems` are the components on buses, `sensed` those of a world. RobotConfigError for what cannot be built.
+    """The parts by their names; RobotConfigError for what cannot be built.
 
-    `report` takes the events of nodes and joints, `on_lost` the end of a bus, `lead` the SYNCs that
+    `systems` are the components on buses, `sensed` those that a world tells. `report` takes the events of nodes and joints, `on_lost` the end of a bus, `lead` the SYNCs that
     somebody else sends.
     """
 

@@ -129,3 +129,35 @@ def test_a_scene_of_its_own_has_the_joints(tmp_path):
     engine = make_simulated(description, description.hardware[0], scene)
     assert engine.motor("swing") is not None
     assert float(engine.model.body_mass.sum()) == pytest.approx(2.0)
+
+
+class Spring:
+    """A loop that notes what it is asked."""
+
+    def __init__(self, gain):
+        self.gain, self.errors, self.resets = gain, [], 0
+
+    def compute(self, error, dt):
+        self.errors.append((error, dt))
+        return self.gain * error
+
+    def reset(self):
+        self.resets += 1
+
+
+def test_a_loop_of_its_own_takes_the_place_of_the_servo_within_the_peak_torque():
+    description = parse_description(ROBOT, "arm.urdf")
+    weak, strong = Spring(1.0), Spring(1e6)
+    loops = {"swing": {"position": weak, "velocity": strong}}
+    engine = make_simulated(description, description.hardware[0], None, loops)
+    motor = engine.motor("swing")
+    motor.follow("position", 1.0, 0.02)
+    engine.step(0.02)
+    assert motor.effort == pytest.approx(weak.errors[-1][0])
+    assert {dt for _, dt in weak.errors} == {0.001}
+    motor.follow("velocity", 5.0, 0.02)
+    engine.step(0.02)
+    assert motor.effort == 60.0
+    assert strong.resets == 1
+    engine.reset("")
+    assert strong.resets == 2
