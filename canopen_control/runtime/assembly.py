@@ -38,8 +38,8 @@ __all__ = ["Assembly"]
 class Assembly:
     """The parts by their names; RobotConfigError for what cannot be built.
 
-    `systems` are the components on buses, `sensed` those that a world tells. `report` takes the events of nodes and joints, `on_lost` the end of a bus, `lead` the SYNCs that
-    somebody else sends.
+    `systems` are the components on buses, `sensed` those that a world tells. `report` takes the events of nodes and
+    joints, `on_lost` the end of a bus, `lead` the SYNCs that somebody else sends.
     """
 
     setup: RobotSetup

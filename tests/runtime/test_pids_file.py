@@ -56,8 +56,9 @@ def test_a_node_of_any_name_has_them(read):
         ("      velocity: {wheel: {p: much}}\n", "4:29", "much"),
         ("      velocity: {wheel: {p: .nan}}\n", "4:", "p is nan; give a finite number"),
         ("      velocity: {wheel: {u_clamp_min: 2, u_clamp_max: 1}}\n", "4:", "give u_min < u_max"),
-        ("      velocity: {wheel: 3}\n", "4:24", "wheel"),
-        ("      velocity: 3\n", "", "velocity"),
+        ("      velocity: {wheel: 3}\n", "4:25", "expected a mapping"),
+        ("      velocity: 3\n", "4:17", "write gains by joints"),
+        ("      - velocity\n", "4:7", "write position: and velocity:"),
         ("      velocity: {wheel: {p: 1.0}\n", "", "expected"),
     ],
 )
