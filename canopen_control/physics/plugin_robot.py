@@ -16,8 +16,10 @@ import numpy as np
 from canopen_control.errors import ControlError, nearest
 from canopen_control.physics.body_model import build, read_spec
 from canopen_control.physics.joint_servo import ServoLoop
+from canopen_control.physics.lidar_scan import LidarScanner
 from canopen_control.physics.mjcf_model import build_mjcf
 from canopen_control.physics.physics_file import DENSITY, AxisSettings, Floor
+from canopen_control.physics.tag_lidars import camera_notes, tag_lidars
 from canopen_control.physics.tag_sensors import INTERFACES, tag_sensors
 from canopen_control.physics.urdf_repair import guessed_masses, repaired
 from canopen_control.physics.world_file import WorldDescription
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from canopen_control.physics.body_model import Body, JointPlace
+    from canopen_control.rpc.messages.simulation import LaserScanReading
     from canopen_control.urdf.description import Description
     from canopen_control.urdf.ros2_control import Ros2ControlSystem
 
@@ -190,6 +193,7 @@ class SimulatedRobot:
         self._sensors = list(sensors)
         self._reader = SensorReader(self.model, self.data, self._sensors)
         self._seen: dict[str, float] = {}
+        self.lidars: list[LidarScanner] = []
         mujoco.mj_step(self.model, self.data, _SETTLE_STEPS)
         self.data.qvel[:] = 0.0
         for place in body.joints.values():
@@ -222,6 +226,10 @@ class SimulatedRobot:
         if self._sensors:
             self._look()
 
+    def scan(self, seconds: float) -> list[LaserScanReading]:
+        """Return what its lidars see now, `seconds` into the simulation."""
+        return [lidar.scan(seconds) for lidar in self.lidars]
+
     def reset(self, keyframe: str) -> None:
         """Go back to the state before the first step, or to a key frame of the model; ControlError for no such."""
         names = [self.model.key(number).name for number in range(self.model.nkey)]
@@ -235,6 +243,8 @@ class SimulatedRobot:
         for motor in self._motors.values():
             motor.rest()
         self._left_ns = 0
+        for lidar in self.lidars:
+            lidar.begin()
         self._reader = SensorReader(self.model, self.data, self._sensors)  # its noise begins anew
         mujoco.mj_forward(self.model, self.data)
         self._look()
@@ -255,6 +265,17 @@ def make_simulated(
 
     `loops` take the place of the servos, by joint and the interface that is commanded.
     """
+    lidars = tag_lidars(tag, description.model.root, description.path)
+    robot = _made(description, tag, scene, loops or {})
+    model = robot.model
+    robot.notes += tuple(camera_notes(tag.sensors, [model.cam(number).name for number in range(model.ncam)]))
+    robot.lidars = [LidarScanner(model, robot.data, each) for each in lidars]
+    return robot
+
+
+def _made(
+    description: Description, tag: Ros2ControlSystem, scene: Path | None, loops: Mapping[str, Mapping[str, EffortLoop]]
+) -> SimulatedRobot:
     axes, sensors, world = axes_of(tag), sensors_of(description, tag), WorldDescription()
     if scene is not None:
         body = build_mjcf(scene, axes, step=_STEP_S, path=description.path, world=world, sensors=sensors)

@@ -52,6 +52,7 @@ _BEGINNINGS: Final[tuple[tuple[str, SensorKind], ...]] = (
 )
 #: `mujoco_type` -> kind
 _TYPES: Final[Mapping[str, SensorKind]] = {"imu": IMU, "fts": FORCE, "pose": POSE, "magnetometer": MAGNET}
+_OTHERS: Final = ("camera", "lidar")  # see `tag_lidars`
 SENSOR_PREFIX: Final = "mujoco_sensor_name"
 """The parameter that names sensors of a scene in MJCF, by what their names begin with."""
 _LARGEST_SEED: Final = 2**31 - 1
@@ -86,7 +87,7 @@ def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[s
     """Return one sensor, None for what is none of a world; what is wrong is added to `wrong`."""
     given = part.parameters
     wanted = given.get("mujoco_type", "").strip()
-    if wanted and wanted not in _TYPES:
+    if wanted and wanted not in (*_TYPES, *_OTHERS):
         wrong.append(f"no mujoco_type {wanted!r}{nearest(wanted, _TYPES)}")
     kind = _kind(part)
     if kind is None:
