@@ -77,8 +77,8 @@ class DeviceIdentity:
         return self._differences(other, ("device_type", "vendor", "product"))
 
     def variations(self, other: DeviceIdentity) -> list[str]:
-        """Return what differs between two devices of one product: revision, software, serial number."""
-        return self._differences(other, ("revision", "software", "serial"))
+        """Return what differs between two devices of one product: revision and software; each has its serial number."""
+        return self._differences(other, ("revision", "software"))
 
     def _differences(self, other: DeviceIdentity, names: tuple[str, ...]) -> list[str]:
         pairs = ((name, getattr(self, name), getattr(other, name)) for name in names)
