@@ -67,7 +67,7 @@ MAY_IMPORT = {
         | {"cia301", "cia402", "data_files"},
         STDLIB,
     ),
-    "service": ({"od", "cia301", "cia402"}, STDLIB),
+    "service": ({"od", "cia301", "cia402", "client"}, STDLIB),
     "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
