@@ -221,8 +221,7 @@ class RobotCore:
         With a `holder` the command ends as soon as `let_go` says that he is gone, else by its time-out alone.
         """
         self.latch.refuse("a command to", controller)
-        if controller in self.setup.controllers.controllers:
-            require_active(self.setup, self.manager, controller)
+        require_active(self.setup, self.manager, controller)
         made = None if stamp is None else round(stamp * 1e9) - self.wall_offset_ns
         self.manager.command(controller, values, self.reactor.now(), made, source=source, holder=holder)
         self.commander = source
@@ -230,8 +229,7 @@ class RobotCore:
     def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:
         """Hand a goal to a controller; with a `holder` it ends when `let_go` says that he is gone."""
         self.latch.refuse("a goal to", controller)
-        if controller in self.setup.controllers.controllers:
-            require_active(self.setup, self.manager, controller)
+        require_active(self.setup, self.manager, controller)
         self.manager.send_goal(controller, goal, self.reactor.now(), source=source, holder=holder)
         self.commander = source
 
