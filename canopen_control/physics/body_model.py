@@ -94,7 +94,7 @@ class Body:
 def read_spec(urdf: RepairedUrdf, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
     """Return what MuJoCo makes of a URDF; PhysicsError where it makes nothing of it."""
     try:
-        return mujoco.MjSpec.from_string(urdf.text)
+        return mujoco.MjSpec.from_string(urdf.text, assets=urdf.meshes)
     except ValueError as error:
         raise PhysicsError(f"{path}: MuJoCo cannot read it: {_first_line(error)}") from error
 
