@@ -96,13 +96,17 @@ class Floor:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """A sensor on a link, see `world_sensors`; `reach` in m is that of a range finder, `seed` that of its noise."""
+    """A sensor on a link, see `world_sensors`; `reach` in m is that of a range finder, `seed` that of its noise.
+
+    `scene` is what the names of its sensors in a scene begin with, where a scene of MuJoCo's own has them.
+    """
 
     kind: SensorKind
     link: str
     noise: float = setting(0.0, low=0.0)
     reach: float = setting(10.0, low=1e-3)
     seed: int = setting(0, low=0, high=2**31 - 1)
+    scene: str = ""
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,8 @@ def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[s
         wrong.append(f"seed is {given['seed']!r}; it is a whole number from 0 to {_LARGEST_SEED}")
     if reach == 0.0:
         wrong.append("range_max is 0; it is above that")
-    return None if wrong else SensorSettings(kind, link, noise, reach, round(seed))
+    scene = given.get(SENSOR_PREFIX, "").strip()
+    return None if wrong else SensorSettings(kind, link, noise, reach, round(seed), scene)
 
 
 def _number(given: Mapping[str, str], key: str, default: float, wrong: list[str]) -> float:

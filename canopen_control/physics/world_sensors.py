@@ -23,7 +23,7 @@ from canopen_control.urdf.geometry import about
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from canopen_control.physics.physics_file import SensorKind
+    from canopen_control.physics.physics_file import SensorKind, SensorSettings
 
 __all__ = ["SensorReader", "WorldSensor", "add_sensors"]
 
@@ -35,6 +35,14 @@ _PARTS: Final[Mapping[SensorKind, tuple[Any, ...]]] = {
     FORCE: (_KINDS.mjSENS_FORCE, _KINDS.mjSENS_TORQUE),
     POSE: (_KINDS.mjSENS_FRAMEPOS, _KINDS.mjSENS_FRAMEQUAT),
     MAGNET: (_KINDS.mjSENS_MAGNETOMETER,),
+}
+#: kind -> what the names of these in a scene end with
+_ENDINGS: Final[Mapping[SensorKind, tuple[str, ...]]] = {
+    IMU: ("_quat", "_gyro", "_accel"),
+    RANGE: ("",),
+    FORCE: ("_force", "_torque"),
+    POSE: ("_pos", "_quat"),
+    MAGNET: ("",),
 }
 _SITE: Final = "sensor "
 _Z_TO_X: Final = about((0.0, 1.0, 0.0), 1.5707963267948966)
@@ -50,12 +58,29 @@ class WorldSensor:
     noise: float = 0.0
     reach: float = 10.0
     seed: int = 0  # of the noise
+    scene: str = ""  # what the names of its parts in a scene begin with
+
+    @classmethod
+    def of(cls, name: str, each: SensorSettings) -> WorldSensor:
+        """Return the sensor that a file or a tag describes."""
+        return cls(name, each.kind, each.link, each.noise, each.reach, each.seed, each.scene)
+
+    def own(self) -> tuple[str, ...]:
+        """Return the names of its parts where they are added to a model."""
+        return tuple(f"{self.name} {number}" for number in range(len(_PARTS[self.kind])))
+
+    def of_scene(self) -> tuple[str, ...]:
+        """Return the names of its parts in a scene that has it, with the endings of mujoco_ros2_control."""
+        return tuple(f"{self.scene}{ending}" for ending in _ENDINGS[self.kind]) if self.scene else ()
 
 
 def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  # noqa: ANN401 - of MuJoCo
     """Add sensors to a specification; PhysicsError for a link that is not there."""
+    there = {sensor.name: sensor for sensor in spec.sensors if sensor.name}
     links = [body.name for body in spec.bodies if body.name != "world"]
     for each in sensors:
+        if _stands(each, there, path):
+            continue
         body = spec.body(each.link) if each.link in links else None
         if body is None:
             raise PhysicsError(f"{path}: sensor {each.name}: no link {each.link!r}{nearest(each.link, links)}")
@@ -67,6 +92,18 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
             if each.kind == RANGE:
                 sensor.cutoff = each.reach
                 sensor.intprm[0] = 1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST)
+
+
+def _stands(sensor: WorldSensor, there: Mapping[str, Any], path: str) -> bool:
+    """Return whether a scene has a sensor already; PhysicsError where something else of MuJoCo's has its name."""
+    names = sensor.of_scene()
+    if not names or not all(name in there for name in names):
+        return False
+    for name, kind in zip(names, _PARTS[sensor.kind], strict=True):
+        if there[name].type != kind:
+            what = kind.name.removeprefix("mjSENS_").lower()
+            raise PhysicsError(f"{path}: sensor {sensor.name}: {name} of the scene is no {what}")
+    return True
 
 
 class SensorReader:
@@ -86,8 +123,10 @@ class SensorReader:
         self._data, self._sensors = data, sensors
         self._random = {each.name: random.Random(f"{seed} {each.seed} {each.name}") for each in sensors}
         self._places: dict[str, list[tuple[int, int]]] = {}
+        there = {model.sensor(number).name for number in range(model.nsensor)}
         for each in sensors:
-            parts = [model.sensor(f"{prefix}{each.name} {number}") for number in range(len(_PARTS[each.kind]))]
+            own = [f"{prefix}{name}" for name in each.own()]
+            parts = [model.sensor(name) for name in (own if own[0] in there else each.of_scene())]
             self._places[each.name] = [(int(part.adr[0]), int(part.adr[0]) + int(part.dim[0])) for part in parts]
 
     def read(self) -> dict[str, tuple[float, ...]]:
