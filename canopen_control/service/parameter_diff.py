@@ -35,11 +35,6 @@ class ParameterDifference:
     a_text: str
     b_text: str
 
-    @property
-    def where(self) -> str:
-        """The address and the name."""
-        return f"0x{self.entry.index:04X}:{self.entry.subindex:02X} {self.name}"
-
 
 def differences(a: ParameterSet, b: ParameterSet, skipped: Collection[Address] = ()) -> list[ParameterDifference]:
     """Return by address what differs, without the `skipped` addresses."""

@@ -1,9 +1,9 @@
 """Writes parameters into a node and proves that it holds them, or puts back what it held.
 
-What the node holds is read first; only what differs is written, in the order of `restore_order`. What it refuses is tried
-once more after all others (an object may depend on one that came later), then everything is read back: a value that the
-drive changed on its way in counts as refused. Where anything was refused, what was written is undone, unless the
-caller keeps it; so a refusal leaves the drive as it was. Nothing is stored but by `store`.
+What the node holds is read first; only what differs is written, in the order of `restore_order`. What it refuses is
+tried once more after all others (an object may depend on one that came later), then everything is read back: a value
+that the drive changed on its way in counts as refused. Where anything was refused, what was written is undone, unless
+the caller keeps it; so a refusal leaves the drive as it was. Nothing is stored but by `store`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from canopen_control.errors import CanopenError, ConfigError, DriveError, SdoTim
 from canopen_control.service.node_session import is_abort
 from canopen_control.service.parameter_diff import value_text
 from canopen_control.service.parameter_set import same_value
-from canopen_control.service.read_parameters import read_values, reason_of
+from canopen_control.service.read_parameters import entry_label, read_values, reason_of
 from canopen_control.service.restore_order import restore_groups
 
 if TYPE_CHECKING:
@@ -96,12 +96,10 @@ class Restore:
     undone: bool = False
 
     def run(self, *, keep: bool = False) -> bool:
-        """Write and prove; return whether everything is as wanted. With `keep` what was taken stays where some was not."""
+        """Write and prove; return whether all is as wanted. With `keep` what was taken stays where some was not."""
         entries = [self.od[address] for address in self.wanted]
         self.held, left_out = read_values(self.session, entries)
-        self.refused = [
-            Refusal(f"0x{e.entry.index:04X}:{e.entry.subindex:02X} {e.entry.name}", e.why) for e in left_out
-        ]
+        self.refused = [Refusal(entry_label(each.entry), each.why) for each in left_out]
         if self.refused and not keep:
             self.undone, self.step = True, RestoreStep.DONE  # nothing was written yet
             return False
@@ -145,13 +143,13 @@ class Restore:
         self.step = RestoreStep.VERIFYING
         found, left_out = read_values(self.session, [self.od[address] for address in self.held])
         self.refused += [Refusal(*each) for each in failed.items()]
-        self.refused += [Refusal(str(each.entry.name), each.why) for each in left_out]
+        self.refused += [Refusal(entry_label(each.entry), each.why) for each in left_out]
         for address, value in found.items():
             entry, wanted = self.od[address], self.wanted[address]
             if same_value(entry, wanted, value):
                 self.verified += 1
                 continue
-            name = f"0x{entry.index:04X}:{entry.subindex:02X} {entry.name}"
+            name = entry_label(entry)
             if name not in failed:
                 asked, has = value_text(entry, wanted), value_text(entry, value)
                 self.refused.append(Refusal(name, f"asked {asked}, the drive has {has}"))
@@ -166,10 +164,7 @@ class Restore:
         left = [address for address, value in self.held.items()
                 if address not in after or not same_value(self.od[address], value, after[address])]  # fmt: skip
         self.undone = not left
-        self.refused += [
-            Refusal(f"0x{index:04X}:{subindex:02X} {self.od[index, subindex].name}", "could not be put back")
-            for index, subindex in left
-        ]
+        self.refused += [Refusal(entry_label(self.od[address]), "could not be put back") for address in left]
 
 
 def store(session: NodeSession, *, pause: Callable[[float], None] = time.sleep) -> None:

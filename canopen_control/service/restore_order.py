@@ -16,6 +16,7 @@ from canopen_control.cia402 import objects as o
 from canopen_control.od.codec import encode
 from canopen_control.od.pdos import COMMUNICATION, MAPPING, pdo_of
 from canopen_control.service.parameter_set import same_value
+from canopen_control.service.read_parameters import entry_label
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -78,8 +79,7 @@ def restore_groups(
         if pdo_of(address[0]) is None:
             entry = od[address]
             write = Write(address, encode(value, entry.data_type))
-            name = f"0x{address[0]:04X}:{address[1]:02X} {entry.name}"
-            found.append((_place(address, known, held), RestoreGroup(name, (write,))))
+            found.append((_place(address, known, held), RestoreGroup(entry_label(entry), (write,))))
     return [group for _, group in sorted(found, key=lambda each: each[0])]
 
 
