@@ -14,7 +14,7 @@ BOOTED = 1_000_000_000
 
 
 class DeviceTransfers:
-    """`written` lists the addresses of downloads; after `silent_from` of them it is silent; it has none of `lacking`."""
+    """`written` lists the addresses of downloads, after `silent_from` of them it is silent; `lacking` it has not."""
 
     def __init__(self, device):
         self.device, self.written, self.commands = device, [], []
