@@ -40,6 +40,8 @@ VERBS = {
     "sdo": "read and write objects of a node, transfer files",
     "backup": "the parameters of a node as a DCF file, with its identity",
     "diff": "compare the parameters of two nodes, two files, or one of each",
+    "objects": "the object dictionary of a node: names, units, defaults, what it holds",
+    "dump": "all that a node holds now, as table, CSV or DCF",
     "nmt": "start, stop or reset nodes",
     "preflight": "before the first run on real drives: look, jog slowly, try STOP",
     "jog": "turn one drive by hand, with its EDS alone: arrow keys, limits, a dead-man",
