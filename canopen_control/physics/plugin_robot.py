@@ -60,10 +60,7 @@ def sensors_of(description: Description, tag: Ros2ControlSystem) -> list[WorldSe
     """Return the sensors of a tag that a world has; PhysicsError with what is wrong of them."""
     model = description.model
     found = tag_sensors(tag.sensors, model.links, model.root, description.path)
-    return [
-        WorldSensor(name, each.kind, each.link, each.noise, each.reach, each.seed, each.scene)
-        for name, each in found.items()
-    ]
+    return [WorldSensor.of(name, each) for name, each in found.items()]
 
 
 @dataclass(slots=True)
