@@ -127,16 +127,17 @@ class SimulatedWire:
         self._due = None
         for number, record in self._wire.advance(self._time.now_ns):
             port = self._ports.get(number)
-            if port is not None and not self.silences(port.label):
+            if port is None or ((self.cut or self._off) and self.silences(port.label)):
+                continue
+            if self.lost or self.doubled or self._errors:
                 self._judge(port, record)
+            else:
+                self._carry(port.label, record, port)
         self._plan()
 
     def _judge(self, port: SimulatedPort, record: bytes) -> None:
         """Lose or double a frame where a rule says so, else carry it."""
         label = port.label
-        if not (self.lost or self.doubled or self._errors):
-            self._carry(label, record, port)
-            return
         can_id: int = RECORD.unpack(record)[0]
         if self._errors.get(label):
             self._errors[label] -= 1
@@ -148,8 +149,10 @@ class SimulatedWire:
 
     def _is_disturbed(self, number: int, record: bytes) -> bool:
         """Whether a rule disturbs a frame; counts the error of its sender."""
+        if not self.disturbed:
+            return False
         port = self._ports.get(number)
-        if not self.disturbed or port is None or self.silences(port.label):
+        if port is None or self.silences(port.label):
             return False
         if not _taken(self.disturbed, port.label, RECORD.unpack(record)[0]):
             return False
