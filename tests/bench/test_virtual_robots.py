@@ -11,7 +11,7 @@ from canopen_control.errors import CanopenError
 def test_a_simulation_is_timed_and_the_same_each_time():
     first, second = (virtual_robots.simulate(setup_of(), 1.0) for _ in range(2))
     assert first.sha256 == second.sha256
-    assert 0 < first.boot_s
+    assert first.boot_s > 0
     assert first.robot_s + 0.3 == pytest.approx(1.0, abs=0.15)
     assert first.cpu_s < first.robot_s, "slower than real time"
 
