@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["Simulated", "measure", "simulate"]
 
 #: how many times real time at least; a busy machine, whose processors are halves, is half as fast
-LIMITS: Final = {"robby": 20.0, "16 drives": 3.0}
+LIMITS: Final = {"robby": 20.0, "16 drives": 1.5}
 BOOT_LIMIT_MS: Final = 150.0
 _PERIOD_US: Final = 20_000
 _STEP_NS: Final = 5_000_000
