@@ -51,7 +51,7 @@ class Simulated:
 
 def measure(options: Options) -> list[Figure]:
     """Simulate robby and a base with 16 drives, both at 50 Hz."""
-    seconds = options.seconds or (10.0 if options.quick else 60.0)
+    seconds = options.seconds or (4.0 if options.quick else 60.0)
     rounds = 3 if options.quick else 5
     figures: list[Figure] = []
     boots: list[float] = []
