@@ -65,8 +65,9 @@ MAY_IMPORT = {
     "simulation": (  # the only room that joins both sides of the wire
         {"od", "bus", "host", "rpc", "yamlfile", "master", "virtual", "hardware", "controllers", "runtime", "urdf"}
         | {"cia301", "cia402", "data_files"},
-        STDLIB,
+        STDLIB | {"distributed", "cloudpickle"},
     ),
+    "service": ({"od", "cia301", "cia402", "profiles"}, STDLIB),
     "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
@@ -104,6 +105,8 @@ ONLY = {
     "yaml": "yamlfile",
     "xacro": "urdf",
     "mujoco": "physics",
+    "distributed": "simulation",
+    "cloudpickle": "simulation",
     "nicegui": "view",
     "fastapi": "view",
     "starlette": "view",

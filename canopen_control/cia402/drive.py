@@ -73,7 +73,7 @@ class DriveMachine:
     `undefined` (the number of undefined statuswords), `evaluations` (updates that had something to decide: while it
     stays the same, so does everything else). `ignore_remote` is for drives that leave bit 9 alone. `standstill` may be
     set by who knows that the motor stands; it shortens the wait for the end of a quick stop, nothing else.
-    `mode_request` is what became of the mode that was asked for.
+    `mode_request` is what became of the mode that was asked for: confirmed by 0x6061, or failed to be.
     """
 
     def __init__(
@@ -208,16 +208,6 @@ class DriveMachine:
     def mode(self) -> int | None:
         """What to write to 0x6060; None: nobody asked for a mode, leave it as it is."""
         return self.mode_request.mode
-
-    @property
-    def mode_confirmed(self) -> bool:
-        """Whether 0x6061 shows `mode`, or none was asked for."""
-        return self.mode_request.confirmed
-
-    @property
-    def mode_failed(self) -> bool:
-        """Whether the last mode asked for was not confirmed in time."""
-        return self.mode_request.failed
 
     @property
     def waiting(self) -> bool:

@@ -14,8 +14,8 @@ commands, switches and troubles (--faults); --scenario FILE says them instead:
       - {at: 6s, do: stall, target: master, for: 300ms}
 
 --seeds N runs N seeds instead, each with a schedule of its own (20 s, all faults, unless said otherwise), in --jobs
-processes. What a breach takes is shrunk to the smallest schedule and written to --out, as a scenario with the command
-that replays it and a recording of its frames, beside a summary as JUnit and HTML.
+processes, or on the Dask cluster at --dask. What a breach takes is shrunk to the smallest schedule and written to
+--out, as a scenario with the command that replays it and a recording of its frames, beside a summary as JUnit and HTML.
 
 --speed 1 is a run without processes, for a debugger. Ctrl-C ends it and keeps what there is. --json prints one object
 at the end, with the SHA-256 of every frame and event with its time.
@@ -92,6 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--faults", metavar="all|LIST|none", help="what goes wrong (default: none, with --seeds all)")
     parser.add_argument("--seeds", type=_count, metavar="N", help="a campaign of N seeds, from --seed on")
     parser.add_argument("--jobs", type=_jobs, metavar="J", help="with --seeds: in J processes (default: 1)")
+    parser.add_argument("--dask", metavar="ADDRESS", help="with --seeds: on this Dask cluster, as tcp://host:8786")
     parser.add_argument(
         "--out", metavar="FOLDER", help="with --seeds: where breaches and the summary go (default: simulate-ROBOT)"
     )
@@ -103,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     """Simulate; 0 good, 1 with a breach."""
     if args.seeds is not None:
         return _run_campaign(args)
-    for option, given in (("--jobs", args.jobs), ("--out", args.out)):
+    for option, given in (("--jobs", args.jobs), ("--out", args.out), ("--dask", args.dask)):
         if given is not None:
             raise ConfigError(f"{option} is for a campaign; give the number of its seeds, as --seeds 100")
     from canopen_control.simulation.simulation_run import SimulationRun
@@ -143,6 +144,8 @@ def _run_campaign(args: argparse.Namespace) -> int:
     for option, given in (("--scenario", args.scenario), ("--speed", args.speed)):
         if given is not None:
             raise ConfigError(f"{option} is for one simulation; --seeds draws schedules, as fast as it can")
+    if args.dask is not None and args.jobs is not None:
+        raise ConfigError("--jobs is for processes of this computer, --dask for those of a cluster: give one of both")
     setup, faults = _setup(args), _faults(args.faults or "all", known_faults())
     files = (("--bus", args.bus), ("--controllers", args.controllers), ("--description", args.description))
     words = [args.config or ".", *args.xacro]
@@ -151,7 +154,7 @@ def _run_campaign(args: argparse.Namespace) -> int:
     seeds = range(args.seed or 0, (args.seed or 0) + args.seeds)
     folder = None if args.out is None else Path(args.out)
     order = CampaignOrder(
-        seeds, args.length or DEFAULT_NS // 3, faults, words, args.jobs or 1, folder, as_json=args.json
+        seeds, args.length or DEFAULT_NS // 3, faults, words, args.jobs or 1, folder, args.json, args.dask
     )
     return run_campaign(setup, order, folder or Path(f"simulate-{setup.name}"))
 

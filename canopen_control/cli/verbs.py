@@ -38,6 +38,8 @@ VERBS = {
     "controller": "list, load, configure, activate, deactivate, switch, unload controllers",
     "axis": "enable, disable, halt, quick-stop or fault-reset drives",
     "sdo": "read and write objects of a node, transfer files",
+    "backup": "the parameters of a node as a DCF file, with its identity",
+    "diff": "compare the parameters of two nodes, two files, or one of each",
     "nmt": "start, stop or reset nodes",
     "preflight": "before the first run on real drives: look, jog slowly, try STOP",
     "init": "a new robot from EDS files, or from who is on a bus",

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from canopen_control.cia402.drive import DriveMachine
     from canopen_control.hardware.axis import Axis
     from canopen_control.hardware.axis_parameters import AxisParameters
-    from canopen_control.hardware.mode_targets import ModeTarget
+    from canopen_control.hardware.mode_target import ModeTarget
     from canopen_control.urdf.ros2_control import ControlJoint
 
 __all__ = [

@@ -49,6 +49,10 @@ class ServoLoop:
         """Forget what the loops had gathered; they go on from a torque."""
         self._integral = torque
 
+    def begin(self) -> None:
+        """Forget where the joint was too: it has been put elsewhere."""
+        self._place, self._velocity, self._integral = None, 0.0, 0.0
+
     def torque(self, angle: float, position: float, velocity: float, limit: float) -> float:
         """Return the torque that brings a joint at `angle` to a position and a velocity, within a limit."""
         place = round(angle / self.quantum) * self.quantum

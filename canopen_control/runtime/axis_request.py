@@ -49,7 +49,9 @@ _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyTyp
         Action.FAULT_RESET: lambda joint: joint.state not in (None, *FAULT_STATES),
         Action.HOME: lambda joint: joint.homing is None and joint.homed,
         Action.MODE: lambda joint: (
-            joint.targets.pending is None and joint.machine.mode_confirmed and not joint.machine.mode_failed
+            joint.targets.pending is None
+            and joint.machine.mode_request.confirmed
+            and not joint.machine.mode_request.failed
         ),
     }
 )
@@ -140,7 +142,7 @@ class AxisRequest:
         if self._action is Action.HOME:
             return joint.homing is None
         if self._action is Action.MODE:
-            return joint.machine.mode_failed
+            return joint.machine.mode_request.failed
         return self._action is Action.FAULT_RESET and not joint.machine.resetting
 
     def _reason(self, joint: JointDrive) -> str:

@@ -82,7 +82,7 @@ def switch_controllers(
 def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
     """Raise ControlError for a controller of the file that takes no command now, with what makes it take them."""
     state = manager.states.get(name, UNLOADED)
-    if state != ControllerState.ACTIVE.value:
+    if name in setup.controllers.controllers and state != ControllerState.ACTIVE.value:
         others = [f"--deactivate {' '.join(found)}"] if (found := _in_the_way(setup, manager, name)) else []
         switch = " ".join((f"canopen-control controller switch --activate {name}", *others))
         raise ControlError(f"{name} is {state}, so it takes no command; activate it: {switch}")

@@ -87,10 +87,14 @@ class WireRules:
             self._waiting.pop(node, None)
             return
         asked = self._waiting.get(node)
-        if asked is not None and 0 < now - asked[0] < _SDO_WAIT_NS and self._last_start < asked[0]:
+        if asked is not None and 0 < now - asked[0] < _SDO_WAIT_NS and self._all_heard_since(asked[0]):
             again = f"{(now - asked[0]) / 1e6:.1f} ms after {asked[1].hex(' ')}, which has no answer yet"
             self._tell("sdo_overlap", f"node {node} is asked {data.hex(' ')} {again}")
         self._waiting[node] = (now, data)
+
+    def _all_heard_since(self, asked_ns: int) -> bool:
+        """Whether an abort would have been seen: no frame was lost meanwhile, and the master is the same."""
+        return not self._wire.tampered and asked_ns > max(self._quiet_until, self._last_start)
 
     @property
     def _last_start(self) -> int:

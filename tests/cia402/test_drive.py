@@ -490,12 +490,12 @@ def test_a_drive_that_vanishes_is_disabled_and_its_return_enables_nothing():
     events = rig.machine.events()
     assert [type(event) for event in events] == [StateChanged, EnableLost]
     assert not events[1].power_stage_off
-    assert not rig.machine.mode_confirmed
+    assert not rig.machine.mode_request.confirmed
     rig.drive.state = ref.NRSO
     rig.cycle(50)
     assert rig.machine.state is State.SWITCH_ON_DISABLED
     assert rig.machine.mode == 8
-    assert rig.machine.mode_confirmed
+    assert rig.machine.mode_request.confirmed
 
 
 def test_a_drive_found_enabled_is_ramped_down():
@@ -874,7 +874,7 @@ def test_no_sequence_of_words_and_verbs_makes_it_raise_or_send_0x0f_without_the_
             assert machine.goal is Goal.ENABLED
             state = machine.state
             assert state in (State.SWITCHED_ON, State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
-            assert state is State.OPERATION_ENABLED or machine.mode_confirmed
+            assert state is State.OPERATION_ENABLED or machine.mode_request.confirmed
         if sent & 0x370:
             assert machine.enabled
         if sent & 0x80:

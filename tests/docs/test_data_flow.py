@@ -12,8 +12,13 @@ import canopen_control
 
 PACKAGE = Path(canopen_control.__file__).parent
 PAGE = Path(__file__).parents[2] / "docs" / "architecture" / "data_flow.md"
-WALK = re.compile(r"^ *\| `([a-z0-9_]+/[a-z0-9_]+\.py)` \| `(\w+)`:", re.MULTILINE)
+WALK = re.compile(r"^ *\| (`[^|]+) \| `(\w+)`:", re.MULTILINE)
 FILE = re.compile(r"`([a-z0-9_]+/[a-z0-9_]+\.py)`")
+
+
+def walk_of_the_page():
+    """Return for each row of the table the files it names, of which one is on the way, and the function entered."""
+    return [(FILE.findall(files), function) for files, function in WALK.findall(PAGE.read_text(encoding="utf-8"))]
 
 
 def calls_to(frame):
@@ -39,13 +44,13 @@ def test_every_file_of_the_page_is_there():
 @pytest.mark.sources
 @pytest.mark.parametrize(("controller", "mode"), [("velocity", ""), ("position", ""), ("position", "position_mode: 1")])
 def test_a_value_goes_from_its_interface_to_the_rpdo_by_the_files_of_the_page_none_twice(tmp_path, controller, mode):
-    walk = WALK.findall(PAGE.read_text(encoding="utf-8"))
+    walk = walk_of_the_page()
     ways = []
 
     def look(frame, event, argument):
         if event == "call" and frame.f_code.co_name == "set" and frame.f_code.co_filename.endswith("master/cycle.py"):
             way = calls_to(frame)
-            start = next((at for at, (file, _) in enumerate(way) if file == walk[0][0]), len(way))
+            start = next((at for at, (file, _) in enumerate(way) if file in walk[0][0]), len(way))
             if ("hardware/joint_targets.py", "follow") in way:
                 ways.append(way[start:])
 
@@ -61,4 +66,7 @@ def test_a_value_goes_from_its_interface_to_the_rpdo_by_the_files_of_the_page_no
         bench.close()
     assert ways
     for way in ways:
-        assert way == walk, "each file once, in this order and by this function"
+        assert len(way) == len(walk), "each file once"
+        for (file, function), (files, described) in zip(way, walk, strict=True):
+            assert file in files, "in this order"
+            assert function == described

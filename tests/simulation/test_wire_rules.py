@@ -1,6 +1,7 @@
 import pytest
 from support.simulated import MS, S, setup_of
 
+from canopen_control.bus.wire_faults import DropRule
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.runtime.setup import BUS_NAME
 from canopen_control.simulation.simulated_robot import MASTER, SimulatedRobot
@@ -71,6 +72,15 @@ def test_a_request_before_the_answer_is_told(judged):
     assert judged.told == []
     judged.hear(0x603, READ, after=MS)
     assert judged.told == ["sdo_overlap"]
+
+
+def test_a_request_after_an_abort_that_may_be_lost_is_no_news(judged):
+    judged.wire.lost.append(DropRule("", every=2))
+    judged.hear(0x603, READ)
+    judged.rules.sampled(judged.now)
+    judged.wire.lost.clear()
+    judged.hear(0x603, READ, after=MS)
+    assert judged.told == []
 
 
 def test_blocks_are_not_requests(judged):

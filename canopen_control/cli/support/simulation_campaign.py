@@ -10,14 +10,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.output import Progress, json_line
+from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.simulation.campaign import Campaign, Totals
 from canopen_control.simulation.campaign_files import html_summary, junit_summary, write_breach, write_text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.simulation.campaign import SeedResult
 
 __all__ = ["CampaignDocument", "CampaignOrder", "run_campaign"]
 
@@ -27,6 +29,8 @@ _SHRUNK: Final = 5  # breaches of a campaign that are shrunk: each takes a hundr
 @dataclass(frozen=True, slots=True)
 class CampaignOrder:
     """What to run: seeds of `duration_ns` each in `jobs` processes; `words` of the command line say which robot.
+
+    `dask` is the address of a cluster that runs them instead.
 
     Breaches and the summary go to `folder`; None: to one of the robot's name, if there are breaches.
     """
@@ -38,6 +42,7 @@ class CampaignOrder:
     jobs: int = 1
     folder: Path | None = None
     as_json: bool = False
+    dask: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,24 +61,45 @@ def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
     """Run seeds, shrink what breaks, and tell; 0 good, 1 with a breach. Ctrl-C keeps what there is."""
     began = time.perf_counter()
     campaign = Campaign(setup, order.duration_ns, order.faults)
-    totals = _run(campaign, order)
+    totals, problem = _run(campaign, order)
     scenarios = _shrink(campaign, setup, totals, order, folder)
     if totals.broken or order.folder is not None:
         write_text(folder / "junit.xml", junit_summary(setup.name, totals))
         write_text(folder / "summary.html", html_summary(setup.name, totals))
     _sum_up(totals, scenarios, time.perf_counter() - began, order)
-    return 1 if totals.broken else 0
+    if problem:
+        print(f"canopen-control: {problem}", file=sys.stderr)
+    return 1 if totals.broken or problem else 0
 
 
-def _run(campaign: Campaign, order: CampaignOrder) -> Totals:
+def _run(campaign: Campaign, order: CampaignOrder) -> tuple[Totals, str]:
+    """Return what came of the seeds, and what ended them before their time."""
     totals = Totals()
     with contextlib.suppress(KeyboardInterrupt), Progress("seeds", stream=sys.stderr) as progress:
-        for result in campaign.run(order.seeds, order.jobs):
-            totals.add(result)
-            progress.at(len(totals.results), len(order.seeds))
-            for breach in result.breaches:
-                _say(f"seed {result.seed}: {breach.sentence}", progress, order)
-    return totals
+        try:
+            for result in _results(campaign, order, progress):
+                totals.add(result)
+                progress.at(len(totals.results), len(order.seeds))
+                for breach in result.breaches:
+                    _say(f"seed {result.seed}: {breach.sentence}", progress, order)
+        except ConfigError:
+            raise
+        except CanopenError as error:
+            return totals, str(error)
+    return totals, ""
+
+
+def _results(campaign: Campaign, order: CampaignOrder, progress: Progress) -> Iterator[SeedResult]:
+    if order.dask is None:
+        return campaign.run(order.seeds, order.jobs)
+    from canopen_control.simulation.cluster import run_on_cluster
+
+    return run_on_cluster(campaign, order.seeds, order.dask, lambda text: _note(text, progress))
+
+
+def _note(text: str, progress: Progress) -> None:
+    progress.end()
+    print(f"canopen-control: {text}", file=sys.stderr)
 
 
 def _shrink(

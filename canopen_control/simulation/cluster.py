@@ -1,0 +1,118 @@
+"""Seeds of a campaign on a Dask cluster that exists already; a worker that dies costs its seeds a retry.
+
+Workers need this package in the same version, with `distributed`, and the robot's files at the same paths. A worker
+runs one seed at a time, however many threads it has: give it a process for each processor.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib.util
+import logging
+import re
+import threading
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from distributed import Client, Future
+
+    from canopen_control.simulation.campaign import Campaign, SeedResult
+
+__all__ = ["require_cluster", "run_on_cluster"]
+
+_CONNECT_S: Final = 3.0
+_ADDRESS: Final = re.compile(r"((tcp|tls|ws|wss|ucx)://)?(\[[0-9a-fA-F:.%]+\]|[^\s/:\[\]]+):[0-9]{1,5}")
+_ONE_AT_A_TIME: Final = threading.Lock()  # the buses of a simulation are known by name in their process
+
+
+def require_cluster() -> None:
+    """Raise ConfigError with what to type when `distributed` is not there; does not import it."""
+    if importlib.util.find_spec("distributed") is None:
+        raise ConfigError("seeds on a Dask cluster need distributed: pip install 'canopen-control[cluster]'")
+
+
+def run_on_cluster(
+    campaign: Campaign, seeds: Sequence[int], address: str, note: Callable[[str], object] = lambda _text: None
+) -> Iterator[SeedResult]:
+    """Yield the results of seeds as they come; ConfigError where there is no cluster, CanopenError where it has gone.
+
+    `note` hears a sentence while the cluster has no worker. A seed whose workers died again and again runs here.
+    """
+    require_cluster()
+    with _connected(address) as client:
+        if not client.scheduler_info()["workers"]:
+            note(f"the cluster at {address} has no worker yet, and is waited for; one is: dask worker {address}")
+        yield from _results(client, campaign, seeds, address)
+
+
+@contextlib.contextmanager
+def _connected(address: str) -> Iterator[Client]:
+    from distributed import Client
+
+    if not _ADDRESS.fullmatch(address):
+        raise ConfigError(f"--dask {address!r} is no address of a Dask cluster; one is tcp://host:8786")
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters of it is told as a sentence
+    try:
+        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except OSError as error:
+        raise ConfigError(f"--dask {address}: no Dask cluster answers there: {error}") from None
+    try:
+        yield client
+    finally:
+        client.close(timeout=_CONNECT_S)
+
+
+def _results(client: Client, campaign: Campaign, seeds: Sequence[int], address: str) -> Iterator[SeedResult]:
+    from cloudpickle import dumps
+    from distributed import KilledWorker, as_completed
+
+    packed = client.submit(_same, dumps(campaign), pure=False)  # a task, so that it outlives the worker that holds it
+    futures = {client.submit(_run_seed, packed, seed, __version__, pure=False): seed for seed in seeds}
+    for future in as_completed(futures, loop=client.loop):
+        error = future.exception() if future.status == "error" else None
+        if future.status == "finished":
+            yield future.result()
+            future.release()
+        elif isinstance(error, KilledWorker):
+            yield campaign.run_seed(futures[future])
+        else:
+            raise CanopenError(_why(future, error, address))
+
+
+def _why(future: Future, error: BaseException | None, address: str) -> str:
+    if isinstance(error, CanopenError):
+        return str(error)
+    if isinstance(error, ImportError):
+        return f"the workers at {address} cannot run a simulation: {error}; install canopen-control[cluster] there"
+    if error is not None:
+        return f"the cluster at {address} could not run a seed: {type(error).__name__}: {error}"
+    return f"the cluster at {address} has gone: its scheduler gave a seed back as {future.status}"
+
+
+# -- on a worker
+
+
+def _same(packed: bytes) -> bytes:
+    return packed
+
+
+def _run_seed(packed: bytes, seed: int, version: str) -> SeedResult:
+    """Run a seed on a worker."""
+    if version != __version__:
+        raise ConfigError(f"a worker has canopen-control {__version__}, and {version} is here; install the same")
+    with _ONE_AT_A_TIME:
+        campaign: Campaign = _unpacked(packed)
+        return campaign.run_seed(seed)
+
+
+@functools.lru_cache(maxsize=4)
+def _unpacked(packed: bytes) -> Any:  # noqa: ANN401 - a campaign, of which this process has one
+    from cloudpickle import loads
+
+    return loads(packed)

@@ -1,0 +1,19 @@
+"""What tests of several modules of the hardware share."""
+
+import pytest
+from support.servos import start_servos
+
+
+@pytest.fixture
+def servo(tmp_path, request):
+    """Return a function that starts two servo drives: its controller, and keys of bus.yml that choose modes."""
+    benches = []
+
+    def start(controller, modes="", **how):
+        name = f"modes{abs(hash(request.node.nodeid)) % 10**8}"
+        benches.append(start_servos(tmp_path, name, controller, modes, **how))
+        return benches[-1]
+
+    yield start
+    for bench in benches:
+        bench.close()
