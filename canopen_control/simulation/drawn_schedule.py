@@ -29,6 +29,16 @@ TROUBLES: Final = ("fault", "fault", "fault", "fault", "power", "stall", "cut", 
 """What goes wrong, as often as it is named here, beside the rarer ones."""
 _RARE: Final = ("kill", "frame", "frame")
 _LATE: Final = 0.15  # of the seeds: a drive boots later than the robot
+_LOSSES: Final = (
+    "heartbeat_lost",
+    "silent",
+    "tpdo_missing",
+    "leaves_operational",
+    "spontaneous_reset",
+    "drive_fault",
+    "local_control",
+)
+"""Faults of drives that supervision has to notice: a third of those that are drawn."""
 _OF_DEVICES: Final = ("input", "output")  # that are no drives
 _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 
@@ -140,7 +150,7 @@ class DrawnSchedule:
         node = str(self._one(self._nodes))
         member = MASTER if self._random() < 0.3 else node
         if kind == "fault":
-            self._add(at, "fault", node, name=self._one(self._faults), for_ns=lasts)
+            self._add(at, "fault", node, name=self._fault(), for_ns=lasts)
         elif kind == "power":
             self._add(at, kind, node, for_ns=lasts)
         elif kind in ("stall", "cut", "bus_off"):
@@ -156,6 +166,10 @@ class DrawnSchedule:
         if self._random() < 0.2:
             return max(at, moved)  # the next trouble comes on top of this one
         return self._recover(max(at + lasts, moved) + self._between(0, _S))
+
+    def _fault(self) -> str:
+        losses = [each for each in _LOSSES if each in self._faults]
+        return self._one(losses if losses and self._random() < 1 / 3 else self._faults)
 
     def _frame(self) -> list[float]:
         """Return a frame that nobody expects: any identifier of the predefined set, any data."""
