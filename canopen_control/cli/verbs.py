@@ -42,6 +42,7 @@ VERBS = {
     "diff": "compare the parameters of two nodes, two files, or one of each",
     "nmt": "start, stop or reset nodes",
     "preflight": "before the first run on real drives: look, jog slowly, try STOP",
+    "jog": "turn one drive by hand, with its EDS alone: arrow keys, limits, a dead-man",
     "init": "a new robot from EDS files, or from who is on a bus",
     "scan": "who is on a bus, which EDS fits, what bus.yml expects",
     "lss": "give node ids and bit rates to nodes",
