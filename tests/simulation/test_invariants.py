@@ -22,10 +22,10 @@ CAUGHT = {
     "skipped_cycles": (0, "late"),
     "commands_sent_again_and_again": (0, "bus_budget"),
     "exceptions": (0, "program_error"),
-    "lost_heartbeats_unnoticed": (99, "enabled_still"),
+    "lost_heartbeats_unnoticed": (21, "stop_late"),
     "slow_heartbeats": (0, "stop_late"),
     "trouble_stops_nobody": (1, "enabled_still"),
-    "others_go_on": (99, "enabled_still"),
+    "others_go_on": (1, "enabled_still"),
 }
 
 
