@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from canopen_control.physics.body_model import JointPlace, Motor
+    from canopen_control.physics.body_model import JointPlace
+    from canopen_control.physics.motor_estimate import Motor
     from canopen_control.physics.physics_file import AxisSettings
     from canopen_control.virtual.plant import Leader
     from canopen_control.virtual.trajectory import Trajectory
