@@ -159,10 +159,10 @@ def _root(text: str) -> yaml.Node | None:
     """Return the root node, by libyaml in a tenth of the time where it gives the same; the errors are PyYAML's own."""
     if _FAST_LOADER is not None and text.endswith("\n") and not _NOT_ALIKE.search(text):
         try:
-            return typing.cast("yaml.Node | None", yaml.compose(text, Loader=_FAST_LOADER))
+            return yaml.compose(text, Loader=_FAST_LOADER)
         except (yaml.YAMLError, ValueError):
             pass  # in other words and of another place than PyYAML's, which follow
-    return typing.cast("yaml.Node | None", yaml.compose(text, Loader=yaml.SafeLoader))
+    return yaml.compose(text, Loader=yaml.SafeLoader)
 
 
 def _compose(problems: Problems, text: str) -> yaml.Node | None:
