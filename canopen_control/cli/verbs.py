@@ -42,6 +42,7 @@ VERBS = {
     "diff": "compare the parameters of two nodes, two files, or one of each",
     "objects": "the object dictionary of a node: names, units, defaults, what it holds",
     "dump": "all that a node holds now, as table, CSV or DCF",
+    "scope": "objects over time, with triggers: terminal, CSV, MCAP",
     "nmt": "start, stop or reset nodes",
     "preflight": "before the first run on real drives: look, jog slowly, try STOP",
     "jog": "turn one drive by hand, with its EDS alone: arrow keys, limits, a dead-man",
