@@ -40,6 +40,8 @@ VERBS = {
     "sdo": "read and write objects of a node, transfer files",
     "backup": "the parameters of a node as a DCF file, with its identity",
     "diff": "compare the parameters of two nodes, two files, or one of each",
+    "restore": "write the parameters of a DCF file into a node, and prove it",
+    "clone": "give a replacement drive the parameters of another one",
     "objects": "the object dictionary of a node: names, units, defaults, what it holds",
     "dump": "all that a node holds now, as table, CSV or DCF",
     "scope": "objects over time, with triggers: terminal, CSV, MCAP",
