@@ -38,8 +38,8 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control scope left_drive:0x6064 left_drive:0x606C --length 2
          canopen-control scope 5:0x606C --can can0 --eds my_drive.eds --rate 50 -o step.csv
-         canopen-control scope 3:0x6064 3:0x606C --trigger 2:rising:100 --before 0.5 --length 3 --wait 1
-         canopen-control scope 3:0x6041 3:0x606C --trigger fault --before 2 --length 4 --wait 1"""
+         canopen-control scope 3:0x6064 3:0x606C --trigger 2:rising:100 --before 0.5 --length 3
+         canopen-control scope 3:0x6041 3:0x606C --trigger fault --before 2 --length 4"""
 
 _RATE: Final = 50.0  # Hz
 _FASTEST: Final = 1000.0
