@@ -26,6 +26,7 @@ NOT_RUN = {
     r"^gripper\b|--controller gripper\b": "a gripper: tests/cli/test_gripper.py has one",
     r"\bmecanum_base_controller\b": "a base that goes sideways: tests/cli/test_twist.py has one",
     r"^world \w": "a robot in physics: tests/cli/test_world.py has a world",
+    r"^run --world\b": "a file that names robots: tests/runtime/test_shared_world.py has one",
     r"^command .*\bio/lamp=": "outputs: tests/cli/test_command.py has some",
     r" /outputs/commands ": "outputs and a bridge: tests/ros/test_gpio_commands.py has what it sends",
     r"^calibrate\b": "a base that errs, and minutes of squares: tests/cli/test_calibrate.py has one",
