@@ -31,6 +31,7 @@ from canopen_control.virtual.node_lss import NodeLss
 from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, Clock, NodeOutbox
 from canopen_control.virtual.node_pdos import ProcessData
 from canopen_control.virtual.object_store import ObjectStore
+from canopen_control.virtual.program_area import CONTROL, ProgramArea
 from canopen_control.virtual.virtual_drive import VirtualDrive
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ class VirtualNode:
         )
         self.communication.identify(node_id if serial is None else serial, model.identity)
         self.pdos = ProcessData(store, outbox, self.clock, model, self.drives, rebuilt=self._reroute)
+        self.program = ProgramArea(od, store, self.nmt, self.clock) if od.subindices(CONTROL) else None
         self.lss: NodeLss | None = None
         if od.device.lss_supported:
             self.lss = NodeLss(store, node_id, outbox, assigned=self._power_up_with, stored=self._stored)
@@ -147,6 +149,9 @@ class VirtualNode:
             self.filter.tick(now)
         if self._boot_at is not None and now >= self._boot_at:
             self._boot(now)
+        if self.program is not None and self.program.reset_at is not None and now >= self.program.reset_at:
+            self.nmt.state = NmtState.INITIALISING
+            self._reset(NmtCommand.RESET_NODE, now)
         self.advance_drives(now)
         if self.function is not None:
             self.function.tick(now)
@@ -160,6 +165,8 @@ class VirtualNode:
         deadlines = [core.next_deadline() for core in cores]
         deadlines += [drive.next_deadline() for drive in self.drives.values()]
         deadlines.append(self._boot_at)
+        if self.program is not None:
+            deadlines.append(self.program.reset_at)
         if self.function is not None:
             deadlines.append(self.function.next_deadline())
         if self.filter is not None:
@@ -300,7 +307,7 @@ class VirtualNode:
         self.outbox.tell(event)
         self.heartbeat.state = self.guarding.state = state
         self.emcy.allowed = state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL)
-        if state is NmtState.OPERATIONAL:
+        if state is NmtState.OPERATIONAL and (self.program is None or self.program.runs):
             self.pdos.start(now)
         else:
             self.pdos.stop()
@@ -317,6 +324,8 @@ class VirtualNode:
         everything = command is NmtCommand.RESET_NODE
         if self.lss is not None:
             self._assign(self.lss.reset(power=False))
+        if self.program is not None and everything:
+            self.program.reset()
         self.store.defaults(0x1000 if not everything else 0, 0x1FFF if not everything else 0xFFFF)
         self.pdos.stop()
         for core in (self.sdo, self.sync, self.guarding):
