@@ -43,6 +43,8 @@ VERBS = {
     "restore": "write the parameters of a DCF file into a node, and prove it",
     "clone": "give a replacement drive the parameters of another one",
     "firmware": "load a program into a node over CANopen (CiA 302-3)",
+    "objects": "the object dictionary of a node: names, units, defaults, what it holds",
+    "dump": "all that a node holds now, as table, CSV or DCF",
     "nmt": "start, stop or reset nodes",
     "preflight": "before the first run on real drives: look, jog slowly, try STOP",
     "jog": "turn one drive by hand, with its EDS alone: arrow keys, limits, a dead-man",
