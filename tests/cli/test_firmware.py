@@ -1,5 +1,6 @@
-"""The verb firmware, as its user sees it; how fast it is; and a plain client of another library against our drive."""
+"""The verb firmware, as its user sees it; and a plain client of another library against our drive."""
 
+import contextlib
 import json
 import time
 import zlib
@@ -9,11 +10,8 @@ import pytest
 from support.onbus import TMCM, OnBus
 from support.programs import write_program_eds
 
-from canopen_control.bus.local import ask_hub
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cli.main import main
-from canopen_control.rpc.messages.hub import SetBitrate
-from canopen_control.service.node_session import NodeSession
 from canopen_control.virtual.program_area import whole_program
 
 NEW = whole_program(b"version two " * 400)
@@ -103,7 +101,7 @@ def load_as_zephyr_does(channel, eds):
         network.nmt.send_command(NmtCommand.ENTER_PRE_OPERATIONAL)
         control, flash = node.sdo[0x1F51][1], node.sdo[0x1F57][1]
         control.raw = 0
-        time.sleep(0.2)
+        wait_until(lambda: control.raw == 0 and node.sdo[0x1000].raw == 0)
         control.raw = 3
         wait_for_flash(flash)
         with node.sdo[0x1F50][1].open("wb", buffering=889, size=len(NEW), block_transfer=True) as stream:
@@ -111,36 +109,22 @@ def load_as_zephyr_does(channel, eds):
         wait_for_flash(flash)
         assert node.sdo[0x1F56][1].raw == zlib.crc32(NEW[:-4])
         control.raw = 1
-        time.sleep(0.2)
-        assert control.raw == 1
+        wait_until(lambda: control.raw == 1)
     finally:
         network.disconnect()
 
 
 def wait_for_flash(flash):
-    end = time.monotonic() + 5.0
-    while flash.raw & 1:
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    wait_until(lambda: not flash.raw & 1)
     assert flash.raw == 0
 
 
-@pytest.mark.process
-def test_block_transfer_has_80_percent_of_what_the_bit_rate_allows(private_folders, tmp_path, monkeypatch):
-    """At 1 Mbit/s block transfer can carry some 51 kB/s: 127 segments of 7 bytes for each acknowledge."""
-    eds, program, took = write_program_eds(tmp_path / "drive.eds"), tmp_path / "drive.bin", []
-    program.write_bytes(whole_program(bytes(range(256)) * 512))
-    write = NodeSession.write
-
-    def measured(session, index, subindex, data):
-        begin = time.monotonic()
-        write(session, index, subindex, data)
-        if index == 0x1F50:
-            took.append(time.monotonic() - begin)
-
-    monkeypatch.setattr(NodeSession, "write", measured)
-    with OnBus("local:program", {3: eds}) as bus:
-        ask_hub("program", SetBitrate(1_000_000))
-        assert main(["firmware", "3", str(program), "--can", "local:program", "--eds", eds]) == 0
-        assert bus.nodes[3].program.image == program.read_bytes()
-    assert program.stat().st_size / took[0] > 0.8 * 51_000
+def wait_until(done):
+    """Ask until it is so; a node that resets itself does not answer meanwhile."""
+    end = time.monotonic() + 10.0
+    while True:
+        with contextlib.suppress(canopen.SdoCommunicationError):
+            if done():
+                return
+        assert time.monotonic() < end
+        time.sleep(0.02)

@@ -7,6 +7,7 @@ import pytest
 from support.parameter_node import session_with
 from support.programs import program_od
 
+from canopen_control.bus.timing import frame_bits
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.errors import BusClosed, ConfigError, DriveError, SdoTimeout
@@ -177,3 +178,22 @@ def test_errors_of_the_bus_are_no_answers():
     session.transfers.silent_from = 0
     with pytest.raises(SdoTimeout):
         download(session, NEW, ProgramOptions(), DownloadProgress(), pause=lambda _: None)
+
+
+def test_block_transfer_has_80_percent_of_what_the_bit_rate_allows(frames):
+    """At 1 Mbit/s block transfer can carry some 51 kB/s: 127 segments of 7 bytes for each acknowledge."""
+    bits = []
+    receive, send = frames.device.receive, frames.device.frames
+
+    def heard(frame, now):
+        bits.append(frame_bits(frame.can_id, frame.data))
+        receive(frame, now)
+
+    def said():
+        out = send()
+        bits.extend(frame_bits(frame.can_id, frame.data) for frame in out)
+        return out
+
+    frames.device.receive, frames.device.frames = heard, said
+    load(frames)
+    assert len(NEW) / (sum(bits) / 1_000_000) > 0.8 * 51_000
