@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control diff left_drive right_drive
-         canopen-control diff left_drive.dcf left_drive
          canopen-control diff node3.dcf 3 --can can0"""
 
 

@@ -42,6 +42,7 @@ VERBS = {
     "diff": "compare the parameters of two nodes, two files, or one of each",
     "restore": "write the parameters of a DCF file into a node, and prove it",
     "clone": "give a replacement drive the parameters of another one",
+    "firmware": "load a program into a node over CANopen (CiA 302-3)",
     "objects": "the object dictionary of a node: names, units, defaults, what it holds",
     "dump": "all that a node holds now, as table, CSV or DCF",
     "scope": "objects over time, with triggers: terminal, CSV, MCAP",

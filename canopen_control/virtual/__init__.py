@@ -7,7 +7,7 @@ From the outside in; a file imports those of its own line and of lines further d
   `nodehost`
 - their faults: `fault_switches`, `fault_table`, `device_faults`, `fault_actions` (on frames)
 - a node: `virtual_node`, of `frame_routes`, `communication_objects`, `node_pdos`, `pdo_records`, `rpdo_input`,
-  `error_control`, `node_lss`
+  `error_control`, `node_lss`, `program_area`
 - a device that is no drive: `device_function`, `position_devices`, `sensor_device`, `io_device`,
   `input_faults`
 - a drive: `virtual_drive`, of `drive_modes`, `axis_readings`, `touch_probes`, `overload`

@@ -31,6 +31,7 @@ from canopen_control.virtual.node_lss import NodeLss
 from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, Clock, NodeOutbox
 from canopen_control.virtual.node_pdos import ProcessData
 from canopen_control.virtual.object_store import ObjectStore
+from canopen_control.virtual.program_area import CONTROL, ProgramArea
 from canopen_control.virtual.virtual_drive import VirtualDrive
 
 if TYPE_CHECKING:
@@ -48,14 +49,18 @@ __all__ = ["Timed", "VirtualNode"]
 PROTOCOL_ERRORS = 0x82  # the high byte of what is wrong with PDOs and SYNC
 
 
-class Timed(Protocol):
+class Waiting(Protocol):
+    """A part of a node that has something to do at a time."""
+
+    def next_deadline(self) -> int | None:
+        """Return that time, None: nothing will happen by itself."""
+
+
+class Timed(Waiting, Protocol):
     """A service that time moves."""
 
     def tick(self, now: int) -> None:
         """Let time pass."""
-
-    def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
 
 
 class VirtualNode:
@@ -100,6 +105,7 @@ class VirtualNode:
         )
         self.communication.identify(node_id if serial is None else serial, model.identity)
         self.pdos = ProcessData(store, outbox, self.clock, model, self.drives, rebuilt=self._reroute)
+        self.program = ProgramArea(od, store, self.nmt, self.clock) if od.subindices(CONTROL) else None
         self.lss: NodeLss | None = None
         if od.device.lss_supported:
             self.lss = NodeLss(store, node_id, outbox, assigned=self._power_up_with, stored=self._stored)
@@ -126,8 +132,8 @@ class VirtualNode:
             self.sdo,
             self.pdos,
         )
-        others = () if self.function is None else (self.function,)
-        self._timed = (*self._cores, *self.drives.values(), *others)
+        others = [part for part in (self.function, self.program) if part is not None]
+        self._timed: tuple[Waiting, ...] = (*self._cores, *self.drives.values(), *others)
 
     def _add_drive(self, axis: int, plant: Plant | None) -> None:
         self.drives[axis] = VirtualDrive(
@@ -168,6 +174,9 @@ class VirtualNode:
             self.filter.tick(now)
         if self._boot_at is not None and now >= self._boot_at:
             self._boot(now)
+        if self.program is not None and self.program.reset_at is not None and now >= self.program.reset_at:
+            self.nmt.state = NmtState.INITIALISING
+            self._reset(NmtCommand.RESET_NODE, now)
         self.advance_drives(now)
         if self.function is not None:
             self.function.tick(now)
@@ -322,7 +331,7 @@ class VirtualNode:
         self.outbox.tell(event)
         self.heartbeat.state = self.guarding.state = state
         self.emcy.allowed = state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL)
-        if state is NmtState.OPERATIONAL:
+        if state is NmtState.OPERATIONAL and (self.program is None or self.program.runs):
             self.pdos.start(now)
         else:
             self.pdos.stop()
@@ -339,6 +348,8 @@ class VirtualNode:
         everything = command is NmtCommand.RESET_NODE
         if self.lss is not None:
             self._assign(self.lss.reset(power=False))
+        if self.program is not None and everything:
+            self.program.reset()
         self.store.defaults(0x1000 if not everything else 0, 0x1FFF if not everything else 0xFFFF)
         self.pdos.stop()
         for core in (self.sdo, self.sync, self.guarding):

@@ -47,7 +47,7 @@ def json_line(document: object) -> str:
 class Progress:
     """Tells how far `what` is: a line that is written over on a terminal, now and then a plain line elsewhere.
 
-    Use as a context manager, or call `end`; `quiet` says nothing at all.
+    Use as a context manager, or call `end`; `quiet` says nothing at all, `rate` adds speed and remaining time.
     """
 
     def __init__(
@@ -58,10 +58,11 @@ class Progress:
         quiet: bool = False,
         stream: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
+        rate: bool = False,
     ) -> None:
         self._what, self._unit, self._clock = what, f" {unit}" if unit else "", clock
         self._stream = sys.stderr if stream is None else stream
-        self._live = self._stream.isatty()
+        self._live, self._rate = self._stream.isatty(), rate
         self._quiet = quiet
         self._begin = clock()
         self._due = self._begin + (SOON_S if self._live else PLAIN_S)
@@ -79,7 +80,8 @@ class Progress:
         if self._quiet or now < self._due:
             return
         self._due = now + (REDRAW_S if self._live else PLAIN_S)
-        self._say(f"{self._what}{_amount(done, total, self._unit)}, {now - self._begin:.0f} s")
+        rate = _rate(done, total, now - self._begin, self._unit) if self._rate else ""
+        self._say(f"{self._what}{_amount(done, total, self._unit)}, {now - self._begin:.0f} s{rate}")
 
     def end(self) -> None:
         """Wipe the line; a second call does nothing."""
@@ -101,6 +103,13 @@ def _amount(done: int, total: int | None, unit: str) -> str:
     if total:
         return f": {done:,} of {total:,}{unit} ({100 * done // total} %)"
     return f": {done:,}{unit}" if done else ""
+
+
+def _rate(done: int, total: int | None, elapsed: float, unit: str) -> str:
+    """Return how fast it goes and how long the rest takes, nothing before there is something to judge by."""
+    if not done or not total or elapsed <= 0.0:
+        return ""
+    return f", {done / elapsed:,.0f}{unit}/s, {(total - done) * elapsed / done:.0f} s left"
 
 
 @contextlib.contextmanager

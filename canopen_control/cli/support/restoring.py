@@ -86,10 +86,11 @@ def _fits(od: ObjectDictionary, entry: Entry, glob: str) -> bool:
 
 
 @contextlib.contextmanager
-def quiet_node(session: NodeSession) -> Iterator[None]:
+def quiet_node(session: NodeSession, *, starts_again: bool = True) -> Iterator[None]:
     """Have the node PRE-OPERATIONAL and without torque meanwhile; DriveError where that is not to be had."""
     refuse_moving(session)
     state = session.nmt_state()
+    again = state if starts_again else None
     if session.robot:
         if state is not NmtState.PRE_OPERATIONAL:
             raise DriveError(
@@ -103,9 +104,9 @@ def quiet_node(session: NodeSession) -> Iterator[None]:
         yield
     except BaseException:
         with contextlib.suppress(CanopenError):  # what went wrong is told, and not what followed from it
-            _start_again(session, state)
+            _start_again(session, again)
         raise
-    _start_again(session, state)
+    _start_again(session, again)
 
 
 def _start_again(session: NodeSession, state: NmtState | None) -> None:

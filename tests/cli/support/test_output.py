@@ -189,3 +189,16 @@ def test_a_line_of_a_stream_is_compact(name):
     assert text.startswith('[{"name":"')
     assert text.isascii()
     assert (json.loads(text)[0]["name"], json.loads(text)[0]["position"]) == (name, None)
+
+
+def test_progress_may_tell_speed_and_the_time_that_is_left():
+    now, stream = [0.0], io.StringIO()
+    progress = Progress("loading", "bytes", stream=stream, clock=lambda: now[0], rate=True)
+    now[0] = 10.0
+    progress.at(0, 4000)
+    now[0] = 20.0
+    progress.at(1000, 4000)
+    assert stream.getvalue().splitlines() == [
+        "loading: 0 of 4,000 bytes (0 %), 10 s",
+        "loading: 1,000 of 4,000 bytes (25 %), 20 s, 50 bytes/s, 60 s left",
+    ]

@@ -1,0 +1,128 @@
+"""`firmware`: load a program into a node over CANopen (CiA 302-3), start it, and check that it runs.
+
+The program is stopped and cleared (0x1F51), sent (0x1F50, by block transfer) and started; the flash is asked what went
+wrong (0x1F57), and the program what it is (0x1F56). A transfer that breaks off is begun anew from the first byte, and
+after a loss of power the same command finds the boot-loader and begins anew. The file is sent as it is: what it has to
+be is the maker's affair. Refused are a node that moves, one that a running robot controls, another product than that of
+the EDS, and a node without these objects: its maker's tool may have another way.
+
+Exit codes: 0 the new program runs; 1 it does not; 2 wrong usage, wrong file or wrong product.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.support.arguments import whole, whole_number
+from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.cli.support.output import Progress, json_text, watched
+from canopen_control.cli.support.restoring import quiet_node
+from canopen_control.errors import CanopenError, ConfigError, DriveError
+from canopen_control.rpc.messages.declare import Document
+from canopen_control.service.program_download import DownloadProgress, DownloadStep, ProgramOptions
+from canopen_control.service.program_session import boot_check, download, is_loader, refuse_stranger
+from canopen_control.service.read_parameters import device_identity
+
+if TYPE_CHECKING:
+    import argparse
+
+    from canopen_control.service.node_session import NodeSession
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control firmware 3 drive-1.4.bin --can can0
+         canopen-control firmware 3 drive-1.4.bin --can can0 --eds drive.eds --expect 0x1A2B3C4D"""
+
+_UNTOUCHED = (DownloadStep.ASKING, DownloadStep.DONE)
+
+
+class FirmwareDocument(Document, frozen=True, kw_only=True):
+    """What `firmware --json` prints; `old` and `new` are 0x1F56, null where the node has none."""
+
+    node_id: int
+    program: int
+    bytes: int
+    old: int | None
+    new: int | None
+    tries: int
+    notes: list[str]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_session_arguments(parser)
+    parser.add_argument("file", metavar="FILE", help="the program, as its maker gives it")
+    parser.add_argument(
+        "--program",
+        type=whole_number("number of a program: 1 to 254", range(1, 255)),
+        default=1,
+        metavar="N",
+        help="which program of the node (default: 1)",
+    )
+    parser.add_argument("--expect", type=whole, metavar="ID", help="what 0x1F56 has to be, before it is started")
+    parser.add_argument("--confirm", action="store_true", help="make a program on trial permanent (0x80, as Zephyr's)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    image = _file(args.file)
+    if args.timeout is None and args.can is not None:
+        args.timeout = 1.0
+    options = ProgramOptions(args.program, args.expect, confirm=args.confirm)
+    progress = DownloadProgress()
+    with open_session(args) as session:
+        identity = device_identity(session)
+        refuse_stranger(session, identity)
+        if is_loader(identity):
+            print(f"canopen-control: {session} is in its boot-loader", file=sys.stderr)
+        with quiet_node(session, starts_again=False):
+            _download(session, image, options, progress)
+        boot_check(session, identity)
+    document = FirmwareDocument(
+        node_id=session.node_id,
+        program=args.program,
+        bytes=len(image),
+        old=progress.old,
+        new=progress.new,
+        tries=progress.tries,
+        notes=progress.notes,
+    )
+    if args.json:
+        print(json_text(document))
+        return 0
+    for note in progress.notes:
+        print(f"{session}: {note}")
+    print(f"{session}: program {args.program} of {len(image)} bytes runs: {_id(progress.old)} -> {_id(progress.new)}")
+    return 0
+
+
+def _file(name: str) -> bytes:
+    try:
+        image = Path(name).expanduser().read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{name} cannot be read: {error.strerror}") from None
+    if not image:
+        raise ConfigError(f"{name} is empty; nothing was sent")
+    return image
+
+
+def _download(session: NodeSession, image: bytes, options: ProgramOptions, progress: DownloadProgress) -> None:
+    """Load it with a progress bar, and say how far it was where it is interrupted."""
+    bar = Progress(f"loading {session}", "bytes", rate=True)
+    try:
+        with watched(bar, session.transfers.progress):
+            download(session, image, options, progress)
+    except (CanopenError, KeyboardInterrupt) as error:
+        if progress.step in _UNTOUCHED:
+            raise
+        reason = str(error) or "interrupted"
+        raise DriveError(
+            f"{session}: {progress.step.value}: {reason}; the old program may be gone: the same command begins anew"
+        ) from error
+
+
+def _id(number: int | None) -> str:
+    return "unknown" if number is None else f"0x{number:08X}"

@@ -1,0 +1,245 @@
+"""Program download to a node: the sequence of CiA 302-3, as CANopenNode's, Lely's and Zephyr's tools do it.
+
+Sans-IO: `program_download` is a generator that yields what is to be done (read, write, pause, pre-operational) and is
+sent what came of it. The law: what is written to 0x1F51 may be answered, or not, or be answered by a boot-up, since the
+node resets into its boot-loader and out of it; believed is only what 0x1F51, 0x1F57 and 0x1F56 say afterwards. A
+transfer that breaks off is begun anew with a fresh clear, from the first byte: no known device can resume.
+"""
+
+from __future__ import annotations
+
+import enum
+import zlib
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import Final, TypeAlias
+
+from canopen_control.errors import CanopenError, ConfigError, DriveError
+from canopen_control.service.node_session import is_abort
+from canopen_control.service.read_parameters import reason_of
+
+__all__ = [
+    "Act",
+    "DownloadProgress",
+    "DownloadStep",
+    "Outcome",
+    "ProgramOptions",
+    "flash_text",
+    "program_download",
+]
+
+DATA, CONTROL, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F56, 0x1F57
+STOP, START, CLEAR, CONFIRM = 0, 1, 3, 0x80
+_STOPPED: Final = (STOP, CLEAR)
+_BUSY_S: Final = 30.0  # what erasing or writing a flash may take
+_POLL_S: Final = 0.1
+_UNTOLD_S: Final = 1.0  # for a flash that does not tell when it is done
+_SILENCE_S: Final = 1.0  # what a missing answer has cost
+_SILENT: Final = -1  # instead of a number; as 0x1F57 it is busy
+_ERRORS: Final = {
+    1: "no valid program",
+    2: "unknown data format",
+    3: "format or CRC error",
+    4: "the program was not cleared before",
+    5: "flash write error",
+    6: "address error",
+    7: "the flash is secured",
+    63: "unspecified error",
+}
+
+
+class DownloadStep(enum.Enum):
+    """The states of a download; the value is what is told."""
+
+    ASKING = "asking what program it has"
+    STOPPING = "stopping the program"
+    CLEARING = "clearing the program"
+    SENDING = "sending"
+    CHECKING = "waiting for the flash"
+    STARTING = "starting the program"
+    CONFIRMING = "confirming the program"
+    DONE = "done"
+
+
+class Act(enum.Enum):
+    """What is to be done by who drives the generator."""
+
+    READ = "read"
+    WRITE = "write"
+    PAUSE = "pause"
+    PRE_OPERATIONAL = "pre-operational"
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """One act: an object and the `data` to write, or how many `seconds` to pause."""
+
+    act: Act
+    index: int = 0
+    subindex: int = 0
+    data: bytes = b""
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of an act: the bytes read, or the abort or silence that was the answer."""
+
+    data: bytes = b""
+    error: CanopenError | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramOptions:
+    """How to download: `number` of the program, what 0x1F56 is `expected` to be afterwards, and how long to try."""
+
+    number: int = 1
+    expected: int | None = None
+    tries: int = 2
+    start_s: float = 30.0
+    confirm: bool = False
+
+
+@dataclass(slots=True)
+class DownloadProgress:
+    """How far a download is: its step, and 0x1F56 before and after (None: the node has none)."""
+
+    step: DownloadStep = DownloadStep.ASKING
+    old: int | None = None
+    new: int | None = None
+    tries: int = 0
+    notes: list[str] = field(default_factory=list)
+
+
+Sequence: TypeAlias = Generator[Order, Outcome, None]
+Numbers: TypeAlias = Generator[Order, Outcome, "int | None"]
+
+
+def flash_text(status: int) -> str:
+    """Return what 0x1F57 says, "" where nothing is wrong."""
+    if status & 1:
+        return "busy"
+    code = status >> 1 & 0x7F
+    if not code:
+        return ""
+    return _ERRORS.get(code, f"error {code} of the maker (0x{status >> 16:04X})" if code > 63 else f"error {code}")
+
+
+def program_download(image: bytes, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
+    """Yield the acts of a download, each answered with its Outcome; `progress` tells how far it is.
+
+    Raises ConfigError where the node has no program download or the image is empty, DriveError where it fails.
+    """
+    if not image:
+        raise ConfigError("the program file is empty; nothing was sent")
+    number = options.number
+    yield from _ask(number, progress)
+    yield Order(Act.PRE_OPERATIONAL)
+    while True:
+        progress.tries += 1
+        yield from _prepare(number, progress, options)
+        progress.step = DownloadStep.SENDING
+        outcome = yield Order(Act.WRITE, DATA, number, image)
+        why = "" if outcome.error is None else reason_of(outcome.error)
+        progress.step = DownloadStep.CHECKING
+        if not why:
+            why = yield from _flash(number)
+        if not why:
+            break
+        if progress.tries >= options.tries:
+            raise DriveError(
+                f"the program was not taken: {why}; the node has no program now and waits in its boot-loader: "
+                "the same command begins anew"
+            )
+        progress.notes.append(f"begun anew: {why}")
+    yield from _verify(image, number, options, progress)
+    yield from _run(number, options, progress)
+    progress.step = DownloadStep.DONE
+
+
+def _ask(number: int, progress: DownloadProgress) -> Sequence:
+    progress.step = DownloadStep.ASKING
+    outcome = yield Order(Act.READ, CONTROL, number)
+    if outcome.error is not None:
+        if not is_abort(outcome.error):
+            raise outcome.error
+        raise ConfigError(
+            f"program {number} of the node cannot be loaded over CANopen: 0x1F51:{number:02X}: "
+            f"{reason_of(outcome.error)}; its maker's tool may have another way"
+        )
+    progress.old = yield from _number(IDENTIFICATION, number)
+
+
+def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -> Sequence:
+    """Stop and clear: each is believed when 0x1F51 shows it."""
+    progress.step = DownloadStep.STOPPING
+    status = yield from _number(CONTROL, number)
+    if status != STOP:
+        yield from _command(number, STOP, _STOPPED, options.start_s, "stop")
+    yield Order(Act.PRE_OPERATIONAL)  # the boot-loader may have booted meanwhile
+    progress.step = DownloadStep.CLEARING
+    yield from _command(number, CLEAR, (CLEAR,), options.start_s, "be cleared")
+    why = yield from _flash(number)
+    if why:
+        raise DriveError(f"the program was not cleared: {why}")
+
+
+def _command(number: int, command: int, wanted: tuple[int, ...], seconds: float, word: str) -> Sequence:
+    """Write 0x1F51 and wait until it shows what was wanted; a missing answer is none, a refusal is repeated."""
+    refusal = ""
+    while seconds > 0.0:
+        outcome = yield Order(Act.WRITE, CONTROL, number, bytes((command,)))
+        if outcome.error is not None and is_abort(outcome.error):
+            refusal = reason_of(outcome.error)
+            yield Order(Act.PRE_OPERATIONAL)
+        yield Order(Act.PAUSE, seconds=_POLL_S)
+        status = yield from _number(CONTROL, number)
+        if status in wanted:
+            return
+        seconds -= _POLL_S + (_SILENCE_S if status == _SILENT else 0.0)
+    raise DriveError(f"the program does not {word} (0x1F51 <- {command}){f': {refusal}' if refusal else ''}")
+
+
+def _flash(number: int) -> Generator[Order, Outcome, str]:
+    """Wait until the flash is not busy; return what it says is wrong. A node without 0x1F57 says nothing."""
+    seconds = _BUSY_S
+    while seconds > 0.0:
+        status = yield from _number(FLASH, number)
+        if status is None:
+            yield Order(Act.PAUSE, seconds=_UNTOLD_S)
+            return ""
+        if not status & 1:
+            return flash_text(status)
+        yield Order(Act.PAUSE, seconds=_POLL_S)
+        seconds -= _POLL_S + (_SILENCE_S if status == _SILENT else 0.0)
+    return "the flash stays busy, or the node is silent"
+
+
+def _verify(image: bytes, number: int, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
+    progress.new = yield from _number(IDENTIFICATION, number)
+    progress.new = None if progress.new == _SILENT else progress.new
+    if options.expected is not None and progress.new != options.expected:
+        shown = "nothing" if progress.new is None else f"0x{progress.new:08X}"
+        raise DriveError(
+            f"the node identifies its new program as {shown} (0x1F56), expected was 0x{options.expected:08X}; "
+            "it was not started"
+        )
+    if progress.new is not None and progress.new == zlib.crc32(image):
+        progress.notes.append("0x1F56 is the CRC-32 of the file")
+
+
+def _run(number: int, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
+    progress.step = DownloadStep.STARTING
+    yield from _command(number, START, (START, CONFIRM), options.start_s, "start")
+    if options.confirm:
+        progress.step = DownloadStep.CONFIRMING
+        yield Order(Act.PRE_OPERATIONAL)
+        yield from _command(number, CONFIRM, (START,), options.start_s, "become permanent")
+
+
+def _number(index: int, subindex: int) -> Numbers:
+    """Read a number; None where the node has no such object, _SILENT where it does not answer just now."""
+    outcome = yield Order(Act.READ, index, subindex)
+    if outcome.error is not None:
+        return None if is_abort(outcome.error) else _SILENT
+    return int.from_bytes(outcome.data, "little")

@@ -1,0 +1,178 @@
+"""The program area of a virtual device and its boot-loader: program download of CiA 302-3 (0x1F50, 51, 56, 57).
+
+A device whose EDS has 0x1F51 can be given a new program. The law:
+
+- 0x1F51 is written in PRE-OPERATIONAL alone: 0 stop, 1 start, 3 clear; what the state does not allow is 0x08000022.
+- Data are taken after a clear, and each download needs a fresh one. A program ends in the CRC-32 of what is before it
+  (little-endian); one whose sum is wrong, or that was not written to its end, never runs.
+- While the program does not run, the boot-loader does: another 0x1000 and product code, no object but its own, no PDO.
+  It takes over, and hands over, with a reset after the answer has left; at power-on a whole program starts by itself.
+- 0x1F57 bit 0 is set while the flash is busy; then bits 1 to 7 say what went wrong. 0x1F56 is that CRC-32, 0 for none.
+"""
+
+from __future__ import annotations
+
+import enum
+import zlib
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.nmt import NmtState
+from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.virtual.fault_seam import Seam
+
+if TYPE_CHECKING:
+    from canopen_control.cia301.nmt import NmtSlave
+    from canopen_control.od.model import Entry, ObjectDictionary, Value
+    from canopen_control.virtual.node_outbox import Clock
+    from canopen_control.virtual.object_store import ObjectStore
+
+__all__ = ["FACTORY_PROGRAM", "FlashError", "ProgramArea", "ProgramState", "whole_program"]
+
+DATA, CONTROL, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F56, 0x1F57
+_LOADER_OBJECTS: Final = frozenset((0x1000, 0x1001, 0x1008, 0x1017, 0x1018, DATA, CONTROL, IDENTIFICATION, FLASH))
+_LOADER_PRODUCT: Final = 0xB007_0000
+_CRC_BYTES: Final = 4
+_RESET_NS: Final = 10_000_000  # after the answer to stop and start
+ERASE_NS, WRITE_NS = 400_000_000, 100_000_000
+
+
+class ProgramState(enum.IntEnum):
+    """What 0x1F51 reads as."""
+
+    STOPPED = 0
+    RUNNING = 1
+    CLEARED = 3
+
+
+class FlashError(enum.IntEnum):
+    """Bits 1 to 7 of 0x1F57."""
+
+    NONE = 0
+    NO_PROGRAM = 1
+    CRC = 3
+    NOT_CLEARED = 4
+    WRITE = 5
+
+
+def whole_program(content: bytes) -> bytes:
+    """Return a program that the device takes: the content and its CRC-32."""
+    return content + zlib.crc32(content).to_bytes(_CRC_BYTES, "little")
+
+
+FACTORY_PROGRAM: Final = whole_program(b"canopen_control factory program")
+
+
+class ProgramArea:
+    """The one program of a node, at the first subindex of 0x1F51; `image` is what is in the flash, whole or not.
+
+    `erase_ns` and `write_ns` are how long the flash is busy. Seam `fails_at`: bytes after which the flash fails, None:
+    it does not. `reset_at` is when the node has to reset itself.
+    """
+
+    def __init__(self, od: ObjectDictionary, store: ObjectStore, nmt: NmtSlave, clock: Clock) -> None:
+        self.image, self.state, self.error = FACTORY_PROGRAM, ProgramState.RUNNING, FlashError.NONE
+        self.erase_ns, self.write_ns = ERASE_NS, WRITE_NS
+        self.fails_at: Seam[int | None] = Seam(None)
+        self.reset_at: int | None = None
+        self._od, self._store, self._nmt, self._clock = od, store, nmt, clock
+        self._busy_until = 0
+        self._next: ProgramState | None = None  # what the reset is for
+        self.number = od.subindices(CONTROL)[-1] if len(od.subindices(CONTROL)) < 2 else od.subindices(CONTROL)[1]
+        store.guard([CONTROL], self._control)
+        store.guard([DATA], self._take)
+        store.on_read(CONTROL, self.number, lambda: int(self.state))
+        store.on_read(IDENTIFICATION, self.number, lambda: self.identification)
+        store.on_read(FLASH, self.number, lambda: 1 if self._busy else self.error << 1)
+        store.on_read(0x1000, 0, lambda: store.values[0x1000, 0] if self.runs else 0)
+        store.on_read(0x1018, 2, lambda: store.values[0x1018, 2] if self.runs else _LOADER_PRODUCT)
+
+    @property
+    def runs(self) -> bool:
+        """Whether the program runs, and not the boot-loader."""
+        return self.state is ProgramState.RUNNING
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the flash holds a program with the right sum."""
+        content, crc = self.image[:-_CRC_BYTES], self.image[-_CRC_BYTES:]
+        return len(self.image) > _CRC_BYTES and zlib.crc32(content).to_bytes(_CRC_BYTES, "little") == crc
+
+    @property
+    def identification(self) -> int:
+        """The CRC-32 that the program ends in, 0 where there is none that is whole; over both it is always the same."""
+        return int.from_bytes(self.image[-_CRC_BYTES:], "little") if self.is_whole else 0
+
+    def next_deadline(self) -> int | None:
+        """Return when the node has to reset itself."""
+        return self.reset_at
+
+    def reset(self) -> None:
+        """Begin anew, with a reset of the node or its power: a whole program runs, unless the reset is to stop it."""
+        wanted, self._next, self.reset_at, self._busy_until = self._next, None, None, 0
+        stopped = wanted is ProgramState.STOPPED
+        self.state = ProgramState.RUNNING if self.is_whole and not stopped else ProgramState.STOPPED
+        if not self.is_whole and self.error is FlashError.NONE:
+            self.error = FlashError.NO_PROGRAM
+        self._store.rebase(self._od if self.runs else _loader_od(self._od))
+
+    @property
+    def _busy(self) -> bool:
+        return self._clock.now < self._busy_until
+
+    def _control(self, entry: Entry, value: Value) -> Value:
+        if entry.subindex != self.number:
+            raise SdoServerAbort(AbortCode.INVALID_VALUE)
+        self._require(not self._busy and self._nmt.state is NmtState.PRE_OPERATIONAL)
+        action = {0: self._stop, 1: self._start, 3: self._clear}.get(int(value))
+        if action is None:
+            raise SdoServerAbort(AbortCode.INVALID_VALUE)
+        action()
+        return value
+
+    def _stop(self) -> None:
+        if self.runs:
+            self._reset_for(ProgramState.STOPPED)
+        else:
+            self.state = ProgramState.STOPPED
+
+    def _start(self) -> None:
+        self._require(self.is_whole)
+        if not self.runs:
+            self._reset_for(ProgramState.RUNNING)
+
+    def _clear(self) -> None:
+        self._require(self.state is ProgramState.STOPPED)
+        self.image, self.state, self.error = b"", ProgramState.CLEARED, FlashError.NONE
+        self._busy_until = self._clock.now + self.erase_ns
+
+    def _take(self, entry: Entry, value: Value) -> Value:
+        """Write the flash; what it fails at is in there in part, and its error is told by 0x1F57."""
+        if entry.subindex != self.number:
+            raise SdoServerAbort(AbortCode.INVALID_VALUE)
+        if self.state is not ProgramState.CLEARED:
+            self.error = FlashError.NOT_CLEARED
+        self._require(self.state is ProgramState.CLEARED and not self._busy)
+        data = value if isinstance(value, bytes) else b""
+        fails_at, self.state = self.fails_at.value, ProgramState.STOPPED
+        self.image = data if fails_at is None else data[:fails_at]
+        if len(self.image) < len(data):
+            self.error = FlashError.WRITE
+            raise SdoServerAbort(AbortCode.HARDWARE_ERROR)
+        self.error = FlashError.NONE if self.is_whole else FlashError.CRC
+        self._busy_until = self._clock.now + self.write_ns
+        return b""  # it cannot be read, and is in the flash
+
+    def _reset_for(self, state: ProgramState) -> None:
+        self._next, self.reset_at = state, self._clock.now + _RESET_NS
+
+    def _require(self, allowed: bool) -> None:
+        if not allowed:
+            raise SdoServerAbort(AbortCode.DEVICE_STATE)
+
+
+def _loader_od(od: ObjectDictionary) -> ObjectDictionary:
+    """Return what the boot-loader has of a dictionary."""
+    entries = {address: entry for address, entry in od.entries.items() if address[0] in _LOADER_OBJECTS}
+    return replace(od, entries=entries)

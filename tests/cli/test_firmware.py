@@ -1,0 +1,130 @@
+"""The verb firmware, as its user sees it; and a plain client of another library against our drive."""
+
+import contextlib
+import json
+import time
+import zlib
+
+import canopen
+import pytest
+from support.onbus import TMCM, OnBus
+from support.programs import write_program_eds
+
+from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.cli.main import main
+from canopen_control.virtual.program_area import whole_program
+
+NEW = whole_program(b"version two " * 400)
+
+
+@pytest.fixture
+def bus(private_folders, tmp_path):
+    eds = write_program_eds(tmp_path / "drive.eds")
+    with OnBus("memory:firmware", {3: eds, 4: TMCM}) as devices:
+        devices.options = ["--can", "memory:firmware"]
+        devices.eds = eds
+        yield devices
+
+
+@pytest.fixture
+def program(tmp_path):
+    path = tmp_path / "drive.bin"
+    path.write_bytes(NEW)
+    return str(path)
+
+
+def test_a_program_is_loaded_and_runs(bus, program, capsys):
+    assert main(["firmware", "3", program, *bus.options, "--eds", bus.eds]) == 0
+    area = bus.nodes[3].program
+    assert (area.runs, area.image) == (True, NEW)
+    assert capsys.readouterr().out.endswith(f"-> 0x{zlib.crc32(NEW[:-4]):08X}\n")
+
+
+def test_without_an_eds_and_in_the_loader_too(bus, program, capsys):
+    assert main(["sdo", "write", "3", "1F51:1", "0", "--type", "u8", *bus.options]) == 0
+    time.sleep(0.05)
+    capsys.readouterr()
+    code = main(["firmware", "3", program, *bus.options, "--json", "--expect", hex(zlib.crc32(NEW[:-4]))])
+    assert code == 0, capsys.readouterr().err
+    told = json.loads(capsys.readouterr().out)
+    assert (told["program"], told["bytes"], told["tries"], told["notes"]) == (1, len(NEW), 1, [])
+    assert bus.nodes[3].program.image == NEW
+
+
+def test_a_node_without_program_download_is_told(bus, program, capsys):
+    assert main(["firmware", "4", program, *bus.options, "--eds", TMCM]) == 2
+    assert "cannot be loaded over CANopen: 0x1F51:01: abort 0x06020000" in capsys.readouterr().err
+
+
+def test_another_product_an_enabled_drive_and_bad_files_send_nothing(bus, program, tmp_path, capsys):
+    before = bus.nodes[3].program.image
+    assert main(["firmware", "3", program, *bus.options, "--eds", TMCM]) == 2
+    assert "node 3 is no device of that EDS: vendor 0x00000286 in the EDS" in capsys.readouterr().err
+    empty = tmp_path / "empty.bin"
+    empty.touch()
+    for name, why in ((str(empty), "is empty"), (str(tmp_path / "gone.bin"), "cannot be read")):
+        assert main(["firmware", "3", name, *bus.options]) == 2
+        assert why in capsys.readouterr().err
+    bus.call(lambda: bus.nodes[3].store.on_read(0x6041, 0, lambda: 0x0637))
+    assert main(["firmware", "3", program, *bus.options, "--eds", bus.eds]) == 1
+    assert "node 3 is enabled" in capsys.readouterr().err
+    assert bus.nodes[3].program.image == before
+    assert bus.nodes[3].program.runs
+
+
+def test_a_damaged_file_is_told_and_the_right_one_mends_it(bus, program, tmp_path, capsys):
+    damaged = tmp_path / "damaged.bin"
+    damaged.write_bytes(NEW[:-1] + b"?")
+    assert main(["firmware", "3", str(damaged), *bus.options, "--eds", bus.eds]) == 1
+    error = capsys.readouterr().err
+    assert "format or CRC error" in error
+    assert "the same command begins anew" in error
+    assert main(["firmware", "3", program, *bus.options, "--eds", bus.eds]) == 0
+    assert "is in its boot-loader" in capsys.readouterr().err
+
+
+@pytest.mark.process
+def test_a_plain_client_of_another_library_loads_a_program_too(private_folders, tmp_path):
+    """The sequence of Zephyr's runner: stop, clear, poll the flash, download by blocks, poll, start."""
+    eds = write_program_eds(tmp_path / "drive.eds")
+    with OnBus("local:plain", {3: eds}) as bus:
+        load_as_zephyr_does("plain", eds)
+        assert (bus.nodes[3].program.runs, bus.nodes[3].program.image) == (True, NEW)
+
+
+def load_as_zephyr_does(channel, eds):
+    network = canopen.Network()
+    network.connect(interface="canopen_control", channel=channel)
+    try:
+        node = network.add_node(3, eds)
+        node.sdo.RESPONSE_TIMEOUT = 1.0
+        network.nmt.send_command(NmtCommand.ENTER_PRE_OPERATIONAL)
+        control, flash = node.sdo[0x1F51][1], node.sdo[0x1F57][1]
+        control.raw = 0
+        wait_until(lambda: control.raw == 0 and node.sdo[0x1000].raw == 0)
+        control.raw = 3
+        wait_for_flash(flash)
+        with node.sdo[0x1F50][1].open("wb", buffering=889, size=len(NEW), block_transfer=True) as stream:
+            stream.write(NEW)
+        wait_for_flash(flash)
+        assert node.sdo[0x1F56][1].raw == zlib.crc32(NEW[:-4])
+        control.raw = 1
+        wait_until(lambda: control.raw == 1)
+    finally:
+        network.disconnect()
+
+
+def wait_for_flash(flash):
+    wait_until(lambda: not flash.raw & 1)
+    assert flash.raw == 0
+
+
+def wait_until(done):
+    """Ask until it is so; a node that resets itself does not answer meanwhile."""
+    end = time.monotonic() + 10.0
+    while True:
+        with contextlib.suppress(canopen.SdoCommunicationError):
+            if done():
+                return
+        assert time.monotonic() < end
+        time.sleep(0.02)

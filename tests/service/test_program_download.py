@@ -1,0 +1,205 @@
+import contextlib
+import zlib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.programs import program_od
+
+from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.cia301.sdo_server import SdoServerAbort
+from canopen_control.errors import ConfigError, DriveError, SdoAbort, SdoTimeout
+from canopen_control.service.program_download import (
+    Act,
+    DownloadProgress,
+    DownloadStep,
+    Outcome,
+    ProgramOptions,
+    flash_text,
+    program_download,
+)
+from canopen_control.virtual.device import make_device
+from canopen_control.virtual.program_area import whole_program
+
+MS = 1_000_000
+NEW = whole_program(b"program" * 300)
+
+
+class Bench:
+    """A virtual device and a download, in virtual time; `disturb(number, order)` may return an Outcome of its own."""
+
+    def __init__(self, od=None):
+        self.device, self.now, self.orders = make_device(od or program_od(), 5), 1_000 * MS, []
+        self.device.tick(self.now)
+
+    def advance(self, ns):
+        end = self.now + ns
+        while (due := self.device.next_deadline()) is not None and due <= end:
+            self.now = max(self.now, due)
+            self.device.tick(self.now)
+            self.device.frames()
+        self.now = end
+        self.device.tick(end)
+
+    def run(self, image=NEW, options=None, disturb=lambda number, order: None):
+        progress = DownloadProgress()
+        sequence, outcome = program_download(image, options or ProgramOptions(), progress), None
+        for number in range(2_000):
+            try:
+                order = next(sequence) if outcome is None else sequence.send(outcome)
+            except StopIteration:
+                return progress
+            self.orders.append(order)
+            outcome = disturb(number, order) or self.answer(order)
+            self.advance(MS)
+            program = self.device.program
+            assert not program.runs or program.is_whole  # half a program never runs
+        raise AssertionError("it never ends")
+
+    def answer(self, order):
+        store = self.device.store
+        try:
+            if order.act is Act.READ:
+                return Outcome(store.upload(order.index, order.subindex))
+            if order.act is Act.WRITE:
+                store.download(order.index, order.subindex, order.data)
+            elif order.act is Act.PAUSE:
+                self.advance(round(order.seconds * 1e9))
+            else:
+                self.device.command(NmtCommand.ENTER_PRE_OPERATIONAL, self.now)
+        except SdoServerAbort as refusal:
+            return Outcome(error=SdoAbort(5, order.index, order.subindex, refusal.code, "refused"))
+        return Outcome()
+
+    def power_cut(self):
+        self.device.power_on(self.now)
+        self.advance(500 * MS)
+
+
+def silent(order):
+    return Outcome(error=SdoTimeout(5, order.index, order.subindex, 1.0))
+
+
+def writes(bench):
+    return [(order.index, order.data[:1]) for order in bench.orders if order.act is Act.WRITE]
+
+
+def test_stop_clear_send_start_in_this_order():
+    bench = Bench()
+    progress = bench.run()
+    assert writes(bench) == [(0x1F51, b"\0"), (0x1F51, b"\3"), (0x1F50, b"p"), (0x1F51, b"\1")]
+    assert (progress.step, progress.tries) == (DownloadStep.DONE, 1)
+    assert (bench.device.program.runs, bench.device.program.image) == (True, NEW)
+    assert progress.old != progress.new == bench.device.program.identification
+    assert progress.notes == []
+
+
+def test_an_identification_that_is_the_crc_of_the_file_is_told():
+    def disturb(_number, order):
+        is_asked = (order.act, order.index) == (Act.READ, 0x1F56)
+        return Outcome(zlib.crc32(NEW).to_bytes(4, "little")) if is_asked else None
+
+    assert Bench().run(disturb=disturb).notes == ["0x1F56 is the CRC-32 of the file"]
+
+
+def test_a_running_node_is_made_pre_operational_first():
+    bench = Bench()
+    bench.device.command(NmtCommand.START, bench.now)
+    bench.run()
+    assert bench.device.program.image == NEW
+
+
+def test_a_node_without_program_download_is_told_and_left_alone():
+    bench = Bench()
+    bench.device.store.rebase(make_device("eds/TMCM-1270.eds", 5).od)
+    with pytest.raises(ConfigError, match="cannot be loaded over CANopen: 0x1F51:01: abort 0x06"):
+        bench.run()
+    assert writes(bench) == []
+
+
+def test_a_device_without_identification_and_flash_status_is_borne():
+    od = program_od()
+    for index in (0x1F56, 0x1F57):
+        for sub in (0, 1):
+            del od.entries[index, sub]
+    progress = Bench(od).run(disturb=lambda _, order: None)
+    assert (progress.old, progress.new, progress.step) == (None, None, DownloadStep.DONE)
+
+
+def test_a_damaged_file_is_refused_with_the_word_of_the_flash():
+    bench = Bench()
+    with pytest.raises(DriveError, match="not taken: format or CRC error; the node has no program now"):
+        bench.run(NEW[:-1] + b"?")
+    assert not bench.device.program.runs
+    assert bench.run().tries == 1
+
+
+def test_a_transfer_that_breaks_off_is_begun_anew_with_a_fresh_clear():
+    bench, broken = Bench(), []
+
+    def disturb(_number, order):
+        if order.index == 0x1F50 and not broken:
+            broken.append(order)
+            return silent(order)
+        return None
+
+    progress = bench.run(disturb=disturb)
+    assert progress.tries == 2
+    assert writes(bench).count((0x1F51, b"\3")) == 2
+    assert bench.device.program.image == NEW
+
+
+def test_another_identification_than_expected_is_not_started():
+    bench = Bench()
+    with pytest.raises(DriveError, match="expected was 0x00000001; it was not started"):
+        bench.run(options=ProgramOptions(expected=1))
+    assert not bench.device.program.runs
+
+
+def test_an_empty_file_and_a_dead_node_end_it():
+    with pytest.raises(ConfigError, match="is empty"):
+        Bench().run(b"")
+    with pytest.raises(SdoTimeout):
+        Bench().run(disturb=lambda _, order: silent(order))
+    with pytest.raises(DriveError, match="does not stop"):
+        Bench().run(disturb=lambda number, order: silent(order) if number > 4 else None)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 40), st.sampled_from(["power", "silence", "flash"]), st.integers(0, len(NEW)))
+def test_after_any_loss_the_next_attempt_succeeds(at, kind, fails_at):
+    bench = Bench()
+    area = bench.device.program
+
+    def disturb(number, order):
+        if number == at and kind == "power":
+            bench.power_cut()
+            return silent(order)
+        if number >= at and kind == "silence":
+            return silent(order)
+        if number == at and kind == "flash":
+            area.fails_at.break_with(fails_at)
+        return None
+
+    with contextlib.suppress(DriveError, SdoTimeout):
+        bench.run(disturb=disturb)
+    area.fails_at.heal()
+    bench.power_cut()
+    bench.run()
+    assert (area.runs, area.image) == (True, NEW)
+
+
+@pytest.mark.parametrize(
+    ("status", "text"),
+    [
+        (0, ""),
+        (1, "busy"),
+        (6, "format or CRC error"),
+        (0xE, "the flash is secured"),
+        (0x7E, "unspecified error"),
+        (0x1234_0080, "error 64 of the maker (0x1234)"),
+        (40, "error 20"),
+    ],
+)
+def test_the_flash_status_is_told_in_words(status, text):
+    assert flash_text(status) == text
