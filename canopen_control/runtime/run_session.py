@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import CanopenError, RobotConfigError
 from canopen_control.host.files import state_dir
+from canopen_control.host.lifeline import lifeline_fd
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse, claim, drive_name, runtime_dir
 from canopen_control.master.event_log import Event
@@ -26,7 +27,8 @@ from canopen_control.runtime.physics_plant import write_plant
 from canopen_control.runtime.program_errors import ProgramErrors
 from canopen_control.runtime.realtime import RealTime, keep_garbage_small
 from canopen_control.runtime.supervisor import Restarts, Supervisor, hosts_virtual_drives
-from canopen_control.runtime.true_pose import TruePoseQuery, odometry_at
+from canopen_control.runtime.true_pose import PERIOD_NS, TruePoseQuery, odometry_at
+from canopen_control.runtime.world_sensing import SensedValues, world_sensors
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -104,7 +106,14 @@ class Session:
         cleanup.callback(self.api.close)
         cleanup.callback(self.robot.close)
         drives = [drive_name(self.robot.bus_of(node).channel, node.node_id) for node in self.robot.nodes.values()]
-        self._true_pose = TruePoseQuery(drives, self.reactor, self._take_true_pose)
+        sensed = SensedValues(self.robot.sensed, world_sensors(setup))
+        self._true_pose = TruePoseQuery(
+            drives,
+            self.reactor,
+            self._take_true_pose,
+            sensed.take if sensed.wanted else None,
+            setup.cycle_ns if sensed.wanted else PERIOD_NS,
+        )
         cleanup.callback(self._true_pose.close)
         self.robot.on_stopped = self.reactor.stop
         self.robot.on_running = self._on_running
@@ -152,9 +161,16 @@ class Session:
         """Run until a signal, the duration, a client or a failure ends it."""
         shutdown = self.robot.shutdown
         self.reactor.handle_signals({each: partial(shutdown, each.name) for each in _SIGNALS})
+        lifeline = lifeline_fd()
+        if lifeline is not None:  # of the program that runs several robots
+            self.reactor.add_reader(lifeline, partial(self._on_orphaned, lifeline))
         self.start()
         self.reactor.run()
         return self.robot.failure
+
+    def _on_orphaned(self, lifeline: int) -> None:
+        self.reactor.remove_reader(lifeline)
+        self.robot.shutdown("the program that started it is gone")
 
     def close(self) -> None:
         """Leave nothing behind; a second call does nothing."""
