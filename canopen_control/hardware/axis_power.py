@@ -206,7 +206,7 @@ class AxisPower:
 
     `following` is True in FOLLOWING alone, and the command interfaces say the same as `enabled`. `watched`: the drive
     has to be looked at in every cycle for what comes next. `since` is when the present stop began, `deadline` when the
-    state is overdue.
+    state is overdue. `on_row` hears which rows are taken: the state before, and the trigger.
     """
 
     def __init__(
@@ -218,6 +218,7 @@ class AxisPower:
         self.since = 0
         self.deadline = _NEVER
         self.holds_load = holds_load
+        self.on_row: Callable[[AxisState, Trigger], object] | None = None
         self._machine, self._commands = machine, commands
         for command in commands:
             command.enabled = False
@@ -242,6 +243,8 @@ class AxisPower:
         row = TABLE[self.state].get(trigger)
         if row is None:
             return False
+        if self.on_row is not None:
+            self.on_row(self.state, trigger)
         changed = row.state is not self.state
         if changed:
             self._enter(row.state, now)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from canopen_control.simulation.acts import Act
     from canopen_control.simulation.invariants import Breach
     from canopen_control.simulation.motions import Motion
+    from canopen_control.simulation.state_coverage import Edge
 
 __all__ = ["Campaign", "SeedResult", "Totals"]
 
@@ -34,7 +35,10 @@ _AFTER_NS: Final = 3_000_000_000  # what a shrunk schedule runs on after its las
 
 @dataclass(frozen=True, slots=True)
 class SeedResult:
-    """What came of one seed; `troubles` counts what went wrong by its kind, and the state that the robot was in."""
+    """What came of one seed; `troubles` counts what went wrong by its kind, and the state that the robot was in.
+
+    `edges` counts those of the state machines that were walked.
+    """
 
     seed: int
     robot_s: float
@@ -44,6 +48,7 @@ class SeedResult:
     sha256: str
     breaches: tuple[Breach, ...]
     troubles: dict[tuple[str, str], int]
+    edges: dict[Edge, int] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -77,6 +82,14 @@ class Totals:
         found: Counter[tuple[str, str]] = Counter()
         for _, each in sorted(self.results.items()):
             found.update(each.troubles)
+        return found
+
+    @property
+    def edges(self) -> Counter[Edge]:
+        """How often each edge of the state machines was walked."""
+        found: Counter[Edge] = Counter()
+        for _, each in sorted(self.results.items()):
+            found.update(each.edges)
         return found
 
 
@@ -148,6 +161,7 @@ class Campaign:
                 found.sha256,
                 tuple(run.invariants.breaches),
                 dict(run.player.troubles),
+                run.invariants.coverage.walked,
             )
         finally:
             run.close()

@@ -14,6 +14,7 @@ from canopen_control.frame import frames_of
 from canopen_control.host.files import failed
 from canopen_control.simulation.scenario_steps import scenario_text
 from canopen_control.simulation.simulation_run import SimulationRun
+from canopen_control.simulation.state_coverage import coverage_words, left_out
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.acts import Act
     from canopen_control.simulation.campaign import SeedResult, Totals
+    from canopen_control.simulation.state_coverage import Edge
 
 __all__ = ["html_summary", "junit_summary", "write_breach", "write_text"]
 
@@ -91,6 +93,8 @@ def html_summary(robot: str, totals: Totals) -> str:
     breaches = "".join(
         f"<li>seed {each.seed}: {escape(breach.sentence)}</li>\n" for each in totals.broken for breach in each.breaches
     )
+    edges = totals.edges
+    walked = "".join(f"<tr>{_edge(edge, edges[edge])}</tr>\n" for edge in sorted({*edges, *left_out(edges)}))
     return f"""<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>simulate {escape(robot)}</title>
 <style>{_STYLE}</style>
@@ -100,10 +104,18 @@ def html_summary(robot: str, totals: Totals) -> str:
 <h2>Breaches</h2><ul>{breaches or "<li>none</li>"}</ul>
 <h2>What went wrong, by the state of the robot</h2>
 <table><tr>{head}</tr>
-{rows}</table></html>
+{rows}</table>
+<h2>Edges of the state machines</h2>
+<p>{escape(coverage_words(edges))}</p>
+<table><tr><th>machine</th><th>state</th><th>trigger, or the state after</th><th>walked</th></tr>
+{walked}</table></html>
 """
 
 
 def _cells(kind: str, states: Sequence[str], totals: Totals) -> str:
     counts = [totals.troubles[kind, state] for state in states]
     return "".join(f"<td>{each}</td>" for each in (escape(kind), *(each or "" for each in counts)))
+
+
+def _edge(edge: Edge, count: int) -> str:
+    return "".join(f"<td>{escape(each)}</td>" for each in (*edge, str(count) if count else "not walked"))

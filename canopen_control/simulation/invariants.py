@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.simulation.motion_rules import MotionRules
+from canopen_control.simulation.state_coverage import StateCoverage
 from canopen_control.simulation.told_rules import ToldRules
 from canopen_control.simulation.wire_rules import WireRules
 from canopen_control.simulation.wire_view import WireView
@@ -58,7 +59,7 @@ def _entry_points() -> tuple[importlib.metadata.EntryPoint, ...]:
 
 
 class Invariants:
-    """Watches a robot from now on; `breaches` grows, up to a hundred."""
+    """Watches a robot from now on; `breaches` grows, up to a hundred, `coverage` counts the edges that it walks."""
 
     def __init__(
         self,
@@ -73,6 +74,7 @@ class Invariants:
         self._motion = MotionRules(robot, views, motions, self._tell)
         self._told = ToldRules(robot, views, self._tell)
         self._wires = [WireRules(robot, robot.wires[name], view, self._tell) for name, view in views.items()]
+        self.coverage = StateCoverage(robot, views.values())
         self._rules = list(rules)
         self._broken: set[str] = set()
         for (name, view), wire in zip(views.items(), self._wires, strict=True):
@@ -88,6 +90,7 @@ class Invariants:
         now = self._robot.now_ns
         self._motion.sampled(now)
         self._told.sampled(now)
+        self.coverage.sampled()
         for wire in self._wires:
             wire.sampled(now)
         for name, rule in self._rules:

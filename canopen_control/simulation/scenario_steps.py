@@ -15,6 +15,7 @@ one of these too.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -73,7 +74,7 @@ class SimulationFile:
 
     steps: list[SimulationStep]
     length: float | str | None = setting(None, key="for")
-    seed: int | None = None
+    seed: int | None = setting(None, low=0)
     here: Node = position()  # noqa: RUF009 - makes a field
 
 
@@ -136,6 +137,8 @@ class _Checked:
             self._no("for", kind)
         if kind == "frame":
             self._check_frame()
+        elif kind in ("lose", "double", "disturb") and values and not _is_count(values):
+            step.here.error(f"values: of {kind} is one whole number n from 1 on, for every n-th frame")
         yield Act(
             _time(step.here, step.at), kind, target, name, tuple(values), lasts, tuple(step.plant.items()), step.axis
         )
@@ -170,8 +173,13 @@ class _Checked:
     def _check_frame(self) -> None:
         values = self._step.values
         data = values[1:]
-        if not 1 <= len(values) <= 9 or not 0 <= values[0] <= 0x7FF or any(not 0 <= each <= 255 for each in data):
+        legal = 1 <= len(values) <= 9 and 0 <= values[0] <= 0x7FF and all(0 <= each <= 255 for each in data)
+        if not legal or any(each != int(each) for each in values):
             self._step.here.error("values: of a frame are its identifier, 0 to 0x7FF, and up to eight bytes")
+
+
+def _is_count(values: Sequence[float]) -> bool:
+    return len(values) == 1 and math.isfinite(values[0]) and values[0] >= 1 and values[0] == int(values[0])
 
 
 def scenario_text(acts: Iterable[Act], *, seed: int, duration_ns: int, note: str = "") -> str:

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 __all__ = ["NodeView", "WireView"]
 
 _SDO_DOWNLOAD: Final = (0x22, 0x2B, 0x27, 0x23, 0x2F)
-_BOOT_UP: Final = b"\0"
 _ENABLED: Final = 0x0F  # of a controlword: switch on, voltage, no quick stop, enable operation
 _FAULT_RESET: Final = 0x80
+_STATE: Final = 0x6F  # bits of a statusword that are the state
 
 
 class NodeView:
@@ -32,7 +32,8 @@ class NodeView:
 
     `told_at` is when a controlword was sent last, `alive_at` its last sign of life, `booted_at` its last boot-up,
     `status_at` when the statusword came, `fault_at` when it began to show a fault; `enabled_at` when a controlword
-    began to enable it, `shown_enabled_at` when it last showed that it is. 0: never.
+    began to enable it, `shown_enabled_at` when it last showed that it is. 0: never. `drive_edges` and `nmt_edges` count
+    the pairs of statuswords (their bits of the state) and of NMT states that followed each other.
     """
 
     def __init__(self, plan: NodePlan) -> None:
@@ -42,6 +43,19 @@ class NodeView:
         self.target_changed_at = self.told_at = 0
         self.alive_at = self.booted_at = self.status_at = self.enabled_at = self.shown_enabled_at = 0
         self.fault_at = 0
+        self.nmt = -1
+        self.drive_edges: dict[tuple[int, int], int] = {}
+        self.nmt_edges: dict[tuple[int, int], int] = {}
+
+    def alive(self, state: int, now: int) -> None:
+        """Take a sign of life with an NMT state, 0 for a boot-up."""
+        self.alive_at = now
+        if state == 0:
+            self.booted_at = now
+        if self.nmt not in (-1, state):
+            edge = self.nmt, state
+            self.nmt_edges[edge] = self.nmt_edges.get(edge, 0) + 1
+        self.nmt = state
 
     @property
     def commanded(self) -> bool:
@@ -72,6 +86,10 @@ class NodeView:
     def tells(self, index: int, value: int, now: int) -> None:
         """Take an object that the node has sent."""
         if index == o.STATUSWORD:
+            before = self.statusword if self.status_at else value
+            if (before ^ value) & _STATE:
+                edge = before & _STATE, value & _STATE
+                self.drive_edges[edge] = self.drive_edges.get(edge, 0) + 1
             faulty, self.statusword, self.status_at = self.in_fault, value, now
             if self.in_fault and not faulty:
                 self.fault_at = now
@@ -108,9 +126,7 @@ class WireView:
         elif can_id == 0x80:
             self.sync_at = now
         elif (view := self._alive.get(can_id)) is not None:
-            view.alive_at = now
-            if data[:length] == _BOOT_UP:
-                view.booted_at = now
+            view.alive(data[0] if length else 0x7F, now)
         elif can_id == self._master and label == MASTER:
             self.master_at = now
         elif (view := self._requests.get(can_id)) is not None and data[0] in _SDO_DOWNLOAD:

@@ -62,6 +62,11 @@ steps:
         ("{at: 1s, do: stop, target: 3}", "target: does not go with stop"),
         ("{at: 1s, do: cut}", "target: nobody is not on a bus"),
         ("{at: 1s, do: frame, values: [0x900]}", "values: of a frame"),
+        ("{at: 1s, do: frame, values: [1.5]}", "values: of a frame"),
+        ("{at: 1s, do: frame, values: [.nan]}", "values: of a frame"),
+        ("{at: 1s, do: lose, target: 2, values: [0]}", "values: of lose is one whole number n from 1 on"),
+        ("{at: 1s, do: disturb, target: 2, values: [1.5]}", "values: of disturb is one whole number"),
+        ("{at: 1s, do: double, target: 2, values: [1, 2]}", "values: of double is one whole number"),
     ],
 )
 def test_a_mistake_is_told_with_its_line(tmp_path, step, said):
@@ -76,6 +81,12 @@ def test_all_mistakes_are_told_at_once(tmp_path):
     assert len([line for line in str(caught.value).splitlines() if "scenario.yml:" in line]) >= 1
     with pytest.raises(ScenarioError, match="for: 0 simulates nothing"):
         read(tmp_path, "for: 0s\nsteps: []\n")
+
+
+@pytest.mark.parametrize("seed", ["abc", "-4", "1.5"])
+def test_a_seed_that_is_no_whole_number_from_0_on_is_told_with_its_line(tmp_path, seed):
+    with pytest.raises(ScenarioError, match=r"scenario\.yml:1:7: seed: "):
+        read(tmp_path, f"seed: {seed}\nsteps: []\n")
 
 
 @pytest.mark.parametrize(

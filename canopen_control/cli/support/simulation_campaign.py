@@ -13,6 +13,7 @@ from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.simulation.campaign import Campaign, Totals
 from canopen_control.simulation.campaign_files import html_summary, junit_summary, write_breach, write_text
+from canopen_control.simulation.state_coverage import coverage_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -137,3 +138,4 @@ def _sum_up(totals: Totals, scenarios: tuple[str, ...], real_s: float, order: Ca
         f"{count} seeds, {hours:.2f} hours of the robot in {real_s:.1f} s, {totals.frames} frames, "
         f"{len(totals.broken)} with breaches"
     )
+    print(f"edges walked: {coverage_words(totals.edges)}")
