@@ -25,6 +25,7 @@ T = TypeVar("T")
 _S: Final = 1_000_000_000
 _MS: Final = 1_000_000
 _BOOTED_NS: Final = 600 * _MS
+_SHORT_NS: Final = 6 * _S  # a schedule up to this begins with its troubles at once
 TROUBLES: Final = ("fault", "fault", "fault", "fault", "power", "stall", "cut", "lose", "double", "disturb", "bus_off")
 """What goes wrong, as often as it is named here, beside the rarer `kill` and `frame`."""
 _RARE: Final = ("kill", "frame")
@@ -54,7 +55,8 @@ class DrawnSchedule:
     def acts(self) -> tuple[Act, ...]:
         """Return what was drawn."""
         now = _BOOTED_NS
-        trouble = now + self._between(1 * _S, 5 * _S)
+        soon = self._duration <= _SHORT_NS
+        trouble = now + self._between(0 if soon else 1 * _S, self._duration // 4 if soon else 5 * _S)
         while now < self._duration:
             if self._faults and now >= trouble:
                 now = self._trouble(now)
