@@ -86,6 +86,22 @@ def test_times_have_units(text, ns):
 
 
 @given(st.integers(0, 500))
+def test_a_trajectory_of_several_points_is_written_and_read(tmp_path):
+    act = Act(S, "trajectory", "robby_base_controller", values=(0.25, 0.5, 1.0, 2.0), times=(0.5, 1.0))
+    path = tmp_path / "points.yml"
+    path.write_text(scenario_text([act], seed=1, duration_ns=2 * S))
+    assert read_scenario_steps(path, setup_of()).acts == (act,)
+
+
+@pytest.mark.parametrize("times", ["[1, 0.5]", "[0, 1]", "[1, 2, 3]", "[1, 1]"])
+def test_times_of_points_grow_and_have_values(tmp_path, times):
+    path = tmp_path / "points.yml"
+    step = f"{{at: 1s, do: trajectory, target: robby_base_controller, values: [1, 2, 3, 4], times: {times}}}"
+    path.write_text(f"steps:\n  - {step}\n")
+    with pytest.raises(ScenarioError, match="times: those of the points of a trajectory in s, growing"):
+        read_scenario_steps(path, setup_of())
+
+
 def test_what_is_written_reads_as_the_same(tmp_path_factory, seed):
     acts = draw_schedule(seed, 30 * S, motions_of(setup_of()), (2, 3), known_faults())
     text = scenario_text(acts, seed=seed, duration_ns=30 * S, note="of a test")
