@@ -67,6 +67,7 @@ MAY_IMPORT = {
         | {"cia301", "cia402", "data_files"},
         STDLIB | {"distributed", "cloudpickle"},
     ),
+    "service": ({"od", "cia301", "cia402", "profiles", "client"}, STDLIB),
     "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from canopen_control.scaffold.new_robot import Device, NewNode
     from canopen_control.scaffold.robot_folder import Written
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
+__all__ = ["EXAMPLE", "add_arguments", "ask_drives", "run"]
 
 EXAMPLE = """canopen-control init my_robot --eds generic_cia402.eds --node-id 2,3 --base diff
          canopen-control init turntable --eds TMCM-1270.eds --node-id 5 --joint table_joint
@@ -153,11 +153,11 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
     if not devices:
         raise ConfigError(f"no EDS fits anybody on {survey.channel}; give those of the makers: --eds FILE")
     if survey.expected is None:  # no robot runs there, whose drives nobody else may ask
-        _ask_drives(survey.channel, devices, args.timeout)
+        ask_drives(survey.channel, devices, args.timeout)
     return devices
 
 
-def _ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
+def ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
     """Put what the drives themselves say of modes and units in place of the EDS's defaults."""
     from canopen_control.master.direct import DirectBus
     from canopen_control.od.codec import decode

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.client import RobotClient
-from canopen_control.rpc.messages.robot import Release, Stop
+from canopen_control.rpc.messages.robot import GetStatus, Release, Stop
 
 if TYPE_CHECKING:
     import argparse
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "run"]
 
 EXAMPLE = "canopen-control stop"
-DONE = "stopped and disabled; to go on: canopen-control axis enable all"
+NEXT = "to go on: canopen-control axis enable all"
+LATCHED = "to go on: canopen-control stop --release"
+WITHOUT_DRIVES = "no drive is disabled, so the next command moves it; to forbid that: canopen-control stop --latch"
 SOURCE = "canopen-control stop"
 TIMEOUT_S = 20.0
 
@@ -32,10 +34,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     with RobotClient.connect(args.name) as robot:
-        if args.release:
-            robot.ask(Release(source=SOURCE))
-            print("released, the drives are disabled; to go on: canopen-control axis enable all")
-            return 0
-        robot.ask(Stop(latch=args.latch, source=SOURCE), TIMEOUT_S)
-    print("stopped, disabled and latched; to go on: canopen-control stop --release" if args.latch else DONE)
+        robot.ask(Release(source=SOURCE) if args.release else Stop(latch=args.latch, source=SOURCE), TIMEOUT_S)
+        has_drives = bool(robot.ask(GetStatus()).nodes)
+    print(_done(args.latch, args.release, has_drives))
     return 0
+
+
+def _done(latch: bool, release: bool, has_drives: bool) -> str:
+    """Return what was done and what to call next; simulated and mocked joints have no drive that could be disabled."""
+    if release:
+        return f"released, the drives are disabled; {NEXT}" if has_drives else f"released; {WITHOUT_DRIVES}"
+    disabled = " and disabled" if has_drives else ""
+    if latch:
+        return f"stopped{disabled}, and latched; {LATCHED}"
+    return f"stopped and disabled; {NEXT}" if has_drives else f"stopped; {WITHOUT_DRIVES}"

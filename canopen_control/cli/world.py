@@ -3,7 +3,11 @@
 Without more words it tells where the robot really is. `payload` puts kg on a link (negative: takes them off), `push` a
 force in N along the axes of the world, `block` a joint that a drive moves, `friction` changes the grip of the floor.
 
-Exit codes: 0 done; 1 no drives run; 2 wrong usage, no physics, or no such link or joint.
+A robot that a simulation plugin of ros2_control moves, without drives, can be paused: `pause`, `step` by a number of
+cycles, `play`, and `reset` to where it began or to a key frame of its MJCF. What was commanded before `play` or `reset`
+is forgotten.
+
+Exit codes: 0 done; 1 no drives run, or refused; 2 wrong usage, no physics, or no such link or joint.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.support.arguments import finite
 from canopen_control.cli.support.node_names import known_nodes
 from canopen_control.cli.support.output import json_line
+from canopen_control.cli.support.simulation_acts import SIMULATION_ACTS, act_on_simulation, tell_simulation
 from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
@@ -33,23 +38,37 @@ EXAMPLE = """canopen-control world
          canopen-control world push 0,30,0 --for 0.3
          canopen-control world block left_wheel_joint
          canopen-control world block left_wheel_joint off
-         canopen-control world friction 0.2"""
+         canopen-control world friction 0.2
+         canopen-control world pause
+         canopen-control world step 10
+         canopen-control world reset
+         canopen-control world play"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("what", nargs="?", choices=sorted(_ACTS), help="what is to happen; without: where the robot is")
-    parser.add_argument("value", nargs="?", metavar="KG|X,Y,Z|JOINT|FRICTION", help="how much, or which joint")
+    parser.add_argument(
+        "what",
+        nargs="?",
+        choices=sorted({**_ACTS, **SIMULATION_ACTS}),
+        help="what is to happen; without: where the robot is",
+    )
+    parser.add_argument("value", nargs="?", metavar="VALUE", help="how much, which joint, how many cycles")
     parser.add_argument("state", nargs="?", choices=["on", "off"], help="of a joint that is blocked (default: on)")
     parser.add_argument("--on", default="", metavar="LINK", help="payload, push: the link (default: the heaviest one)")
     parser.add_argument("--at", default="0,0,0", metavar="X,Y,Z", help="payload: where on the link, in m")
     parser.add_argument("--for", type=finite, default=0.2, dest="seconds", metavar="S", help="push: how long")
     parser.add_argument("--can", metavar="CHANNEL", help="the bus of the drives (default: that of the running robot)")
+    parser.add_argument("--name", help="pause, play, step, reset: the robot (default: the only one that runs)")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    if args.what in SIMULATION_ACTS:
+        return act_on_simulation(args)
+    if args.what is None and args.can is None and tell_simulation(args):
+        return 0
     if args.what is not None and args.value is None:
         raise ConfigError(f"world {args.what}: say {_NEEDS[args.what]}")
     if args.state is not None and args.what != "block":

@@ -183,6 +183,10 @@ class HardwareComponent(Protocol):
         """Stop for good."""
         ...
 
+    def reset(self, keyframe: str) -> None:
+        """Bring what is simulated back to where it began, or to a key frame of its model; ControlError for no such."""
+        ...
+
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Raise ControlError or DriveError if these interfaces cannot be claimed or released; change nothing."""
         ...

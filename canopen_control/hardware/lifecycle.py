@@ -51,6 +51,9 @@ class Lifecycle(ABC):
         self.deactivate()
         self.state = LifecycleState.FINALIZED
 
+    def reset(self, keyframe: str) -> None:  # noqa: B027 - most have nothing to do
+        """Do nothing: nothing is simulated."""
+
     @abstractmethod
     def _begin(self) -> None:
         """Make the states known."""

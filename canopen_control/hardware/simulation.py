@@ -72,6 +72,9 @@ class Engine(Protocol):
     def step(self, seconds: float) -> None:
         """Let time pass for all motors and sensors."""
 
+    def reset(self, keyframe: str) -> None:
+        """Bring everything back to where it began, or to a key frame; ControlError for one that is not there."""
+
 
 class FirstOrderMotor:
     """A velocity loop with one time constant (s), a position loop above it, or inertia (kg m^2) with damping (Nm s).
@@ -121,7 +124,7 @@ def _within(value: float, limit: float) -> float:
 class _Joint:
     """A joint with its motor; `mode` is what is claimed of it, "" for nothing."""
 
-    __slots__ = ("commands", "held", "mode", "motor", "name", "states")
+    __slots__ = ("commands", "held", "mode", "motor", "name", "start", "states")
 
     def __init__(self, part: ControlJoint, motor: Motor) -> None:
         self.name, self.motor, self.mode = part.name, motor, ""
@@ -131,8 +134,8 @@ class _Joint:
         }
         self.states = {name: StateInterface(part.name, name) for name in part.state_interfaces}
         start = part.state_interfaces.get(POSITION)
-        self.motor.position = 0.0 if start is None or math.isnan(start.initial_value) else start.initial_value
-        self.held = self.motor.position
+        self.start = 0.0 if start is None or math.isnan(start.initial_value) else start.initial_value
+        self.motor.position = self.held = self.start
 
     def step(self, seconds: float) -> None:
         """Follow the command; without one a velocity or effort is zero and a position is held."""
@@ -211,6 +214,18 @@ class SimulatedSystem(Lifecycle):
         return self._elapsed_ns
 
     def _begin(self) -> None:
+        self._show()
+
+    def reset(self, keyframe: str) -> None:
+        """Bring the joints back to where they began, at rest; a `keyframe` is one of the engine's model."""
+        if self._engine is not None:
+            self._engine.reset(keyframe)
+        elif keyframe:
+            raise ControlError(f"no key frame {keyframe!r}: simple motors move {self.name}, there is no MJCF")
+        for joint in self._joints:
+            if self._engine is None or self._engine.motor(joint.name) is None:
+                joint.motor.position, joint.motor.velocity, joint.motor.effort = joint.start, 0.0, 0.0
+            joint.held = joint.motor.position
         self._show()
 
     def _rest(self) -> None:

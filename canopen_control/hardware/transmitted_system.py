@@ -122,6 +122,10 @@ class TransmittedSystem:
         """Shut the component down."""
         self.component.shutdown()
 
+    def reset(self, keyframe: str) -> None:
+        """Reset the component."""
+        self.component.reset(keyframe)
+
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Ask the component."""
         self.component.prepare_command_mode_switch(start, stop)

@@ -37,7 +37,7 @@ from canopen_control.od.model import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Container, Iterable, Iterator, Mapping
 
     from canopen_control.od.model import Address, Value
 
@@ -78,12 +78,14 @@ def dcf_text(
     values: Mapping[Address, Value] | None = None,
     *,
     node_name: str = "",
+    relative: Container[Address] = (),
 ) -> str:
     """Return the text of the DCF of node `node_id` at `bitrate` bit/s, with `values` as its ParameterValues.
 
+    Those of the `relative` addresses are written as $NODEID plus the rest, so that the file serves another node id too.
     Raises ValueError where a value has no entry, or does not fit its type.
     """
-    od = configured(od.for_node(node_id), values or {})
+    od = configured(od.for_node(node_id), values or {}, relative)
     commissioning = replace(od.commissioning, node_name=node_name or od.commissioning.node_name)
     return _text(_sections(replace(od, bitrate=bitrate, commissioning=commissioning), is_dcf=True))
 
@@ -101,15 +103,21 @@ def write_dcf(
     Path(path).write_text(dcf_text(od, node_id, bitrate, values, node_name=node_name), encoding="utf-8", newline="")
 
 
-def configured(od: ObjectDictionary, values: Mapping[Address, Value]) -> ObjectDictionary:
-    """Return a copy with `values` as ParameterValues; ValueError where one has no entry or does not fit its type."""
+def configured(
+    od: ObjectDictionary, values: Mapping[Address, Value], relative: Container[Address] = ()
+) -> ObjectDictionary:
+    """Return a copy with `values` as ParameterValues; ValueError where one has no entry or does not fit its type.
+
+    `relative` says which of them follow the node id.
+    """
     entries = dict(od.entries)
     for (index, subindex), value in values.items():
         entry = entries.get((index, subindex))
         if entry is None:
             raise ValueError(f"0x{index:04X}:{subindex:02X} is not in the object dictionary")
         encode(value, entry.data_type)
-        entries[index, subindex] = replace(entry, parameter_value=value, parameter_relative=False)
+        follows = (index, subindex) in relative
+        entries[index, subindex] = replace(entry, parameter_value=value, parameter_relative=follows)
     return replace(od, entries=entries)
 
 

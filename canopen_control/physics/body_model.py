@@ -3,9 +3,6 @@
 Wheels become ellipsoids of their radius and width: these have one point of contact and turn as odometry expects, while
 a cylinder scrubs by an amount that depends on the step. Everything touches the floor and nothing of the robot itself.
 Each driven joint gets the motor's rotor and friction, and a lock for its brake and for a blocked shaft.
-
-What the file does not say of a motor is estimated: of a wheel from the mass that it moves, of another joint from its
-inertia and weight in some postures; `effort` of the description is the peak torque.
 """
 
 from __future__ import annotations
@@ -15,54 +12,38 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
-import numpy as np
 
 from canopen_control.errors import nearest
-from canopen_control.physics.ground_contact import Ground, Part, stand
+from canopen_control.physics.ground_contact import Part, stand
 from canopen_control.physics.mecanum_contact import RollerWheel
+from canopen_control.physics.motor_estimate import estimated_motors
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.scenery import add_scenery
+from canopen_control.physics.world_file import Start
 from canopen_control.physics.world_sensors import add_sensors
 from canopen_control.urdf.geometry import from_yaw
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from canopen_control.physics.ground_contact import Ground
+    from canopen_control.physics.motor_estimate import Motor
     from canopen_control.physics.physics_file import AxisSettings, Floor
     from canopen_control.physics.urdf_repair import RepairedUrdf
     from canopen_control.physics.world_file import WorldDescription
     from canopen_control.physics.world_sensors import WorldSensor
     from canopen_control.urdf.description import Description
 
-__all__ = ["BASE_JOINT", "Body", "JointPlace", "Motor", "build", "compiled", "estimated_motors", "give_locks", "placed",
-           "read_spec"]  # fmt: skip
+__all__ = ["BASE_JOINT", "Body", "JointPlace", "PreparedRobot", "alone", "build", "compiled", "give_locks", "lay_floor",
+           "placed", "prepared", "read_spec", "set_options", "solref"]  # fmt: skip
 
 BASE_JOINT: Final = "floating_base_joint"
 _FLOOR: Final = "floor"
 _LOCK: Final = "lock of "
 _SOLIMP: Final = (0.95, 0.99, 0.0005, 0.5, 2.0)
 _ROBOT, _WORLD = 2, 1  # kinds of contact: the robot touches the world, and not itself
+_EVERY_ROBOT: Final = 0x7FFFFFFE  # of several, each of a kind of its own
 _TYRE: Final = " tyre"
-_ROTOR: Final = 0.2  # of the inertia at the joint; a motor and gear for more torque than that needs have more,
-_ROTOR_ACCELERATION: Final = 500.0  # rad/s2 by its rated torque, alone
-_POSTURES: Final = 8
-_GOLDEN: Final = 0.6180339887498949
-_RATED: Final = 0.8  # of the weight on a wheel, as a force at its rim
-_ARM_ACCELERATION: Final = 10.0  # rad/s2 beside its weight
-_FRICTION, _DAMPING = 0.02, 0.001  # of the rated torque
-
-
-@dataclass(frozen=True)
-class Motor:
-    """A motor with everything known, on the joint's side: N m, kg m2, N m s (N, kg, N s of a prismatic joint)."""
-
-    rated_torque: float
-    peak_torque: float
-    inertia: float
-    rotor: float
-    friction: float
-    damping: float
-    brake: bool
 
 
 @dataclass(frozen=True)
@@ -77,9 +58,10 @@ class JointPlace:
 
 @dataclass(frozen=True)
 class Body:
-    """A compiled model and its driven joints by name; `base` is the number of the freed root body, None: it is fixed.
+    """A robot in a compiled model, its driven joints by name; `base` is the number of the freed root, None: no wheels.
 
-    `notes` tell what was guessed; `wheels` and `casters` are the numbers of the shapes on the floor.
+    `notes` tell what was guessed; `wheels` and `casters` are the numbers of the shapes on the floor. In a model of
+    several robots everything of this one is named with its `prefix`, such as "robby1/".
     """
 
     model: Any
@@ -89,12 +71,43 @@ class Body:
     wheels: tuple[int, ...] = ()
     casters: tuple[int, ...] = ()
     rollers: tuple[RollerWheel, ...] = ()
+    prefix: str = ""
+
+    @property
+    def links(self) -> dict[str, int]:
+        """The numbers of its links by their own names."""
+        names = ((str(self.model.body(number).name), number) for number in range(1, self.model.nbody))
+        return {name.removeprefix(self.prefix): number for name, number in names if name.startswith(self.prefix)}
+
+
+@dataclass(frozen=True)
+class PreparedRobot:
+    """A robot before it is in a world: its specification, what of it touches the floor, and its motors by joint."""
+
+    spec: Any
+    root: str
+    ground: Ground
+    free: bool
+    axes: Mapping[str, AxisSettings]
+    motors: Mapping[str, Motor]
+    notes: tuple[str, ...]
+
+    def body(self, model: Any, prefix: str = "") -> Body:  # noqa: ANN401 - as above
+        """Return it as it is in the model of a world."""
+        return Body(
+            model,
+            {name: placed(model, name, motor, prefix) for name, motor in self.motors.items()},
+            int(model.body(f"{prefix}{self.root}").id) if self.free else None,
+            self.notes,
+            *_on_floor(model, self.ground, self.axes, prefix),
+            prefix,
+        )
 
 
 def read_spec(urdf: RepairedUrdf, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
     """Return what MuJoCo makes of a URDF; PhysicsError where it makes nothing of it."""
     try:
-        return mujoco.MjSpec.from_string(urdf.text)
+        return mujoco.MjSpec.from_string(urdf.text, assets=urdf.meshes)
     except ValueError as error:
         raise PhysicsError(f"{path}: MuJoCo cannot read it: {_first_line(error)}") from error
 
@@ -124,7 +137,35 @@ def build(
     world: WorldDescription,
     sensors: Sequence[WorldSensor] = (),
 ) -> Body:
-    """Make the model of a description in a world; `axes` by their joints, `free`: its root is, None: if it rolls.
+    """Make the model of a description alone in a world; see `prepared`."""
+    start = world.start or Start()
+    robot = prepared(
+        spec, description, axes, floor, step=step, density=density, free=free, path=path, start=start, sensors=sensors
+    )
+    return alone(robot, world, step, description.path)
+
+
+def alone(robot: PreparedRobot, world: WorldDescription, step: float, path: str) -> Body:
+    """Put a robot on a floor of its own, where one that is bolted down reaches it at its lowest point."""
+    lay_floor(robot.spec, step, 0.0 if robot.free else min(0.0, -robot.ground.lift))
+    add_scenery(robot.spec, world, solref(step))
+    return robot.body(compiled(robot.spec, path))
+
+
+def prepared(
+    spec: Any,  # noqa: ANN401 - as above
+    description: Description,
+    axes: Mapping[str, AxisSettings],
+    floor: Floor,
+    *,
+    step: float,
+    density: float,
+    free: bool | None,
+    path: str,
+    start: Start,
+    sensors: Sequence[WorldSensor] = (),
+) -> PreparedRobot:
+    """Make everything of a robot but its world; `axes` by their joints, `free`: its root is, None: if it rolls.
 
     Lengths in m, `step` in s. PhysicsError, with a line in the file at `path`, for a joint that is not there.
     """
@@ -134,7 +175,7 @@ def build(
         geom.density = density
     ground = stand(compiled(spec, description.path))
     is_free = ground.rolls if free is None else free
-    _set_options(spec, step)
+    set_options(spec, step)
     give_locks(spec, axes, step)
     add_sensors(spec, sensors, path)
     _touch_floor(spec, ground, floor, step)
@@ -142,10 +183,8 @@ def build(
     if is_free:
         body = spec.body(root)
         body.add_freejoint(name=BASE_JOINT)
-        body.pos = [*world.start.at, ground.lift]
-        body.quat = list(from_yaw(math.radians(world.start.heading)))
-    _lay_floor(spec, step, 0.0 if is_free else min(0.0, -ground.lift))
-    add_scenery(spec, world, _solref(step))
+        body.pos = [*start.at, ground.lift]
+        body.quat = list(from_yaw(math.radians(start.heading)))
     efforts = {name: description.joints[name].limits.effort for name in axes}
     motors = estimated_motors(compiled(spec, description.path), axes, efforts, ground)
     for name, motor in motors.items():
@@ -153,14 +192,8 @@ def build(
         joint.armature = motor.rotor
         joint.frictionloss = motor.friction
         joint.damping = [motor.damping, 0.0, 0.0]
-    model = compiled(spec, description.path)
-    return Body(
-        model,
-        {name: placed(model, name, motor) for name, motor in motors.items()},
-        int(model.body(root).id) if is_free else None,
-        tuple(_told(axes, motors, ground, is_free)),
-        *_on_floor(model, ground, axes),
-    )
+    notes = tuple(_told(axes, motors, ground, is_free))
+    return PreparedRobot(spec, root, ground, is_free, axes, motors, notes)
 
 
 def give_locks(spec: Any, axes: Mapping[str, AxisSettings], step: float) -> None:  # noqa: ANN401 - as above
@@ -185,7 +218,8 @@ def _check_joints(axes: Mapping[str, AxisSettings], description: Description, pa
         raise PhysicsError("\n".join(problems))
 
 
-def _set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
+def set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
+    """Choose how the world is stepped, `step` in s."""
     spec.option.timestep = step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # friction and damping are stable at any size
     spec.option.impratio = 10.0
@@ -213,12 +247,12 @@ def _touch_floor(spec: Any, ground: Ground, floor: Floor, step: float) -> None: 
 
 
 def _set_contact(geom: Any, friction: float, step: float) -> None:  # noqa: ANN401 - as above
-    geom.solref, geom.solimp = _solref(step), list(_SOLIMP)
+    geom.solref, geom.solimp = solref(step), list(_SOLIMP)
     geom.condim, geom.contype, geom.conaffinity = 3, _ROBOT, _WORLD
     geom.friction = [friction, 0.005, 0.0001]
 
 
-def _solref(step: float) -> list[float]:
+def solref(step: float) -> list[float]:
     """Return time constant and damping of a contact: of 4 ms, and no less than the solver needs."""
     return [max(0.004, 2.0 * step), 1.0]
 
@@ -234,17 +268,19 @@ def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 -
     return rolling
 
 
-def _lay_floor(spec: Any, step: float, height: float) -> None:  # noqa: ANN401 - as above
+def lay_floor(spec: Any, step: float, height: float) -> None:  # noqa: ANN401 - as above
+    """Add the floor, which touches every robot."""
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = spec.worldbody.add_geom(name=_FLOOR, type=plane, size=[0, 0, 0.05], pos=[0, 0, height])
     _set_contact(floor, 0.0, step)  # the larger friction of two counts: that of the wheel, or of the caster
-    floor.contype, floor.conaffinity = _WORLD, _ROBOT
+    floor.contype, floor.conaffinity = _WORLD, _EVERY_ROBOT
 
 
 def _on_floor(
     model: Any,  # noqa: ANN401 - as above
     ground: Ground,
     axes: Mapping[str, AxisSettings],
+    prefix: str,
 ) -> tuple[tuple[int, ...], tuple[int, ...], tuple[RollerWheel, ...]]:
     """Return the numbers of the shapes that roll on the floor, of those that slide on it, and the mecanum wheels."""
     places: dict[bool, list[int]] = {True: [], False: []}
@@ -252,81 +288,20 @@ def _on_floor(
     for touch in ground.touches:
         angle = None if touch.joint not in axes else axes[touch.joint].roller
         if angle is not None:
-            geom = int(model.geom(touch.geom).id)
+            geom = int(model.geom(f"{prefix}{touch.geom}").id)
             model.geom_friction[geom, 0] = 0.0
-            frame = int(model.body_parentid[int(model.joint(touch.joint).bodyid[0])])
+            frame = int(model.body_parentid[int(model.joint(f"{prefix}{touch.joint}").bodyid[0])])
             rollers.append(RollerWheel(geom, frame, angle, touch.radius))
             continue
         name = f"{touch.geom}{_TYRE}" if touch.part is Part.ROLLER else touch.geom
-        places[touch.part is not Part.CASTER].append(int(model.geom(name).id))
+        places[touch.part is not Part.CASTER].append(int(model.geom(f"{prefix}{name}").id))
     return tuple(places[True]), tuple(places[False]), tuple(rollers)
 
 
-# -- motors
-
-
-def estimated_motors(
-    model: Any,  # noqa: ANN401 - as above
-    axes: Mapping[str, AxisSettings],
-    efforts: Mapping[str, float],
-    ground: Ground,
-) -> dict[str, Motor]:
-    """Return the motors by joint, with what the file does not say estimated; `efforts` are those of a description."""
-    wheels = {touch.joint: touch.radius for touch in ground.touches if touch.part is Part.WHEEL}
-    driven = [joint for joint in axes if joint in wheels] or [""]
-    share = float(model.body_subtreemass[0]) / len(driven)
-    inertias, weights = _in_postures(model, axes)
-    gravity = float(np.linalg.norm(model.opt.gravity))
-    found = {}
-    for name, axis in axes.items():
-        radius, inertia, weight = wheels.get(name, 0.0), inertias[name], weights[name]
-        inertia += share * radius * radius
-        need = _RATED * share * gravity * radius + (0.0 if radius else 2.0 * (weight + inertia * _ARM_ACCELERATION))
-        found[name] = _motor(axis, efforts.get(name, math.inf), inertia, max(need, 1e-6), wheel=radius > 0.0)
-    return found
-
-
-def _motor(axis: AxisSettings, effort: float, inertia: float, need: float, *, wheel: bool) -> Motor:
-    peak = axis.peak_torque or (effort if 0.0 < effort < math.inf else 2.0 * need)
-    rated = axis.rated_torque or 0.5 * peak
-    rotor = max(_ROTOR * inertia, rated / _ROTOR_ACCELERATION)
-    if axis.rotor_inertia is not None:
-        rotor = axis.rotor_inertia * axis.gear**2
-    return Motor(
-        rated,
-        axis.peak_torque or max(peak, rated),
-        axis.inertia or inertia + rotor,
-        rotor,
-        _FRICTION * rated if axis.friction is None else axis.friction,
-        _DAMPING * rated if axis.damping is None else axis.damping,
-        (not wheel) if axis.brake is None else axis.brake,
-    )
-
-
-def _in_postures(model: Any, axes: Mapping[str, AxisSettings]) -> tuple[dict[str, float], dict[str, float]]:  # noqa: ANN401
-    """Return the inertia of each joint, a geometric mean over postures, and the greatest torque of its weight."""
-    data = mujoco.MjData(model)
-    matrix = np.zeros((model.nv, model.nv))
-    logs, weights = dict.fromkeys(axes, 0.0), dict.fromkeys(axes, 0.0)
-    for posture in range(_POSTURES):
-        data.qpos[:] = model.qpos0
-        for number, name in enumerate(axes):
-            joint = model.joint(name)
-            low, high = joint.range if joint.limited[0] else (-math.pi, math.pi)
-            data.qpos[joint.qposadr[0]] = low + (high - low) * math.fmod((posture + 1) * (number + 1) * _GOLDEN, 1.0)
-        mujoco.mj_forward(model, data)
-        mujoco.mj_fullM(model, data, matrix)
-        for name in axes:
-            dof = int(model.joint(name).dofadr[0])
-            logs[name] += math.log(max(1e-12, float(matrix[dof, dof]))) / _POSTURES
-            weights[name] = max(weights[name], abs(float(data.qfrc_bias[dof])))
-    return {name: math.exp(value) for name, value in logs.items()}, weights
-
-
-def placed(model: Any, name: str, motor: Motor) -> JointPlace:  # noqa: ANN401 - as above
+def placed(model: Any, name: str, motor: Motor, prefix: str = "") -> JointPlace:  # noqa: ANN401 - as above
     """Return where a driven joint is in a model."""
-    joint = model.joint(name)
-    return JointPlace(int(joint.qposadr[0]), int(joint.dofadr[0]), int(model.equality(f"{_LOCK}{name}").id), motor)
+    joint, lock = model.joint(f"{prefix}{name}"), model.equality(f"{prefix}{_LOCK}{name}")
+    return JointPlace(int(joint.qposadr[0]), int(joint.dofadr[0]), int(lock.id), motor)
 
 
 def _told(axes: Mapping[str, AxisSettings], motors: Mapping[str, Motor], ground: Ground, free: bool) -> list[str]:

@@ -15,10 +15,11 @@ import mujoco
 import numpy as np
 
 from canopen_control.errors import ConfigError, nearest
+from canopen_control.physics.scenery import BOX
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
@@ -33,41 +34,51 @@ _LIGHTEST: Final = 1e-4  # kg that is left of a link
 
 
 class Disturbances:
-    """Acts on the simulation of a body; `begin` gives it its state, and `block` who blocks joints by their names."""
+    """Acts on the simulation of robots; `begin` gives it its state, and `block` who blocks joints by robot and name.
 
-    def __init__(self, body: Body, floor: Floor, world: WorldDescription) -> None:
-        self._model, self._joints = body.model, body.joints
+    A robot is named as in the file of the world, "" where it is alone.
+    """
+
+    def __init__(self, bodies: Mapping[str, Body], floor: Floor, world: WorldDescription) -> None:
+        self._bodies = dict(bodies)
+        self._model = next(iter(bodies.values())).model
         self._data: Any = None
-        self._wheels, self._casters = body.wheels, body.casters
-        self._grip, self._slide, self._patches = floor.friction, floor.caster_friction, world.patches
-        self.block: Callable[[str, bool], None] = lambda _joint, _on: None
+        self._wheels = tuple(each for body in bodies.values() for each in body.wheels)
+        self._casters = tuple(each for body in bodies.values() for each in body.casters)
+        self._grip, self._slide, self.patches = floor.friction, floor.caster_friction, world.patches
+        self.block: Callable[[str, str, bool], None] = lambda _robot, _joint, _on: None
         self._due: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
         self._timeline = world.timeline()
-        links = range(1, body.model.nbody)
-        self._links = {str(body.model.body(number).name): number for number in links}
-        self._heaviest = max(links, key=lambda number: float(body.model.body_mass[number]), default=0)
+        names = {str(self._model.body(number).name): number for number in range(1, self._model.nbody)}
+        boxes = {name: number for name, number in names.items() if name.startswith(BOX)}
+        own = {robot: {name: each for name, each in body.links.items() if name not in boxes}
+               for robot, body in bodies.items()}  # fmt: skip
+        self._links = {robot: {**links, **boxes} for robot, links in own.items()}
+        masses = self._model.body_mass
+        self._heaviest = {robot: max(links.values(), key=lambda each: float(masses[each]), default=0)
+                          for robot, links in own.items()}  # fmt: skip
 
     def check(self) -> None:
         """Raise ConfigError for a link or joint of the timeline that is not there."""
-        for _, act in self._timeline:
-            self._check(act)
+        for _, robot, act in self._timeline:
+            self._check(act, robot)
 
     def begin(self, data: Any) -> None:  # noqa: ANN401 - of MuJoCo
         """Act on this state from now on, whose time is 0."""
         self._data = data
-        for at_ns, act in self._timeline:
-            self._plan(at_ns, partial(self.act, act, at_ns))
+        for at_ns, robot, act in self._timeline:
+            self._plan(at_ns, partial(self.act, act, at_ns, robot))
 
     @property
     def patched(self) -> bool:
         """Whether the grip depends on where the robot is."""
-        return bool(self._patches)
+        return bool(self.patches)
 
     def grip_at(self, x: float, y: float) -> float:
         """Return the grip of a wheel at a place of the floor."""
         grip = self._grip
-        for patch in self._patches:
+        for patch in self.patches:
             if patch.covers(x, y):
                 grip = patch.friction
         return grip
@@ -84,33 +95,36 @@ class Disturbances:
             happened = True
         return happened
 
-    def act(self, what: WorldAct, now: int) -> None:
-        """Let something happen at `now`; ConfigError for what is not there."""
-        self._check(what)
+    def act(self, what: WorldAct, now: int, robot: str = "") -> None:
+        """Let something happen at `now` to a robot, or to the floor; ConfigError for what is not there."""
+        self._check(what, robot)
         if isinstance(what, AddPayload):
-            self._load(self._link(what.on), what.mass, np.array(what.position))
+            self._load(self._link(what.on, robot), what.mass, np.array(what.position))
         elif isinstance(what, PushRobot):
-            self._push(self._link(what.on), np.array(what.force), now, round(what.seconds * 1e9))
+            self._push(self._link(what.on, robot), np.array(what.force), now, round(what.seconds * 1e9))
         elif isinstance(what, BlockJoint):
-            self.block(what.joint, what.on)
+            self.block(robot, what.joint, what.on)
         else:
             self._grip = what.friction
             self.look_at_grip()
 
-    def _check(self, what: WorldAct) -> None:
+    def _check(self, what: WorldAct, robot: str) -> None:
         if isinstance(what, BlockJoint):
-            if what.joint not in self._joints:
-                raise ConfigError(f"no drive moves a joint {what.joint!r}{nearest(what.joint, self._joints)}")
+            joints = self._bodies[robot].joints
+            if what.joint not in joints:
+                raise ConfigError(f"no drive moves a joint {what.joint!r}{nearest(what.joint, joints)}")
         elif not isinstance(what, SetGrip):
-            self._link(what.on)
+            self._link(what.on, robot)
             numbers = [what.mass, *what.position] if isinstance(what, AddPayload) else [*what.force]
             if not np.isfinite(numbers).all():
                 raise ConfigError(f"{numbers}: these numbers are finite")
 
-    def _link(self, name: str) -> int:
-        if name and name not in self._links:
-            raise ConfigError(f"the robot has no link {name!r}{nearest(name, self._links)}")
-        return self._links[name] if name else self._heaviest
+    def _link(self, name: str, robot: str) -> int:
+        """Return the number of a link of a robot, of the heaviest one where none is named."""
+        links = self._links[robot]
+        if name and name not in links:
+            raise ConfigError(f"the robot has no link {name!r}{nearest(name, links)}")
+        return links[name] if name else self._heaviest[robot]
 
     def _plan(self, at_ns: int, work: Callable[[], None]) -> None:
         self._count += 1

@@ -1,27 +1,29 @@
-"""Makes the world that a plant file of the engine `mujoco` describes: the door of this room for the virtual drives.
+"""Makes the world that plant files of the engine `mujoco` describe: the door of this room for the virtual drives.
 
-Mistakes are told before anything runs, each in a sentence; what was guessed of the robot is kept in the world's notes.
+Mistakes are told before anything runs, each in a sentence; what was guessed of the robots is kept in the world's notes.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.errors import ConfigError
+from canopen_control.errors import ConfigError, nearest
 from canopen_control.physics import require_physics
-from canopen_control.physics.physics_file import PhysicsError, PhysicsFile, axis_address, read_physics_file
-from canopen_control.physics.world_file import WorldDescription, read_world_description
+from canopen_control.physics.physics_file import Floor, PhysicsError, PhysicsFile, axis_address, read_physics_file
+from canopen_control.physics.world_file import RobotStart, Start, WorldDescription, read_world_description
 from canopen_control.urdf.description import read_description
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping
     from pathlib import Path
 
-    from canopen_control.physics.body_model import Body
+    from canopen_control.physics.body_model import Body, PreparedRobot
     from canopen_control.physics.physics_world import PhysicsWorld
+    from canopen_control.physics.world_robot import WorldRobot
     from canopen_control.physics.world_sensors import WorldSensor
 
-__all__ = ["make", "make_of"]
+__all__ = ["make", "make_of", "make_shared"]
 
 
 def make(path: Path) -> PhysicsWorld:
@@ -32,52 +34,139 @@ def make(path: Path) -> PhysicsWorld:
 
 def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
     """Return the world of a plant file that was read already, at `path`."""
-    from canopen_control.physics.disturbances import Disturbances  # 150 ms
-    from canopen_control.physics.physics_world import PhysicsWorld
-    from canopen_control.physics.world_sensors import WorldSensor
-
     world = read_world_description(path.parent / file.world) if file.world else WorldDescription()
-    sensors = [WorldSensor(name, each.kind, each.link, each.noise, each.reach) for name, each in file.sensors.items()]
-    body, notes = (_of_mjcf if file.mjcf else _of_urdf)(file, path, world, sensors)
-    disturbances = Disturbances(body, world.floor or file.floor, world)
-    try:
-        disturbances.check()
-    except ConfigError as error:
-        raise PhysicsError(f"{path.parent / file.world}: {error}") from error
-    axes = {axis_address(name): axis for name, axis in file.axes.items()}
-    return PhysicsWorld(body, axes, disturbances, (*notes, *body.notes), sensors)
+    if world.robots:
+        raise PhysicsError(f"{path.parent / file.world}: it has robots of its own: canopen-control run --world FILE")
+    sensors = _sensors(file)
+    floor, where = world.floor or file.floor, path.parent / file.world
+    notes: tuple[str, ...] = ()
+    if file.mjcf:
+        body = _of_mjcf(file, path, world, sensors)
+    else:
+        robot, notes = _prepared(file, path, floor, world.start or Start(), sensors)
+        body = _alone(robot, world, file)
+    robots = {"": _in_world("", body, file, path, sensors)}
+    return _world(robots, world, floor, where, (*notes, *body.notes))
 
 
-def _of_urdf(
-    file: PhysicsFile, path: Path, world: WorldDescription, sensors: Sequence[WorldSensor]
-) -> tuple[Body, tuple[str, ...]]:
-    """Return the body of a description, and what of it was guessed."""
-    from canopen_control.physics.body_model import build, read_spec
-    from canopen_control.physics.urdf_repair import guessed_masses, repaired
+def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
+    """Return one world of several robots, from their plant files by name; the file `where` has where they begin."""
+    from canopen_control.physics.shared_model import joined
 
-    description = read_description(path.parent / file.urdf, mappings=file.arguments)
-    urdf = repaired(description)
-    body = build(
-        read_spec(urdf, description.path),
-        description,
-        {axis.joint: axis for axis in file.axes.values()},
-        world.floor or file.floor,
-        step=file.step_ms * 1e-3,
-        density=file.density,
-        free=None if file.base is None else file.base == "free",
-        path=str(path),
-        world=world,
-        sensors=sensors,
-    )
-    return body, (*urdf.notes, *guessed_masses(urdf, file.density))
+    require_physics()
+    world = read_world_description(where)
+    starts = {each.name: each for each in world.robots}
+    floor = world.floor or Floor()
+    members, notes = {}, list[str]()
+    for name, path in plants.items():
+        if name not in starts:
+            raise PhysicsError(f"{where}: there is no robot {name!r} in it{nearest(name, starts)}")
+        members[name] = _member(name, path, floor, starts[name])
+        notes += [f"{name}: {note}" for note in members[name].notes]
+    model = joined({name: (each.robot, starts[name]) for name, each in members.items()}, world, str(where))
+    robots = {}
+    for name, each in members.items():
+        body = each.robot.body(model, f"{name}/")
+        robots[name] = _in_world(name, body, each.file, each.path, each.sensors)
+    return _world(robots, world, floor, where, tuple(notes))
 
 
-def _of_mjcf(
-    file: PhysicsFile, path: Path, world: WorldDescription, sensors: Sequence[WorldSensor]
-) -> tuple[Body, tuple[str, ...]]:
+def _of_mjcf(file: PhysicsFile, path: Path, world: WorldDescription, sensors: list[WorldSensor]) -> Body:
     """Return the body of an MJCF file, which guesses nothing."""
     from canopen_control.physics.mjcf_model import build_mjcf
 
     axes = {axis.joint: axis for axis in file.axes.values()}
     scene = path.parent / file.mjcf
-    return build_mjcf(scene, axes, step=file.step_ms * 1e-3, path=str(path), world=world, sensors=sensors), ()
+    return build_mjcf(scene, axes, step=file.step_ms * 1e-3, path=str(path), world=world, sensors=sensors)
+
+
+def _alone(robot: PreparedRobot, world: WorldDescription, file: PhysicsFile) -> Body:
+    """Return a robot in a world of its own."""
+    from canopen_control.physics.body_model import alone
+
+    return alone(robot, world, file.step_ms * 1e-3, file.urdf)
+
+
+@dataclass(frozen=True)
+class _Member:
+    """One of several robots, as its plant file has it."""
+
+    file: PhysicsFile
+    path: Path
+    robot: PreparedRobot
+    sensors: list[WorldSensor]
+    notes: tuple[str, ...]
+
+
+def _member(name: str, path: Path, floor: Floor, start: RobotStart) -> _Member:
+    file = read_physics_file(path)
+    for key in ("mjcf", "world"):
+        if getattr(file, key):
+            raise PhysicsError(f"{path}: {key}: goes with a robot alone; {name} shares a world with others")
+    sensors = _sensors(file)
+    robot, notes = _prepared(file, path, floor, start, sensors)
+    return _Member(file, path, robot, sensors, (*notes, *robot.notes))
+
+
+def _sensors(file: PhysicsFile) -> list[WorldSensor]:
+    from canopen_control.physics.world_sensors import WorldSensor  # 150 ms
+
+    return [WorldSensor(name, each.kind, each.link, each.noise, each.reach) for name, each in file.sensors.items()]
+
+
+def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: list[WorldSensor]) -> WorldRobot:
+    """Return a robot with its axes and encoders; PhysicsError for an encoder on no joint."""
+    from canopen_control.physics.world_robot import WorldRobot
+
+    joints = [str(body.model.joint(number).name) for number in range(body.model.njnt)]
+    own = [each.removeprefix(body.prefix) for each in joints if each.startswith(body.prefix)]
+    problems = [
+        f"{path}:{each.here.line}:{each.here.column}: there is no joint {each.joint!r} for an encoder to sit on"
+        f"{nearest(each.joint, own)}"
+        for each in file.encoders.values()
+        if each.joint not in own
+    ]
+    if problems:
+        raise PhysicsError("\n".join(problems))
+    axes = {axis_address(each): axis for each, axis in file.axes.items()}
+    encoders = {axis_address(each)[:2]: encoder for each, encoder in file.encoders.items()}
+    return WorldRobot(name, body, axes, sensors, encoders)
+
+
+def _world(
+    robots: Mapping[str, WorldRobot], world: WorldDescription, floor: Floor, where: Path, notes: tuple[str, ...]
+) -> PhysicsWorld:
+    """Put robots into a world; PhysicsError for what is to happen and cannot."""
+    from canopen_control.physics.disturbances import Disturbances
+    from canopen_control.physics.physics_world import PhysicsWorld
+
+    disturbances = Disturbances({name: robot.body for name, robot in robots.items()}, floor, world)
+    try:
+        disturbances.check()
+    except ConfigError as error:
+        raise PhysicsError(f"{where}: {error}") from error
+    return PhysicsWorld(robots, disturbances, notes)
+
+
+def _prepared(
+    file: PhysicsFile, path: Path, floor: Floor, start: Start, sensors: list[WorldSensor]
+) -> tuple[PreparedRobot, tuple[str, ...]]:
+    """Return the robot of a description before it is in a world, and what of it was guessed."""
+    from canopen_control.physics.body_model import prepared, read_spec
+    from canopen_control.physics.urdf_repair import guessed_masses, repaired
+
+    description = read_description(path.parent / file.urdf, mappings=file.arguments)
+    urdf = repaired(description)
+    robot = prepared(
+        read_spec(urdf, description.path),
+        description,
+        {axis.joint: axis for axis in file.axes.values()},
+        floor,
+        step=file.step_ms * 1e-3,
+        density=file.density,
+        free=None if file.base is None else file.base == "free",
+        path=str(path),
+        start=start,
+        sensors=sensors,
+    )
+    return robot, (*urdf.notes, *guessed_masses(urdf, file.density))

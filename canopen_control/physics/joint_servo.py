@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from canopen_control.physics.body_model import JointPlace, Motor
+    from canopen_control.physics.body_model import JointPlace
+    from canopen_control.physics.motor_estimate import Motor
     from canopen_control.physics.physics_file import AxisSettings
     from canopen_control.virtual.plant import Leader
     from canopen_control.virtual.trajectory import Trajectory
@@ -48,6 +49,10 @@ class ServoLoop:
     def rest(self, torque: float = 0.0) -> None:
         """Forget what the loops had gathered; they go on from a torque."""
         self._integral = torque
+
+    def begin(self) -> None:
+        """Forget where the joint was too: it has been put elsewhere."""
+        self._place, self._velocity, self._integral = None, 0.0, 0.0
 
     def torque(self, angle: float, position: float, velocity: float, limit: float) -> float:
         """Return the torque that brings a joint at `angle` to a position and a velocity, within a limit."""

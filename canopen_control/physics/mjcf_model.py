@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 
 from canopen_control.errors import nearest
-from canopen_control.physics.body_model import Body, compiled, estimated_motors, give_locks, placed
+from canopen_control.physics.body_model import Body, compiled, give_locks, placed
 from canopen_control.physics.ground_contact import Ground
+from canopen_control.physics.motor_estimate import estimated_motors
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.scenery import add_scenery
 from canopen_control.physics.world_sensors import add_sensors

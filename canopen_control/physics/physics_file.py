@@ -9,6 +9,9 @@
     axes:
       "3": {joint: left_wheel_joint, scale_pos_to_dev: -254.65, rated_torque: 0.5, peak_torque: 1.0}
       "3/1": {joint: lift_joint, scale_pos_to_dev: 1000}         # axis 1 of node 3
+      "arm:4": {joint: arm_joint, scale_pos_to_dev: 1000}        # of node 4 on the bus `arm`, of several buses
+    encoders:                        # CiA 406 nodes on the shafts of joints, also of those that no drive moves
+      "5": {joint: lift_joint, gear: 2, reversed: true}
 
 What an axis does not say is estimated from the masses of the robot, see `body_model`.
 """
@@ -31,7 +34,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DENSITY",
+    "AxisAddress",
     "AxisSettings",
+    "EncoderSettings",
     "Floor",
     "PhysicsError",
     "PhysicsFile",
@@ -41,6 +46,8 @@ __all__ = [
 ]
 
 _AXES = 8  # of a node
+AxisAddress = tuple[str, int, int]
+"""The bus of several ("": the main one), the node id, and the axis of the node."""
 DENSITY = 1000.0
 
 
@@ -95,6 +102,21 @@ class SensorSettings:
 
 
 @dataclass(frozen=True)
+class EncoderSettings:
+    """What an encoder sits on: a joint, behind a `gear`, which are turns (m) of the joint for one of the encoder."""
+
+    joint: str
+    gear: float = setting(1.0, low=1e-6)
+    reversed: bool = False
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+    @property
+    def factor(self) -> float:
+        """Rad or m of the encoder for each of the joint."""
+        return (-1.0 if self.reversed else 1.0) / self.gear
+
+
+@dataclass(frozen=True)
 class PhysicsFile:
     """The file as a whole; `arguments` are those of a xacro, `density` in kg/m3 is that of links without masses."""
 
@@ -108,15 +130,17 @@ class PhysicsFile:
     density: float = setting(DENSITY, low=1.0, high=30_000.0)
     floor: Floor = Floor()
     world: str = ""
+    encoders: dict[str, EncoderSettings] = setting(factory=dict)  # noqa: RUF009 - makes a field
     sensors: dict[str, SensorSettings] = setting(factory=dict)  # noqa: RUF009 - makes a field
     here: Node = position()  # noqa: RUF009 - makes a field
 
 
-def axis_address(name: str) -> tuple[int, int]:
-    """Return node id and axis of ``3`` or ``3/1``; ValueError where it is neither."""
-    node, _, axis = name.partition("/")
-    address = int(node), int(axis or "0")
-    if not (1 <= address[0] <= MAX_NODE_ID and 0 <= address[1] < _AXES):
+def axis_address(name: str) -> AxisAddress:
+    """Return bus, node id and axis of ``3``, ``3/1`` or ``BUS:3/1``; ValueError where it is none of them."""
+    bus, _, place = name.rpartition(":")
+    node, _, axis = place.partition("/")
+    address = bus, int(node), int(axis or "0")
+    if not (1 <= address[1] <= MAX_NODE_ID and 0 <= address[2] < _AXES):
         raise ValueError(name)
     return address
 
@@ -134,8 +158,15 @@ def _check(file: PhysicsFile, _problems: Problems) -> None:
         try:
             axis_address(name)
         except ValueError:
-            axis.here.error(f'{name!r} is no axis: write "3" for node 3, or "3/1" for its axis 1')
+            axis.here.error(
+                f'{name!r} is no axis: write "3" for node 3, "3/1" for its axis 1, "BUS:3" of several buses'
+            )
         if axis.scale_pos_to_dev == 0.0:
             axis.here.error("scale_pos_to_dev is 0: write how many counts of the drive a rad of the joint is")
         if joints.setdefault(axis.joint, name) != name:
             axis.here.error(f"joint {axis.joint} is moved by axis {joints[axis.joint]} already")
+    for name, encoder in file.encoders.items():
+        try:
+            axis_address(name)
+        except ValueError:
+            encoder.here.error(f'{name!r} is no node: write "5" for node 5, "BUS:5" of several buses')

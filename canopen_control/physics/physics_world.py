@@ -3,112 +3,110 @@
 The world lives on a grid of its own steps. Who brings one axis to a time brings all of them there, each timer of the
 others at its own time, in order; what a drive wants is read at each point of the grid. So what happens depends on what
 the drives are told and when, to the bit, and not on who looked how often. Where nothing moves and nothing wants to,
-time passes without a step.
+time passes without a step. Several robots may be in it: `side` is the world as one of them sees it.
 """
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Final
 
 import mujoco
 import numpy as np
 
 from canopen_control.physics.joint_servo import JointPlant
-from canopen_control.physics.mecanum_contact import MecanumContact
-from canopen_control.physics.world_sensors import SensorReader
-from canopen_control.physics.world_shapes import shapes_of
-from canopen_control.rpc.messages.drive import BasePose, WorldState
+from canopen_control.physics.world_shapes import patches_of, shapes_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping
 
-    from canopen_control.physics.body_model import Body, JointPlace
+    from canopen_control.physics.body_model import JointPlace
     from canopen_control.physics.disturbances import Disturbances
-    from canopen_control.physics.physics_file import AxisSettings
-    from canopen_control.physics.world_sensors import WorldSensor
-    from canopen_control.rpc.messages.drive import WorldAct, WorldShape
+    from canopen_control.physics.physics_file import AxisAddress
+    from canopen_control.physics.world_robot import WorldRobot
+    from canopen_control.rpc.messages.drive import WorldAct, WorldShape, WorldState
 
-__all__ = ["PhysicsWorld"]
+__all__ = ["PhysicsWorld", "WorldSide"]
 
 _NS: Final = 1e-9
 _AWAKE_NS, _ASLEEP_NS = 20_000_000, 200_000_000  # how often the axes are to be brought to the present
+_SHAFT_NS: Final = 5_000_000  # and where encoders show them
 _LOOK: Final = 16  # steps between two looks whether all is at rest, and at the heading
 _REST_S: Final = 0.5
 _AT_REST: Final = 1e-3  # rad/s, m/s
 _SETTLE_STEPS: Final = 300
-_BASE_DOFS: Final = 6  # of a free root, which come first
 
 
 class PhysicsWorld:
-    """The `World` of one body; `axes` are the settings of the axes by node id and number, `notes` what was guessed."""
+    """The world of some robots, by their names, and a `World` as the first of them sees it; `notes` are guesses."""
 
     def __init__(
-        self,
-        body: Body,
-        axes: Mapping[tuple[int, int], AxisSettings],
-        disturbances: Disturbances,
-        notes: tuple[str, ...] = (),
-        sensors: Sequence[WorldSensor] = (),
+        self, robots: Mapping[str, WorldRobot], disturbances: Disturbances, notes: tuple[str, ...] = ()
     ) -> None:
-        self._body, self._axes, self.model, self.notes = body, axes, body.model, notes
-        self.data = mujoco.MjData(body.model)
+        self._robots, self.notes = dict(robots), notes
+        self._first = next(iter(self._robots))
+        self.model = self._robots[self._first].body.model
+        self.data = mujoco.MjData(self.model)
         self.angles, self.speeds, self.efforts = self.data.qpos, self.data.qvel, self.data.qfrc_applied
-        self.period = float(body.model.opt.timestep)
+        self.period = float(self.model.opt.timestep)
         self.step_ns = round(self.period / _NS)
         self.steps = 0  # that were simulated
-        self._plants: dict[tuple[int, int], JointPlant] = {}
+        self._plants: dict[tuple[str, AxisAddress], JointPlant] = {}
         self._point: int | None = None  # of the grid, the last one that was reached
         self._shown = -1
         self._quiet = 0  # looks at rest, one after the other
         self._asleep = False
         self._orders: list[tuple[object, ...]] = []
-        self._heading, self._turns = 0.0, 0
         self._began: int | None = None  # point of the grid from which the world's own times count
-        self._sensors = SensorReader(self.model, self.data, sensors)
+        self._awake_ns = _SHAFT_NS if any(each.encoders for each in self._robots.values()) else _AWAKE_NS
+        for robot in self._robots.values():
+            robot.begin(self.data)
         self._settle()
         self._disturbances = disturbances
-        load = self._weight() / max(1, len(body.rollers))
-        self._rollers = [MecanumContact(self.model, self.data, each, load) for each in body.rollers]
+        for robot in self._robots.values():
+            robot.touch_down()
+        self._rolling = [robot for robot in self._robots.values() if robot.rolls_sideways]
         disturbances.block = self._block
         disturbances.begin(self.data)
         disturbances.look_at_grip()
 
-    def _weight(self) -> float:
-        """Return the weight of the robot in N."""
-        if self._body.base is None:
-            return 0.0
-        return float(self.model.body_subtreemass[self._body.base] * np.linalg.norm(self.model.opt.gravity))
-
     def _settle(self) -> None:
-        """Let it sink onto the floor before anybody looks, its driven joints held."""
-        for place in self._body.joints.values():
+        """Let all sink onto the floor before anybody looks, their driven joints held."""
+        places = [place for robot in self._robots.values() for place in robot.body.joints.values()]
+        for place in places:
             self.set_lock(place, True)
         mujoco.mj_step(self.model, self.data, _SETTLE_STEPS)
-        for place in self._body.joints.values():
+        for place in places:
             self.set_lock(place, False)
         self.data.time = 0.0
         self.speeds[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
-        self._look_at_heading()
 
     # -- the axes
 
     @property
     def period_ns(self) -> int | None:
         """How often the axes want to be brought to the present, although nobody asks."""
-        return _ASLEEP_NS if self._asleep else _AWAKE_NS
+        return _ASLEEP_NS if self._asleep else self._awake_ns
 
     @property
     def asleep(self) -> bool:
         """Whether nothing moves, and nothing wants to."""
         return self._asleep
 
+    def side(self, robot: str, bus: str = "") -> WorldSide:
+        """Return the world as the drives of a robot on one of its buses see it; KeyError for no such robot."""
+        return WorldSide(self, self._robots[robot], bus)
+
     def plant(self, node_id: int, axis: int) -> JointPlant:
-        """Return the plant of an axis; KeyError where it has none."""
-        settings = self._axes[node_id, axis]
-        plant = JointPlant(self, self._body.joints[settings.joint], settings, self.period)
-        self._plants[node_id, axis] = plant
+        """Return the plant of an axis of the first robot, on its main bus; KeyError where it has none."""
+        return self.joint_plant(self._first, ("", node_id, axis))
+
+    def joint_plant(self, robot: str, address: AxisAddress) -> JointPlant:
+        """Return the plant of an axis of a robot; KeyError where it has none."""
+        owner = self._robots[robot]
+        settings = owner.axes[address]
+        plant = JointPlant(self, owner.body.joints[settings.joint], settings, self.period)
+        self._plants[robot, address] = plant
         return plant
 
     def set_lock(self, place: JointPlace, locked: bool) -> None:
@@ -192,23 +190,21 @@ class PhysicsWorld:
         due = self._disturbances.next_ns()
         return last if due is None else min(last, (self._began or 0) - (-due // self.step_ns))
 
-    def act(self, what: WorldAct) -> None:
+    def act(self, what: WorldAct, robot: str | None = None) -> None:
         """Let something happen now, at the time to which the world was brought."""
-        self._disturbances.act(what, self._age_ns())
+        self._disturbances.act(what, self._age_ns(), self._first if robot is None else robot)
         self.wake()
 
-    def _block(self, joint: str, on: bool) -> None:
-        for plant in self._plants.values():
-            if plant.joint == joint:
+    def _block(self, robot: str, joint: str, on: bool) -> None:
+        for (owner, _), plant in self._plants.items():
+            if owner == robot and plant.joint == joint:
                 plant.stalled = on
 
     def _step(self, clock: int, plants: Iterable[JointPlant]) -> None:
         for plant in plants:
             plant.control(clock)
-        if self._rollers:
-            self.efforts[:_BASE_DOFS] = 0.0  # the joints' own are there anew
-            for roller in self._rollers:
-                roller.add_force(self._disturbances.grip_at(float(self.angles[0]), float(self.angles[1])))
+        for robot in self._rolling:
+            robot.push_rollers(self._disturbances.grip_at)
         if self._disturbances.patched:
             self._disturbances.look_at_grip()
         mujoco.mj_step(self.model, self.data)
@@ -216,7 +212,8 @@ class PhysicsWorld:
 
     def _look_for_rest(self, plants: list[JointPlant]) -> None:
         """Fall asleep after a time in which nothing moved and nobody wanted it."""
-        self._look_at_heading()
+        for robot in self._robots.values():
+            robot.look_at_heading()
         clock = (self._point or 0) * self.step_ns
         # a trajectory equals itself alone: a new order wakes, the one that cuts the power too
         orders = [plant.order() for plant in plants]
@@ -231,43 +228,64 @@ class PhysicsWorld:
 
     # -- what there is to see
 
-    def _look_at_heading(self) -> None:
-        """Count the turns of the base, so that its heading goes on over a half turn."""
-        if self._body.base is None:
-            return
-        heading = _heading(self._rotation())
-        self._turns += round((self._heading - heading) / math.tau)
-        self._heading = heading
-
-    def _rotation(self) -> tuple[float, float, float, float]:
-        w, x, y, z = (float(each) for each in self.angles[3:7])
-        return w, x, y, z
-
     def describe(self) -> WorldState:
-        """Return the true pose of the base, and what the sensors measure."""
-        sensors = self._sensors.read()
-        if self._body.base is None:
-            return WorldState(sensors=sensors)
-        x, y, z = (float(each) for each in self.angles[:3])
-        self._look_at_heading()
-        heading = self._heading + self._turns * math.tau
-        roll, pitch = _roll_and_pitch(self._rotation())
-        return WorldState(BasePose(x, y, heading, max(0, self._shown), z=z, roll=roll, pitch=pitch), sensors=sensors)
+        """Return what the first robot is doing, see `WorldSide.describe`."""
+        return self._robots[self._first].describe(max(0, self._shown))
 
-    def shapes(self) -> tuple[WorldShape, ...]:
-        """Return what stands on the floor beside the robot."""
-        return shapes_of(self.model, self.data)
+    @property
+    def shown_ns(self) -> int:
+        """The time to which everything was brought."""
+        return max(0, self._shown)
+
+    def shapes(self, robot: str | None = None) -> tuple[WorldShape, ...]:
+        """Return what stands on the floor beside a robot, other robots too."""
+        own = self._robots[self._first if robot is None else robot].body.prefix
+        return (*patches_of(self._disturbances.patches), *shapes_of(self.model, self.data, own))
+
+    def shaft(self, node_id: int) -> Callable[[], float | None] | None:
+        """See `ShaftWorld`; of the first robot, on its main bus."""
+        return self._robots[self._first].shaft("", node_id)
+
+    def publish(self) -> None:
+        """Do nothing: no other process has to know where a shaft is."""
 
     def close(self) -> None:
         """Do nothing: there is nothing to let go of."""
 
 
-def _heading(rotation: tuple[float, float, float, float]) -> float:
-    w, x, y, z = rotation
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+class WorldSide:
+    """A `World` as the drives of one robot on one bus see it: their axes, its pose, and the others as shapes."""
 
+    def __init__(self, world: PhysicsWorld, robot: WorldRobot, bus: str) -> None:
+        self._world, self._robot, self._bus = world, robot, bus
 
-def _roll_and_pitch(rotation: tuple[float, float, float, float]) -> tuple[float, float]:
-    w, x, y, z = rotation
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return roll, math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
+    @property
+    def period_ns(self) -> int | None:
+        """See `PhysicsWorld.period_ns`."""
+        return self._world.period_ns
+
+    def plant(self, node_id: int, axis: int) -> JointPlant:
+        """Return the plant of an axis; KeyError where it has none."""
+        return self._world.joint_plant(self._robot.name, (self._bus, node_id, axis))
+
+    def describe(self) -> WorldState:
+        """Return the true pose of the base, and what the sensors measure."""
+        return self._robot.describe(self._world.shown_ns)
+
+    def act(self, what: WorldAct) -> None:
+        """Let something happen to this robot now."""
+        self._world.act(what, self._robot.name)
+
+    def shapes(self) -> tuple[WorldShape, ...]:
+        """Return what stands on the floor beside this robot."""
+        return self._world.shapes(self._robot.name)
+
+    def shaft(self, node_id: int) -> Callable[[], float | None] | None:
+        """See `ShaftWorld`."""
+        return self._robot.shaft(self._bus, node_id)
+
+    def publish(self) -> None:
+        """See `PhysicsWorld.publish`."""
+
+    def close(self) -> None:
+        """Do nothing: the world has other sides."""

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import mujoco
+import numpy as np
 
+from canopen_control.errors import ControlError, nearest
 from canopen_control.physics.body_model import build, read_spec
 from canopen_control.physics.joint_servo import ServoLoop
 from canopen_control.physics.mjcf_model import build_mjcf
@@ -25,6 +27,8 @@ from canopen_control.physics.world_sensors import FORCE, IMU, INTERFACES, RANGE,
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from canopen_control.physics.body_model import Body, JointPlace
     from canopen_control.urdf.description import Description
@@ -38,6 +42,7 @@ _SCALE: Final = 1e6  # counts for each rad of an encoder without grain
 _LONGEST_NS: Final = 200_000_000  # that one cycle may ask for; more has been lost, as on a machine that slept
 _LEAD: Final = 0.2  # rad or m that a velocity may run ahead of a joint that is held up
 _SETTLE_STEPS: Final = 300
+_STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _WORDS: Final = ((IMU, ("orientation.", "angular_velocity.", "linear_acceleration.")), (FORCE, ("force.", "torque.")))
 
 
@@ -113,6 +118,12 @@ class JointMotor:
         """Set it in motion."""
         self._robot.data.qvel[self._place.dof] = value
 
+    def rest(self) -> None:
+        """Forget what it followed, and stay where the joint is."""
+        self._target, self._place_wanted, self.effort = _Target(), self.position, 0.0
+        self._target.before = self._target.value = self._place_wanted
+        self._loop.begin()
+
     def follow(self, interface: str, target: float, seconds: float) -> None:  # noqa: ARG002 # the step of all says it
         """Take the target of a position, a velocity or an effort until the next cycle."""
         old = self._target
@@ -163,6 +174,7 @@ class SimulatedRobot:
         for place in body.joints.values():
             self.data.qpos[place.qpos] = self.model.qpos0[place.qpos]
         mujoco.mj_forward(self.model, self.data)
+        self._start: NDArray[np.float64] | None = None  # the state before the first step
         self._look()
 
     def motor(self, joint: str) -> JointMotor | None:
@@ -178,6 +190,9 @@ class SimulatedRobot:
         self._left_ns = min(_LONGEST_NS, self._left_ns + round(seconds * _NS))
         count = self._left_ns // self._period_ns
         self._left_ns -= count * self._period_ns
+        if self._start is None:
+            self._start = np.zeros(mujoco.mj_stateSize(self.model, _STATE))
+            mujoco.mj_getState(self.model, self.data, self._start, _STATE)
         motors = self._motors.values()
         for number in range(1, count + 1):
             for motor in motors:
@@ -185,6 +200,23 @@ class SimulatedRobot:
             mujoco.mj_step(self.model, self.data)
         if self._sensors:
             self._look()
+
+    def reset(self, keyframe: str) -> None:
+        """Go back to the state before the first step, or to a key frame of the model; ControlError for no such."""
+        names = [self.model.key(number).name for number in range(self.model.nkey)]
+        if keyframe:
+            if keyframe not in names:
+                there = f"; there are: {', '.join(names)}" if names else ", since its model has none"
+                raise ControlError(f"no key frame {keyframe!r}{nearest(keyframe, names)}{there}")
+            mujoco.mj_resetDataKeyframe(self.model, self.data, names.index(keyframe))
+        elif self._start is not None:
+            mujoco.mj_setState(self.model, self.data, self._start, _STATE)
+        for motor in self._motors.values():
+            motor.rest()
+        self._left_ns = 0
+        self._reader = SensorReader(self.model, self.data, self._sensors)  # its noise begins anew
+        mujoco.mj_forward(self.model, self.data)
+        self._look()
 
     def _look(self) -> None:
         for name, numbers in self._reader.read().items():

@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
     from canopen_control.physics.world_file import Box, Ramp, Wall, WorldDescription
 
-__all__ = ["add_scenery"]
+__all__ = ["BOX", "add_scenery"]
+
+BOX: Final = "box "
+"""What the name of a box begins with, before its number in the file."""
 
 _SLAB_M: Final = 0.1  # of a ramp, below its upper side
 _FIXED: Final = (1, 2)  # contype and conaffinity of the floor and what stands fast, see `body_model`
@@ -32,7 +35,7 @@ def add_scenery(spec: Any, world: WorldDescription, solref: Sequence[float]) -> 
     for number, wall in enumerate(world.walls):
         _add_wall(spec, f"wall {number}", wall, solref)
     for number, box in enumerate(world.boxes):
-        _add_box(spec, f"box {number}", box, solref)
+        _add_box(spec, f"{BOX}{number}", box, solref)
 
 
 def _add_ramp(spec: Any, name: str, ramp: Ramp, solref: Sequence[float]) -> None:  # noqa: ANN401 - as above

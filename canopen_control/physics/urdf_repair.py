@@ -1,57 +1,68 @@
 """A URDF put right for MuJoCo's reader, which would lose or refuse parts of it.
 
 It drops visuals while it reads, so that a link which is only seen would have neither shape nor mass: its visuals become
-collisions. A mesh is found by its package, since the reader knows no `package://`. What neither reader nor contacts can
-use is left out and told in the notes. A link that moves and has neither mass nor shape is a mistake of the description.
+collisions. A mesh is found by its package, since the reader knows no `package://`, and handed over as binary STL, since
+it reads neither COLLADA nor text. What neither reader nor contacts can use is left out and told in the notes. A link
+that moves and has neither mass nor shape is a mistake of the description.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
+from canopen_control.errors import ConfigError
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.urdf.package_search import find_package
+from canopen_control.urdf.meshes import find_mesh, read_mesh
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from canopen_control.urdf.description import Description
 
 __all__ = ["RepairedUrdf", "guessed_masses", "repaired"]
 
 _FOREIGN: Final = ("ros2_control", "gazebo", "transmission", "mujoco_inputs", "mujoco")
-_MESHES: Final = (".stl", ".obj")
-_PACKAGE: Final = "package://"
+_MOST_FACES: Final = 200_000  # that MuJoCo takes
+_FLAT_M: Final = 1e-9
+_HEAD: Final = 84  # bytes before the faces of binary STL
+_FACE: Final = np.dtype([("normal", "<3f4"), ("corners", "<9f4"), ("rest", "<u2")])
 
 
 @dataclass(frozen=True)
 class RepairedUrdf:
-    """The text that MuJoCo reads; `guessed` are the links whose mass their shapes give, `notes` what was left out."""
+    """The text that MuJoCo reads; `guessed` are the links whose mass their shapes give, `notes` what was left out.
+
+    `meshes` are the files that the text names, by these names.
+    """
 
     text: str
     guessed: tuple[str, ...]
     notes: tuple[str, ...]
+    meshes: dict[str, bytes] = field(default_factory=dict)
 
 
 def repaired(description: Description) -> RepairedUrdf:
     """Return a description as MuJoCo can read it; PhysicsError for what it could not make up."""
     root = ET.fromstring(description.urdf_xml)
     notes: list[str] = []
+    meshes = _Meshes()
     for tag in _FOREIGN:
         for each in root.findall(tag):
             root.remove(each)
     for link in root.findall("link"):
-        _give_shapes(link, description.path, notes)
+        _give_shapes(link, description.path, notes, meshes)
     _check_masses(root, description)
     compiler = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
     # while it reads: what it fuses or discards here cannot be had back
     compiler.attrib.update(fusestatic="false", discardvisual="false", strippath="false", balanceinertia="true")
     text = ET.tostring(root, encoding="unicode")
     guessed = tuple(link.get("name", "") for link in root.findall("link") if _is_guessed(link))
-    return RepairedUrdf(text, guessed, tuple(notes))
+    return RepairedUrdf(text, guessed, tuple(notes), meshes.contents)
 
 
 def guessed_masses(urdf: RepairedUrdf, density: float) -> tuple[str, ...]:
@@ -65,7 +76,7 @@ def _is_guessed(link: ET.Element) -> bool:
     return link.find("inertial") is None and link.find("collision") is not None
 
 
-def _give_shapes(link: ET.Element, path: str, notes: list[str]) -> None:
+def _give_shapes(link: ET.Element, path: str, notes: list[str], meshes: _Meshes) -> None:
     """Let what is seen be what touches, where the link has no collision; leave out meshes that nobody can read."""
     visuals = link.findall("visual")
     seen_only = link.find("collision") is None
@@ -78,28 +89,44 @@ def _give_shapes(link: ET.Element, path: str, notes: list[str]) -> None:
             link.remove(visual)
     for shape in link.findall("collision"):
         mesh = shape.find("geometry/mesh")
-        if mesh is not None and (why := _resolve(mesh, path)):
-            link.remove(shape)
-            notes.append(f"link {link.get('name')}: {why}; it touches nothing with that shape")
-
-
-def _resolve(mesh: ET.Element, path: str) -> str:
-    """Write the file of a mesh as MuJoCo opens it; return why it cannot be used, nothing where it can."""
-    name = mesh.get("filename", "").removeprefix("file://")
-    file = Path(name)
-    if name.startswith(_PACKAGE):
-        package, _, rest = name.removeprefix(_PACKAGE).partition("/")
+        if mesh is None:
+            continue
         try:
-            file = Path(find_package(package, path)) / rest
-        except LookupError:
-            return f"the package of its mesh {name} is not found"
-    elif not file.is_absolute():
-        file = Path(path).resolve().parent / name
-    if file.suffix.lower() not in _MESHES:
-        return f"its mesh {name} is none of {', '.join(_MESHES)}"
-    if not file.is_file():
-        return f"its mesh {name} is not there"
-    mesh.set("filename", str(file))
+            mesh.set("filename", meshes.add(find_mesh(mesh.get("filename", ""), path)))
+        except ConfigError as error:
+            link.remove(shape)
+            notes.append(f"link {link.get('name')}: {error}; it touches nothing with that shape")
+
+
+class _Meshes:
+    """Files of meshes as MuJoCo reads them, `contents` by the names under which it gets them."""
+
+    def __init__(self) -> None:
+        self.contents: dict[str, bytes] = {}
+        self._names: dict[Path, str] = {}
+
+    def add(self, file: Path) -> str:
+        """Return the name of a file, which is read once; ConfigError for what cannot be used."""
+        if file not in self._names:
+            mesh = read_mesh(file)
+            if mesh.format != "stl":
+                raise ConfigError(f"mesh {file}: {file.suffix} is drawn, and not simulated; STL, OBJ and DAE are")
+            if why := _unusable(mesh.content):
+                raise ConfigError(f"mesh {file}: {why}")
+            name = f"{file.stem}_{len(self._names)}.stl"
+            self._names[file], self.contents[name] = name, mesh.content
+        return self._names[file]
+
+
+def _unusable(stl: bytes) -> str:
+    """Return why binary STL cannot be simulated, nothing where it can."""
+    count = int.from_bytes(stl[80:84], "little")
+    if count > _MOST_FACES:
+        return f"{count} faces are more than the {_MOST_FACES} that are simulated; make a lighter one for <collision>"
+    corners = np.frombuffer(stl, _FACE, count, _HEAD)["corners"].reshape(-1, 3)
+    extents = corners.max(axis=0) - corners.min(axis=0)
+    if not (np.isfinite(extents).all() and extents.min() > _FLAT_M):
+        return "it is flat, or a number in it is none"
     return ""
 
 

@@ -12,17 +12,26 @@
       - {at: 10s, block: left_wheel_joint, for: 2s}
       - {at: 15s, friction: 0.2}
 
+Several robots in one world (`run --world FILE` alone), each with a name, buses and a program of its own:
+
+    robots:
+      - {name: robby1, robot: robby, at: [0, 0], heading: 0}          # a folder, or the name of a bundled robot
+      - {name: robby2, robot: robby, at: [2, 0], heading: 180}
+    steps: [{at: 5s, robot: robby2, push: {force: [30, 0, 0]}}]
+
 Times count from when the drives begin. Lengths in m, angles in degrees, masses in kg, forces in N.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from canopen_control.errors import nearest
 from canopen_control.physics.physics_file import Floor, PhysicsError
-from canopen_control.rpc.messages.drive import BlockJoint
+from canopen_control.rpc.messages.drive import BlockJoint, WorldAct
 from canopen_control.virtual.scenario import seconds_of
 from canopen_control.virtual.world_acts import Happening
 from canopen_control.yamlfile.convert import position, setting
@@ -33,20 +42,33 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.yamlfile.problems import Problems
 
-__all__ = ["Box", "Patch", "Ramp", "Start", "Wall", "WorldDescription", "read_world_description"]
+__all__ = ["Box", "Patch", "Ramp", "RobotStart", "Start", "Wall", "WorldDescription", "read_world_description"]
 
+MOST_ROBOTS: Final = 24
+_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,29}")
+Timed = tuple[int, str, WorldAct]
 # ruff: noqa: RUF009 - `setting` and `position` make fields
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where the robot begins, its heading in degrees."""
+    """Where a robot begins, its heading in degrees."""
 
     at: tuple[float, float] = (0.0, 0.0)
     heading: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotStart(Start):
+    """One of several robots: its name, its folder or that of a bundled robot, and the arguments of its xacro."""
+
+    name: str = setting()
+    robot: str = setting()
+    arguments: dict[str, str] = setting(factory=dict)
+    controllers: list[str] = setting(factory=list)
+    here: Node = position()
 
 
 @dataclass(frozen=True)
@@ -108,15 +130,16 @@ class WorldStep(Happening):
 
     at: float | str
     length: float | str | None = setting(None, key="for")
+    robot: str = ""
     here: Node = position()
 
-    def timed(self) -> Iterator[tuple[int, WorldAct]]:
-        """Yield what happens, each with its time in ns."""
+    def timed(self) -> Iterator[Timed]:
+        """Yield what happens, each with its time in ns and the name of the robot."""
         at_ns = round(seconds_of(self.at) * 1e9)
         for act in self.acts():
-            yield at_ns, act
+            yield at_ns, self.robot, act
         if self.length is not None:
-            yield at_ns + round(seconds_of(self.length) * 1e9), BlockJoint(joint=self.block, on=False)
+            yield at_ns + round(seconds_of(self.length) * 1e9), self.robot, BlockJoint(joint=self.block, on=False)
 
 
 @dataclass(frozen=True)
@@ -124,14 +147,15 @@ class WorldDescription:
     """The file as a whole; `floor` None: as the plant file has it."""
 
     floor: Floor | None = None
-    start: Start = Start()
+    start: Start | None = None
+    robots: list[RobotStart] = setting(factory=list)
     patches: list[Patch] = setting(factory=list)
     ramps: list[Ramp] = setting(factory=list)
     boxes: list[Box] = setting(factory=list)
     walls: list[Wall] = setting(factory=list)
     steps: list[WorldStep] = setting(factory=list)
 
-    def timeline(self) -> list[tuple[int, WorldAct]]:
+    def timeline(self) -> list[Timed]:
         """Return what happens, in order; times in ns from the beginning."""
         return sorted((each for step in self.steps for each in step.timed()), key=lambda each: each[0])
 
@@ -148,6 +172,7 @@ def _check(file: WorldDescription, _problems: Problems) -> None:
     for box in file.boxes:
         if min(box.size) <= 0.0:
             box.here.error("size: the three lengths of a box are above 0")
+    _check_robots(file)
     for step in file.steps:
         if len(step.acts()) != 1:
             step.here.error("a step has one of payload, push, block and friction")
@@ -158,3 +183,23 @@ def _check(file: WorldDescription, _problems: Problems) -> None:
                 seconds_of(0.0 if value is None else value)
             except ValueError as error:
                 step.here.error(str(error))
+
+
+def _check_robots(file: WorldDescription) -> None:
+    """Tell names that are none or are given twice, and robots of steps that are not there."""
+    if file.robots and file.start is not None:
+        file.robots[0].here.error("each robot has its own at and heading; leave `start` away")
+    names: set[str] = set()
+    for robot in file.robots:
+        if _NAME.fullmatch(robot.name) is None:  # it is that of a bus and of a ROS namespace too
+            robot.here.error(f"name: {robot.name!r} is none: a letter, then letters, digits and _, 30 at most")
+        if robot.name in names:
+            robot.here.error(f"a robot named {robot.name} is there already; name this one otherwise")
+        names.add(robot.name)
+    if len(file.robots) > MOST_ROBOTS:
+        file.robots[MOST_ROBOTS].here.error(f"{len(file.robots)} robots: a world has {MOST_ROBOTS} at most")
+    for step in file.steps:
+        if step.robot and step.robot not in names:
+            step.here.error(f"there is no robot {step.robot!r} in this file{nearest(step.robot, names)}")
+        if names and not step.robot and step.friction is None:
+            step.here.error(f"robot: say of which robot: {', '.join(sorted(names))}")

@@ -75,14 +75,24 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
 
 
 class SensorReader:
-    """Reads the sensors of a state; what noise adds depends on the seed and on how often they were read."""
+    """Reads the sensors of a state, those of one robot by its `prefix` in the model.
 
-    def __init__(self, model: Any, data: Any, sensors: Sequence[WorldSensor], seed: int = 0) -> None:  # noqa: ANN401
+    What noise adds depends on the seed and on how often they were read.
+    """
+
+    def __init__(
+        self,
+        model: Any,  # noqa: ANN401 - of MuJoCo
+        data: Any,  # noqa: ANN401 - as above
+        sensors: Sequence[WorldSensor],
+        seed: int = 0,
+        prefix: str = "",
+    ) -> None:
         self._data, self._sensors = data, sensors
         self._random = random.Random(seed)
         self._places: dict[str, list[tuple[int, int]]] = {}
         for each in sensors:
-            parts = [model.sensor(f"{each.name} {number}") for number in range(len(_PARTS[each.kind]))]
+            parts = [model.sensor(f"{prefix}{each.name} {number}") for number in range(len(_PARTS[each.kind]))]
             self._places[each.name] = [(int(part.adr[0]), int(part.adr[0]) + int(part.dim[0])) for part in parts]
 
     def read(self) -> dict[str, tuple[float, ...]]:

@@ -28,10 +28,11 @@ from canopen_control.ros.nodes import NodeView, nodes_of
 from canopen_control.ros.on_node import OnNode
 from canopen_control.ros.rcl import ros_seconds
 from canopen_control.ros.robot_description import RobotDescription
-from canopen_control.ros.ros_time import RosTime
+from canopen_control.ros.ros_time import RosTime, wants_sim_time
 from canopen_control.ros.rosout import Rosout
 from canopen_control.ros.shared_twist import SharedTwist
 from canopen_control.ros.sim_clock import SimClock
+from canopen_control.ros.simulation_services import SimulationServices
 from canopen_control.ros.spinner import Spinner
 from canopen_control.ros.table import endpoints_for
 from canopen_control.ros.throttle import Refusals, Throttle
@@ -115,6 +116,7 @@ class Session:
             lambda: Events(ros),
             lambda: Rosout(ros, nodes),
             lambda: SimClock(ros),
+            lambda: SimulationServices(ros),
             lambda: GroundTruth(ros),
             lambda: ControllerManagerServices(self._nodes.of(MANAGER)),
             lambda: Activity(self._nodes.of(MANAGER)),
@@ -157,6 +159,7 @@ class Session:
         self._mailbox.interval_ns = round(status.cycle.period_s * 1e9)
         self._rate = stream_rate(status.cycle, self._options.rate)
         namespace = str(self.node.get_namespace())
+        self._time.in_simulation = wants_sim_time(client)
         nodes = nodes_of(client.ask(GetNodes()), namespace, client.ask(GetLayout()), status.nodes)
         self._make_common(client.ask(GetDescription()).urdf, nodes)
         client.ask(Subscribe(state_rate=self._options.rate or self._rate, events=True))

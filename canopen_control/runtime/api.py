@@ -19,6 +19,7 @@ from canopen_control.runtime.api_control import answer_control
 from canopen_control.runtime.api_gripper import GripperMethods
 from canopen_control.runtime.api_objects import ObjectMethods
 from canopen_control.runtime.api_parameters import ParameterMethods
+from canopen_control.runtime.api_simulation import SimulationMethods
 from canopen_control.runtime.api_trajectories import TrajectoryMethods
 from canopen_control.runtime.process_data import ProcessDataFeed
 from canopen_control.runtime.status import (
@@ -82,6 +83,7 @@ class ApiServer:
         self._trajectories = TrajectoryMethods(robot, self._server, self._keep)
         self._grippers = GripperMethods(robot, self._server, self._keep, self._trajectories.promise)
         ParameterMethods(robot, self._server)
+        SimulationMethods(robot, self._server)
         self._server.check()
         self._server.on_done = self._push_request
         robot.after_cycle.append(self._after_cycle)

@@ -78,7 +78,7 @@ def _switch(robot: RobotCore, call: Call[messages.SwitchControllers]) -> None:
 
 def _set_measured_states(robot: RobotCore, call: Call[messages.SetMeasuredStates]) -> None:
     controller = robot.manager.get(call.request.controller)
-    controller.set_measured_states(call.request.values, robot.reactor.now())
+    controller.set_measured_states(call.request.values, robot.cycle.clock.now())
     call.reply(Done())
 
 

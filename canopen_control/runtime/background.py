@@ -14,6 +14,9 @@ from canopen_control.errors import CanopenError
 from canopen_control.runtime.run_session import RunOptions, Session
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.runtime.core import RobotCore
     from canopen_control.runtime.setup import RobotSetup
 
 __all__ = ["BackgroundRobot"]
@@ -23,11 +26,19 @@ _SETTLED = ("running", "stop_latched")  # what is latched waits for `release` wi
 
 
 class BackgroundRobot:
-    """A robot that runs between `start` and `shutdown`; both may be called from any thread."""
+    """A robot that runs between `start` and `shutdown`; both may be called from any thread.
 
-    def __init__(self, setup: RobotSetup, options: RunOptions | None = None) -> None:
+    `prepare` is called with its core, on its own thread, before it boots.
+    """
+
+    def __init__(
+        self,
+        setup: RobotSetup,
+        options: RunOptions | None = None,
+        prepare: Callable[[RobotCore], object] | None = None,
+    ) -> None:
         self.name = setup.name
-        self._setup, self._options = setup, options or RunOptions()
+        self._setup, self._options, self._prepare = setup, options or RunOptions(), prepare
         self._session: Session | None = None
         self._thread: threading.Thread | None = None
         self._settled = threading.Event()  # runs, or has failed
@@ -70,6 +81,8 @@ class BackgroundRobot:
             self._session = session = Session(self._setup, self._options)
             try:
                 session.robot.on_event = lambda event: self._settled.set() if event.kind in _SETTLED else None
+                if self._prepare is not None:
+                    self._prepare(session.robot)
                 session.start()
                 session.reactor.run()
                 if session.robot.failure is not None:

@@ -181,7 +181,7 @@ class RobotCore:
         self.report(Event(now, "stopping", "", f"stopping: {why}"))
         self._phase, self.cycle.advance = RobotState.STOPPING, self._advance
         self._stopping_until = now + STOP_TIMEOUT_NS
-        self.manager.running.forget(now, f"the robot is stopping ({why})")
+        self.manager.running.forget(self.cycle.clock.now(), f"the robot is stopping ({why})")
         self._release_all(now)
         if not self.pacer.running:  # it has not begun: nothing turns, and no cycle would end it
             self._end("has stopped before it began")
@@ -189,6 +189,7 @@ class RobotCore:
     def close(self) -> None:
         """Leave everything at once; for the end, or after a failed start."""
         self.pacer.stop()
+        self.cycle.clock.end()
         for bus in self.buses.values():
             bus.close()
         for request in self._requests:
@@ -222,15 +223,16 @@ class RobotCore:
         """
         self.latch.refuse("a command to", controller)
         require_active(self.setup, self.manager, controller)
-        made = None if stamp is None else round(stamp * 1e9) - self.wall_offset_ns
-        self.manager.command(controller, values, self.reactor.now(), made, source=source, holder=holder)
+        clock = self.cycle.clock
+        made = None if stamp is None else round(stamp * 1e9) - self.wall_offset_ns - clock.stood_ns
+        self.manager.command(controller, values, clock.now(), made, source=source, holder=holder)
         self.commander = source
 
     def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:
         """Hand a goal to a controller; with a `holder` it ends when `let_go` says that he is gone."""
         self.latch.refuse("a goal to", controller)
         require_active(self.setup, self.manager, controller)
-        self.manager.send_goal(controller, goal, self.reactor.now(), source=source, holder=holder)
+        self.manager.send_goal(controller, goal, self.cycle.clock.now(), source=source, holder=holder)
         self.commander = source
 
     def let_go(self, holder: object, why: str = "is gone") -> None:
@@ -253,7 +255,7 @@ class RobotCore:
             self.report(Event(now, "stop", "", "stop was commanded", Level.WARNING))
         else:
             self.latch.hold(latched_by, now)
-        self.manager.running.forget(now, f"stop was commanded by {latched_by or by}")
+        self.manager.running.forget(self.cycle.clock.now(), f"stop was commanded by {latched_by or by}")
         for system in self.systems:
             system.stop(now)
         self._requests.append(AxisRequest(tuple(self.joints.values()), Action.DISABLE, now + STOP_TIMEOUT_NS, done))
@@ -279,7 +281,7 @@ class RobotCore:
         joints, together = whole_bases(axes_of(self.nodes, self.joints.values(), name, joint), action)
         extra_ns = begin_action(action, joints, self.systems, now, method=method, mode=mode)
         if action in ALONE:
-            self.manager.running.set_aside([each.joint for each in joints], now)
+            self.manager.running.set_aside([each.joint for each in joints], self.cycle.clock.now())
         self._requests.append(AxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + extra_ns, done))
         if together:
             self.report(Event(now, "together", "", together))

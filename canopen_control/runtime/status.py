@@ -42,7 +42,7 @@ def status_message(robot: RobotCore) -> Status:
     return Status(
         robot=robot.setup.name,
         state=robot.state.value,
-        hint=robot.hint,
+        hint=robot.cycle.clock.hint or robot.hint,
         latched=robot.latch.held,
         latched_by=robot.latch.by,
         cycle=_cycle(robot),
@@ -64,7 +64,7 @@ def state_sample(robot: RobotCore) -> StateSample:
     return StateSample(
         time=(robot.reactor.now() + robot.wall_offset_ns) / 1e9,
         state=robot.state.value,
-        hint=robot.hint,
+        hint=robot.cycle.clock.hint or robot.hint,
         latched=robot.latch.held,
         latched_by=robot.latch.by,
         cycle=_cycle(robot),
@@ -74,7 +74,8 @@ def state_sample(robot: RobotCore) -> StateSample:
         true_pose=robot.truth.reading,
         load={name: bus.load for name, bus in robot.buses.items()},
         sim_time=simulated_seconds(robot),
-        samples=robot.manager.running.samples(robot.wall_offset_ns),
+        sim_epoch=simulated_epoch(robot),
+        samples=robot.manager.running.samples(robot.wall_offset_ns + robot.cycle.clock.stood_ns),
     )
 
 
@@ -82,6 +83,14 @@ def simulated_seconds(robot: RobotCore) -> float | None:
     """Return how long the simulation has run, for `/clock`; None if nothing is simulated."""
     times = (each.simulated_ns for each in robot.registry.components)
     return next((each / 1e9 for each in times if each is not None), None)
+
+
+def simulated_epoch(robot: RobotCore) -> float | None:
+    """Return the Unix seconds at which the simulation would have begun, had its time never stood; None as above."""
+    seconds, clock = simulated_seconds(robot), robot.cycle.clock
+    if seconds is None or not clock.simulated:
+        return None
+    return (clock.edge + clock.stood_ns + robot.wall_offset_ns) / 1e9 - seconds
 
 
 def nodes_message(robot: RobotCore) -> NodeListing:

@@ -40,6 +40,8 @@ _MODE_WORDS: Final = {
     OperationMode.CSP: "cyclic synchronous position: a position every SYNC",
     OperationMode.PP: "profile position: the drive goes there by itself (0x6081, 0x6083, 0x6084)",
     OperationMode.IP: "interpolated position: a position every SYNC",
+    OperationMode.TQ: "profile torque: the drive ramps by itself (0x6087)",
+    OperationMode.CST: "cyclic synchronous torque: a torque every SYNC",
 }
 _RAMPED: Final = (OperationMode.PV, OperationMode.PP)
 _EVERY: Final = tuple(_MODE_WORDS)
@@ -85,7 +87,7 @@ def _head(robot: NewRobot) -> list[str]:
             f"  baudrate: {robot.baudrate}", "kbit/s, as the devices are set; with real CAN the interface has it too"
         ),
         remark(f"  sync_period: {robot.sync_us}", "us: the cycle of the whole robot: feedback, controllers, commands"),
-        remark("  heartbeat_producer: 100", "ms: by this the devices notice when this computer dies"),
+        remark(f"  heartbeat_producer: {robot.heartbeat_ms}", "ms: by this the devices notice when this computer dies"),
     ]
 
 
@@ -132,13 +134,15 @@ def _kept(robot: NewRobot, node: NewNode) -> list[str]:
 def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
     watched, lines = node.supervision, list[str]()
     if watched.producer and not watched.guarding:
-        lines.append(remark("heartbeat_producer: 100", "ms (0x1017): by this the master notices when the device dies"))
+        told = "ms (0x1017): by this the master notices when the device dies"
+        lines.append(remark(f"heartbeat_producer: {robot.heartbeat_ms}", told))
     if watched.consumer:
         lines.append(remark("heartbeat_consumer: true", "0x1016: the device watches the master ..."))
     if watched.consumer or not watched.guarding:
         lines.append(remark("heartbeat_multiplier: 5", "... and either side waits for five heartbeats"))
     if watched.guarding:
-        lines.append(remark("guard_time: 100", "ms (0x100C): node guarding, as it cannot watch heartbeats"))
+        told = "ms (0x100C): node guarding, as it cannot watch heartbeats"
+        lines.append(remark(f"guard_time: {robot.heartbeat_ms}", told))
         lines.append(remark("life_time_factor: 5", "0x100D: either side waits five guard times"))
     if robot.allow_unsupervised and node.drive is not None and not watched.stops_alone:
         lines.append(remark("allow_unsupervised: true", "NOTHING stops this drive when this computer dies"))

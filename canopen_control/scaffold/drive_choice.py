@@ -3,7 +3,8 @@
 A device may have several axes, the profile again 0x800 higher for each: all of them are moved, in one mode for each
 kind of interface, since bus.yml has one for a node, and their objects share the device's PDOs.
 Velocity before position, as far as 0x6502 and the mappable targets let it. What the drive ramps itself (PV, PP is after
-CSP, which ros2_control's position controllers expect) needs no set-point every cycle. Units are those of the EDS's
+CSP, which ros2_control's position controllers expect) needs no set-point every cycle. A torque only where it is
+asked for. Units are those of the EDS's
 defaults (0x608F, 0x6091, 0x6092, 0x60A9), else a guess that is called one.
 """
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, ObjectDictionary
 
 __all__ = [
+    "EFFORT",
     "POSITION",
     "VELOCITY",
     "AxisChoice",
@@ -35,6 +37,7 @@ __all__ = [
     "supervision_of",
 ]
 
+EFFORT: Final = "effort"
 POSITION: Final = "position"
 VELOCITY: Final = "velocity"
 GUESSED_COUNTS: Final = 4096.0
@@ -51,8 +54,17 @@ _CANDIDATES: Final[dict[str, tuple[tuple[OperationMode, Address], ...]]] = {
         (OperationMode.PP, (objects.TARGET_POSITION, 0)),
         (OperationMode.IP, (objects.INTERPOLATION_DATA, 1)),
     ),
+    EFFORT: (
+        (OperationMode.TQ, (objects.TARGET_TORQUE, 0)),
+        (OperationMode.CST, (objects.TARGET_TORQUE, 0)),
+    ),
 }
-_WITH_SYNC: Final = (OperationMode.CSP, OperationMode.CSV, OperationMode.IP)  # their set-points act with SYNC
+_WITH_SYNC: Final = (
+    OperationMode.CSP,
+    OperationMode.CSV,
+    OperationMode.CST,
+    OperationMode.IP,
+)  # their set-points act with SYNC
 _ON_ARRIVAL: Final = 255
 _MODE_OBJECTS: Final = {
     objects.MODES_OF_OPERATION: "by which a mode of operation is chosen",

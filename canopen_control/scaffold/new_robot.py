@@ -93,7 +93,8 @@ class NewNode:
 class NewRobot:
     """A robot that has no files yet; `sync_us` is the period of SYNC in us, `baudrate` in kbit/s.
 
-    `eds_names` says what the copies of EDS files are called, where that is decided.
+    `heartbeat_ms` is how often either side tells that it is there, or is asked. `eds_names` says what the copies of
+    EDS files are called, where that is decided.
     """
 
     name: str
@@ -102,6 +103,7 @@ class NewRobot:
     master_id: int
     baudrate: int
     sync_us: int = 20_000
+    heartbeat_ms: int = 100
     allow_unsupervised: bool = False
     eds_names: dict[Path, str] = field(default_factory=dict)
 
@@ -132,8 +134,12 @@ def plan_robot(
     joints: Sequence[str] = (),
     base: str = "none",
     allow_unsupervised: bool = False,
+    interfaces: Sequence[str] = (),
 ) -> NewRobot:
-    """Choose everything; RobotConfigError says all that is wrong, one sentence a line."""
+    """Choose everything; RobotConfigError says all that is wrong, one sentence a line.
+
+    `interfaces` are what every joint may be commanded by, the best first; without any it is what the base needs.
+    """
     check_robot_name(name)
     axes = sum(len(axes_of(device.od)) for device in devices)
     problems = [*_wrong_ids(devices), *_wrong_joints(joints, axes, devices), *_wrong_base(base, axes)]
@@ -146,7 +152,7 @@ def plan_robot(
         if not count:
             nodes.append(_device_node(device))
             continue
-        wanted = [BASES[base].interfaces(axes, each) for each in range(number, number + count)]
+        wanted = [interfaces or BASES[base].interfaces(axes, each) for each in range(number, number + count)]
         mirrored = [BASES[base].mirrored(axes, each) for each in range(number, number + count)]
         try:
             nodes.append(_drive_node(device, names[number : number + count], wanted, mirrored))

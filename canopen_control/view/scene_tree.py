@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, NotRequired, TypedDict
 
 from canopen_control.errors import ConfigError
 from canopen_control.urdf.geometry import ORIGIN
-from canopen_control.view.meshes import find_mesh, read_mesh
+from canopen_control.urdf.meshes import find_mesh, read_mesh
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

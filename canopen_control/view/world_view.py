@@ -28,13 +28,15 @@ _TIMEOUT_S: Final = 1.0
 
 
 class _ShapeDocument(TypedDict):
-    """A shape in the world: m, and the quaternion w, x, y, z."""
+    """A shape in the world: m, and the quaternion w, x, y, z; `robot` is the other one that it is part of."""
 
     shape: str
     size: Sequence[float]
     position: Sequence[float]
     wxyz: Sequence[float]
     moves: bool
+    robot: str
+    grip: float
 
 
 class WorldDocument(TypedDict):
@@ -84,4 +86,6 @@ def _drawn(shape: WorldShape) -> _ShapeDocument:
         "position": list(shape.position),
         "wxyz": list(shape.rotation),
         "moves": shape.moves,
+        "robot": shape.robot,
+        "grip": shape.grip,
     }

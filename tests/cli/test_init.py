@@ -124,7 +124,7 @@ def found(monkeypatch, *nodes):
     """Let a scan find these nodes."""
     survey = ScanResult("local:x", {node.node_id: node for node in nodes})
     monkeypatch.setattr(scan, "survey_channel", lambda _channel, _timeout: survey)
-    monkeypatch.setattr(init, "_ask_drives", lambda *_what: None)
+    monkeypatch.setattr(init, "ask_drives", lambda *_what: None)
 
 
 def who(product, vendor=0x286, **more):
@@ -169,10 +169,10 @@ class Answering:
 
 
 def test_what_a_drive_says_of_itself_goes_before_its_eds(here, monkeypatch):
-    ask = init._ask_drives
+    ask = init.ask_drives
     own = write_shape(here, shape(), "own.eds")
     found(monkeypatch, FoundNode(4, who(0x1234, vendor=0x99)))
-    monkeypatch.setattr(init, "_ask_drives", ask)
+    monkeypatch.setattr(init, "ask_drives", ask)
     monkeypatch.setattr(direct, "DirectBus", Answering)
     said = {(4, 0x608F, 1): 2500, (4, 0x6502, 0): 0x81}
     monkeypatch.setattr(Answering, "answers", {key: value.to_bytes(4, "little") for key, value in said.items()})

@@ -1,9 +1,29 @@
+import pytest
+
+from canopen_control.cli import stop
 from canopen_control.cli.main import main
 
 
-def test_it_says_what_it_did_and_how_to_go_on(mock_robot, capsys):
+def test_without_drives_it_says_that_the_next_command_moves(mock_robot, capsys):
     assert main(["stop"]) == 0
-    assert "axis enable all" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert said.startswith("stopped; no drive")
+    assert "stop --latch" in said
+    assert main(["command", "robby_forward_controller", "1", "1", "--once"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("latch", "release", "begin", "end"),
+    [
+        (False, False, "stopped and disabled", "axis enable all"),
+        (True, False, "stopped and disabled, and latched", "stop --release"),
+        (False, True, "released, the drives are disabled", "axis enable all"),
+    ],
+)
+def test_with_drives_it_says_what_it_did_and_how_to_go_on(latch, release, begin, end):
+    said = stop._done(latch, release, True)
+    assert said.startswith(begin)
+    assert said.endswith(end)
 
 
 def test_without_a_robot_it_is_a_usage_error(capsys):
@@ -17,5 +37,5 @@ def test_a_latched_stop_lasts_until_the_release(mock_robot, capsys):
     assert main(["command", "robby_forward_controller", "1", "1", "--once"]) == 1
     assert "STOP is latched (by canopen-control stop)" in capsys.readouterr().err
     assert main(["stop", "--release"]) == 0
-    assert "axis enable all" in capsys.readouterr().out
+    assert capsys.readouterr().out.startswith("released; ")
     assert main(["command", "robby_forward_controller", "1", "1", "--once"]) == 0

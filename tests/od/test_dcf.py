@@ -154,6 +154,14 @@ def test_a_dcf_of_a_dcf_keeps_what_it_does_not_change():
     assert "Vendor=x" in dcf_text(od, 10, 250_000)
 
 
+def test_values_that_follow_the_node_id_serve_another_one():
+    od = read_eds(SHIPPED[0]).od
+    text = dcf_text(od, 3, 500_000, {(0x1800, 1): 0x40000183, (0x1801, 1): 0x283}, relative={(0x1800, 1)})
+    assert "ParameterValue=$NODEID+0x40000180" in text
+    other = parse_eds(text.encode(), 9).od
+    assert (other[0x1800, 1].parameter_value, other[0x1801, 1].parameter_value) == (0x40000189, 0x283)
+
+
 def test_values_that_do_not_fit_are_refused():
     od = parse(eds(data_type=5)).od
     with pytest.raises(ValueError, match="0x2001:00 is not in the object dictionary"):

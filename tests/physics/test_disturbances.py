@@ -85,7 +85,7 @@ def test_less_grip_lets_a_start_slip(tmp_path):
 def test_a_patch_grips_by_where_the_wheels_are(tmp_path):
     axes = in_world(tmp_path, "patches: [{at: [0.6, 0], size: [1, 2], friction: 0.05}]")
     grips = axes.world.model.geom_friction
-    wheel = axes.world._body.wheels[0]
+    wheel = axes.world._robots[""].body.wheels[0]
     assert float(grips[wheel, 0]) == 0.8
     driving(axes, speed=20.0, seconds=1.5)
     assert 0.2 < axes.world.describe().base.x < 1.0

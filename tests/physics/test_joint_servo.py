@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from canopen_control.physics.body_model import Motor
 from canopen_control.physics.joint_servo import ServoLoop
+from canopen_control.physics.motor_estimate import Motor
 from canopen_control.physics.physics_file import AxisSettings
 
 PERIOD = 1e-3

@@ -50,7 +50,7 @@ def test_all_mistakes_are_told_at_once(tmp_path):
 
 
 def test_an_address_is_a_node_and_an_axis():
-    assert [axis_address(text) for text in ("3", "127/7")] == [(3, 0), (127, 7)]
+    assert [axis_address(text) for text in ("3", "127/7", "arm:4/1")] == [("", 3, 0), ("", 127, 7), ("arm", 4, 1)]
     for text in ("0", "128", "3/8", "three", "3/"):
         if text != "3/":
             with pytest.raises(ValueError, match=r".+"):

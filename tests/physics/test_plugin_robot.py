@@ -1,5 +1,6 @@
 import pytest
 
+from canopen_control.errors import ControlError
 from canopen_control.hardware.simulation import SimulatedSystem
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.plugin_robot import axes_of, make_simulated, sensors_of
@@ -21,13 +22,17 @@ ROBOT = """<robot name="arm">
     <sensor name="other"><state_interface name="voltage"/></sensor>
   </ros2_control></robot>"""
 MS = 1_000_000
+SCENE = (
+    '<mujoco><worldbody><body name="rod" pos="0 0 2"><joint name="swing" axis="0 1 0"/>'
+    '<geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.03" mass="2"/></body></worldbody></mujoco>'
+)
 
 
 class Moved:
     """A system on a simulated robot, stepped as a cycle does."""
 
-    def __init__(self, interface):
-        self.description = parse_description(ROBOT, "arm.urdf")
+    def __init__(self, interface, robot=ROBOT):
+        self.description = parse_description(robot, "arm.urdf")
         self.tag = self.description.hardware[0]
         self.engine = make_simulated(self.description, self.tag)
         self.system = SimulatedSystem(self.tag, self.description.joints, engine=self.engine)
@@ -60,6 +65,27 @@ def test_a_velocity_is_kept_and_an_effort_moves_what_it_can():
     assert Moved("velocity").go(-0.5, 1.0)["swing/velocity"] == pytest.approx(-0.5, rel=0.02)
     states = Moved("effort").go(0.0, 0.3)
     assert states["swing/velocity"] > 0.5  # it falls
+
+
+def test_a_reset_is_the_start_to_the_bit_with_its_noise_and_forgets_what_was_followed():
+    moved = Moved("position", ROBOT.replace('name="frame_id">', 'name="noise">0.1</param><param name="frame_id">'))
+    first = moved.go(0.9, 0.5)
+    moved.system.reset("")
+    assert moved.states()["swing/position"] == 0.5
+    assert moved.states()["swing/velocity"] == 0.0
+    assert moved.go(0.9, 0.5) == first
+
+
+def test_a_key_frame_is_where_its_model_says(tmp_path):
+    scene = tmp_path / "scene.xml"
+    scene.write_text(SCENE.replace("</mujoco>", '<keyframe><key name="up" qpos="-1.5"/></keyframe></mujoco>'))
+    description = parse_description(ROBOT, "arm.urdf")
+    engine = make_simulated(description, description.hardware[0], scene)
+    engine.step(0.02)
+    engine.reset("up")
+    assert engine.motor("swing").position == -1.5
+    with pytest.raises(ControlError, match=r"no key frame 'upp', did you mean 'up'.* there are: up"):
+        engine.reset("upp")
 
 
 def test_its_imu_measures_and_another_sensor_stays_as_it_was():
@@ -97,10 +123,7 @@ def test_a_noise_that_is_none_is_told(noise):
 
 def test_a_scene_of_its_own_has_the_joints(tmp_path):
     scene = tmp_path / "scene.xml"
-    scene.write_text(
-        '<mujoco><worldbody><body name="rod" pos="0 0 2"><joint name="swing" axis="0 1 0"/>'
-        '<geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.03" mass="2"/></body></worldbody></mujoco>'
-    )
+    scene.write_text(SCENE)
     description = parse_description(ROBOT, "arm.urdf")
     engine = make_simulated(description, description.hardware[0], scene)
     assert engine.motor("swing") is not None

@@ -2,9 +2,21 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
+from canopen_control.physics.body_model import compiled, read_spec
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.urdf_repair import repaired
 from canopen_control.urdf.description import parse_description
+from canopen_control.urdf.triangles import obj_triangles
+
+WEDGE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+FLAT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 3 2\n"
+COLLADA = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema">
+<asset><unit meter="1"/><up_axis>Z_UP</up_axis></asset><library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array count="12">0 0 0 1 0 0 0 1 0 0 0 1</float_array></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/><p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles>
+</mesh></geometry></library_geometries><library_visual_scenes><visual_scene id="s">
+<node><instance_geometry url="#g"/></node></visual_scene></library_visual_scenes></COLLADA>"""
 
 HEAD = """<robot name="r"><link name="base"><collision><geometry><box size="1 1 1"/></geometry></collision></link>
 <joint name="turn" type="continuous"><parent link="base"/><child link="part"/><axis xyz="0 0 1"/></joint>
@@ -60,26 +72,55 @@ def test_what_is_fixed_to_it_may_have_the_mass():
 @pytest.mark.parametrize(
     ("name", "why"),
     [
-        ("package://nowhere_at_all/a.stl", "the package of its mesh"),
-        ("part.dae", "is none of .stl, .obj"),
-        ("gone.stl", "is not there"),
+        ("package://nowhere_at_all/a.stl", "no package nowhere_at_all with this file"),
+        ("part.ply", ".ply is not read; .stl, .obj, .dae, .glb are"),
+        ("part.glb", ".glb is drawn, and not simulated; STL, OBJ and DAE are"),
+        ("broken.stl", "it is no STL file"),
+        ("flat.obj", "it is flat"),
+        ("gone.stl", "there is no file"),
     ],
 )
 def test_a_mesh_that_cannot_be_used_is_left_out_and_told(tmp_path, name, why):
     mesh = f'<collision><geometry><mesh filename="{name}"/></geometry></collision>'
     body = f'<link name="part">{mesh}<collision><geometry><sphere radius="1"/></geometry></collision></link>'
+    for file, content in (("part.ply", ""), ("part.glb", "glTF"), ("broken.stl", "no mesh"), ("flat.obj", FLAT)):
+        (tmp_path / file).write_text(content)
     made = repair(body, str(tmp_path / "robot.urdf"))
     assert shapes(made.text, "part") == ["sphere"]
     assert why in made.notes[0]
     assert made.notes[0].startswith("link part: ")
 
 
-def test_a_mesh_is_found_beside_the_description_and_in_its_package(tmp_path):
+def test_a_mesh_is_found_beside_the_description_and_in_its_package_and_read_once(tmp_path):
     folder = tmp_path / "my_robot"
     folder.mkdir()
-    (folder / "part.stl").write_bytes(b"")
-    for name in ("part.stl", "package://my_robot/part.stl"):
-        body = f'<link name="part"><visual><geometry><mesh filename="{name}"/></geometry></visual></link>'
-        made = repair(body, str(folder / "robot.urdf"))
-        assert f'filename="{folder / "part.stl"}"' in made.text
-        assert made.notes == ()
+    (folder / "part.obj").write_text(WEDGE)
+    shapes = "".join(
+        f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+        for name in ("part.obj", "package://my_robot/part.obj")
+    )
+    made = repair(f'<link name="part">{shapes}</link>', str(folder / "robot.urdf"))
+    assert made.text.count('filename="part_0.stl"') == 2
+    assert list(made.meshes) == ["part_0.stl"]
+    assert made.notes == ()
+
+
+@pytest.mark.parametrize("name", ["part.obj", "part.dae", "part.stl"])
+def test_a_mesh_weighs_what_it_does_at_its_scale_whatever_its_format(tmp_path, name):
+    (tmp_path / name).write_text({"part.obj": WEDGE, "part.dae": COLLADA, "part.stl": solid()}[name])
+    mesh = f'<mesh filename="{name}" scale="0.1 0.1 0.2"/>'
+    made = repair(
+        f'<link name="part"><visual><geometry>{mesh}</geometry></visual></link>', str(tmp_path / "robot.urdf")
+    )
+    model = compiled(read_spec(made, "robot.urdf"), "robot.urdf")
+    assert made.notes == ()
+    assert model.body("part").mass[0] == pytest.approx(1000.0 * 0.1 * 0.1 * 0.2 / 6)
+    assert model.body("part").ipos == pytest.approx([0.025, 0.025, 0.05])
+
+
+def solid():
+    """Return the wedge as the text of an STL file."""
+    return "solid part\n" + "".join(
+        "facet normal 0 0 0\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in corners)
+        for corners in obj_triangles(WEDGE.encode())
+    )

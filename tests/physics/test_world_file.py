@@ -26,11 +26,11 @@ def read(tmp_path, text=WORLD):
 
 def test_what_happens_is_in_order_and_a_block_ends(tmp_path):
     assert read(tmp_path).timeline() == [
-        (500_000_000, PushRobot(force=(30.0, 0.0, 0.0), seconds=0.2)),
-        (5_000_000_000, AddPayload(mass=12.0, on="base_link", position=(0.0, 0.0, 0.1))),
-        (10_000_000_000, BlockJoint(joint="left_wheel_joint")),
-        (12_000_000_000, BlockJoint(joint="left_wheel_joint", on=False)),
-        (15_000_000_000, SetGrip(friction=0.2)),
+        (500_000_000, "", PushRobot(force=(30.0, 0.0, 0.0), seconds=0.2)),
+        (5_000_000_000, "", AddPayload(mass=12.0, on="base_link", position=(0.0, 0.0, 0.1))),
+        (10_000_000_000, "", BlockJoint(joint="left_wheel_joint")),
+        (12_000_000_000, "", BlockJoint(joint="left_wheel_joint", on=False)),
+        (15_000_000_000, "", SetGrip(friction=0.2)),
     ]
 
 
@@ -76,3 +76,36 @@ def test_a_patch_covers_a_turned_rectangle():
     patch = Patch((1.0, 1.0), (2.0, 0.2), 0.1, heading=90.0)
     assert patch.covers(1.05, 1.9)
     assert not patch.covers(1.9, 1.05)
+
+
+ROBOTS = """robots:
+  - {name: a, robot: robby, at: [0, 0]}
+  - {name: b, robot: diffbot_sim, at: [1, 0], heading: 90, arguments: {prefix: b}}
+steps:
+  - {at: 1s, robot: b, push: {force: [1, 0, 0]}}
+  - {at: 2s, friction: 0.2}
+"""
+
+
+def test_robots_have_a_name_a_folder_and_a_place(tmp_path):
+    world = read(tmp_path, ROBOTS)
+    second = world.robots[1]
+    assert (second.name, second.robot, second.at, second.heading) == ("b", "diffbot_sim", (1.0, 0.0), 90.0)
+    assert [robot for _, robot, _ in world.timeline()] == ["b", ""]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("name: b", "name: a", "hall.yml:3:5: robots.1.: a robot named a is there already"),
+        ("name: b", "name: 2-b", "hall.yml:3:5: .*name: '2-b' is none"),
+        ("name: b, ", "", "hall.yml:3:5: .*name"),
+        ("robot: b,", "robot: bb,", "there is no robot 'bb' in this file"),
+        ("robot: b,", "", "robot: say of which robot: a, b"),
+        ("robots:", "start: {at: [0, 0]}\nrobots:", "leave `start` away"),
+        ("heading: 90", "headnig: 90", "hall.yml:3:47: .*headnig.*did you mean.*heading"),
+    ],
+)
+def test_mistakes_of_robots_are_told_with_their_line(tmp_path, old, new, message):
+    with pytest.raises(PhysicsError, match=message):
+        read(tmp_path, ROBOTS.replace(old, new, 1))

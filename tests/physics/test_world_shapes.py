@@ -2,7 +2,8 @@ import mujoco
 import pytest
 from support.physicsbench import ROBBY, world_of
 
-from canopen_control.physics.world_shapes import shapes_of
+from canopen_control.physics.world_file import Patch
+from canopen_control.physics.world_shapes import patches_of, shapes_of
 from canopen_control.virtual.plant import FurnishedWorld
 
 MODEL = """
@@ -36,3 +37,31 @@ def test_the_robots_own_shapes_are_no_part_of_its_world(tmp_path):
     world = world_of(tmp_path, ROBBY)
     assert isinstance(world, FurnishedWorld)
     assert world.shapes() == ()
+
+
+def test_another_robot_is_drawn_by_its_shapes_and_a_mesh_of_it_by_its_bounds():
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><asset><mesh name="m" vertex="0 0 0  1 0 0  0 2 0  0 0 3"/></asset><worldbody>
+        <geom name="mine/a" type="box" size="1 1 1" contype="2"/>
+        <geom name="other/a" type="cylinder" size="0.5 1" contype="4"/>
+        <geom name="other/b" type="sphere" size="0.5" contype="4"/>
+        <geom name="other/c" type="ellipsoid" size="0.1 0.2 0.3" contype="4"/>
+        <geom name="other/d" type="mesh" mesh="m" contype="4"/></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert shapes_of(model, data) == ()
+    a, b, c, d = shapes_of(model, data, "mine/")
+    assert (a.kind, a.size, a.robot) == ("cylinder", (1.0, 1.0, 2.0), "other")
+    assert (b.kind, b.size) == ("ellipsoid", (1.0, 1.0, 1.0))
+    assert (c.kind, c.size) == ("ellipsoid", (0.2, 0.4, 0.6))
+    assert d.kind == "box"
+    assert sorted(d.size) == pytest.approx([1.0, 2.0, 3.0], rel=0.3)  # along axes of the mesh's own
+    x, y, z = d.position
+    assert (0 < x < 1, 0 < y < 2, 0 < z < 3) == (True, True, True)
+
+
+def test_a_patch_is_flat_and_tells_its_grip():
+    (patch,) = patches_of([Patch((1.0, 2.0), (1.0, 3.0), 0.1, 180.0)])
+    assert (patch.kind, patch.size[:2], patch.position, patch.grip) == ("patch", (1.0, 3.0), (1.0, 2.0, 0.0), 0.1)
+    assert patch.rotation == pytest.approx((0.0, 0.0, 0.0, 1.0))

@@ -8,7 +8,9 @@ import pytest
 from support import ros
 from support.ros import Peer, bridge
 
-from canopen_control.ros.ros_time import RosTime
+from canopen_control.errors import RemoteError
+from canopen_control.ros.ros_time import RosTime, wants_sim_time
+from canopen_control.rpc.messages.parameters import ParameterReading
 from canopen_control.rpc.messages.samples import ImuSample, JointStatesSample, OdometrySample
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
@@ -21,10 +23,10 @@ class Clocks:
         self.time = RosTime(lambda: self.ros, lambda: self.unix)
 
 
-def sample(unix, *, base=None, sim_time=None):
+def sample(unix, *, base=None, sim_time=None, sim_epoch=None):
     states = JointStatesSample(time=unix, names=("a",), joints={"a": {"position": 1.0}})
     odometry = OdometrySample(time=base or unix, x=1.0, y=2.0, heading=0.5)
-    return StateSample(time=unix, sim_time=sim_time, samples={"states": states, "base": odometry})
+    return StateSample(time=unix, sim_time=sim_time, sim_epoch=sim_epoch, samples={"states": states, "base": odometry})
 
 
 def times(message):
@@ -73,6 +75,43 @@ def test_a_robot_that_is_simulated_has_its_own_time():
     clocks, told = Clocks(ros_s=42.0), sample(UNIX, sim_time=3.0)
     assert clocks.time.state(told) is told
     assert clocks.time.unix(12.5) == 12.5
+
+
+@pytest.mark.parametrize("ros_s", [None, 42.0], ids=["of its file", "of the bridge"])
+def test_with_use_sim_time_the_stamps_of_a_simulated_robot_are_the_simulations(ros_s):
+    clocks = Clocks(ros_s=ros_s)
+    clocks.time.in_simulation = ros_s is None
+    told = clocks.time.state(sample(UNIX + 3.0, base=UNIX + 2.98, sim_time=3.0, sim_epoch=UNIX))
+    assert (told.time, times(told)) == (3.0, {"states": 3.0, "base": 2.98})
+    assert clocks.time.event(RobotEvent(time=UNIX + 3.5, kind="x", node=None, level="info", text="it is")).time == 3.0
+    paused = clocks.time.state(sample(UNIX + 3.0, base=UNIX + 2.98, sim_time=3.0, sim_epoch=UNIX))
+    assert times(paused) == times(told)
+
+
+def test_the_stamp_of_a_command_is_of_the_clock_that_it_is_nearer_to():
+    clocks = Clocks(unix=UNIX + 3.5)
+    clocks.time.in_simulation = True
+    clocks.time.state(sample(UNIX + 3.0, sim_time=3.0, sim_epoch=UNIX))
+    assert clocks.time.unix(2.75) == UNIX + 2.75
+    assert clocks.time.unix(UNIX + 3.25) == UNIX + 3.25
+    assert clocks.time.unix(None) is None
+
+
+class Answers:
+    """A client whose robot's controller manager has parameters, or none that it tells."""
+
+    def __init__(self, *found):
+        self.found = found
+
+    def ask(self, _request):
+        if not self.found:
+            raise RemoteError("UnknownName", "no method parameters")
+        return [ParameterReading(name="use_sim_time", kind="bool", value=value) for value in self.found]
+
+
+@pytest.mark.parametrize(("client", "wanted"), [(Answers(True), True), (Answers(False), False), (Answers(), False)])
+def test_the_controller_manager_of_the_file_says_whether_stamps_are_simulated(client, wanted):
+    assert wants_sim_time(client) is wanted
 
 
 def test_a_controller_that_comes_anew_is_stamped_anew():

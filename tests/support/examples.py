@@ -18,6 +18,7 @@ NOT_RUN = {
     r"\bvcan\d+\b": "a kernel with CAN: tests/socketcan runs the page on one",
     r"\budp_can:": "an adapter that is installed first: tests/docs/test_adapter_howto.py",
     r"--realtime": "a processor for itself: tests/runtime/test_realtime.py",
+    r"^jog\b": "a drive on a bus of its own: tests/cli/test_jog.py has one",
     r"^trajectory\b": "an arm: tests/cli/test_trajectory.py has one",
     r"^device .*--status|\bdi\d=": "an I/O module beside the robot: tests/cli/test_device.py has one",
     r"--plant\b": "a plant file: tests/cli/test_drive.py and tests/virtual/test_shaft.py have some",

@@ -21,10 +21,22 @@ def placed(x=0.0, y=0.0, turn=0.0):
 def test_shapes_are_told_once_and_again_where_they_have_moved():
     world = WorldView()
     told = world.take((BOX,), placed())
-    assert told == {"place": [0.0, 0.0, 0.0], "shapes": [DRAWN | {"moves": False}]}
+    assert told == {"place": [0.0, 0.0, 0.0], "shapes": [DRAWN | {"moves": False, "robot": "", "grip": 0.0}]}
     assert world.take((BOX,), placed()) is None
     assert world.take((), placed())["shapes"] == []
     assert world.document["shapes"] == []
+
+
+def test_patches_and_other_robots_are_told_as_such():
+    patch = WorldShape(name="patch 0", kind="patch", size=(1.0, 2.0, 0.002), position=(0.0, 0.0, 0.0), grip=0.1)
+    wheel = WorldShape(
+        name="b/wheel", kind="ellipsoid", size=(1.0, 1.0, 0.2), position=(0.0, 0.0, 0.5), moves=True, robot="b"
+    )
+    told = WorldView().take((patch, wheel), placed())["shapes"]
+    assert [(each["shape"], each["robot"], each["grip"]) for each in told] == [
+        ("patch", "", 0.1),
+        ("ellipsoid", "b", 0),
+    ]
 
 
 def test_the_world_is_where_odometry_sees_it():

@@ -292,10 +292,11 @@ class GetWorld(Request[WorldState], frozen=True):
 
 
 class WorldShape(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A thing in a world that is no robot: `kind` is "box", `size` its lengths in m along its own axes.
+    """A thing in a world beside the robot: `kind` is "box", "cylinder" (along z), "ellipsoid", or "patch" of the floor.
 
-    `position` of its middle in m and `rotation`, the quaternion w, x, y, z, are those in the world; it `moves` where
-    it can be pushed.
+    `size` are its lengths in m along its own axes; `position` of its middle in m and `rotation`, the quaternion w, x,
+    y, z, are those in the world; it `moves` where it can be pushed. It is part of another `robot` where that is named;
+    `grip` is the friction of a patch.
     """
 
     name: str
@@ -304,8 +305,10 @@ class WorldShape(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     position: tuple[float, float, float]
     rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     moves: bool = False
+    robot: str = ""
+    grip: float = 0.0
 
 
 @DRIVE.method("shapes", Effect.READS)
 class GetWorldShapes(Request[tuple[WorldShape, ...]], frozen=True):
-    """What stands on the floor of the world beside robots: boxes, ramps, walls, where they are now."""
+    """What is in the world beside the robot: patches, boxes, ramps, walls and other robots, where they are now."""

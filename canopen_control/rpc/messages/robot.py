@@ -35,6 +35,7 @@ from canopen_control.rpc.messages.nodes import (
     TouchProbe,
 )
 from canopen_control.rpc.messages.parameters import PARAMETER_METHODS
+from canopen_control.rpc.messages.simulation import SIMULATION_METHODS
 from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample, Status
 from canopen_control.rpc.messages.trajectory import (
     MAX_POINTS,
@@ -310,6 +311,7 @@ class SwitchControllers(Request[Done], frozen=True, kw_only=True):
 
 
 ROBOT.declare(PARAMETER_METHODS)
+ROBOT.declare(SIMULATION_METHODS)
 
 
 class InterfaceReading(msgspec.Struct, frozen=True):

@@ -237,12 +237,14 @@ class TimedSnapshot(Snapshot, frozen=True, kw_only=True):
 class StateSample(TimedSnapshot, frozen=True, kw_only=True):
     """One sample of the state stream; `load` of each bus from 0 to 1, `sim_time` in seconds where it is simulated.
 
-    `samples` are what the active controllers have published last, by their names.
+    `sim_epoch` is when the simulation would have begun had its time never stood, by which times of `samples` are the
+    simulation's. `samples` are what the active controllers have published last, by their names.
     """
 
     time: UnixTime = 0.0
     load: Values = {}
     sim_time: float | None = None
+    sim_epoch: float | None = None
     samples: dict[str, ControllerSample] = {}
 
     def told(self, kind: type[S]) -> dict[str, S]:

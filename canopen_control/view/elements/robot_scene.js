@@ -2,7 +2,8 @@
 // with fewer pixels where a processor has to draw it.
 const FAULT = 0xd62828, SLOW_MS = 45, LEAST_RATIO = 0.5;
 const BELIEVED = 0x266ec8, TRUE = 0xe07a00; // the ways of odometry and of the base itself
-const STANDING = 0x9aa7b5, MOVING = 0xc79a5b; // of a world: what stands fast, and what can be pushed
+const STANDING = 0x9aa7b5, MOVING = 0xc79a5b, OTHER = 0x8d7fc7; // of a world: what stands fast, what can be pushed, other robots
+const SLIPPERY = 0x6fb7d6, GRIPPY = 0xb98a6a, USUAL = 0.5; // patches of the floor, by their friction
 const GHOST = { color: 0x1d5fd1, transparent: true, opacity: 0.35, depthWrite: false };
 const NONE = "This browser draws no 3D (no WebGL). Everything else on this page works.";
 
@@ -163,6 +164,19 @@ export default {
       if (shape === "sphere") return new THREE.SphereGeometry(size[0], 32, 20);
       return new THREE.CylinderGeometry(size[0], size[0], size[1], 48).rotateX(Math.PI / 2); // URDF's stand along z
     },
+    worldGeometry(THREE, { shape, size }) {
+      // its sizes are the lengths along its own axes
+      if (shape === "cylinder") return new THREE.CylinderGeometry(0.5, 0.5, 1, 32).rotateX(Math.PI / 2).scale(...size);
+      if (shape === "ellipsoid") return new THREE.SphereGeometry(0.5, 24, 16).scale(...size);
+      return new THREE.BoxGeometry(...size);
+    },
+    worldMaterial(THREE, { shape, moves, robot, grip }) {
+      if (shape === "patch") {
+        const color = grip < USUAL ? SLIPPERY : GRIPPY;
+        return new THREE.MeshStandardMaterial({ color, roughness: 0.9, transparent: true, opacity: 0.55 });
+      }
+      return new THREE.MeshStandardMaterial({ color: robot ? OTHER : moves ? MOVING : STANDING, roughness: 0.8 });
+    },
     async addMesh(place, visual, material) {
       place.scale.set(...visual.size);
       try {
@@ -253,13 +267,12 @@ export default {
       // what stands on the floor beside the robot, in a frame of its own
       this.latestWorld = world;
       if (!this.base) return;
-      const THREE = this.parts.THREE, sizes = JSON.stringify(world.shapes.map(({ size }) => size));
+      const THREE = this.parts.THREE, sizes = JSON.stringify(world.shapes.map(({ shape, size, grip }) => [shape, size, grip]));
       if (!this.world || this.world.sizes !== sizes) {
         if (this.world) this.scene.remove(this.world.group);
         this.world = { sizes, group: new THREE.Group() };
         for (const shape of world.shapes) {
-          const material = new THREE.MeshStandardMaterial({ color: shape.moves ? MOVING : STANDING, roughness: 0.8 });
-          this.world.group.add(new THREE.Mesh(this.geometry(THREE, shape), material));
+          this.world.group.add(new THREE.Mesh(this.worldGeometry(THREE, shape), this.worldMaterial(THREE, shape)));
         }
         this.scene.add(this.world.group);
       }

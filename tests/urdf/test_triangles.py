@@ -1,6 +1,6 @@
 import pytest
 
-from canopen_control.view.triangles import dae_triangles, obj_triangles
+from canopen_control.urdf.triangles import dae_triangles, obj_triangles, stl_triangles
 
 DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema">
 <asset><unit meter="0.001"/><up_axis>{up}</up_axis></asset>
@@ -44,3 +44,10 @@ def test_what_is_broken_is_an_error_that_the_reader_knows():
             dae_triangles(text)
     with pytest.raises(IndexError):
         obj_triangles(b"f 1 2 3\n")
+
+
+def test_the_text_of_an_stl_is_its_corners():
+    text = b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n  vertex 1e0 0 0\nvertex 0 1 0\nendloop\n"
+    assert stl_triangles(text) == [((0, 0, 0), (1, 0, 0), (0, 1, 0))]
+    with pytest.raises(IndexError):
+        stl_triangles(b"vertex 1 2\n")

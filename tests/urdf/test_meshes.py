@@ -3,7 +3,7 @@ import struct
 import pytest
 
 from canopen_control.errors import ConfigError
-from canopen_control.view.meshes import find_mesh, read_mesh
+from canopen_control.urdf.meshes import find_mesh, read_mesh
 
 TETRAHEDRON = """solid t
 facet normal 0 0 -1
@@ -66,10 +66,12 @@ def test_what_is_not_there_is_a_sentence(robot, uri, words):
         find_mesh(uri, str(robot), {})
 
 
-def test_a_mesh_is_read_as_it_is(robot):
-    file = find_mesh("../meshes/wheel.stl", str(robot), {})
-    mesh = read_mesh(file)
-    assert (mesh.format, mesh.content) == ("stl", file.read_bytes())
+def test_a_binary_mesh_is_read_as_it_is_and_a_text_as_binary(robot, tmp_path):
+    mesh = read_mesh(find_mesh("../meshes/wheel.stl", str(robot), {}))
+    assert (mesh.format, len(mesh.content)) == ("stl", 84 + 2 * 50)
+    assert struct.unpack("<12fH", mesh.content[84:134]) == (0, 0, -1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 0)
+    (tmp_path / "again.stl").write_bytes(mesh.content)
+    assert read_mesh(tmp_path / "again.stl") == mesh
 
 
 def test_other_formats_become_stl(tmp_path):
@@ -86,8 +88,10 @@ def test_what_is_no_mesh_is_a_sentence(tmp_path):
         ("c.dae", "cannot be read"),
         ("d.obj", "no faces"),
         ("e.glb", "no binary"),
+        ("cut.stl", "7 corners make no whole triangles"),
     ):
-        (tmp_path / name).write_text("nonsense")
+        nonsense = f"solid facet{7 * f'{chr(10)}vertex 0 0 1'}" if name == "cut.stl" else "nonsense"
+        (tmp_path / name).write_text(nonsense)
         with pytest.raises(ConfigError, match=words):
             read_mesh(tmp_path / name)
 

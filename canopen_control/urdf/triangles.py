@@ -1,4 +1,4 @@
-"""Mesh formats that no browser reads by itself, Wavefront OBJ and COLLADA, as triangles."""
+"""Mesh formats that are text, Wavefront OBJ, COLLADA (DAE) and ASCII STL, as triangles."""
 
 from __future__ import annotations
 
@@ -11,11 +11,20 @@ from canopen_control.urdf.geometry import about, rotate
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-__all__ = ["Triangle", "dae_triangles", "obj_triangles"]
+__all__ = ["Triangle", "dae_triangles", "obj_triangles", "stl_triangles"]
 
 Triangle = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 Matrix = tuple[tuple[float, ...], ...]
 """Three rows of four: rotation, and translation in the last column."""
+
+
+def stl_triangles(content: bytes) -> list[Triangle]:
+    """Return the faces of an ASCII STL file. ValueError or IndexError if it is broken."""
+    words = (line.split() for line in content.decode("utf-8", "replace").splitlines())
+    points = [(float(each[1]), float(each[2]), float(each[3])) for each in words if each and each[0] == "vertex"]
+    if len(points) % 3:
+        raise ValueError(f"{len(points)} corners make no whole triangles; does the file end too early?")
+    return [(points[n], points[n + 1], points[n + 2]) for n in range(0, len(points), 3)]
 
 
 def obj_triangles(content: bytes) -> list[Triangle]:

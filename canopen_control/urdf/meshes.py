@@ -1,7 +1,7 @@
-"""Mesh files of a description: where they are, and what is in them.
+"""Mesh files of a description, STL, OBJ, COLLADA (DAE) and GLB: where they are, and what is in them.
 
 The law of this file: only files of this computer are read, found from where the description itself is; what cannot be
-found or read is a sentence, and the robot is drawn without it.
+found or read is a sentence, and the robot is drawn and simulated without it.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from urllib.parse import unquote, urlsplit
 
 from canopen_control.errors import ConfigError
 from canopen_control.urdf.package_search import package_folders
-from canopen_control.view.triangles import dae_triangles, obj_triangles
+from canopen_control.urdf.triangles import dae_triangles, obj_triangles, stl_triangles
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from canopen_control.view.triangles import Triangle
+    from canopen_control.urdf.triangles import Triangle
 
 __all__ = ["Mesh", "find_mesh", "read_mesh"]
 
-MAX_BYTES: Final = 50_000_000  # of a file; more stands still in a browser
+MAX_BYTES: Final = 50_000_000  # of a file; more stands still in a browser and in a simulation
 
 
 def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None = None) -> Path:
@@ -51,19 +51,19 @@ def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None 
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """A file that the browser can read, and its format: "stl" or "glb"."""
+    """A file that browser and simulation can read, and its format: "stl", which is binary, or "glb" (no simulation)."""
 
     content: bytes
     format: str
 
 
 def read_mesh(file: Path) -> Mesh:
-    """Return a mesh file as the browser reads it; ConfigError if it cannot be read."""
+    """Return a mesh file as binary STL or GLB; ConfigError if it cannot be read."""
     suffix = file.suffix.lower()
     if suffix not in _READERS:
         raise ConfigError(f"mesh {file}: {suffix or 'no ending'} is not read; {', '.join(_READERS)} are")
     if file.stat().st_size > MAX_BYTES:
-        raise ConfigError(f"mesh {file}: larger than {MAX_BYTES // 1_000_000} MB; make a lighter one for the view")
+        raise ConfigError(f"mesh {file}: larger than {MAX_BYTES // 1_000_000} MB; make a lighter one")
     try:
         return _READERS[suffix](file.read_bytes())
     except (OSError, ValueError, IndexError, KeyError) as error:
@@ -72,13 +72,12 @@ def read_mesh(file: Path) -> Mesh:
 
 def _read_stl(content: bytes) -> Mesh:
     if content[:5] == b"solid" and b"facet" in content[:1000]:
-        faces = content.count(b"endfacet")
-    elif len(content) >= 84:
-        faces = int.from_bytes(content[80:84], "little")
-        if len(content) < 84 + 50 * faces:
-            raise ValueError(f"{faces} faces are announced, and the file ends before")
-    else:
+        return _as_stl(stl_triangles(content))
+    if len(content) < 84:
         raise ValueError("it is no STL file")
+    faces = int.from_bytes(content[80:84], "little")
+    if len(content) < 84 + 50 * faces:
+        raise ValueError(f"{faces} faces are announced, and the file ends before")
     if not faces:
         raise ValueError("there are no faces in it")
     return Mesh(content, "stl")

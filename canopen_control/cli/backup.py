@@ -1,0 +1,93 @@
+"""`backup`: the parameters of a node as a DCF file.
+
+The file holds what can be read and written and is no command or live value, each as ParameterValue, with identity,
+software version and date: `diff` compares it, `restore` writes it back, and a bus.yml can name it as `dcf`. Everything
+is read twice; what differs then, or what the node refuses, is left out and told. Nothing is written into the node, so
+that it works while a robot runs. On a bare bus (--can) give the EDS.
+
+Exit codes: 0 good; 1 the node did not answer, or the disk is full; 2 wrong usage.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.cli.support.output import json_text
+from canopen_control.cli.support.parameter_sides import read_all
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.host.files import write_whole
+from canopen_control.rpc.messages.declare import Document
+from canopen_control.service.parameter_set import backup_text, lost_in_text
+
+if TYPE_CHECKING:
+    import argparse
+
+    from canopen_control.service.parameter_set import ParameterSet
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control backup left_drive -o left_drive.dcf
+         canopen-control backup 3 -o node3.dcf --can can0 --eds TMCM-1270.eds"""
+
+
+class BackupDocument(Document, frozen=True, kw_only=True):
+    """What `backup --json` prints; `left_out` are the objects that the file does not hold, with the reason."""
+
+    node_id: int
+    node: str | None
+    file: str
+    parameters: int
+    left_out: list[str]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_session_arguments(parser)
+    parser.add_argument(
+        "-o", "--output", metavar="FILE.dcf", required=True, help="the file; one that is there is replaced"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    path = Path(args.output).expanduser()
+    if path.is_dir() or not path.parent.is_dir():
+        raise ConfigError(f"{args.output} cannot be written: {'it is a folder' if path.is_dir() else 'no such folder'}")
+    with open_session(args) as session:
+        side = read_all(session)
+        name = session.name
+    if not side.parameters.values:
+        raise CanopenError(
+            f"{side.parameters.where} has no parameter that can be read and written; nothing was written"
+        )
+    text, lost = _text(side.parameters, name)
+    write_whole(path, text.encode())
+    left_out = [*map(str, side.left_out), *lost]
+    count = len(side.parameters.values) - len(lost)
+    if args.json:
+        node_id = side.parameters.node_id
+        print(json_text(BackupDocument(node_id=node_id, node=name or None, file=args.output, parameters=count,
+                                       left_out=left_out)))  # fmt: skip
+        return 0
+    for line in left_out:
+        print(f"canopen-control: left out: {line}", file=sys.stderr)
+    print(f"{side.parameters.where}: {count} parameters to {args.output}")
+    return 0
+
+
+def _text(parameters: ParameterSet, name: str) -> tuple[str, list[str]]:
+    """Return the file, and what it cannot hold."""
+    info = next((lines for title, lines in parameters.od.sections.items() if title.lower() == "fileinfo"), {})
+    eds_name = next((value for key, value in info.items() if key.lower() == "filename"), "")
+    text = backup_text(parameters, eds_name=eds_name, node_name=name)
+    lost = lost_in_text(parameters, text)
+    if not lost:
+        return text, []
+    kept = {address: value for address, value in parameters.values.items() if address not in lost}
+    reasons = [f"0x{index:04X}:{subindex:02X}: a DCF cannot hold this text" for index, subindex in lost]
+    return backup_text(replace(parameters, values=kept), eds_name=eds_name, node_name=name), reasons

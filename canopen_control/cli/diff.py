@@ -1,0 +1,97 @@
+"""`diff`: compare the parameters of two nodes, two DCF files, or a file with a node.
+
+Of a file and a node the node is asked for what the file holds, and needs no EDS: the file is a complete DCF. COB-IDs
+that follow the node id are compared without it. Another product, revision or software is told on standard error, and is
+no difference of parameters.
+
+Exit codes, as those of diff: 0 equal; 1 different, or a node did not answer; 2 wrong usage.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.support.open_session import add_session_arguments
+from canopen_control.cli.support.output import Table, json_text
+from canopen_control.cli.support.parameter_sides import sides
+from canopen_control.rpc.messages.declare import Document
+from canopen_control.service.parameter_diff import differences
+
+if TYPE_CHECKING:
+    import argparse
+
+    from canopen_control.cli.support.parameter_sides import Side
+    from canopen_control.service.parameter_diff import ParameterDifference
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control diff left_drive right_drive
+         canopen-control diff left_drive.dcf left_drive
+         canopen-control diff node3.dcf 3 --can can0"""
+
+
+class ParameterDocument(Document, frozen=True, kw_only=True):
+    """A parameter that differs, as `diff --json` prints it: values as a DCF writes them, null: that side has none."""
+
+    index: int
+    subindex: int
+    name: str
+    a: str | None
+    b: str | None
+
+
+class DiffDocument(Document, frozen=True, kw_only=True):
+    """What `diff --json` prints: how many parameters were compared, how the devices differ, and the differences."""
+
+    a: str
+    b: str
+    compared: int
+    identity: list[str]
+    differences: list[ParameterDocument]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    for name in ("a", "b"):
+        parser.add_argument(name, metavar="FILE|NODE", help="a DCF file, or a node by name or node id")
+    add_session_arguments(parser, node=False)
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    a, b = sides(args.a, args.b, args)
+    found = differences(a.parameters, b.parameters)
+    identity = [
+        *a.parameters.identity.strangers(b.parameters.identity),
+        *a.parameters.identity.variations(b.parameters.identity),
+    ]
+    compared = len({*a.parameters.values, *b.parameters.values})
+    if args.json:
+        shown = [_document(each) for each in found]
+        print(json_text(DiffDocument(a=a.parameters.where, b=b.parameters.where, compared=compared, identity=identity,
+                                     differences=shown)))  # fmt: skip
+    else:
+        _print(a, b, found, identity, compared)
+    return 1 if found else 0
+
+
+def _document(each: ParameterDifference) -> ParameterDocument:
+    a, b = (text if value is not None else None for text, value in ((each.a_text, each.a), (each.b_text, each.b)))
+    return ParameterDocument(index=each.entry.index, subindex=each.entry.subindex, name=each.name, a=a, b=b)
+
+
+def _print(a: Side, b: Side, found: list[ParameterDifference], identity: list[str], compared: int) -> None:
+    for line in identity:
+        print(f"canopen-control: {line}", file=sys.stderr)
+    if not found:
+        print(f"{a.parameters.where} and {b.parameters.where}: {compared} parameters, equal")
+        return
+    refused = [{each.entry.address: each.why for each in side.left_out} for side in (a, b)]
+    table = Table(("object", a.parameters.where, b.parameters.where))
+    for each in found:
+        texts = (each.a_text, each.b_text)
+        shown = (text or why.get(each.entry.address, "-") for text, why in zip(texts, refused, strict=True))
+        table.add((each.where, *shown))
+    print("\n".join(table.lines()))

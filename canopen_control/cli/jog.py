@@ -1,0 +1,237 @@
+"""`jog`: turn one drive by hand, with an EDS and nothing else.
+
+On a bare bus (--can CHANNEL --eds FILE) the drive is set up as `init` would, booted, watched, enabled, moved slowly,
+and at the end stopped along its ramp and disabled; nothing is stored in it. A drive of a running robot without
+controllers is moved through that robot. Held arrow keys move it; with --for or --position it moves at once, and any
+key ends it. It stops with the key, Ctrl-C, a limit, a lost terminal, and by itself when this program is killed.
+This is no emergency stop (ISO 13850): have one in reach, and the shaft free.
+
+Exit codes: 0 good; 1 the drive failed or has a fault; 2 wrong usage, wrong EDS or node.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cli.support.arguments import number, seconds, whole_number
+from canopen_control.cli.support.jog_robot import choose_jog, dead_man_words, drive_of_robot, own_robot
+from canopen_control.cli.support.jog_run import JogRun, reset_fault
+from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.cli.support.target import find_eds, parse_node_id, robot_on
+from canopen_control.client import RobotClient
+from canopen_control.errors import ConfigError, DriveError
+from canopen_control.service.drive_faults import fault_words, why_not_free
+from canopen_control.service.jog_motion import JogKind, JogLimits
+from canopen_control.service.jog_units import JogScale, Quantity, parse_quantity
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterator
+
+    from canopen_control.cli.support.jog_robot import JogDrive
+    from canopen_control.master.event_log import Event
+    from canopen_control.scaffold.drive_choice import AxisChoice
+    from canopen_control.scaffold.new_robot import Device, NewRobot
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control jog 5 --can can0 --eds my_drive.eds
+         canopen-control jog 5 --can can0 --eds my_drive.eds --velocity 20rpm --for 3
+         canopen-control jog 5 --can can0 --eds my_drive.eds --position 90deg"""
+
+_SPEED, _MAX_SPEED = 1.0, math.tau  # rad/s; a position is gone to at the first
+_MAX_TRAVEL = 10.0 * math.tau  # rad
+_TORQUE, _MAX_CURRENT = 300.0, 1000.0  # per mille of the rated ones
+_KINDS: Final = {"velocity": JogKind.VELOCITY, "position": JogKind.POSITION, "torque": JogKind.TORQUE}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_session_arguments(parser)
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--velocity", metavar="X[rad/s|rpm|pps]", help="how fast (default: 1 rad/s)")
+    what.add_argument("--position", metavar="X[rad|deg|counts]", help="how far from where it is")
+    per_mille = number("torque in per mille of the rated one, -300 to 300", lambda value: abs(value) <= _TORQUE)
+    what.add_argument("--torque", metavar="PERMILLE", type=per_mille, help="of the rated torque")
+    what.add_argument("--fault-reset", action="store_true", help="reset the fault of the drive, and move nothing")
+    parser.add_argument("--for", dest="seconds", type=seconds, metavar="S", help="move at once, for S seconds")
+    parser.add_argument("--max-speed", metavar="X[rad/s|rpm|pps]", help="limit of the speed (default: 60rpm)")
+    parser.add_argument("--max-travel", metavar="X[rad|deg|turns|counts]", help="each way (default: 10turns)")
+    parser.add_argument(
+        "--max-current",
+        type=number("current in per mille above 0", lambda value: value > 0),
+        default=_MAX_CURRENT,
+        metavar="PERMILLE",
+        help="of the rated one: more of it ends the jog (default: 1000)",
+    )
+    parser.add_argument(
+        "--counts",
+        type=number("number of counts above 0", lambda value: value > 0),
+        metavar="N",
+        help="position counts of one turn, where neither EDS nor drive tells them",
+    )
+    axis = whole_number("axis: 0 to 7", range(8))
+    parser.add_argument("--axis", type=axis, default=0, metavar="N", help="of a drive with several (default: 0)")
+    parser.add_argument(
+        "--allow-unsupervised",
+        action="store_true",
+        help="also a drive that nothing would stop when this computer dies",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Wish:
+    """What the arguments ask for, before anything is known of the drive."""
+
+    kind: JogKind
+    value: Quantity | float  # a number is in SI or per mille
+    speed: Quantity | None
+    travel: Quantity | None
+
+    def limits(self, scale: JogScale, current: float) -> tuple[float, JogLimits]:
+        """Return the value in SI or per mille, and the limits; ConfigError for a value beyond them."""
+        speed = _SPEED if self.kind is JogKind.POSITION else _MAX_SPEED
+        limits = JogLimits(_limit(scale, self.speed, speed), _limit(scale, self.travel, _MAX_TRAVEL), current)
+        value = scale.si(self.value) if isinstance(self.value, Quantity) else self.value
+        most = {JogKind.VELOCITY: limits.speed, JogKind.POSITION: limits.travel}.get(self.kind, math.inf)
+        if abs(value) > most * (1 + 1e-9):
+            option = "--max-speed" if self.kind is JogKind.VELOCITY else "--max-travel"
+            words = scale.velocity_words if self.kind is JogKind.VELOCITY else scale.position_words
+            raise ConfigError(f"{self.value} is beyond the limit of {words(most)}; raise that, if it is safe: {option}")
+        return value, limits
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    wish = _wish(args)
+    if not (args.seconds or wish.kind is JogKind.POSITION or args.fault_reset or sys.stdin.isatty()):
+        raise ConfigError("keys are read from a terminal, and standard input is none; move for a time: --for S")
+    with contextlib.ExitStack() as stack:
+        if args.can is None:
+            drive, scale = _running(args, wish, args.name, stack)
+        elif (owner := robot_on(args.can)) is not None:
+            drive, scale = _running(args, wish, owner[0], stack)
+        else:
+            drive, scale = stack.enter_context(_own(args, wish))
+        if args.fault_reset:
+            print(reset_fault(drive))
+            return 0
+        value, limits = wish.limits(scale, args.max_current)
+        return JogRun(drive, scale, wish.kind, value, limits, args.seconds).run()
+
+
+def _wish(args: argparse.Namespace) -> _Wish:
+    """Read the quantities; ConfigError for what is none."""
+    given = next((name for name in _KINDS if getattr(args, name) is not None), "velocity")
+    value: Quantity | float = _SPEED
+    if given == "torque":
+        value = float(args.torque)
+    elif getattr(args, given) is not None:
+        value = parse_quantity(getattr(args, given), given)
+        if not value.value:
+            raise ConfigError(f"--{given} {value}: that moves nothing")
+    speed = None if args.max_speed is None else parse_quantity(args.max_speed, "velocity")
+    travel = None if args.max_travel is None else parse_quantity(args.max_travel, "position")
+    return _Wish(_KINDS[given], value, speed, travel)
+
+
+def _limit(scale: JogScale, wanted: Quantity | None, otherwise: float) -> float:
+    """Return a limit; the default stands where nobody knows what a turn is, too."""
+    return otherwise if wanted is None else abs(scale.si(wanted))
+
+
+def _running(
+    args: argparse.Namespace, wish: _Wish, name: str | None, stack: contextlib.ExitStack
+) -> tuple[JogDrive, JogScale]:
+    """Return a drive of a running robot, which knows its units."""
+    client = stack.enter_context(RobotClient.connect(name))
+    mode = {JogKind.VELOCITY: "PV", JogKind.POSITION: "PP", JogKind.TORQUE: "TQ"}[wish.kind]
+    drive = drive_of_robot(client, args.node, args.axis, mode)
+    print(f"node {args.node} is {drive.joint} of the running robot {client.robot}, and moved through it")
+    return drive, JogScale(args.counts or math.tau, told=True)
+
+
+@contextlib.contextmanager
+def _own(args: argparse.Namespace, wish: _Wish) -> Iterator[tuple[JogDrive, JogScale]]:
+    """Look at the drive on its bare bus, then boot a robot of it alone."""
+    if args.eds is None:
+        raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
+    parse_node_id(args.node)
+    device = _look(args)
+    robot = choose_jog(device, wish.kind.value, allow_unsupervised=args.allow_unsupervised)
+    axis = _axis(robot, args)
+    scale = JogScale(args.counts or axis.counts, told=args.counts is not None or axis.told)
+    _, limits = wish.limits(JogScale(axis.counts, scale.told) if args.counts is None else scale, args.max_current)
+    print("\n".join(_lines(robot, axis, scale, limits)), flush=True)
+    robot = _with_counts(robot, args.counts)
+    with own_robot(robot, _axis(robot, args), args.can, limits.speed, _tell) as drive:
+        yield drive, scale
+
+
+def _look(args: argparse.Namespace) -> Device:
+    """Return the device with what itself says of its units; ConfigError and DriveError for what must not be moved."""
+    from canopen_control.cli.init import ask_drives
+    from canopen_control.scaffold.new_robot import Device
+
+    with open_session(args) as node:
+        if not len(node.axes()):
+            raise ConfigError(f"{args.eds} has no controlword (0x6040): it describes no CiA 402 drive, nothing to turn")
+        if differing := node.identity_differences():
+            raise ConfigError(f"{node} is not the device of {args.eds}: {'; '.join(differing)}; give its own EDS")
+        if not args.fault_reset and (words := fault_words(node)):
+            again = f"canopen-control jog {args.node} --can {args.can} --eds {args.eds} --fault-reset"
+            raise DriveError(f"{node} has a fault: {words}; nothing is reset by itself: {again}")
+        if reason := why_not_free(node):
+            raise DriveError(reason)
+        device = Device(node.node_id, find_eds(args.eds).resolve(), node.dictionary)
+    ask_drives(args.can, [device], args.timeout or 0.5)
+    return device
+
+
+def _axis(robot: NewRobot, args: argparse.Namespace) -> AxisChoice:
+    number: int = args.axis
+    if number >= len(robot.joints):
+        raise ConfigError(f"node {args.node} has no axis {number}; it has {len(robot.joints)}, counted from 0")
+    return robot.joints[number].axis
+
+
+def _with_counts(robot: NewRobot, counts: float | None) -> NewRobot:
+    """Return the same with what the user says of its counts."""
+    from dataclasses import replace
+
+    if counts is None:
+        return robot
+    nodes = tuple(
+        replace(
+            node,
+            drive=node.drive and replace(node.drive, axes=tuple(replace(a, counts=counts) for a in node.drive.axes)),
+            joints=tuple(replace(joint, axis=replace(joint.axis, counts=counts)) for joint in node.joints),
+        )
+        for node in robot.nodes
+    )
+    return replace(robot, nodes=nodes)
+
+
+def _lines(robot: NewRobot, axis: AxisChoice, scale: JogScale, limits: JogLimits) -> Iterator[str]:
+    """Yield what the user is told before anything moves."""
+    node = robot.nodes[0]
+    what = " ".join(filter(None, (node.device.od.device.vendor_name, node.device.od.device.product_name)))
+    yield f"node {node.device.node_id}{f', {what}' if what else ''}: {axis.interface} in {axis.mode.name}"
+    turn = (
+        f"{scale.counts:g} counts a turn" if scale.told else "counts a turn are not told by EDS or drive (--counts N)"
+    )
+    yield f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} each way,"
+    yield f"        current {limits.current / 10:g} % of the rated one; {turn}"
+    yield f"dead-man: {dead_man_words(node.supervision)}"
+
+
+def _tell(event: Event) -> None:
+    """Print what went wrong while the drive is booted and moved."""
+    from canopen_control.master.event_log import Level
+
+    if event.level >= Level.WARNING:
+        print(f"\r\x1b[K{event.sentence}" if sys.stdout.isatty() else event.sentence, file=sys.stderr, flush=True)

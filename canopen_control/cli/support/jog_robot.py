@@ -1,0 +1,133 @@
+"""The robot that a jog moves: one drive on a bare bus, booted as every robot is, or a drive of a robot that runs.
+
+The law of this file: there is no second bring-up. Of the EDS alone `init` chooses mode, PDOs and supervision; the
+runtime boots it as a bus without controllers, watches it and stops it. The drive notices the end of this process by
+its heartbeat or by guarding, within `DEAD_MAN_S`. A drive that a controller of a running robot commands is refused.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.client import RobotClient, find_robots
+from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.robot import GetNodes, ListControllers
+from canopen_control.runtime.background import BackgroundRobot
+from canopen_control.runtime.clearance import limit_speed
+from canopen_control.runtime.robot_files import BUS, find_robot
+from canopen_control.runtime.run_session import RunOptions
+from canopen_control.runtime.setup import read_robot
+from canopen_control.scaffold.bus_text import bus_text
+from canopen_control.scaffold.new_robot import plan_robot
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from canopen_control.master.event_log import Event
+    from canopen_control.rpc.messages.state import ControllerReading
+    from canopen_control.runtime.core import RobotCore
+    from canopen_control.scaffold.drive_choice import AxisChoice, Supervision
+    from canopen_control.scaffold.new_robot import Device, NewRobot
+
+__all__ = ["DEAD_MAN_S", "JogDrive", "choose_jog", "dead_man_words", "drive_of_robot", "own_robot"]
+
+HEARTBEAT_MS: Final = 50
+DEAD_MAN_S: Final = 5 * HEARTBEAT_MS / 1000  # five of them may be missing
+_TARGET: Final = "target"
+
+
+@dataclass(frozen=True, slots=True)
+class JogDrive:
+    """The drive by its names in a running robot; `mode` is the mode of operation to ask for, "" where it stays."""
+
+    robot: str
+    node: str
+    joint: str
+    controller: str
+    mode: str = ""
+
+
+def choose_jog(device: Device, interface: str, *, allow_unsupervised: bool) -> NewRobot:
+    """Choose how a drive is moved by `interface`: velocity, position or effort; RobotConfigError."""
+    name = f"jog_{device.node_id}"
+    if name in find_robots():
+        name = f"{name}_{os.getpid()}"
+    planned = plan_robot(name, [device], allow_unsupervised=allow_unsupervised, interfaces=(interface,))
+    return replace(planned, heartbeat_ms=HEARTBEAT_MS)
+
+
+def dead_man_words(supervision: Supervision) -> str:
+    """Say what stops the drive by itself when this process dies."""
+    if supervision.consumer:
+        return (
+            f"the drive watches this computer's heartbeat (0x1016) and stops by itself {DEAD_MAN_S:g} s after its end"
+        )
+    if supervision.guarding:
+        return f"the drive is guarded (0x100C, 0x100D) and stops by itself {DEAD_MAN_S:g} s after the last guarding"
+    return "NONE: nothing stops the drive when this computer dies; have an emergency stop in reach"
+
+
+@contextlib.contextmanager
+def own_robot(
+    robot: NewRobot, axis: AxisChoice, channel: str, speed: float, tell: Callable[[Event], object]
+) -> Iterator[JogDrive]:
+    """Boot a robot of the one drive in this process, capped at `speed` rad/s; stop and end it with the block."""
+    with tempfile.TemporaryDirectory(prefix="canopen-control-jog-") as folder:
+        path = Path(folder) / BUS
+        path.write_text(bus_text(robot), encoding="utf-8")
+        for node in robot.nodes:
+            shutil.copyfile(node.device.eds, path.parent / robot.eds_name(node))
+        setup = read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True)
+        joint = next(each for each in robot.joints if each.axis is axis)
+        names = [part.name for tag in setup.description.hardware for part in tag.joints]
+        own = names[robot.joints.index(joint)]
+
+        def prepare(core: RobotCore) -> None:
+            limit_speed(core, names, speed)
+            told = core.on_event or (lambda _event: None)
+
+            def on_event(event: Event) -> None:
+                told(event)
+                tell(event)
+
+            core.on_event = on_event
+
+        background = BackgroundRobot(setup, RunOptions(drives=False), prepare)
+        try:
+            background.start()
+            yield JogDrive(robot.name, joint.node, own, own, axis.mode.name)
+        finally:
+            background.shutdown()
+
+
+def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
+    """Return the drive of a robot that takes targets by itself; ConfigError says what to do with another one."""
+    places = client.ask(GetNodes()).nodes
+    place = next((each for each in places if node in (each.name, str(each.node_id))), None)
+    if place is None:
+        known = ", ".join(f"{each.node_id} {each.name}" for each in places) or "none"
+        raise ConfigError(f"robot {client.robot} has no node {node!r}; its nodes: {known}")
+    if not axis < len(place.joints):
+        raise ConfigError(f"node {place.node_id} ({place.name}) of the running robot {client.robot} moves no joint")
+    joint = place.joints[axis]
+    controllers = client.ask(ListControllers())
+    own = next((each for each in controllers if _takes_targets(each, joint)), None)
+    if own is not None:
+        return JogDrive(client.robot, place.name, joint, own.name, mode)
+    users = [each.name for each in controllers if each.active and joint in each.joints and not each.is_broadcaster]
+    by = users[0] if users else "no controller"
+    raise ConfigError(
+        f"node {place.node_id} ({place.name}) is {joint} of the running robot {client.robot}, commanded by {by}, and "
+        f"two must not move it; drive it by `canopen-control command` or `teleop`, or end the robot first: "
+        f"canopen-control shutdown --name {client.robot}"
+    )
+
+
+def _takes_targets(controller: ControllerReading, joint: str) -> bool:
+    return controller.active and controller.topic == _TARGET and controller.joints == (joint,)

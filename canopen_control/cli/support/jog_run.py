@@ -1,0 +1,229 @@
+"""The loop of a jog: keys to commands, samples to a line, and the stop at its end, whatever ends it.
+
+The law of this file: each command dies with this connection (`dead_man`), and every way out of `run` asks for the
+stop and waits until the drive is disabled. What the terminal shows never decides what moves.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import signal
+import sys
+import time
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cli.support.keyboard import Keyboard
+from canopen_control.client import RobotClient
+from canopen_control.client.teleop_keys import KeyDecoder
+from canopen_control.errors import CanopenError, RemoteError
+from canopen_control.host.signals import on_signals
+from canopen_control.rpc.messages.robot import AxisRequest, CommandController, SdoRead, Subscribe
+from canopen_control.rpc.messages.state import StateSample
+from canopen_control.service.jog_motion import HELP, JogEnd, JogKind, JogMotion
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.cli.support.jog_robot import JogDrive
+    from canopen_control.rpc.messages.state import AxisReading
+    from canopen_control.service.jog_motion import JogLimits
+    from canopen_control.service.jog_units import JogScale
+
+__all__ = ["JogRun", "reset_fault"]
+
+PERIOD_S: Final = 0.02
+RENEWED_S: Final = 0.1
+CURRENT_S: Final = 0.2
+ENABLE_S: Final = 15.0
+CURRENTS: Final = ((0x6078, 0), (0x6077, 0))
+"""What tells the current in per mille of the rated one: the current, else the torque."""
+_SOURCE: Final = "jog"
+_RATE_HZ: Final = 50.0
+_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def reset_fault(drive: JogDrive) -> str:
+    """Reset the fault of a drive, enable nothing; return a sentence, or raise CanopenError while its cause is there."""
+    with RobotClient.connect(drive.robot) as client:
+        client.ask(AxisRequest(action="fault-reset", node=drive.node, joint=drive.joint), ENABLE_S)
+    return f"{drive.joint}: the fault is reset; the drive stays disabled"
+
+
+def choose_mode(client: RobotClient, request: AxisRequest) -> None:
+    """Ask for a mode of operation, again while the drive is not booted yet."""
+    deadline = time.monotonic() + ENABLE_S
+    while True:
+        try:
+            client.ask(request, ENABLE_S)
+        except RemoteError as error:
+            if error.kind != "ControlError" or time.monotonic() > deadline:
+                raise
+            time.sleep(PERIOD_S)
+        else:
+            return
+
+
+class JogRun:
+    """One jog of a drive; `run` returns the exit code."""
+
+    def __init__(
+        self, drive: JogDrive, scale: JogScale, kind: JogKind, value: float, limits: JogLimits, seconds: float | None
+    ) -> None:
+        self._drive, self._scale, self._kind = drive, scale, kind
+        self._value, self._limits, self._seconds = value, limits, seconds
+        self._sent, self._sent_ns = math.nan, 0
+        self._sample: StateSample | None = None
+        self._current: float | None = None
+        self._currents = [*CURRENTS]
+        self._asked_ns = 0
+        self._gone = False
+
+    def run(self) -> int:
+        """Enable, move, stop and disable; 1 where the drive or a limit of the current ended it."""
+        with contextlib.ExitStack() as stack:
+            client = stack.enter_context(RobotClient.connect(self._drive.robot))
+            keyboard = stack.enter_context(Keyboard()) if sys.stdin.isatty() else None
+            if keyboard is None:
+                stack.enter_context(on_signals(_SIGNALS, self._leave))
+            try:
+                motion = self._begin(client)
+                self._move(client, keyboard, motion)
+            finally:
+                self._stop(client)
+        with contextlib.suppress(OSError, ValueError):  # the terminal may be what is gone
+            print(f"\n{motion.ended.value}: stopped and disabled", flush=True)
+        if motion.ended is JogEnd.STATE:
+            raise CanopenError(f"{self._drive.joint}: {self._reason()}")
+        return 1 if motion.ended.failed else 0
+
+    def _leave(self) -> None:
+        self._gone = True
+
+    def _begin(self, client: RobotClient) -> JogMotion:
+        """Choose the mode, enable, and return the motion, which begins now."""
+        node, joint = self._drive.node, self._drive.joint
+        if self._drive.mode:
+            choose_mode(client, AxisRequest(action="mode", node=node, joint=joint, mode=self._drive.mode))
+        client.ask(AxisRequest(action="enable", node=node, joint=joint), ENABLE_S)
+        client.ask(Subscribe(state_rate=_RATE_HZ))
+        motion = JogMotion(self._kind, self._value, self._limits, seconds=self._seconds, now=time.monotonic_ns())
+        if motion.by_keys:
+            print(HELP, flush=True)
+        return motion
+
+    def _move(self, client: RobotClient, keyboard: Keyboard | None, motion: JogMotion) -> None:
+        decoder, line = KeyDecoder(), _Line()
+        while motion.ended is JogEnd.NONE:
+            now = time.monotonic_ns()
+            self._take_keys(keyboard, decoder, motion, now)
+            motion.tick(time.monotonic_ns())
+            self._look(client, motion)
+            if self._gone or (keyboard is not None and keyboard.ended):
+                motion.end(JogEnd.GONE)
+            self._command(client, motion)
+            line.show(lambda: self._words(motion))
+
+    def _take_keys(self, keyboard: Keyboard | None, decoder: KeyDecoder, motion: JogMotion, now: int) -> None:
+        if keyboard is None:
+            time.sleep(PERIOD_S)
+            return
+        data = keyboard.read(PERIOD_S)
+        now = time.monotonic_ns()
+        for key in decoder.feed(data, now) if data else decoder.tick(now):
+            motion.key(key, now)
+
+    def _look(self, client: RobotClient, motion: JogMotion) -> None:
+        """Take the newest sample, and the current a few times a second."""
+        for message in client.messages(0):
+            if isinstance(message, StateSample):
+                self._sample = message
+        self._ask_current(client)
+        if self._sample is not None:
+            joint = self._sample.joints.get(self._drive.joint)
+            axis = self._axis()
+            enabled = axis is None or axis.state == "OPERATION_ENABLED"
+            motion.see(
+                None if joint is None else joint.position,
+                None if joint is None else joint.velocity,
+                self._current,
+                enabled=enabled,
+            )
+
+    def _ask_current(self, client: RobotClient) -> None:
+        now = time.monotonic_ns()
+        if not self._currents or now - self._asked_ns < CURRENT_S * 1e9:
+            return
+        self._asked_ns = now
+        index, subindex = self._currents[0]
+        try:
+            data = client.ask(SdoRead(node=self._drive.node, index=index, subindex=subindex), 1.0).data
+            self._current = float(int.from_bytes(data[:2], "little", signed=True))
+        except RemoteError as error:
+            if error.kind == "BusClosed":
+                raise
+            del self._currents[0]
+
+    def _axis(self) -> AxisReading | None:
+        nodes = {} if self._sample is None else self._sample.nodes
+        node = nodes.get(self._drive.node)
+        axes = () if node is None else node.axes
+        return next((each for each in axes if each.joint == self._drive.joint), None)
+
+    def _command(self, client: RobotClient, motion: JogMotion) -> None:
+        """Send what is commanded when it changes, and again while it holds."""
+        value, now = motion.command, time.monotonic_ns()
+        if value is None or (value == self._sent and (not value or now - self._sent_ns < RENEWED_S * 1e9)):
+            return
+        request = CommandController(
+            controller=self._drive.controller, values=[value], source=_SOURCE, dead_man=True, interface=self._kind.value
+        )
+        try:
+            client.ask(request, 1.0)
+        except RemoteError as error:
+            if error.kind not in ("NotEnabled", "NotYetEnabled"):
+                raise
+            motion.end(JogEnd.STATE)
+        self._sent, self._sent_ns = value, now
+
+    def _stop(self, client: RobotClient) -> None:
+        """Stop along the ramp and disable; who is gone or has stopped already is left alone."""
+        with contextlib.suppress(RemoteError):
+            client.ask(AxisRequest(action="disable", node=self._drive.node, joint=self._drive.joint), ENABLE_S)
+
+    def _reason(self) -> str:
+        axis = self._axis()
+        if axis is None:
+            return "the drive shows no state any more"
+        error = f": {axis.error}" if axis.error else ""
+        return f"the drive is {(axis.state or 'nowhere').replace('_', ' ')}{error}; nothing is reset by itself"
+
+    def _words(self, motion: JogMotion) -> str:
+        axis = self._axis()
+        joint = None if self._sample is None else self._sample.joints.get(self._drive.joint)
+        words = ["..." if axis is None else (axis.state or "no state").replace("_", " ")]
+        if joint is not None and joint.velocity is not None:
+            words.append(self._scale.velocity_words(joint.velocity))
+        if not math.isnan(motion.travelled):
+            words.append(f"at {self._scale.position_words(motion.travelled)}")
+        words.append("current not told" if self._current is None else f"current {self._current / 10:.1f} %")
+        errors = axis.error if axis is not None and axis.error else "no error"
+        return ", ".join([*words, errors]) + (f": {motion.note}" if motion.note else "")
+
+
+class _Line:
+    """One line that is written over on a terminal, a few times a second; elsewhere a line each second."""
+
+    def __init__(self) -> None:
+        self._live = sys.stdout.isatty()
+        self._period = 0.1 if self._live else 1.0
+        self._shown = 0.0
+
+    def show(self, words: Callable[[], str]) -> None:
+        """Show the line if it is time; a terminal that is gone shows nothing."""
+        now = time.monotonic()
+        if now - self._shown < self._period:
+            return
+        self._shown = now
+        with contextlib.suppress(OSError, ValueError):
+            print(f"\r{words()}\x1b[K" if self._live else words(), end="" if self._live else "\n", flush=True)

@@ -1,0 +1,105 @@
+"""Opens a service session with one node: on a bare bus (--can CHANNEL, --eds FILE), or through the robot that runs.
+
+The law of this file is that of `target`: an SDO server has one client. A bus on which a robot runs is that robot's, and
+its nodes are reached through it, also where --can names the channel.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.nmt import NmtState
+from canopen_control.cli.support.arguments import timeout_seconds
+from canopen_control.cli.support.target import (
+    BusTarget,
+    RobotTarget,
+    add_target_arguments,
+    find_eds,
+    robot_on,
+)
+from canopen_control.client import RobotClient
+from canopen_control.errors import CanopenError
+from canopen_control.rpc.messages.robot import GetStatus
+from canopen_control.service.node_session import NodeSession, Transfers
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterator
+
+    from canopen_control.cli.support.target import Target, TargetNode
+
+__all__ = ["add_session_arguments", "open_session"]
+
+_HEARTBEATS = 2.5  # of its own heartbeat times, a node is listened to
+_LONGEST_S = 3.0
+_HEARTBEAT = (0x1017, 0)
+
+
+def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True) -> None:
+    """Declare NODE, --eds, --timeout, and --can or --name; `node` False for a verb that names its nodes itself."""
+    if node:
+        parser.add_argument("node", metavar="NODE", help="name or node id; on a bare bus the node id")
+    parser.add_argument("--eds", metavar="FILE", help="a path, or the name of a bundled file")
+    parser.add_argument(
+        "--timeout", type=timeout_seconds, metavar="S", help="for each answer (default: 0.5, or bus.yml's)"
+    )
+    add_target_arguments(parser)
+
+
+@contextlib.contextmanager
+def open_session(args: argparse.Namespace, node: str | None = None) -> Iterator[NodeSession]:
+    """Open a session with `node`, else with that of the arguments; raises CanopenError where nobody answers.
+
+    Where --can names the channel of a running robot, its nodes are reached through that robot.
+    """
+    with _open(args) as target:
+        found = target.node(args.node if node is None else node)
+        robot = target.robot.robot if isinstance(target, RobotTarget) else ""
+        transfers = TargetTransfers(target, found)
+        yield NodeSession(transfers, found.node_id, found.dictionary(), name=found.name, robot=robot)
+
+
+def _open(args: argparse.Namespace) -> RobotTarget | BusTarget:
+    eds = find_eds(args.eds) if args.eds else None
+    owner = None if args.can is None else robot_on(args.can)
+    if args.can is not None and owner is None:
+        return BusTarget(args.can, eds, args.timeout)
+    name = args.name if owner is None else owner[0]
+    return RobotTarget(RobotClient.connect(name), eds, args.timeout)
+
+
+class TargetTransfers(Transfers):
+    """The transfers of one node of a `Target`."""
+
+    def __init__(self, target: Target, node: TargetNode) -> None:
+        self._target, self._node = target, node
+
+    def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
+        """Upload an object."""
+        return self._target.read(self._node, index, subindex, block=block)
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """Download an object."""
+        self._target.write(self._node, index, subindex, data)
+
+    def progress(self) -> tuple[int, int | None]:
+        """Return how far the transfer under way is."""
+        return self._target.progress(self._node)
+
+    def nmt_state(self) -> NmtState | None:
+        """Return what the robot knows of the node; on a bare bus listen for its next heartbeat, if it sends any."""
+        if isinstance(self._target, RobotTarget):
+            nodes = self._target.robot.ask(GetStatus()).nodes
+            state = next((each.nmt_state for each in nodes.values() if each.node_id == self._node.node_id), None)
+            return NmtState.__members__.get(state or "")
+        assert isinstance(self._target, BusTarget)
+        bus, node_id = self._target.bus, self._node.node_id
+        bus.heard.pop(node_id, None)
+        try:
+            period_ms = int.from_bytes(self.read(*_HEARTBEAT)[:2], "little")
+        except CanopenError:
+            period_ms = 0
+        if period_ms and bus.heard.get(node_id) is None:
+            bus.serve([], lambda: bus.heard.get(node_id) is not None, min(_LONGEST_S, _HEARTBEATS * period_ms / 1e3))
+        return bus.heard.get(node_id)

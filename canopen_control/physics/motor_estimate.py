@@ -1,0 +1,102 @@
+"""The motors of a robot's joints: what a plant file says of them, and estimates of what it does not.
+
+A wheel's motor is estimated from the mass that it moves, that of another joint from its inertia and weight in some
+postures; `effort` of the description is the peak torque.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+
+from canopen_control.physics.ground_contact import Ground, Part
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from canopen_control.physics.physics_file import AxisSettings
+
+__all__ = ["Motor", "estimated_motors"]
+
+_ROTOR: Final = 0.2  # of the inertia at the joint; a motor and gear for more torque than that needs have more,
+_ROTOR_ACCELERATION: Final = 500.0  # rad/s2 by its rated torque, alone
+_POSTURES: Final = 8
+_GOLDEN: Final = 0.6180339887498949
+_RATED: Final = 0.8  # of the weight on a wheel, as a force at its rim
+_ARM_ACCELERATION: Final = 10.0  # rad/s2 beside its weight
+_FRICTION, _DAMPING = 0.02, 0.001  # of the rated torque
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A motor with everything known, on the joint's side: N m, kg m2, N m s (N, kg, N s of a prismatic joint)."""
+
+    rated_torque: float
+    peak_torque: float
+    inertia: float
+    rotor: float
+    friction: float
+    damping: float
+    brake: bool
+
+
+def estimated_motors(
+    model: Any,  # noqa: ANN401 - as above
+    axes: Mapping[str, AxisSettings],
+    efforts: Mapping[str, float],
+    ground: Ground,
+) -> dict[str, Motor]:
+    """Return the motors by joint, with what the file does not say estimated; `efforts` are those of a description."""
+    wheels = {touch.joint: touch.radius for touch in ground.touches if touch.part is Part.WHEEL}
+    driven = [joint for joint in axes if joint in wheels] or [""]
+    share = float(model.body_subtreemass[0]) / len(driven)
+    inertias, weights = _in_postures(model, axes)
+    gravity = float(np.linalg.norm(model.opt.gravity))
+    found = {}
+    for name, axis in axes.items():
+        radius, inertia, weight = wheels.get(name, 0.0), inertias[name], weights[name]
+        inertia += share * radius * radius
+        need = _RATED * share * gravity * radius + (0.0 if radius else 2.0 * (weight + inertia * _ARM_ACCELERATION))
+        found[name] = _motor(axis, efforts.get(name, math.inf), inertia, max(need, 1e-6), wheel=radius > 0.0)
+    return found
+
+
+def _motor(axis: AxisSettings, effort: float, inertia: float, need: float, *, wheel: bool) -> Motor:
+    peak = axis.peak_torque or (effort if 0.0 < effort < math.inf else 2.0 * need)
+    rated = axis.rated_torque or 0.5 * peak
+    rotor = max(_ROTOR * inertia, rated / _ROTOR_ACCELERATION)
+    if axis.rotor_inertia is not None:
+        rotor = axis.rotor_inertia * axis.gear**2
+    return Motor(
+        rated,
+        axis.peak_torque or max(peak, rated),
+        axis.inertia or inertia + rotor,
+        rotor,
+        _FRICTION * rated if axis.friction is None else axis.friction,
+        _DAMPING * rated if axis.damping is None else axis.damping,
+        (not wheel) if axis.brake is None else axis.brake,
+    )
+
+
+def _in_postures(model: Any, axes: Mapping[str, AxisSettings]) -> tuple[dict[str, float], dict[str, float]]:  # noqa: ANN401
+    """Return the inertia of each joint, a geometric mean over postures, and the greatest torque of its weight."""
+    data = mujoco.MjData(model)
+    matrix = np.zeros((model.nv, model.nv))
+    logs, weights = dict.fromkeys(axes, 0.0), dict.fromkeys(axes, 0.0)
+    for posture in range(_POSTURES):
+        data.qpos[:] = model.qpos0
+        for number, name in enumerate(axes):
+            joint = model.joint(name)
+            low, high = joint.range if joint.limited[0] else (-math.pi, math.pi)
+            data.qpos[joint.qposadr[0]] = low + (high - low) * math.fmod((posture + 1) * (number + 1) * _GOLDEN, 1.0)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, matrix)
+        for name in axes:
+            dof = int(model.joint(name).dofadr[0])
+            logs[name] += math.log(max(1e-12, float(matrix[dof, dof]))) / _POSTURES
+            weights[name] = max(weights[name], abs(float(data.qfrc_bias[dof])))
+    return {name: math.exp(value) for name, value in logs.items()}, weights

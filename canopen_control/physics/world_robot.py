@@ -1,0 +1,132 @@
+"""A robot in a simulated world: which of its axes moves which joint, where its base is, and what its sensors measure.
+
+The heading of a base goes on over a half turn, so it is looked at often while the robot moves. An encoder reads the
+joint that it sits on, without counts of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from canopen_control.physics.mecanum_contact import MecanumContact
+from canopen_control.physics.world_sensors import SensorReader
+from canopen_control.rpc.messages.drive import BasePose, WorldState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from canopen_control.physics.body_model import Body
+    from canopen_control.physics.physics_file import AxisAddress, AxisSettings, EncoderSettings
+    from canopen_control.physics.world_sensors import WorldSensor
+
+__all__ = ["WorldRobot"]
+
+_BASE_DOFS: Final = 6  # of a free root
+
+
+class WorldRobot:
+    """One robot, "" where it is alone; `encoders` are those on its joints by bus and node id.
+
+    `begin` gives it the state of the world, `touch_down` is called when it stands on the floor.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        body: Body,
+        axes: Mapping[AxisAddress, AxisSettings],
+        sensors: Sequence[WorldSensor] = (),
+        encoders: Mapping[tuple[str, int], EncoderSettings] | None = None,
+    ) -> None:
+        self.name, self.body, self.axes = name, body, axes
+        self.encoders = dict(encoders or {})
+        self._sensors_here = sensors
+        self._data: Any = None
+        self._qpos = self._dof = 0  # of the base
+        self._heading, self._turns = 0.0, 0
+        self._rollers: list[MecanumContact] = []
+
+    def begin(self, data: Any) -> None:  # noqa: ANN401 - of MuJoCo
+        """Be in this state from now on."""
+        model = self.body.model
+        self._data = data
+        self._sensors = SensorReader(model, data, self._sensors_here, prefix=self.body.prefix)
+        if self.body.base is not None:
+            joint = int(model.body_jntadr[self.body.base])
+            self._qpos, self._dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+
+    def touch_down(self) -> None:
+        """Stand on the floor: take its weight on its rollers, and the heading that it begins with."""
+        load = self._weight() / max(1, len(self.body.rollers))
+        self._rollers = [MecanumContact(self.body.model, self._data, each, load) for each in self.body.rollers]
+        self.look_at_heading()
+
+    def _weight(self) -> float:
+        """Return its weight in N."""
+        if self.body.base is None:
+            return 0.0
+        model = self.body.model
+        return float(model.body_subtreemass[self.body.base] * np.linalg.norm(model.opt.gravity))
+
+    @property
+    def rolls_sideways(self) -> bool:
+        """Whether it has mecanum wheels."""
+        return bool(self._rollers)
+
+    def push_rollers(self, grip_at: Callable[[float, float], float]) -> None:
+        """Add the forces of its rollers, on a floor with this grip, to what acts in the next step."""
+        x, y = self._place()[:2]
+        self._data.qfrc_applied[self._dof : self._dof + _BASE_DOFS] = 0.0  # the joints' own are there anew
+        for roller in self._rollers:
+            roller.add_force(grip_at(x, y))
+
+    def shaft(self, bus: str, node_id: int) -> Callable[[], float | None] | None:
+        """Return what tells in rad (m) where the encoder of a node is, None where it sits on no joint."""
+        settings = self.encoders.get((bus, node_id))
+        if settings is None:
+            return None
+        at, factor = int(self.body.model.joint(f"{self.body.prefix}{settings.joint}").qposadr[0]), settings.factor
+        return lambda: float(self._data.qpos[at]) * factor
+
+    # -- its base
+
+    def _place(self) -> tuple[float, float, float]:
+        x, y, z = (float(each) for each in self._data.qpos[self._qpos : self._qpos + 3])
+        return x, y, z
+
+    def _rotation(self) -> tuple[float, float, float, float]:
+        w, x, y, z = (float(each) for each in self._data.qpos[self._qpos + 3 : self._qpos + 7])
+        return w, x, y, z
+
+    def look_at_heading(self) -> None:
+        """Count the turns of the base."""
+        if self.body.base is None:
+            return
+        heading = _heading(self._rotation())
+        self._turns += round((self._heading - heading) / math.tau)
+        self._heading = heading
+
+    def describe(self, time_ns: int) -> WorldState:
+        """Return the true pose of the base at a time, and what the sensors measure."""
+        sensors = self._sensors.read()
+        if self.body.base is None:
+            return WorldState(sensors=sensors)
+        x, y, z = self._place()
+        self.look_at_heading()
+        heading = self._heading + self._turns * math.tau
+        roll, pitch = _roll_and_pitch(self._rotation())
+        return WorldState(BasePose(x, y, heading, time_ns, z=z, roll=roll, pitch=pitch), sensors=sensors)
+
+
+def _heading(rotation: tuple[float, float, float, float]) -> float:
+    w, x, y, z = rotation
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _roll_and_pitch(rotation: tuple[float, float, float, float]) -> tuple[float, float]:
+    w, x, y, z = rotation
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return roll, math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))

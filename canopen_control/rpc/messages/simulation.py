@@ -1,0 +1,64 @@
+"""What a running robot may be asked of its simulation, where a plugin of ros2_control simulates it without drives.
+
+Its time goes on by the robot's cycles; real and virtual drives have a time of their own, so that a robot on a bus
+refuses all of these. Refused in a sentence, nothing is changed.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+import msgspec
+
+from canopen_control.rpc.messages.declare import Effect, Request
+
+__all__ = ["MAX_STEPS", "SIMULATION_METHODS", "GetSimulation", "PauseSimulation", "ResetSimulation", "Simulation",
+           "StepSimulation"]  # fmt: skip
+
+MAX_STEPS: Final = 1_000_000
+
+
+class Simulation(msgspec.Struct, frozen=True, kw_only=True):
+    """How a simulation goes: `seconds` simulated, whether it is paused, and the `period` of a cycle in s."""
+
+    seconds: float
+    paused: bool
+    period: float
+
+
+class GetSimulation(Request[Simulation], frozen=True):
+    """How the simulation goes."""
+
+
+class PauseSimulation(Request[Simulation], frozen=True, kw_only=True):
+    """Pause the simulation, or let it go on.
+
+    While it is paused no command runs out. Commands that are in force when it goes on are forgotten: nothing moves
+    before a newer one.
+    """
+
+    paused: bool
+
+
+class StepSimulation(Request[Simulation], frozen=True, kw_only=True):
+    """Simulate a number of cycles of a simulation that is paused, with the commands in force; answered after them."""
+
+    steps: Annotated[int, msgspec.Meta(ge=1, le=MAX_STEPS)]
+
+
+class ResetSimulation(Request[Simulation], frozen=True, kw_only=True):
+    """Bring the simulated robot back to where it started, or to a key frame of its MJCF, at rest.
+
+    Its odometry begins anew and every command is forgotten; the active controllers are started anew, no other one. The
+    simulated time goes on, since a time that goes back breaks what listens to it.
+    """
+
+    keyframe: str = ""
+
+
+SIMULATION_METHODS: Final = (
+    ("simulation", Effect.READS, GetSimulation),
+    ("pause_simulation", Effect.CHANGES, PauseSimulation),
+    ("step_simulation", Effect.CHANGES, StepSimulation),
+    ("reset_simulation", Effect.CHANGES, ResetSimulation),
+)

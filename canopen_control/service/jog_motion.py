@@ -1,0 +1,184 @@
+"""What a jog commands now: keys that are held, or a motion with an end, within limits of speed, travel and torque.
+
+The law of this file: sans-IO, time is `now` in monotonic nanoseconds. Nothing moves but for a key that is held, or
+before the motion's own end; any other key, a limit, a drive that is no longer enabled ends it. What ended it is said
+once, in `ended`. Positions are those of the drive's shaft since the jog began, whatever its counter says.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from canopen_control.client.teleop_keys import Teleop
+
+__all__ = ["HELP", "JogEnd", "JogKind", "JogLimits", "JogMotion"]
+
+HELP: Final = """\
+  up, right (i, l)     forward while the key is held      q/z  faster/slower by 10 %
+  down, left (k .. m)  backward                           any other key stops; Ctrl-C ends"""
+_FORWARD: Final = frozenset(("up", "right", "i", "l"))
+_BACKWARD: Final = frozenset(("down", "left", ",", "j"))
+_SETTLED: Final = 0.002  # of a turn, a target is reached
+
+
+class JogKind(Enum):
+    """What is commanded."""
+
+    VELOCITY = "velocity"
+    POSITION = "position"
+    TORQUE = "effort"
+
+
+class JogEnd(Enum):
+    """Why a jog is over; those that are no success are failures of the run."""
+
+    NONE = ""
+    ASKED = "ended by a key"
+    GONE = "the terminal is gone"
+    OVER = "its time is over"
+    THERE = "there"
+    TRAVEL = "the travel limit is reached"
+    CURRENT = "the current limit is reached"
+    STATE = "the drive is not enabled any more"
+
+    @property
+    def failed(self) -> bool:
+        """Whether something else than the user ended it."""
+        return self in (JogEnd.CURRENT, JogEnd.STATE)
+
+
+@dataclass(frozen=True, slots=True)
+class JogLimits:
+    """The limits: `speed` in rad/s, `travel` in rad each way from the start, `current` in 1/1000 of the rated one."""
+
+    speed: float
+    travel: float
+    current: float
+
+
+class JogMotion:
+    """A jog of `value` (rad/s, rad from the start, or per mille): held by keys, or for `seconds`.
+
+    `command` is what the controller is to be sent now; a position is None until the start is known.
+    """
+
+    def __init__(self, kind: JogKind, value: float, limits: JogLimits, *, seconds: float | None, now: int) -> None:
+        self.kind, self.limits = kind, limits
+        self.ended, self.note = JogEnd.NONE, ""
+        self._value = value
+        self._held = kind is not JogKind.POSITION and seconds is None
+        self._deadline = None if seconds is None else now + round(seconds * 1e9)
+        self._keys = Teleop(abs(value), abs(value))
+        self._sign = 0
+        self._start: float | None = None
+        self._here = math.nan
+
+    @property
+    def by_keys(self) -> bool:
+        """Whether keys are held to move."""
+        return self._held
+
+    @property
+    def speed(self) -> float:
+        """What a held key commands."""
+        return self._keys.speed
+
+    @property
+    def travelled(self) -> float:
+        """How far the shaft is from the start, in rad; nan while nobody knows."""
+        return math.nan if self._start is None else self._here - self._start
+
+    @property
+    def command(self) -> float | None:
+        """What to send; 0 for nothing to do, None for a position that cannot be known yet."""
+        if self.kind is JogKind.POSITION:
+            return None if self._start is None else self._start + self._value
+        if self.ended is not JogEnd.NONE:
+            return 0.0
+        if not self._held:
+            return self._value
+        sign = self._direction()
+        return 0.0 if sign == 0 or self._blocked(sign) else math.copysign(self._keys.speed, sign)
+
+    def key(self, name: str, now: int) -> None:
+        """Take a key of `KeyDecoder`; of a motion with an end every key ends it."""
+        if name == "focus-in":
+            return
+        if not self._held:
+            self.end(JogEnd.ASKED)
+            return
+        self.note = ""
+        self._sign = 1 if name in _FORWARD else -1 if name in _BACKWARD else self._sign
+        if name in _FORWARD or name in _BACKWARD:
+            name = "up" if name in _FORWARD else "down"  # one key for each way: its repetition is what holds
+        elif name in ("q", "z", "w", "x"):
+            pass
+        else:
+            self._sign = 0
+            name = name if name in ("ctrl-c", "ctrl-d", "focus-out") else "space"
+        self._keys.key(name, now)
+        self._bound()
+        self.note = self._keys.note
+        if self._keys.ended:
+            self.end(JogEnd.ASKED)
+
+    def tick(self, now: int) -> None:
+        """Let time pass: a key that is not repeated is let go, a motion with an end is over."""
+        self._keys.tick(now)
+        if self._deadline is not None and now >= self._deadline:
+            self.end(JogEnd.OVER)
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do."""
+        found = [each for each in (self._keys.next_deadline(), self._deadline) if each is not None]
+        return min(found, default=None)
+
+    def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
+        """Take what the drive shows: rad, rad/s, per mille, None where it does not."""
+        if not enabled:
+            self.end(JogEnd.STATE)
+        if current is not None and abs(current) > self.limits.current:
+            self.end(JogEnd.CURRENT)
+        if position is None or not math.isfinite(position):
+            return
+        if self._start is None:
+            self._start = position
+        self._here = position
+        self._look_at_travel(velocity)
+
+    def end(self, why: JogEnd) -> None:
+        """Command nothing any more; the first reason counts."""
+        if self.ended is JogEnd.NONE:
+            self.ended = why
+        self._keys.stop()
+
+    # -- inside
+
+    def _direction(self) -> int:
+        return self._sign if self._keys.velocities.moving else 0
+
+    def _blocked(self, sign: int) -> bool:
+        """Whether the way in this direction is used up."""
+        return not math.isnan(self.travelled) and sign * self.travelled >= self.limits.travel
+
+    def _look_at_travel(self, velocity: float | None) -> None:
+        if self.kind is JogKind.POSITION:
+            near = abs(self.travelled - self._value) <= _SETTLED * math.tau
+            if near and (velocity is None or abs(velocity) <= self.limits.speed / 20):
+                self.end(JogEnd.THERE)
+            return
+        sign = self._direction() if self._held else int(math.copysign(1, self._value))
+        if not sign or not self._blocked(sign):
+            return
+        if self._held:
+            self.note = "the travel limit is reached, it goes the other way only (--max-travel)"
+        else:
+            self.end(JogEnd.TRAVEL)
+
+    def _bound(self) -> None:
+        """Keep what keys made of the speed within its limit."""
+        most = self.limits.current if self.kind is JogKind.TORQUE else self.limits.speed
+        self._keys.speed = self._keys.turn = min(self._keys.speed, most)

@@ -1,0 +1,161 @@
+"""A service session with one node: typed objects, identity, NMT state and CiA 402 states, whoever carries its SDO.
+
+Sans-IO but for `Transfers`, which a bare bus and a running robot both provide (`cli/support/open_session.py`), and a
+dictionary in tests. Nothing is interpreted twice: values have the types of the EDS (CiA 306), states those of CiA 402.
+A session reads; it writes only what it is asked to write.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, Protocol
+
+from canopen_control.cia402.objects import CONTROLWORD, STATUSWORD, axis_count, axis_index
+from canopen_control.cia402.state import POWERED_STATES, State, decode_statusword
+from canopen_control.errors import ConfigError, RemoteError, SdoAbort, SdoLengthError
+from canopen_control.od.codec import decode, encode, fitted
+from canopen_control.od.model import DataType
+
+if TYPE_CHECKING:
+    from canopen_control.cia301.nmt import NmtState
+    from canopen_control.errors import CanopenError
+    from canopen_control.od.model import Entry, ObjectDictionary, Value
+
+__all__ = ["IDENTITY", "NodeSession", "Transfers", "is_abort"]
+
+IDENTITY: Final = (("vendor", 1), ("product", 2), ("revision", 3))
+"""What is called how of 0x1018, by subindex; the serial number (4) is no matter of the EDS."""
+_DECIDING: Final = 2  # vendor and product say which device it is, the revision only which of its firmware
+_IDENTITY_INDEX: Final = 0x1018
+
+
+class Transfers(Protocol):
+    """Whoever carries the SDO transfers of the one node."""
+
+    def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
+        """Upload an object; raises RemoteError or RemoteProtocolError."""
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """Download an object; raises RemoteError or RemoteProtocolError."""
+
+    def nmt_state(self) -> NmtState | None:
+        """Return the state that the node showed last; None where nobody has heard it."""
+
+    def progress(self) -> tuple[int, int | None]:
+        """Return how many bytes of the transfer under way are over, and of how many; from another thread."""
+
+
+class NodeSession:
+    """One node: `name` is that of bus.yml or "", `od` its EDS or None, `robot` who carries its SDO, "" on a bare bus.
+
+    Every call may raise what the node or the robot says: RemoteProtocolError (SdoAbort, SdoTimeout) or RemoteError.
+    """
+
+    def __init__(
+        self, transfers: Transfers, node_id: int, od: ObjectDictionary | None, *, name: str = "", robot: str = ""
+    ) -> None:
+        self.transfers, self.node_id, self.od = transfers, node_id, od
+        self.name, self.robot = name, robot
+
+    def __str__(self) -> str:
+        return f"node {self.node_id} ({self.name})" if self.name else f"node {self.node_id}"
+
+    @property
+    def dictionary(self) -> ObjectDictionary:
+        """The EDS; ConfigError where there is none."""
+        if self.od is None:
+            raise ConfigError(f"{self}: nothing tells what its objects are; give its EDS with --eds FILE")
+        return self.od
+
+    # -- objects
+
+    def read(self, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
+        """Upload an object as it is."""
+        return self.transfers.read(index, subindex, block=block)
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """Download the bytes of an object."""
+        self.transfers.write(index, subindex, data)
+
+    def read_value(self, entry: Entry) -> Value:
+        """Upload an object by the type of its entry; SdoLengthError for an answer of another length."""
+        return self.decoded(entry, self.read(entry.index, entry.subindex))
+
+    def decoded(self, entry: Entry, data: bytes) -> Value:
+        """Return what was uploaded by the type of its entry; SdoLengthError for another length."""
+        whole = fitted(data, entry.data_type)
+        if whole is None:
+            wanted = f"{entry.data_type.name} has {((entry.data_type.bits or 0) + 7) // 8}"
+            raise SdoLengthError(self.node_id, entry.index, entry.subindex, data, wanted, entry.name, self.name)
+        return decode(whole, entry.data_type)
+
+    def write_value(self, entry: Entry, value: Value) -> None:
+        """Download a value by the type of its entry; ConfigError for one that the type cannot hold."""
+        try:
+            data = encode(value, entry.data_type)
+        except ValueError as error:
+            raise ConfigError(f"{self}: 0x{entry.index:04X}:{entry.subindex:02X} {entry.name}: {error}") from None
+        self.write(entry.index, entry.subindex, data)
+
+    def number(self, index: int, subindex: int, data_type: DataType = DataType.UNSIGNED32) -> int | None:
+        """Upload a whole number; None where the node aborts, or says something else."""
+        try:
+            data = fitted(self.read(index, subindex), data_type)
+        except (SdoAbort, RemoteError) as error:
+            if not is_abort(error):
+                raise
+            return None
+        return None if data is None else int.from_bytes(data, "little", signed=data_type.signed)
+
+    # -- who it is
+
+    def identity(self) -> dict[int, int | None]:
+        """Read vendor, product, revision and serial number (0x1018) by subindex; None for what the node lacks."""
+        return {subindex: self.number(_IDENTITY_INDEX, subindex) for subindex in range(1, 5)}
+
+    def identity_differences(self) -> list[str]:
+        """Return what tells that this is another device than its EDS describes; a revision alone tells nothing."""
+        found = []
+        for words, subindex in IDENTITY[:_DECIDING]:
+            told, seen = self._told_identity(subindex), self.number(_IDENTITY_INDEX, subindex)
+            if told and seen != told:
+                found.append(f"{words} 0x{told:08X} in the EDS, {'none' if seen is None else f'0x{seen:08X}'} found")
+        return found
+
+    def _told_identity(self, subindex: int) -> int:
+        """Return what the EDS says of 0x1018; 0 where it lacks the subindex: nothing can be asked then."""
+        od = self.dictionary
+        entry = od.get(_IDENTITY_INDEX, subindex)
+        if entry is None:
+            return 0
+        device = {1: od.device.vendor_number, 2: od.device.product_number}.get(subindex)
+        return entry.default if isinstance(entry.default, int) else device or 0
+
+    # -- what it does
+
+    def nmt_state(self) -> NmtState | None:
+        """Return the NMT state; None where the node shows none."""
+        return self.transfers.nmt_state()
+
+    def axes(self) -> range:
+        """Return the numbers of the axes of a CiA 402 drive; without an EDS the first is assumed."""
+        if self.od is None:
+            return range(1)
+        return range(axis_count({index for index, _ in self.od.entries}))
+
+    def drive_states(self) -> dict[int, State | None]:
+        """Read the states by axis (0x6041): nothing of a node that is no drive, None for a word without a state."""
+        words = {
+            axis: self.number(axis_index(STATUSWORD, axis), 0, DataType.UNSIGNED16)
+            for axis in self.axes()
+            if self.od is None or (axis_index(CONTROLWORD, axis), 0) in self.od
+        }
+        return {axis: decode_statusword(word) for axis, word in words.items() if word is not None}
+
+    def powered_axes(self) -> list[int]:
+        """Return the axes whose motor has, or may have, torque; one whose state is undefined may."""
+        return [axis for axis, state in self.drive_states().items() if state is None or state in POWERED_STATES]
+
+
+def is_abort(error: CanopenError) -> bool:
+    """Whether a node refused one object, itself or through a robot: others may be asked."""
+    return isinstance(error, SdoAbort) or (isinstance(error, RemoteError) and error.kind == SdoAbort.__name__)

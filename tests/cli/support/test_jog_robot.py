@@ -1,0 +1,114 @@
+import os
+import sys
+
+import pytest
+from support.jogbench import NODE_ID, jog_bench
+from support.onbus import GENERIC, TMCM
+
+from canopen_control.cli.main import main
+from canopen_control.cli.support.jog_robot import DEAD_MAN_S, choose_jog, dead_man_words, drive_of_robot, own_robot
+from canopen_control.cli.support.target import find_eds
+from canopen_control.errors import ConfigError, RobotConfigError
+from canopen_control.od.eds import read_eds
+from canopen_control.rpc.messages.robot import GetNodes, ListControllers, NodeListing, NodePlace
+from canopen_control.rpc.messages.state import ControllerReading
+from canopen_control.scaffold.bus_text import bus_text
+from canopen_control.scaffold.drive_choice import Supervision
+from canopen_control.scaffold.new_robot import Device
+
+
+def device(eds=GENERIC, without=()):
+    od = read_eds(find_eds(eds), NODE_ID).od
+    for address in [each for each in od.entries if each[0] in without]:
+        del od.entries[address]
+    return Device(NODE_ID, find_eds(eds), od)
+
+
+class FakeRobot:
+    robot = "robby"
+
+    def __init__(self, *controllers):
+        self._controllers = controllers
+
+    def ask(self, request):
+        if isinstance(request, GetNodes):
+            return NodeListing(
+                {}, [NodePlace(name="left", node_id=2, joints=["wheel"]), NodePlace(name="io", node_id=3)]
+            )
+        assert isinstance(request, ListControllers)
+        return self._controllers
+
+
+def controller(name, topic=None, *, active=True, joint="wheel"):
+    return ControllerReading(name=name, type="", state="active" if active else "inactive", joints=(joint,), topic=topic)
+
+
+def test_a_drive_that_takes_targets_by_itself_is_moved_through_its_robot():
+    found = drive_of_robot(FakeRobot(controller("wheel", "target")), "2", 0, "PV")
+    assert (found.robot, found.node, found.joint, found.controller, found.mode) == (
+        "robby",
+        "left",
+        "wheel",
+        "wheel",
+        "PV",
+    )
+
+
+@pytest.mark.parametrize(
+    ("node", "controllers", "why"),
+    [
+        ("left", [controller("forward", "commands")], "commanded by forward, and two must not move it; drive it by"),
+        ("left", [controller("wheel", "target", active=False)], "commanded by no controller"),
+        ("io", [], r"node 3 \(io\) of the running robot robby moves no joint"),
+        ("9", [], "robot robby has no node '9'; its nodes: 2 left, 3 io"),
+    ],
+)
+def test_any_other_drive_of_a_robot_is_left_to_it_with_what_to_do_instead(node, controllers, why):
+    with pytest.raises(ConfigError, match=why):
+        drive_of_robot(FakeRobot(*controllers), node, 0, "PV")
+
+
+@pytest.mark.parametrize(
+    ("interface", "mode", "target"),
+    [
+        ("velocity", "velocity_mode: 3", "0x60FF"),
+        ("position", "position_mode: 8", "0x607A"),
+        ("effort", "effort_mode: 4", "0x6071"),
+    ],
+)
+def test_the_robot_of_one_drive_is_what_init_would_make(private_folders, interface, mode, target):
+    text = bus_text(choose_jog(device(), interface, allow_unsupervised=False))
+    assert mode in text
+    assert f"index: {target}" in text
+    assert "heartbeat_producer: 50" in text
+
+
+def test_a_drive_that_nothing_would_stop_is_refused_unless_that_is_accepted(private_folders):
+    lonely = device(without=(0x1016, 0x100C, 0x100D))
+    with pytest.raises(RobotConfigError, match=r"nothing stops node 5 when this computer dies.*--allow-unsupervised"):
+        choose_jog(lonely, "velocity", allow_unsupervised=False)
+    assert choose_jog(lonely, "velocity", allow_unsupervised=True).allow_unsupervised
+
+
+def test_what_a_drive_cannot_do_is_told_by_its_modes(private_folders):
+    with pytest.raises(RobotConfigError, match=r"its modes are PP, PV, HM, CSP \(0x6502\).*target of effort"):
+        choose_jog(device(TMCM), "effort", allow_unsupervised=False)
+
+
+def test_the_user_is_told_what_stops_the_drive():
+    assert DEAD_MAN_S < 0.5
+    told = [
+        dead_man_words(Supervision(*each)) for each in ((True, True, False), (False, False, True), (True, False, False))
+    ]
+    assert ["heartbeat (0x1016)" in told[0], "guarded (0x100C, 0x100D)" in told[1], "NONE" in told[2]] == [True] * 3
+
+
+def test_a_running_robot_of_one_drive_is_jogged_through_it(private_folders, monkeypatch, capsys):
+    with open(os.devnull) as nothing, jog_bench(channel="memory:through") as bench:
+        monkeypatch.setattr(sys, "stdin", nothing)
+        robot = choose_jog(device(), "velocity", allow_unsupervised=False)
+        with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, lambda _event: None):
+            for where in (["--name", "jog_5"], ["--can", bench.bus.channel, "--eds", GENERIC]):
+                assert main(["jog", "5", *where, "--velocity", "1rad/s", "--for", "0.5"]) == 0
+        assert bench.get(0x6064) > 5000
+    assert "node 5 is joint_1_drive of the running robot jog_5, and moved through it" in capsys.readouterr().out

@@ -1,0 +1,85 @@
+import pytest
+
+from canopen_control.cli.support import jog_run
+from canopen_control.cli.support.jog_robot import JogDrive
+from canopen_control.cli.support.jog_run import CURRENTS, JogRun, choose_mode, reset_fault
+from canopen_control.errors import RemoteError
+from canopen_control.rpc.messages.declare import Done
+from canopen_control.rpc.messages.robot import AxisRequest, CommandController, SdoData, SdoRead
+from canopen_control.service.jog_motion import JogEnd, JogKind, JogLimits, JogMotion
+from canopen_control.service.jog_units import JogScale
+
+DRIVE = JogDrive("jog_5", "drive", "joint", "controller", "PV")
+LIMITS = JogLimits(2.0, 10.0, 1000.0)
+
+
+class FakeClient:
+    """Refuses the first requests with `refusals`, answers the others by type."""
+
+    def __init__(self, *refusals, answers=()):
+        self.refusals, self.asked, self.answers = list(refusals), [], dict(answers)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def ask(self, request, timeout=None):
+        self.asked.append(request)
+        if self.refusals:
+            raise RemoteError(*self.refusals.pop(0))
+        return self.answers.get(type(request), Done())
+
+
+def jog(value=1.0):
+    return JogRun(DRIVE, JogScale(4096, told=True), JogKind.VELOCITY, value, LIMITS, 5.0)
+
+
+def motion():
+    return JogMotion(JogKind.VELOCITY, 1.0, LIMITS, seconds=5.0, now=0)
+
+
+def test_a_mode_is_asked_for_again_while_the_drive_boots(monkeypatch):
+    monkeypatch.setattr(jog_run, "PERIOD_S", 0.0)
+    client = FakeClient(("ControlError", "has not booted yet"), ("ControlError", "has not booted yet"))
+    choose_mode(client, AxisRequest(action="mode", node="drive", mode="PV"))
+    assert len(client.asked) == 3
+
+
+def test_a_mode_that_the_drive_lacks_is_told_at_once():
+    with pytest.raises(RemoteError, match="no PV"):
+        choose_mode(FakeClient(("UnsupportedMode", "no PV")), AxisRequest(action="mode", node="drive", mode="PV"))
+
+
+def test_a_fault_reset_asks_for_nothing_else(monkeypatch):
+    client = FakeClient()
+    monkeypatch.setattr(jog_run.RobotClient, "connect", lambda _name: client)
+    assert reset_fault(DRIVE) == "joint: the fault is reset; the drive stays disabled"
+    assert [each.action for each in client.asked] == ["fault-reset"]
+
+
+def test_a_command_dies_with_its_sender_and_names_what_it_means():
+    client, run = FakeClient(), jog()
+    run._command(client, motion())
+    run._command(client, motion())  # within the time for which it holds
+    assert client.asked == [
+        CommandController(controller="controller", values=[1.0], source="jog", dead_man=True, interface="velocity")
+    ]
+
+
+def test_a_drive_that_is_off_ends_the_jog_and_any_other_refusal_is_told():
+    moved = motion()
+    jog()._command(FakeClient(("NotEnabled", "off")), moved)
+    assert moved.ended is JogEnd.STATE
+    with pytest.raises(RemoteError, match="latched"):
+        jog()._command(FakeClient(("ControlError", "STOP is latched")), motion())
+
+
+def test_the_current_is_read_where_the_drive_tells_it_and_else_its_torque():
+    client, run = FakeClient(("SdoAbort", "no such object"), answers={SdoRead: SdoData(b"\xce\xff")}), jog()
+    for _ in range(2):
+        run._asked_ns = -(10**12)
+        run._ask_current(client)
+    assert [each.index for each in client.asked] == [index for index, _ in CURRENTS]
+    assert run._current == -50.0

@@ -1,0 +1,213 @@
+import contextlib
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from support.host import eventually
+from support.jogbench import NODE_ID, jog_bench
+from support.mockrobot import running
+from support.onbus import GENERIC, TMCM
+from support.processes import DriveProbe, seconds_until
+from support.terminal import in_background, typed
+
+from canopen_control.cia402.state import State
+from canopen_control.cli.main import main
+from canopen_control.client import find_robots
+
+TURN = 65536  # counts of the generic drive
+DEAD_MAN_S = 0.5
+
+
+@pytest.fixture
+def bench(private_folders):
+    with jog_bench() as bench:
+        yield bench
+
+
+@pytest.fixture
+def no_terminal(monkeypatch):
+    with open(os.devnull) as nothing:
+        monkeypatch.setattr(sys, "stdin", nothing)
+        yield
+
+
+# -- it turns
+
+
+def test_a_velocity_for_a_time_turns_and_leaves_the_drive_off(bench, no_terminal, capsys):
+    assert bench.jog("--velocity", "60rpm", "--for", "0.5") == 0
+    assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
+    assert 0.2 * TURN < bench.get(0x6064) < 1.5 * TURN
+    said = capsys.readouterr().out
+    assert "limits: 6.28 rad/s (60.0 rpm), 3600.0 deg each way" in said
+    assert "dead-man: the drive watches this computer's heartbeat (0x1016)" in said
+    assert "OPERATION ENABLED, " in said
+    assert said.endswith("its time is over: stopped and disabled\n")
+
+
+def test_a_position_is_gone_to_from_where_the_drive_is(bench, no_terminal):
+    for turned in (1, 2):
+        assert bench.jog("--position", "30deg", "--max-speed", "40rpm") == 0
+        assert bench.get(0x6064) == pytest.approx(turned * TURN / 12, abs=TURN / 100)
+
+
+def test_held_keys_turn_it_both_ways_and_their_release_stops_it(bench, monkeypatch, capsys):
+    with typed(monkeypatch) as terminal:
+
+        def hold(key, seconds=0.9):
+            begin = time.monotonic()
+            while time.monotonic() - begin < seconds:
+                terminal.write(key)
+                time.sleep(0.04)
+
+        def user():
+            assert eventually(lambda: bench.drive.drives[0].state is State.OPERATION_ENABLED)
+            time.sleep(0.1)
+            hold(b"\x1b[C")
+            assert bench.speed > 0
+            assert seconds_until(lambda: bench.speed == 0, 2.0) < 0.8
+            hold(b"\x1b[D")
+            assert bench.speed < 0
+            terminal.write(b"\x03")
+
+        with in_background(user, terminal.close):
+            assert bench.jog("--velocity", "1rad/s") == 0
+    assert "ended by a key: stopped and disabled" in capsys.readouterr().out
+    assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
+
+
+def test_the_end_of_the_travel_ends_it(bench, no_terminal, capsys):
+    assert bench.jog("--velocity", "60rpm", "--for", "5", "--max-travel", "20deg") == 0
+    assert "the travel limit is reached: stopped" in capsys.readouterr().out
+    assert bench.get(0x6064) < TURN / 4
+
+
+def test_a_drive_whose_units_nobody_tells_is_turned_in_counts(private_folders, no_terminal, capsys):
+    with jog_bench(TMCM, "memory:counts") as bench:
+        assert bench.jog("--velocity", "500pps", "--for", "0.5") == 0
+        assert 0 < bench.get(0x6064) < 500
+        assert "counts a turn are not told" in capsys.readouterr().out
+        assert bench.jog("--velocity", "10rpm", "--for", "1") == 2
+        assert "say so with --counts N, or give counts: pps/counts/s" in capsys.readouterr().err
+        assert bench.jog("--velocity", "10rpm", "--for", "0.5", "--counts", "1600") == 0
+
+
+# -- what it refuses
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("--velocity", "nan", "--for", "1"), "'nan' is no velocity that a drive could reach"),
+        (("--velocity", "0", "--for", "1"), "that moves nothing"),
+        (("--velocity", "500rpm", "--for", "1"), "500rpm is beyond the limit of 6.28 rad/s (60.0 rpm); raise that"),
+        (("--position", "20turns"), "20turns is beyond the limit of 3600.0 deg; raise that, if it is safe: --max-tr"),
+        (("--axis", "3", "--for", "1"), "node 5 has no axis 3; it has 1, counted from 0"),
+        ((), "standard input is none; move for a time: --for S"),
+    ],
+)
+def test_what_is_no_jog_is_refused_before_anything_moves(bench, no_terminal, capsys, words, why):
+    assert bench.jog(*words) == 2
+    assert why in capsys.readouterr().err
+    assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
+
+
+def test_another_device_than_the_eds_describes_is_refused(bench, no_terminal, capsys):
+    assert bench.jog("--for", "1", eds=TMCM) == 2
+    assert "node 5 is not the device of TMCM-1270.eds: vendor 0x00000286 in the EDS, 0x" in capsys.readouterr().err
+    assert bench.jog("--for", "1", eds="generic_cia401.eds") == 2
+    assert "it describes no CiA 402 drive" in capsys.readouterr().err
+
+
+def test_a_node_that_is_not_there_is_told(bench, no_terminal, capsys):
+    assert bench.jog("--for", "1", "--timeout", "0.1", node=9) == 1
+    assert "node 9" in capsys.readouterr().err
+
+
+def test_a_channel_that_is_not_there_is_told(private_folders, no_terminal, capsys):
+    assert main(["jog", "5", "--can", "local:nobody", "--eds", GENERIC, "--for", "1"]) == 2
+    assert "nobody" in capsys.readouterr().err
+
+
+def test_a_fault_is_told_and_reset_only_on_demand_which_moves_nothing(bench, no_terminal, capsys):
+    axis = bench.drive.drives[0]
+    bench.bus.call(lambda: axis.fault(0x3220, bench.bus.reactor.now()))
+    assert bench.jog("--for", "1") == 1
+    said = capsys.readouterr().err
+    assert "node 5 has a fault: 0x3220" in said
+    assert "--fault-reset" in said
+    assert bench.jog("--fault-reset") == 0
+    assert axis.state is State.SWITCH_ON_DISABLED
+    assert bench.get(0x6064) == 0
+    assert bench.jog("--for", "0.3") == 0
+
+
+def test_a_drive_that_its_robot_commands_is_left_to_it(private_folders, no_terminal, capsys):
+    with running():
+        assert main(["jog", "2", "--for", "1"]) == 2
+    assert "has no node '2'" in capsys.readouterr().err  # mock hardware has none
+
+
+# -- it stops, whatever happens
+
+
+@contextlib.contextmanager
+def jog_on_a_terminal(stage, channel):
+    """Start `jog` on a terminal of its own, which holds the key down; yield the process and that terminal's end."""
+    master, slave = pty.openpty()
+    words = ["jog", str(NODE_ID), "--can", channel, "--eds", TMCM, "--velocity", "650pps"]
+    code = (
+        "import fcntl, sys, termios\nfrom canopen_control.cli.main import main\nfcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", f"{code}sys.exit(main({words!r}))"],
+        cwd=stage.place,
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        start_new_session=True,
+    )
+    os.close(slave)
+    try:
+        yield process, master
+    finally:
+        process.kill()
+        process.wait(10)
+        with contextlib.suppress(OSError):
+            os.close(master)
+
+
+def held_until(master, condition, seconds=30.0):
+    """Hold the arrow key down until `condition`."""
+    os.set_blocking(master, False)
+    begin = time.monotonic()
+    while not condition():
+        assert time.monotonic() - begin < seconds
+        os.write(master, b"\x1b[C")
+        with contextlib.suppress(BlockingIOError):
+            os.read(master, 65536)
+        time.sleep(0.03)
+    return time.monotonic() - begin
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("end", ["terminal", "SIGKILL"])
+def test_it_turns_soon_and_stops_by_itself_when_its_terminal_or_the_program_dies(stage, end):
+    stage.drive("desk", NODE_ID)
+    with (
+        contextlib.closing(DriveProbe("desk", NODE_ID)) as drive,
+        jog_on_a_terminal(stage, "local:desk") as (process, master),
+    ):
+        assert held_until(master, lambda: drive.speed > 300) < 30.0
+        if end == "terminal":
+            os.close(master)
+        else:
+            process.send_signal(signal.SIGKILL)
+        assert seconds_until(lambda: drive.speed == 0, 5.0) < DEAD_MAN_S
+        assert eventually(lambda: drive.power != "OPERATION_ENABLED")
+        assert process.wait(10) == (0 if end == "terminal" else -signal.SIGKILL)
+    assert find_robots() == []

@@ -1,0 +1,44 @@
+import math
+
+import pytest
+from support.physicsbench import ROBBY, robby
+
+from canopen_control.physics.physics_file import PhysicsError
+from canopen_control.virtual.shaft import ShaftWorld
+
+ENCODERS = ROBBY + 'encoders: {{"5": {{joint: left_wheel_joint, gear: 2, reversed: true}}}}\n'
+
+
+def test_an_encoder_turns_with_the_joint_that_it_sits_on_behind_its_gear(tmp_path):
+    axes = robby(tmp_path, ENCODERS)
+    assert isinstance(axes.world, ShaftWorld)
+    place = axes.world.shaft(5)
+    assert axes.world.shaft(6) is None
+    axes.enable()
+    for node in (3, 2):
+        axes.cruise(node, 4.0)
+    axes.go(1.0)
+    wheel = -axes[3].plant.position / 254.64790894703253
+    assert wheel > 1.0
+    assert place() == pytest.approx(-0.5 * wheel, abs=0.05)
+    axes.world.publish()
+
+
+def test_an_encoder_is_looked_at_more_often(tmp_path):
+    assert robby(tmp_path, ENCODERS).world.period_ns < robby(tmp_path).world.period_ns
+
+
+def test_an_encoder_on_no_joint_is_told_with_its_line(tmp_path):
+    with pytest.raises(PhysicsError, match=r"physics\.yml:7:17: there is no joint 'left_weel_joint' .* did you mean"):
+        robby(tmp_path, ENCODERS.replace("{{joint: left_wheel_joint, gear", "{{joint: left_weel_joint, gear"))
+    with pytest.raises(PhysicsError, match="'x' is no node"):
+        robby(tmp_path, ENCODERS.replace('"5"', '"x"'))
+
+
+def test_a_heading_goes_on_over_a_half_turn(tmp_path):
+    axes = robby(tmp_path)
+    axes.enable()
+    axes.cruise(3, -10.0)
+    axes.cruise(2, 10.0)
+    axes.go(4.0)
+    assert axes.world.describe().base.heading > math.pi

@@ -1,0 +1,101 @@
+"""The clock of a simulated robot: on the grid, never back, and as many cycles as were asked for."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.timer import ManualClock
+from canopen_control.runtime.robot_clock import RobotClock
+
+PERIOD = 20_000_000
+
+
+class Made:
+    """A clock under a clock that is moved by hand; `cycle` is one of this computer's, `times` are the robot's."""
+
+    def __init__(self):
+        self.manual = ManualClock(1_000_000_000)
+        self.reactor = Reactor(self.manual)
+        self.clock = RobotClock(self.reactor, PERIOD, simulated=True)
+        self.times, self.answers = [], []
+
+    def cycle(self, count=1, steps=3):
+        for _ in range(count):
+            self.manual.now_ns += PERIOD
+            if self.clock.take(self.manual.now_ns):
+                self.times.append(self.clock.edge)
+                for _ in range(steps - 1):
+                    if self.clock.paused and self.clock.take_step(self.manual.now_ns):
+                        self.times.append(self.clock.edge)
+            if self.clock.paused:
+                self.clock.tell_steps()
+
+
+@pytest.fixture
+def made():
+    made = Made()
+    yield made
+    made.reactor.close()
+
+
+def test_without_a_pause_it_is_this_computers(made):
+    made.cycle(2)
+    assert made.times == [1_000_000_000 + PERIOD, 1_000_000_000 + 2 * PERIOD]
+    assert made.clock.now() == made.reactor.now()
+    assert made.clock.hint is None
+
+
+def test_a_pause_takes_no_time(made):
+    made.cycle(2)
+    made.clock.pause()
+    made.cycle(100)
+    assert made.clock.now() == made.times[-1]
+    assert "world play" in made.clock.hint
+    made.clock.resume()
+    assert made.clock.now() == made.times[-1]
+    made.cycle(2)
+    assert [later - sooner for sooner, later in zip(made.times, made.times[1:], strict=False)] == [PERIOD] * 3
+    assert made.clock.now() == made.times[-1]
+
+
+def test_who_asked_for_steps_is_told_once_when_they_are_done_or_left(made):
+    made.cycle()
+    made.clock.pause()
+    made.clock.step(5, made.answers.append)
+    made.cycle()
+    assert made.answers == []
+    made.cycle(3)
+    assert made.answers == [None]
+    made.clock.step(500, made.answers.append)
+    made.clock.step(1, made.answers.append)
+    assert made.answers == [None, "other steps were asked for"]
+    made.clock.resume()
+    assert "no longer wanted" in made.answers[-1]
+    made.clock.pause()
+    made.clock.step(3, made.answers.append)
+    made.clock.end()
+    assert made.answers[-1] == "the robot has stopped"
+
+
+ACTS = st.lists(st.one_of(st.sampled_from(["pause", "resume", "cycle"]), st.integers(1, 9)), max_size=40)
+
+
+@given(ACTS)
+def test_whatever_is_asked_for_each_cycle_is_one_period_after_the_one_before(acts):
+    made = Made()
+    wanted = 0
+    for act in acts:
+        if isinstance(act, int):
+            if made.clock.paused:
+                made.clock.step(act, made.answers.append)
+                made.cycle(act)
+                wanted += act
+        elif act == "cycle":
+            made.cycle()
+            wanted += not made.clock.paused
+        else:
+            getattr(made.clock, act)()
+    assert len(made.times) == wanted
+    assert all(later - sooner == PERIOD for sooner, later in zip(made.times, made.times[1:], strict=False))
+    made.reactor.close()

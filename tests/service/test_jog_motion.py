@@ -1,0 +1,150 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canopen_control.service.jog_motion import JogEnd, JogKind, JogLimits, JogMotion
+
+MS = 1_000_000
+LIMITS = JogLimits(speed=2.0, travel=10.0, current=1000.0)
+
+
+def jog(kind=JogKind.VELOCITY, value=1.0, seconds=None, limits=LIMITS):
+    return JogMotion(kind, value, limits, seconds=seconds, now=0)
+
+
+def at(motion, position, velocity=0.0, current=None, *, enabled=True):
+    motion.see(position, velocity, current, enabled=enabled)
+
+
+def test_a_held_key_moves_and_its_release_stops():
+    motion = jog()
+    assert (motion.by_keys, motion.command) == (True, 0.0)
+    motion.key("right", 0)
+    assert motion.command == 1.0
+    for now in range(500, 1000, 40):
+        motion.key("right", now * MS)
+    motion.tick(1200 * MS)
+    assert motion.command == 1.0
+    motion.tick(1250 * MS)  # a quarter of a second after the last repetition
+    assert motion.command == 0.0
+
+
+def test_the_other_arrow_moves_the_other_way_and_any_other_key_stops():
+    motion = jog()
+    for key, command in (("up", 1.0), ("down", -1.0), ("left", -1.0), ("right", 1.0), ("space", 0.0), ("u", 0.0)):
+        motion.key(key, 0)
+        assert motion.command == command, key
+    assert motion.ended is JogEnd.NONE
+
+
+@pytest.mark.parametrize("key", ["ctrl-c", "ctrl-d"])
+def test_ctrl_c_ends_a_jog_by_keys(key):
+    motion = jog()
+    motion.key("up", 0)
+    motion.key(key, MS)
+    assert (motion.ended, motion.command) == (JogEnd.ASKED, 0.0)
+
+
+def test_a_terminal_that_loses_the_focus_stops():
+    motion = jog()
+    motion.key("up", 0)
+    motion.key("focus-out", MS)
+    assert motion.command == 0.0
+    assert "focus" in motion.note
+
+
+def test_the_speed_of_keys_stays_within_its_limit():
+    motion = jog()
+    for _ in range(50):
+        motion.key("q", 0)
+    motion.key("up", 0)
+    assert motion.command == 2.0
+    motion.key("z", 0)
+    assert motion.command == pytest.approx(1.8)
+
+
+def test_a_motion_for_a_time_begins_at_once_and_ends():
+    motion = jog(value=-1.0, seconds=2.0)
+    assert (motion.by_keys, motion.command, motion.next_deadline()) == (False, -1.0, 2000 * MS)
+    motion.tick(1999 * MS)
+    assert motion.command == -1.0
+    motion.tick(2000 * MS)
+    assert (motion.ended, motion.command) == (JogEnd.OVER, 0.0)
+
+
+def test_any_key_ends_a_motion_that_was_not_held():
+    motion = jog(seconds=2.0)
+    motion.key("focus-in", 0)
+    assert motion.ended is JogEnd.NONE
+    motion.key("right", 0)
+    assert (motion.ended, motion.command) == (JogEnd.ASKED, 0.0)
+
+
+def test_a_position_is_from_where_the_drive_is_and_ends_there():
+    motion = jog(JogKind.POSITION, 1.5)
+    assert motion.command is None  # nobody knows yet where it is
+    at(motion, 100.0)
+    assert (motion.command, motion.travelled) == (101.5, 0.0)
+    at(motion, 101.49, velocity=1.0)
+    assert motion.ended is JogEnd.NONE  # it is still moving
+    at(motion, 101.499)
+    assert motion.ended is JogEnd.THERE
+
+
+def test_the_travel_limit_ends_a_motion_and_stops_a_key_in_its_direction_only():
+    motion = jog(seconds=60.0)
+    at(motion, 5.0)
+    at(motion, 15.0)
+    assert (motion.ended, motion.command) == (JogEnd.TRAVEL, 0.0)
+    held = jog()
+    at(held, 5.0)
+    held.key("up", 0)
+    at(held, 15.0)
+    assert (held.ended, held.command) == (JogEnd.NONE, 0.0)
+    assert "travel limit" in held.note
+    held.key("down", 0)
+    assert held.command == -1.0
+
+
+@pytest.mark.parametrize(("current", "ended"), [(1000.0, JogEnd.NONE), (-1001.0, JogEnd.CURRENT), (None, JogEnd.NONE)])
+def test_a_current_beyond_its_limit_ends_it_as_a_failure(current, ended):
+    motion = jog(seconds=5.0)
+    at(motion, 0.0, current=current)
+    assert motion.ended is ended
+    assert motion.ended.failed is (ended is JogEnd.CURRENT)
+
+
+def test_a_drive_that_is_not_enabled_any_more_ends_it_and_the_first_reason_counts():
+    motion = jog(seconds=5.0)
+    at(motion, 0.0, enabled=False)
+    motion.end(JogEnd.ASKED)
+    assert (motion.ended, motion.ended.failed) == (JogEnd.STATE, True)
+
+
+STEPS = st.one_of(
+    st.tuples(st.just("key"), st.sampled_from(["up", "down", "left", "right", "q", "z", "space", "k", "other"])),
+    st.tuples(st.just("wait"), st.integers(0, 800)),
+    st.tuples(st.just("see"), st.floats(-20, 20)),
+)
+
+
+@given(st.lists(STEPS, max_size=40))
+def test_a_command_is_bounded_and_comes_from_a_key_that_is_young(steps):
+    motion, now, pressed = jog(), 0, -(10**12)
+    for what, value in steps:
+        if what == "key":
+            motion.key(value, now)
+            pressed = now if value in ("up", "down", "left", "right") else pressed
+        elif what == "wait":
+            now += value * MS
+            motion.tick(now)
+        else:
+            at(motion, value)
+        command = motion.command
+        assert command is not None
+        assert abs(command) <= LIMITS.speed
+        if command:
+            assert now - pressed <= 700 * MS
+            assert not motion.travelled * math.copysign(1, command) >= LIMITS.travel
