@@ -21,6 +21,8 @@ processes, or on the Dask cluster at --dask. What a breach takes is shrunk to th
 scenario, which --out FILE.yml keeps. It is a flight recording, or the frames of the robot's only bus (faults alone).
 --record FILE.zip writes such a recording of a simulation, for `report`, `trace` and `replay --page`.
 
+--physics has the virtual drives move the robot on a floor, as in a run (extra [physics]).
+
 --speed 1 is a run without processes, for a debugger. Ctrl-C ends it and keeps what there is. --json prints one object
 at the end, with the SHA-256 of every frame and event with its time.
 
@@ -96,6 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenario", metavar="FILE", help="what happens, see above, instead of what the seed draws")
     parser.add_argument("--recording", metavar="FILE", help="what happens as it was recorded: .zip, or .log, .asc, ...")
     parser.add_argument("--record", metavar="FILE.zip", help="write a flight recording of it")
+    parser.add_argument("--physics", action="store_true", help="the drives move the robot on a floor")
     parser.add_argument("--faults", metavar="all|LIST|none", help="what goes wrong (default: none, with --seeds all)")
     parser.add_argument("--seeds", type=_count, metavar="N", help="a campaign of N seeds, from --seed on")
     parser.add_argument("--jobs", type=_jobs, metavar="J", help="with --seeds: in J processes (default: 1)")
@@ -141,13 +144,21 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
 
     if args.can:
         raise ConfigError(f"--can {args.can[0]}: a simulation has buses of its own; leave the option away")
-    return read_robot(
+    setup = read_robot(
         find_files(args),
         controllers=args.controller,
         strict=args.strict,
         peer_merge=args.peer_merge,
         allow_unsupervised=args.allow_unsupervised,
+        physics=args.physics,
     )
+    if args.physics:
+        from canopen_control.physics import require_physics
+        from canopen_control.runtime.physics_plant import check_physics
+
+        require_physics()
+        check_physics(setup)
+    return setup
 
 
 def _run_campaign(args: argparse.Namespace) -> int:
@@ -166,6 +177,7 @@ def _run_campaign(args: argparse.Namespace) -> int:
     words = [args.config or ".", *args.xacro]
     words += [word for option, value in (*files, ("--launch", args.launch)) if value for word in (option, value)]
     words += [word for name in args.controller for word in ("--controller", name)]
+    words += ["--physics"] if args.physics else []
     seeds = range(args.seed or 0, (args.seed or 0) + args.seeds)
     folder = None if args.out is None else Path(args.out)
     order = CampaignOrder(

@@ -31,6 +31,7 @@ _UNASKED_NS: Final = 100 * _MS
 _STOPS: Final = ("stop", "latch", "axis disable", "axis quick-stop", "axis halt")
 _ENABLES: Final = ("axis enable",)
 _STANDING: Final = 0.03  # of the fastest that a shaft has turned
+_ON_A_FLOOR: Final = 1000.0  # counts/s that count as that at least: a robot rocks on its wheels
 
 
 @dataclass(slots=True)
@@ -150,8 +151,11 @@ class MotionRules:
         if now < actor.stalled_until:
             self._excused[node.node_id] = actor.stalled_until + 1000 * _MS
         number, axis = next(iter(device.drives.items()))
+        if self._robot.floor is not None and not axis.mover.powered:  # the floor turns it
+            self._excused[node.node_id] = now + GRACE_NS
         speed = abs(axis.mover.plant.velocity)
-        fastest = self._fastest[node.node_id] = max(self._fastest.get(node.node_id, 10.0), speed)
+        least = 10.0 if self._robot.floor is None else _ON_A_FLOOR
+        fastest = self._fastest[node.node_id] = max(self._fastest.get(node.node_id, least), speed)
         if speed <= _STANDING * fastest:
             self._moving.discard(node.node_id)
             return

@@ -1,15 +1,13 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.simulated import setup_of
+from support.simulated import S, setup_of
 
 from canopen_control.simulation.acts import Act
 from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.scenario_steps import nanoseconds_of, read_scenario_steps, scenario_text
 from canopen_control.virtual.scenario import ScenarioError
-
-S = 1_000_000_000
 
 
 def read(folder, text):
@@ -85,7 +83,6 @@ def test_times_have_units(text, ns):
     assert nanoseconds_of(text) == ns
 
 
-@given(st.integers(0, 500))
 def test_a_trajectory_of_several_points_is_written_and_read(tmp_path):
     act = Act(S, "trajectory", "robby_base_controller", values=(0.25, 0.5, 1.0, 2.0), times=(0.5, 1.0))
     path = tmp_path / "points.yml"
@@ -102,6 +99,7 @@ def test_times_of_points_grow_and_have_values(tmp_path, times):
         read_scenario_steps(path, setup_of())
 
 
+@given(st.integers(0, 500))
 def test_what_is_written_reads_as_the_same(tmp_path_factory, seed):
     acts = draw_schedule(seed, 30 * S, motions_of(setup_of()), (2, 3), known_faults())
     text = scenario_text(acts, seed=seed, duration_ns=30 * S, note="of a test")
