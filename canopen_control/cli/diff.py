@@ -89,9 +89,9 @@ def _print(a: Side, b: Side, found: list[ParameterDifference], identity: list[st
         print(f"{a.parameters.where} and {b.parameters.where}: {compared} parameters, equal")
         return
     refused = [{each.entry.address: each.why for each in side.left_out} for side in (a, b)]
-    table = Table(("object", a.parameters.where, b.parameters.where))
+    table = Table(("object", "name", a.parameters.where, b.parameters.where))
     for each in found:
         texts = (each.a_text, each.b_text)
         shown = (text or why.get(each.entry.address, "-") for text, why in zip(texts, refused, strict=True))
-        table.add((each.where, *shown))
+        table.add((f"0x{each.entry.index:04X}:{each.entry.subindex:02X}", each.name, *shown))
     print("\n".join(table.lines()))

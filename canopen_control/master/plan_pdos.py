@@ -23,6 +23,7 @@ from canopen_control.cia301.pdo import (
 from canopen_control.cia301.remap import is_restricted
 from canopen_control.frame import EXTENDED_BIT, rpdo_cob_id, tpdo_cob_id
 from canopen_control.master.plan_builder import PdoLayout
+from canopen_control.od.pdos import COMMUNICATION, COUNT, MAPPING, pdo_of
 
 if TYPE_CHECKING:
     from canopen_control.master.keys import PdoConfig
@@ -38,9 +39,6 @@ __all__ = [
     "plan_pdos",
 ]
 
-COUNT = 512
-COMMUNICATION = {"rpdo": 0x1400, "tpdo": 0x1800}
-MAPPING = {"rpdo": 0x1600, "tpdo": 0x1A00}
 _PREDEFINED = {"rpdo": rpdo_cob_id, "tpdo": tpdo_cob_id}
 _PREDEFINED_COUNT = 4
 _LAST_SPARE = 0x6DF
@@ -67,15 +65,6 @@ class _Wanted:
     @property
     def mapping(self) -> int:
         return MAPPING[self.kind] + self.number - 1
-
-
-def pdo_of(index: int) -> tuple[str, int] | None:
-    """Return kind and number of the PDO that a communication or mapping record belongs to."""
-    for kind in COMMUNICATION:
-        for first in (COMMUNICATION[kind], MAPPING[kind]):
-            if first <= index < first + COUNT:
-                return kind, index - first + 1
-    return None
 
 
 def is_pdo_record(index: int) -> bool:

@@ -14,12 +14,25 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Entry, ObjectDictionary
 
-__all__ = ["INVALID", "MAX_BITS", "Mapped", "Pdo", "pdos_of"]
+__all__ = [
+    "COMMUNICATION",
+    "COUNT",
+    "INVALID",
+    "MAPPING",
+    "MAX_BITS",
+    "Mapped",
+    "Pdo",
+    "is_cob_id",
+    "pdo_of",
+    "pdos_of",
+]
 
 MAX_BITS = 64
 INVALID = 1 << 31  # of a COB-ID entry: the PDO is off
-_MAPPINGS = ((True, 0x1400, 0x1600), (False, 0x1800, 0x1A00))  # is an RPDO, communication, mapping
-_PDO_COUNT = 512
+COUNT = 512
+COMMUNICATION = {"rpdo": 0x1400, "tpdo": 0x1800}
+MAPPING = {"rpdo": 0x1600, "tpdo": 0x1A00}
+_MAPPINGS = tuple((kind == "rpdo", COMMUNICATION[kind], MAPPING[kind]) for kind in COMMUNICATION)
 _MULTIPLEXED = (254, 255)  # as number of mapped objects: SAM- and DAM-MPDO, which map nothing
 
 
@@ -69,6 +82,20 @@ class Pdo:
         return sum(mapped.bits for mapped in self.mapped)
 
 
+def pdo_of(index: int) -> tuple[str, int] | None:
+    """Return kind ("rpdo", "tpdo") and number of the PDO that a communication or mapping record belongs to."""
+    for kind in COMMUNICATION:
+        for first in (COMMUNICATION[kind], MAPPING[kind]):
+            if first <= index < first + COUNT:
+                return kind, index - first + 1
+    return None
+
+
+def is_cob_id(index: int, subindex: int) -> bool:
+    """Whether the object is the COB-ID of a PDO."""
+    return subindex == 1 and any(first <= index < first + COUNT for first in COMMUNICATION.values())
+
+
 def pdos_of(od: ObjectDictionary) -> list[Pdo]:
     """Return all PDOs with a communication or mapping record: first the RPDOs, then the TPDOs, by number."""
     return list(_pdos(od))
@@ -76,7 +103,7 @@ def pdos_of(od: ObjectDictionary) -> list[Pdo]:
 
 def _pdos(od: ObjectDictionary) -> Iterator[Pdo]:
     for is_rpdo, communication, mapping in _MAPPINGS:
-        ranges = range(communication, communication + _PDO_COUNT), range(mapping, mapping + _PDO_COUNT)
+        ranges = range(communication, communication + COUNT), range(mapping, mapping + COUNT)
         offsets = {index - records.start for index in od.objects for records in ranges if index in records}
         for offset in sorted(offsets):
             yield _pdo(od, offset, is_rpdo, communication + offset, mapping + offset)

@@ -24,6 +24,7 @@ from canopen_control.cia402.objects import (
     axis_of,
 )
 from canopen_control.od.model import SCALAR_CODES, DataType
+from canopen_control.od.pdos import COUNT, MAPPING, is_cob_id
 from canopen_control.profiles.device_type import profile_of
 from canopen_control.profiles.profile_tables import profile_signals
 
@@ -32,13 +33,10 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
 
-__all__ = ["PDO_RECORDS", "follows_node_id", "is_cob_id", "parameters_of", "protection_of", "without_unused_slots"]
+__all__ = ["follows_node_id", "parameters_of", "protection_of", "without_unused_slots"]
 
-PDO_RECORDS: Final = range(0x1400, 0x1C00)
-"""RPDO communication from 0x1400, RPDO mapping 0x1600, TPDO communication 0x1800, TPDO mapping 0x1A00; 512 each."""
-_MAPPINGS: Final = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
+_MAPPINGS: Final = tuple(range(first, first + COUNT) for first in MAPPING.values())
 _MOST_MAPPED: Final = 64  # above it a count stands for an MPDO
-_COMMUNICATION: Final = (range(0x1400, 0x1600), range(0x1800, 0x1A00))
 _NO_TRANSFER: Final = 0b11  # of ObjFlags: refuse the write of a download, the read of a scan
 _COMMANDS: Final = frozenset((0x1003, 0x1010, 0x1011, 0x1013, *range(0x1023, 0x1027), 0x1F25, 0x1F82, 0x1F83))
 _PROGRAM: Final = range(0x1F50, 0x1F59)  # CiA 302-3
@@ -64,10 +62,12 @@ def parameters_of(od: ObjectDictionary) -> list[Entry]:
     return sorted(chosen, key=lambda entry: entry.address)
 
 
-def protection_of(od: ObjectDictionary, entry: Entry) -> str:
-    """Return why a parameter stays as it is on another device of the kind, "" where it does not."""
+def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = False) -> str:
+    """Return why a parameter stays as it is, "" where it does not; a calibration is written into its own device."""
     index = axis_of(entry.index)[0]
-    own = _VENDOR_OWN.get(_vendor(od), {}).get(index) or _OWN_TO_THE_DEVICE.get(index, "")
+    own = _VENDOR_OWN.get(_vendor(od), {}).get(index, "")
+    if not own and not same_device:
+        own = _OWN_TO_THE_DEVICE.get(index, "")
     info = od.objects.get(entry.index)
     names = f"{entry.name}\n{info.name if info is not None else ''}"
     if not own and index in _MANUFACTURER and _OWN_NAMES.search(names):
@@ -85,11 +85,6 @@ def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value
     return kept
 
 
-def is_cob_id(address: Address) -> bool:
-    """Whether the object is the COB-ID of a PDO."""
-    return address[1] == 1 and any(address[0] in records for records in _COMMUNICATION)
-
-
 def follows_node_id(entry: Entry, value: Value, node_id: int) -> bool:
     """Whether a value of the node `node_id` is made of that id, so that another node has it with its own.
 
@@ -99,7 +94,7 @@ def follows_node_id(entry: Entry, value: Value, node_id: int) -> bool:
         return False
     if entry.relative and isinstance(entry.default, int) and not (value - entry.default) & _IDENTIFIER:
         return True
-    of_messages = is_cob_id(entry.address) or entry.address == _EMCY
+    of_messages = is_cob_id(*entry.address) or entry.address == _EMCY
     identifier = value & _IDENTIFIER
     is_own = identifier & _NODE_BITS == node_id and 0x80 < identifier < 0x600
     return of_messages and is_own and (entry.address == _EMCY or not is_restricted(identifier))

@@ -16,7 +16,7 @@ from canopen_control.od.codec import decode, encode, fitted
 from canopen_control.od.model import DataType
 
 if TYPE_CHECKING:
-    from canopen_control.cia301.nmt import NmtState
+    from canopen_control.cia301.nmt import NmtCommand, NmtState
     from canopen_control.errors import CanopenError
     from canopen_control.od.model import Entry, ObjectDictionary, Value
 
@@ -36,6 +36,9 @@ class Transfers(Protocol):
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """Download an object; raises RemoteError or RemoteProtocolError."""
+
+    def command(self, command: NmtCommand) -> None:
+        """Send an NMT command, on a bare bus alone; raises DriveError where the node shows another state after it."""
 
     def nmt_state(self) -> NmtState | None:
         """Return the state that the node showed last; None where nobody has heard it."""

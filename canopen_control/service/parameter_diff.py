@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from canopen_control.service.parameter_set import ParameterSet
 
 
-__all__ = ["ParameterDifference", "differences", "parameter_text"]
+__all__ = ["ParameterDifference", "differences", "parameter_text", "value_text"]
 
 _COMMUNICATION = range(0x1000, 0x2000)  # identifiers and mappings are hexadecimal
 
@@ -34,11 +34,6 @@ class ParameterDifference:
     b: Value | None
     a_text: str
     b_text: str
-
-    @property
-    def where(self) -> str:
-        """The address and the name."""
-        return f"0x{self.entry.index:04X}:{self.entry.subindex:02X} {self.name}"
 
 
 def differences(a: ParameterSet, b: ParameterSet, skipped: Collection[Address] = ()) -> list[ParameterDifference]:
@@ -76,6 +71,11 @@ def parameter_text(side: ParameterSet, address: Address) -> str:
     value, entry = side.values[address], side.od[address]
     if isinstance(value, int) and address in side.relative:
         return f"$NODEID+0x{value - side.node_id:X}"
+    return value_text(entry, value)
+
+
+def value_text(entry: Entry, value: Value) -> str:
+    """Return a value for people: numbers of a drive in decimal, identifiers and mappings as a DCF writes them."""
     if isinstance(value, int | float) and entry.index not in _COMMUNICATION:
         return str(value)
     return format_value(value, entry.data_type) if value not in ("", b"") else "(empty)"

@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia301.pdo import NO_RTR_BIT
 from canopen_control.errors import EdsError
 from canopen_control.od.codec import encode, zero_of
 from canopen_control.od.dcf import dcf_text
 from canopen_control.od.eds import parse_eds, read_eds
 from canopen_control.od.eds_values import parse_number
+from canopen_control.od.pdos import is_cob_id
 from canopen_control.service.backup_choice import follows_node_id, parameters_of, without_unused_slots
 from canopen_control.version import __version__
 
@@ -134,7 +136,9 @@ class ParameterSet:
 
 
 def same_value(entry: Entry, a: Value, b: Value) -> bool:
-    """Whether two values of an object are the same to the node: the same bytes."""
+    """Whether two values of an object are the same to the node: the same bytes; bit 30 of a PDO's COB-ID is its own."""
+    if isinstance(a, int) and isinstance(b, int) and is_cob_id(*entry.address):
+        return a & ~NO_RTR_BIT == b & ~NO_RTR_BIT
     try:
         return a == b or encode(a, entry.data_type) == encode(b, entry.data_type)
     except ValueError:  # of two files that do not agree about the type

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     Told = Callable[[int, int], None]
 
-__all__ = ["LeftOut", "device_identity", "read_parameters", "read_values", "reason_of"]
+__all__ = ["LeftOut", "device_identity", "entry_label", "read_parameters", "read_values", "reason_of"]
 
 _VARIES = "two readings differed, so it is no parameter"
 
@@ -37,7 +37,12 @@ class LeftOut:
     why: str
 
     def __str__(self) -> str:
-        return f"0x{self.entry.index:04X}:{self.entry.subindex:02X} {self.entry.name}: {self.why}"
+        return f"{entry_label(self.entry)}: {self.why}"
+
+
+def entry_label(entry: Entry) -> str:
+    """Return address and name of a parameter."""
+    return f"0x{entry.index:04X}:{entry.subindex:02X} {entry.name}"
 
 
 def read_parameters(

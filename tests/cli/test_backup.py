@@ -7,6 +7,7 @@ import pytest
 from support.onbus import GENERIC, TMCM, OnBus
 
 from canopen_control.cli.main import main
+from canopen_control.master.config import read_bus
 from canopen_control.service.parameter_set import read_backup
 
 
@@ -53,3 +54,13 @@ def test_a_node_that_is_not_there_is_told(bus, tmp_path, capsys):
     words = ["backup", "9", "-o", str(tmp_path / "x.dcf"), *bus.options, "--eds", TMCM, "--timeout", "0.05"]
     assert main(words) == 1
     assert "node 9: 0x1000:00: no answer" in capsys.readouterr().err
+
+
+def test_a_robot_is_made_of_a_backup_and_boots_its_values(bus, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    bus.call(lambda: bus.nodes[3].store.set(0x6081, 0, 1600))
+    assert main(["backup", "3", "-o", "left.dcf", *bus.options, "--eds", TMCM]) == 0
+    assert main(["init", "cell", "--eds", "left.dcf", "--node-id", "4", "--allow-unsupervised"]) == 0
+    config = read_bus(tmp_path / "cell" / "bus.yml")
+    writes = next(iter(config.plans.values())).writes
+    assert ((0x6081, 0), (1600).to_bytes(4, "little")) in [(write.address, write.data) for write in writes]

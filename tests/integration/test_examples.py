@@ -177,7 +177,10 @@ def run(stage, words):
 
 
 #: what a verb says beside its work
-NOTES = {"replay": "nobody has local:bench open, it is made now"}
+NOTES = {
+    "dump": "reading node 3 (left_drive)",  # a busy machine takes long
+    "replay": "nobody has local:bench open, it is made now",
+}
 
 
 def understand(words):

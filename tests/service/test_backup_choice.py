@@ -8,9 +8,9 @@ from canopen_control.cia402.objects import MOTION, axis_index
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, Entry, ObjectDictionary
+from canopen_control.od.pdos import is_cob_id
 from canopen_control.service.backup_choice import (
     follows_node_id,
-    is_cob_id,
     parameters_of,
     protection_of,
     without_unused_slots,
@@ -95,7 +95,7 @@ def test_what_belongs_to_one_device_is_protected_with_a_reason():
     ],
 )
 def test_identifiers_that_end_in_the_node_id_follow_it(index, value, follows):
-    entry = Entry(index, 1 if is_cob_id((index, 1)) else 0, "x", DataType.UNSIGNED32)
+    entry = Entry(index, 1 if is_cob_id(index, 1) else 0, "x", DataType.UNSIGNED32)
     assert follows_node_id(entry, value, 5) is follows
 
 

@@ -24,7 +24,7 @@ def test_what_follows_the_node_id_is_compared_without_it():
 
 def test_a_difference_has_name_and_both_values():
     (found,) = differences(side(5, s6081_00=3), side(5, s6081_00=4))
-    assert (found.where, found.a, found.b) == ("0x6081:00 Profile velocity", 3, 4)
+    assert (found.entry.address, found.name, found.a, found.b) == ((0x6081, 0), "Profile velocity", 3, 4)
     assert (found.a_text, found.b_text) == ("3", "4")
 
 

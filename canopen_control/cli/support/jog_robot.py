@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.client import RobotClient, find_robots
+from canopen_control.controllers.params import Params
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.robot import GetNodes, ListControllers
 from canopen_control.runtime.background import BackgroundRobot
@@ -32,12 +33,14 @@ if TYPE_CHECKING:
     from canopen_control.master.event_log import Event
     from canopen_control.rpc.messages.state import ControllerReading
     from canopen_control.runtime.core import RobotCore
+    from canopen_control.runtime.setup import RobotSetup
     from canopen_control.scaffold.drive_choice import AxisChoice, Supervision
     from canopen_control.scaffold.new_robot import Device, NewRobot
 
 __all__ = ["DEAD_MAN_S", "JogDrive", "choose_jog", "dead_man_words", "drive_of_robot", "own_robot"]
 
 HEARTBEAT_MS: Final = 50
+COMMAND_LIFE_S: Final = 0.4
 DEAD_MAN_S: Final = 5 * HEARTBEAT_MS / 1000  # five of them may be missing
 _TARGET: Final = "target"
 
@@ -83,7 +86,7 @@ def own_robot(
         path.write_text(bus_text(robot), encoding="utf-8")
         for node in robot.nodes:
             shutil.copyfile(node.device.eds, path.parent / robot.eds_name(node))
-        setup = read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True)
+        setup = _short_lived(read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True))
         joint = next(each for each in robot.joints if each.axis is axis)
         names = [part.name for tag in setup.description.hardware for part in tag.joints]
         own = names[robot.joints.index(joint)]
@@ -104,6 +107,15 @@ def own_robot(
             yield JogDrive(robot.name, joint.node, own, own, axis.mode.name)
         finally:
             background.shutdown()
+
+
+def _short_lived(setup: RobotSetup) -> RobotSetup:
+    """Let commands end soon that nobody renews: who hangs, as on a terminal that is stopped, moves nothing."""
+    renewed = {
+        name: replace(config, params=Params.of({"joint": name, "command_timeout": COMMAND_LIFE_S}, name))
+        for name, config in setup.controllers.controllers.items()
+    }
+    return replace(setup, controllers=replace(setup.controllers, controllers=renewed))
 
 
 def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:

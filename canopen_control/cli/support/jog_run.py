@@ -122,7 +122,8 @@ class JogRun:
             if self._gone or (keyboard is not None and keyboard.ended):
                 motion.end(JogEnd.GONE)
             self._command(client, motion)
-            line.show(lambda: self._words(motion))
+            if self._sample is not None:
+                line.show(lambda: self._words(motion))
 
     def _take_keys(self, keyboard: Keyboard | None, decoder: KeyDecoder, motion: JogMotion, now: int) -> None:
         if keyboard is None:
@@ -201,7 +202,7 @@ class JogRun:
     def _words(self, motion: JogMotion) -> str:
         axis = self._axis()
         joint = None if self._sample is None else self._sample.joints.get(self._drive.joint)
-        words = ["..." if axis is None else (axis.state or "no state").replace("_", " ")]
+        words = [(axis.state if axis is not None and axis.state else "no state").replace("_", " ")]
         if joint is not None and joint.velocity is not None:
             words.append(self._scale.velocity_words(joint.velocity))
         if not math.isnan(motion.travelled):

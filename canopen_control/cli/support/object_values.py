@@ -16,7 +16,7 @@ from canopen_control.od.model import DataType
 if TYPE_CHECKING:
     from canopen_control.od.model import Value
 
-__all__ = ["TYPE_NAMES", "parse_type", "parse_value", "show"]
+__all__ = ["TYPE_NAMES", "parse_type", "parse_value", "printable", "show"]
 
 _ALIASES: dict[str, DataType] = {
     "bool": DataType.BOOLEAN,
@@ -96,7 +96,7 @@ def show(data: bytes, data_type: DataType | None) -> str:
         return _show_untyped(data)
     value = decode(data, data_type)
     if isinstance(value, str):
-        return f'"{_printable(value)}" ({_count(data)})'
+        return f'"{printable(value)}" ({_count(data)})'
     if isinstance(value, bytes):
         return _show_bytes(data)
     return f"{value} (0x{_hex_number(data)})" if data_type is not DataType.BOOLEAN else f"{bool(value)} ({value})"
@@ -127,7 +127,7 @@ def _text_of(data: bytes) -> str:
     return body.decode("ascii")
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
     """Return `text` with what a terminal would obey written as an escape."""
     return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
 

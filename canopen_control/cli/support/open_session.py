@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.nmt import NmtState
+from canopen_control.cia301.nmt import RESETS, NmtState, NmtUnconfirmed
 from canopen_control.cli.support.arguments import timeout_seconds
 from canopen_control.cli.support.target import (
     BusTarget,
@@ -19,7 +19,7 @@ from canopen_control.cli.support.target import (
     robot_on,
 )
 from canopen_control.client import RobotClient
-from canopen_control.errors import CanopenError
+from canopen_control.errors import CanopenError, DriveError
 from canopen_control.rpc.messages.robot import GetStatus
 from canopen_control.service.node_session import NodeSession, Transfers
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
+    from canopen_control.cia301.nmt import NmtCommand
     from canopen_control.cli.support.target import Target, TargetNode
 
 __all__ = ["add_session_arguments", "open_session"]
@@ -34,6 +35,7 @@ __all__ = ["add_session_arguments", "open_session"]
 _HEARTBEATS = 2.5  # of its own heartbeat times, a node is listened to
 _LONGEST_S = 3.0
 _HEARTBEAT = (0x1017, 0)
+_NMT_S, _RESET_S = 0.3, 3.0  # what a node may take to show a state
 
 
 def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True) -> None:
@@ -86,6 +88,16 @@ class TargetTransfers(Transfers):
     def progress(self) -> tuple[int, int | None]:
         """Return how far the transfer under way is."""
         return self._target.progress(self._node)
+
+    def command(self, command: NmtCommand) -> None:
+        """Send an NMT command to the node of a bare bus and wait until a heartbeat shows it, if it sends any."""
+        assert isinstance(self._target, BusTarget)
+        bus = self._target.bus
+        for result in bus.command(command, self._node.node_id, _RESET_S if command in RESETS else _NMT_S):
+            if isinstance(result, NmtUnconfirmed) and result.state is not None:
+                raise DriveError(
+                    f"{self._node} is {result.state.text} after NMT {command.name.replace('_', ' ').lower()}"
+                )
 
     def nmt_state(self) -> NmtState | None:
         """Return what the robot knows of the node; on a bare bus listen for its next heartbeat, if it sends any."""

@@ -2,15 +2,26 @@ import os
 import sys
 
 import pytest
+from support.host import eventually
 from support.jogbench import NODE_ID, jog_bench
 from support.onbus import GENERIC, TMCM
+from support.processes import seconds_until
 
 from canopen_control.cli.main import main
 from canopen_control.cli.support.jog_robot import DEAD_MAN_S, choose_jog, dead_man_words, drive_of_robot, own_robot
+from canopen_control.cli.support.jog_run import choose_mode
 from canopen_control.cli.support.target import find_eds
+from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.od.eds import read_eds
-from canopen_control.rpc.messages.robot import GetNodes, ListControllers, NodeListing, NodePlace
+from canopen_control.rpc.messages.robot import (
+    AxisRequest,
+    CommandController,
+    GetNodes,
+    ListControllers,
+    NodeListing,
+    NodePlace,
+)
 from canopen_control.rpc.messages.state import ControllerReading
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.drive_choice import Supervision
@@ -112,3 +123,15 @@ def test_a_running_robot_of_one_drive_is_jogged_through_it(private_folders, monk
                 assert main(["jog", "5", *where, "--velocity", "1rad/s", "--for", "0.5"]) == 0
         assert bench.get(0x6064) > 5000
     assert "node 5 is joint_1_drive of the running robot jog_5, and moved through it" in capsys.readouterr().out
+
+
+def test_a_command_that_nobody_renews_ends_soon(private_folders):
+    with jog_bench(channel="memory:hanging") as bench:
+        robot = choose_jog(device(), "velocity", allow_unsupervised=False)
+        own = own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, lambda _event: None)
+        with own as drive, RobotClient.connect(drive.robot) as client:
+            choose_mode(client, AxisRequest(action="mode", node=drive.node, mode=drive.mode))
+            client.ask(AxisRequest(action="enable", node=drive.node), 10.0)
+            client.ask(CommandController(controller=drive.controller, values=[1.0]))
+            assert eventually(lambda: bench.speed > 0)
+            assert seconds_until(lambda: bench.speed == 0, 5.0) < 1.0

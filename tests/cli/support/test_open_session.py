@@ -3,7 +3,7 @@ import argparse
 import pytest
 from support.onbus import GENERIC, TMCM, OnBus
 
-from canopen_control.cia301.nmt import NmtState
+from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia402.state import State
 from canopen_control.cli.support import target
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
@@ -90,3 +90,12 @@ def test_a_channel_of_a_running_robot_leads_to_it(robby):
         assert node.robot == "robby"
     with pytest.raises(ConfigError, match="has no node '9'"), open_session(arguments("9", "--can", "local:robby")):
         pass
+
+
+def test_a_node_of_a_bare_bus_takes_nmt_commands(alone):
+    with open_session(arguments("5", "--can", "memory:session", "--eds", TMCM)) as node:
+        node.transfers.command(NmtCommand.START)
+        assert alone.nodes[5].nmt.state is NmtState.OPERATIONAL
+        alone.call(lambda: alone.nodes[5].store.download(0x1017, 0, (20).to_bytes(2, "little")))
+        node.transfers.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+        assert node.nmt_state() is NmtState.PRE_OPERATIONAL

@@ -1,0 +1,43 @@
+"""`clone`: give a replacement drive all parameters of another one of its product, and prove that both are equal.
+
+Node id, bit rate, identity and the calibration to its own encoder stay those of the new drive. COB-IDs that follow the
+node id follow the new one. Everything else is as with `restore`: only what differs is written, all is read back, a
+refusal leaves the new drive as it was, and nothing is stored without --store. Where the old drive is dead, `restore`
+its backup.
+
+Exit codes: 0 both are equal; 1 the new drive refused something, or one did not answer; 2 wrong usage.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.cli.support.parameter_sides import like_file, read_all
+from canopen_control.cli.support.restoring import add_restore_arguments, restore_into
+from canopen_control.errors import ConfigError
+
+if TYPE_CHECKING:
+    import argparse
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control clone 3 4 --can can0 --eds TMCM-1270.eds --store"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("a", metavar="A", help="the drive that is read")
+    parser.add_argument("b", metavar="B", help="the drive that is written")
+    add_session_arguments(parser, node=False)
+    add_restore_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    if args.a == args.b:
+        raise ConfigError(f"{args.a} and {args.b} are one node; name the old drive, then the new one")
+    with open_session(args, args.a) as session:
+        source = read_all(session).parameters
+    with open_session(args, args.b) as session:
+        return restore_into(like_file(session, source), source, args)

@@ -1,0 +1,76 @@
+"""`dump`: everything that a node holds now, as a table, as CSV, or as a DCF.
+
+Every object that can be read is read once, one after the other; DOMAINs and what ObjFlags keep from a scan are left
+out. The DCF has a ParameterValue for each object that can be written, live values too: what is to be written back
+some day is a `backup`. A node of a running robot is asked through it, slowly enough never to be in its way.
+
+Exit codes: 0 good; 1 the node does not answer or tells nothing; 2 wrong usage, a file that cannot be written.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cli.support.object_table import csv_text, live_objects, rows_of, table_lines, values_of
+from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.errors import CanopenError
+from canopen_control.host.files import write_whole
+from canopen_control.od.dcf import dcf_text
+from canopen_control.service.object_selection import select_objects
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.cli.support.object_table import LiveObject
+    from canopen_control.service.node_session import NodeSession
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control dump left_drive "0x60*"
+         canopen-control dump left_drive "0x1*" --format csv -o left_drive.csv
+         canopen-control dump 3 --format dcf -o node3.dcf"""
+
+_BITRATE: Final = 1_000_000  # where the file does not tell
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_session_arguments(parser)
+    parser.add_argument("what", nargs="*", metavar="WHAT", help="as of `objects` (default: all)")
+    parser.add_argument("--format", choices=list(_FORMATS), default="table", help="default: table")
+    parser.add_argument("-o", "--output", metavar="FILE", help="instead of standard output")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    with open_session(args) as session:
+        objects = live_objects(session, select_objects(session.dictionary, args.what))
+        if all(each.value is None for each in objects):
+            raise CanopenError(f"{session}: none of these objects can be read")
+        text = _FORMATS[args.format](session, objects)
+    if args.output is None:
+        sys.stdout.write(text)
+        return 0
+    write_whole(args.output, text.encode())
+    told = sum(each.value is not None for each in objects)
+    print(f"{session}: {told} of {len(objects)} objects to {args.output}")
+    return 0
+
+
+def _table(session: NodeSession, objects: Sequence[LiveObject]) -> str:
+    rows = rows_of(session.dictionary, objects, session.node_id)
+    return "".join(f"{line}\n" for line in table_lines(rows, live=True))
+
+
+def _csv(session: NodeSession, objects: Sequence[LiveObject]) -> str:
+    return csv_text(rows_of(session.dictionary, objects, session.node_id))
+
+
+def _dcf(session: NodeSession, objects: Sequence[LiveObject]) -> str:
+    od = session.dictionary
+    return dcf_text(od, session.node_id, od.bitrate or _BITRATE, values_of(objects), node_name=session.name)
+
+
+_FORMATS: dict[str, Callable[[NodeSession, Sequence[LiveObject]], str]] = {"table": _table, "csv": _csv, "dcf": _dcf}

@@ -1,0 +1,63 @@
+"""`restore`: write the parameters of a DCF file into a node, and prove that it holds them.
+
+What the node holds is read first and only what differs is written, in an order that devices take: PDOs are invalid
+while they are changed, resolutions come before values, limits before what they bound. All is read back. What the node
+refuses is told with the reason, and then everything is put back, unless --keep says otherwise. Nothing is stored
+without --store.
+
+Refused are another product, an axis with torque, a node that a running robot controls, and a drive that has another
+node id and another serial number than the file (--any-node). Node id and bit rate are never written, and the
+calibration of another drive only with --include-protected.
+
+Exit codes: 0 the node holds all of it; 1 it refused something, or did not answer; 2 wrong usage or wrong file.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.cli.support.parameter_sides import backup_file, like_file
+from canopen_control.cli.support.restoring import add_restore_arguments, restore_into
+from canopen_control.errors import ConfigError
+from canopen_control.service.read_parameters import device_identity
+
+if TYPE_CHECKING:
+    import argparse
+
+    from canopen_control.service.node_session import NodeSession
+    from canopen_control.service.parameter_set import ParameterSet
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control restore node3.dcf 3 --can can0 --store
+         canopen-control restore node3.dcf 3 --can can0 --protect '0x2*' --protect 'Home offset'"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("file", metavar="FILE", help="a DCF, of `backup` or another tool")
+    add_session_arguments(parser)
+    parser.add_argument("--any-node", action="store_true", help="also a drive with another node id and serial number")
+    add_restore_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    file = backup_file(args.file)
+    with open_session(args) as session:
+        if not args.any_node:
+            _check_node(file, like_file(session, file))
+        return restore_into(like_file(session, file), file, args)
+
+
+def _check_node(file: ParameterSet, session: NodeSession) -> None:
+    """Refuse the backup of another drive on another place; a replacement on the old place is what a backup is for."""
+    if file.node_id == session.node_id:
+        return
+    serial = device_identity(session).serial
+    if serial is None or serial != file.identity.serial:
+        raise ConfigError(
+            f"{file.where} is of node {file.node_id}, and {session} is another drive; nothing was written: name node "
+            f"{file.node_id}, or say --any-node if it is meant to have these parameters"
+        )
