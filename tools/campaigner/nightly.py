@@ -38,8 +38,10 @@ ROOT: Final = Path(__file__).parents[2]
 RESULTS: Final = ROOT / "docs" / "reference" / "seeds.json"
 PAGE: Final = RESULTS.with_suffix(".md")
 PLANS: Final = (
-    Plan("robby", 5000, 6),
+    Plan("robby", 4600, 6),
+    Plan("robby", 300, 6, physics=True),
     Plan("forklift", 2000, 6),
+    Plan("forklift", 100, 6, physics=True),
     Plan("mecanum", 1500, 6),
     Plan("arm6", 1500, 6),
 )
@@ -61,7 +63,7 @@ class NightlyRobot:
     def __init__(self, plan: Plan, results: RobotResults, folder: Path) -> None:
         self.plan, self.results = plan, results
         self._folder = folder
-        self._setup: RobotSetup = read_robot(find_robot(plan.robot))
+        self._setup: RobotSetup = read_robot(find_robot(plan.robot), physics=plan.physics)
         self._campaign = Campaign(self._setup, plan.seconds * 1_000_000_000, known_faults())
 
     def turn(self, most: int, jobs: int, until: float) -> None:
@@ -72,12 +74,12 @@ class NightlyRobot:
             totals.add(result)
             self.results.add(result)
             for breach in result.breaches:
-                print(f"{self.plan.robot} seed {result.seed}: {breach.sentence}", flush=True)
+                print(f"{self.plan.name}, seed {result.seed}: {breach.sentence}", flush=True)
             if time.monotonic() > until:
                 break
         for broken in totals.broken[:_SHRUNK]:
             acts = self._campaign.shrink(broken)
-            command = f"canopen-control simulate {self.plan.robot}"
+            command = f"canopen-control simulate {self.plan.robot}{' --physics' if self.plan.physics else ''}"
             length = self._campaign.length_of(acts)
             print(f"  {command} --scenario {write_breach(self._folder, self._setup, broken, acts, length, command)}")
 
@@ -154,5 +156,5 @@ def _run(args: argparse.Namespace) -> int:
     else:
         complete = results.seeds > 0
     if args.page:
-        args.out.with_suffix(".md").write_text(page_of(results), encoding="utf-8")
+        args.out.with_suffix(".md").write_text(page_of(read_results(args.out)), encoding="utf-8")
     return 0 if complete and not results.breaches else 1

@@ -24,11 +24,17 @@ SIMULATED: Final = "docs/reference/seeds.json"
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A robot, how many seeds of it a night has, and how many seconds of the robot each is."""
+    """A robot, how many seeds of it a night has, how many seconds of the robot each is, and whether on a floor."""
 
     robot: str
     seeds: int
     seconds: int
+    physics: bool = False
+
+    @property
+    def name(self) -> str:
+        """The robot in words."""
+        return f"{self.robot} on a floor" if self.physics else self.robot
 
 
 @dataclass(slots=True)
@@ -101,6 +107,7 @@ def write_results(path: Path, results: Results) -> None:
                 "robot": plan.robot,
                 "planned": plan.seeds,
                 "seconds": plan.seconds,
+                "physics": plan.physics,
                 "seeds": each.seeds,
                 "robot_s": round(each.robot_s, 3),
                 "real_s": round(each.real_s, 1),
@@ -122,7 +129,7 @@ def read_results(path: Path) -> Results:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         rows = document["robots"]
-        plans = tuple(Plan(row["robot"], row["planned"], row["seconds"]) for row in rows)
+        plans = tuple(Plan(row["robot"], row["planned"], row["seconds"], row.get("physics", False)) for row in rows)
         return Results(document["code"], plans, [_robot_of(row) for row in rows], document["date"])
     except FileNotFoundError:
         return Results("", ())
@@ -168,10 +175,10 @@ def _parts(results: Results) -> Iterator[str]:
     for plan, each in rows:
         speed = each.robot_s / each.real_s if each.real_s else 0.0
         yield (
-            f"| {plan.robot} | {each.seeds:,} | {plan.seeds:,} | {plan.seconds} | {each.robot_s / 3600:.2f} "
+            f"| {plan.name} | {each.seeds:,} | {plan.seeds:,} | {plan.seconds} | {each.robot_s / 3600:.2f} "
             f"| {speed:.0f} | {each.frames:,} | {len(each.breaches)} | `{each.sha256[:12]}` |\n"
         )
-    yield from _breaches([f"{plan.robot}, {text}" for plan, each in rows for text in each.breaches])
+    yield from _breaches([f"{plan.name}, {text}" for plan, each in rows for text in each.breaches])
     troubles: Counter[tuple[str, str]] = sum((each.troubles for each in results.robots), Counter())
     states = sorted({state for _, state in troubles})
     yield _TROUBLES
