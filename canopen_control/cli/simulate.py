@@ -52,7 +52,9 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control simulate robby --for 3 --seed 7
          canopen-control simulate robby --for 3 --faults heartbeat_lost,silent --json
-         canopen-control simulate robby --seeds 3 --for 3 --json"""
+         canopen-control simulate robby --seeds 3 --for 3 --json
+         canopen-control simulate robby --for 5 --seed 7 --faults short_circuit --record fault.zip
+         canopen-control simulate robby --recording fault.zip --out bug.yml"""
 
 DEFAULT_NS: Final = 60_000_000_000
 _LARGEST_SEED: Final = 1 << 63
