@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -102,8 +103,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate; 0 good, 1 with a breach."""
-    if args.seeds is not None:
-        return _run_campaign(args)
+    try:
+        return _run_one(args) if args.seeds is None else _run_campaign(args)
+    finally:
+        gc.unfreeze()
+
+
+def _run_one(args: argparse.Namespace) -> int:
     for option, given in (("--jobs", args.jobs), ("--out", args.out), ("--dask", args.dask)):
         if given is not None:
             raise ConfigError(f"{option} is for a campaign; give the number of its seeds, as --seeds 100")
@@ -127,13 +133,16 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
 
     if args.can:
         raise ConfigError(f"--can {args.can[0]}: a simulation has buses of its own; leave the option away")
-    return read_robot(
+    setup = read_robot(
         find_files(args),
         controllers=args.controller,
         strict=args.strict,
         peer_merge=args.peer_merge,
         allow_unsupervised=args.allow_unsupervised,
     )
+    gc.collect()
+    gc.freeze()  # what was read stays: the collector is not to look through it for each seed
+    return setup
 
 
 def _run_campaign(args: argparse.Namespace) -> int:

@@ -89,4 +89,7 @@ def test_rules_of_users_come_by_entry_points(monkeypatch):
             return len
 
     monkeypatch.setattr(invariants.importlib.metadata, "entry_points", lambda group: [Point()])
+    invariants._entry_points.cache_clear()
     assert invariants.user_rules() == [("mine", len)]
+    monkeypatch.undo()
+    invariants._entry_points.cache_clear()
