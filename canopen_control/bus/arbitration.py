@@ -8,13 +8,16 @@ argument: `put` and `advance` do what would have happened until `now`.
 from __future__ import annotations
 
 from collections import deque
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.timing import NS_PER_S, duration_ns, frame_bits
+from canopen_control.bus.timing import NS_PER_S, frame_bits
 from canopen_control.frame import EXTENDED_FLAG, RECORD, RECORD_SIZE, REMOTE_FLAG
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    Waiting = tuple[int, int, int, bytes]  # priority, sender, bits, record: the lowest wins
 
 __all__ = ["PacedWire", "priority"]
 
@@ -30,10 +33,11 @@ def priority(can_id: int) -> int:
     return (can_id & 0x7FF) << 21 | remote << 20
 
 
-def _rank(waiting: tuple[int, deque[bytes]]) -> tuple[int, int]:
-    """Return what the lowest of which wins the bus."""
-    sender, queue = waiting
-    return priority(RECORD.unpack_from(queue[0])[0]), sender
+@lru_cache(maxsize=4096)
+def _on_wire(record: bytes) -> tuple[int, int]:
+    """Return the priority of a record and its bits."""
+    can_id, length, data = RECORD.unpack(record)
+    return priority(can_id), frame_bits(can_id, data[:length])
 
 
 def _never(_sender: int, _record: bytes) -> bool:
@@ -50,8 +54,8 @@ class PacedWire:
         self.bitrate = bitrate
         self.bits = 0
         self.disturbed: Callable[[int, bytes], bool] = _never
-        self._queues: dict[int, deque[bytes]] = {}
-        self._on_wire: tuple[int, bytes] | None = None
+        self._queues: dict[int, deque[Waiting]] = {}  # of those who have something to send
+        self._on_wire: Waiting | None = None
         self._done_ns = 0
         self._window_start = 0
         self._window_bits = 0
@@ -64,8 +68,13 @@ class PacedWire:
 
     def put(self, sender: int, records: bytes, now: int) -> None:
         """Queue records of `sender`; call `advance` first, so that what was due until now is done."""
-        queue = self._queues.setdefault(sender, deque())
-        queue.extend(records[at : at + RECORD_SIZE] for at in range(0, len(records), RECORD_SIZE))
+        queue = self._queues.get(sender)
+        if queue is None:
+            queue = self._queues[sender] = deque()
+        for at in range(0, len(records), RECORD_SIZE):
+            record = records[at : at + RECORD_SIZE]
+            rank, bits = _on_wire(record)
+            queue.append((rank, sender, bits, record))
         if self._on_wire is None:
             self._begin(max(now, self._done_ns))
 
@@ -76,19 +85,21 @@ class PacedWire:
     def drain(self) -> Iterator[tuple[int, bytes]]:
         """Yield sender and record of everything that waits, in the order of arbitration, without its time."""
         while self._on_wire is not None:
-            yield self._on_wire
+            _, sender, _, record = self._on_wire
+            yield sender, record
             self._begin(self._done_ns)
 
     def advance(self, now: int) -> Iterator[tuple[int, bytes]]:
         """Yield sender and record of each frame whose last bit passed until `now`."""
         while self._on_wire is not None and self._done_ns <= now:
-            done = sender, record = self._on_wire
+            done = self._on_wire
+            _, sender, _, record = done
             disturbed = self.disturbed(sender, record)
             if disturbed:
-                self._queues.setdefault(sender, deque()).appendleft(record)
+                self._queues.setdefault(sender, deque()).appendleft(done)
             self._begin(self._done_ns)
             if not disturbed:
-                yield done
+                yield sender, record
 
     def next_deadline(self) -> int | None:
         """Return when the frame on the wire ends."""
@@ -100,17 +111,19 @@ class PacedWire:
         return self._last_load
 
     def _begin(self, now: int) -> None:
-        waiting = [(sender, queue) for sender, queue in self._queues.items() if queue]
-        if not waiting:
+        queues = self._queues
+        if not queues:
             self._on_wire = None
             return
-        sender, queue = waiting[0] if len(waiting) == 1 else min(waiting, key=_rank)
-        record = queue.popleft()
-        can_id, length, data = RECORD.unpack(record)
-        bits = frame_bits(can_id, data[:length])
-        self._on_wire = sender, record
-        self._done_ns = now + duration_ns(bits, self.bitrate)
-        self._roll(now)
+        self._on_wire = first = min([queue[0] for queue in queues.values()])
+        _, sender, bits, _ = first
+        queue = queues[sender]
+        queue.popleft()
+        if not queue:
+            del queues[sender]
+        self._done_ns = now - (-bits * NS_PER_S // self.bitrate)
+        if now - self._window_start >= LOAD_WINDOW_NS:
+            self._roll(now)
         self.bits += bits
         self._window_bits += bits
 

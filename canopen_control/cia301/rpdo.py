@@ -8,7 +8,7 @@ is told (0x8220). The event timer, where set, is a deadline: it starts with the 
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.cia301.pdo import LAST_CYCLIC, PdoParameters, is_event_driven
@@ -34,8 +34,7 @@ EMCY_OF: dict[RpdoEventKind, int] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class RpdoEvent:
+class RpdoEvent(NamedTuple):
     """`kind`; `data` are exactly the mapped bytes for APPLY, empty otherwise; `length` is the frame's."""
 
     kind: RpdoEventKind

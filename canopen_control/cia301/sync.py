@@ -8,7 +8,7 @@ SYNC, without a counter, as other stacks do: the rhythm is right where the lengt
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.heartbeat import next_on_grid
@@ -133,8 +133,7 @@ class SyncEventKind(enum.Enum):
     RESOLVED = "resolved"  # the first SYNC after that; a SYNC event follows
 
 
-@dataclass(frozen=True, slots=True)
-class SyncEvent:
+class SyncEvent(NamedTuple):
     """`kind` at `now`; `counter` is the SYNC's, None without one."""
 
     kind: SyncEventKind

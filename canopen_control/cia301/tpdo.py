@@ -61,6 +61,8 @@ class TpdoProducer:
     def configure(self, parameters: PdoParameters, now: int) -> None:
         """Take a new communication record; a running PDO starts anew with it."""
         self._adopt(parameters)
+        if not self._valid:
+            self._frames.clear()
         if self.running:
             self.start(now)
 

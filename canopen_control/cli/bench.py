@@ -7,7 +7,7 @@ table says whether it was. --quick judges ratios, and counts of what may not hap
     canopen-control bench                   the cycle
     canopen-control bench all --check       every family; exit code 1 when a figure is not what it must be
     canopen-control bench --quick --check   what CI looks at: ratios and counts, some two minutes
-    canopen-control bench --quick --check simulated   of these what may run beside others: motion, physics, memory
+    canopen-control bench --quick --check simulated   of these what may run beside others: motion, physics, ...
 """
 
 from __future__ import annotations

@@ -1,7 +1,12 @@
-"""`check`: everything wrong with a robot's files, and what its buses have to carry; opens nothing."""
+"""`check`: everything wrong with a robot's files, what its buses carry and how long it takes to stop; opens nothing.
+
+The longest stop of a joint is from its greatest speed, after the reason that is noticed last: the time until that, and
+the ramp. --json has all reasons.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.run import add_file_arguments, add_kind_arguments, find_files
@@ -13,6 +18,7 @@ if TYPE_CHECKING:
 
     from canopen_control.master.budget import Budget
     from canopen_control.runtime.check import CheckReport
+    from canopen_control.runtime.stop_times import StopTime
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -52,6 +58,26 @@ class BudgetDocument(Document, frozen=True, kw_only=True):
     frames: list[FrameShare]
 
 
+class StopCaseDocument(Document, frozen=True):
+    """A reason to stop: s until it is noticed, s of the ramp, what makes it; None where nothing bounds that."""
+
+    cause: str
+    detection_s: float
+    ramp_s: float | None
+    by: str
+
+
+class StopDocument(Document, frozen=True):
+    """How long a joint takes to stand from `speed`, in its drive's units; None: without a limit."""
+
+    joint: str
+    node: str
+    node_id: int
+    speed: float | None
+    longest_s: float | None
+    cases: list[StopCaseDocument]
+
+
 class CheckDocument(Document, frozen=True):
     """Everything that `check --json` prints."""
 
@@ -59,6 +85,7 @@ class CheckDocument(Document, frozen=True):
     findings: list[FindingDocument]
     buses: dict[str, BudgetDocument]
     sync: dict[str, str]
+    stops: list[StopDocument]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -100,7 +127,18 @@ def _document(name: str, report: CheckReport) -> CheckDocument:
         ],
         {bus: _budget(budget) for bus, budget in report.budgets.items()},
         report.sync,
+        [_stop(each) for each in report.stops],
     )
+
+
+def _stop(stop: StopTime) -> StopDocument:
+    facts = stop.facts
+    cases = [StopCaseDocument(each.cause, each.detection_s, _finite(each.ramp_s), each.by) for each in stop.cases]
+    return StopDocument(facts.joint, facts.node, facts.node_id, _finite(facts.speed), _finite(stop.longest_s), cases)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _budget(budget: Budget) -> BudgetDocument:
@@ -122,6 +160,7 @@ def _lines(name: str, report: CheckReport) -> list[str]:
     lines = [str(finding) for finding in report.findings]
     lines += [_budget_line(bus, budget) for bus, budget in report.budgets.items()]
     lines += [f"bus {bus}: {words}" for bus, words in report.sync.items()]
+    lines += [stop.words for stop in report.stops]
     counts = [(report.count(severity), severity.value) for severity in Severity]
     said = ", ".join(f"{count} {word}{'s' if count > 1 else ''}" for count, word in counts if count)
     return [*lines, f"{name}: {said or 'nothing is wrong'}"]

@@ -33,6 +33,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -116,8 +117,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate; 0 good, 1 with a breach."""
-    if args.seeds is not None:
-        return _run_campaign(args)
+    try:
+        return _run_one(args) if args.seeds is None else _run_campaign(args)
+    finally:
+        gc.unfreeze()
+
+
+def _run_one(args: argparse.Namespace) -> int:
     out = None if args.recording is not None else args.out
     for option, given in (("--jobs", args.jobs), ("--out", out), ("--dask", args.dask)):
         if given is not None:
@@ -160,6 +166,8 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
 
         require_physics()
         check_physics(setup)
+    gc.collect()
+    gc.freeze()  # what was read stays: the collector is not to look through it for each seed
     return setup
 
 

@@ -17,6 +17,8 @@ from canopen_control.urdf.declared_interface import ACCELERATION, EFFORT, POSITI
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from canopen_control.rpc.messages.simulation import LaserScanReading
+
 __all__ = [
     "ACCELERATION",
     "EFFORT",
@@ -185,6 +187,10 @@ class HardwareComponent(Protocol):
 
     def reset(self, keyframe: str) -> None:
         """Bring what is simulated back to where it began, or to a key frame of its model; ControlError for no such."""
+        ...
+
+    def scan(self) -> Sequence[LaserScanReading]:
+        """Return what the lidars of a simulation see now."""
         ...
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING
 
 from mypy_extensions import mypyc_attr
 
 from canopen_control.hardware.interfaces import LifecycleState
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.rpc.messages.simulation import LaserScanReading
 
 __all__ = ["Lifecycle"]
 
@@ -53,6 +59,10 @@ class Lifecycle(ABC):
 
     def reset(self, keyframe: str) -> None:  # noqa: B027 - most have nothing to do
         """Do nothing: nothing is simulated."""
+
+    def scan(self) -> Sequence[LaserScanReading]:
+        """Return nothing: it has no lidars."""
+        return ()
 
     @abstractmethod
     def _begin(self) -> None:

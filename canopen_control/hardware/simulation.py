@@ -30,6 +30,7 @@ from canopen_control.hardware.lifecycle import Lifecycle
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from canopen_control.rpc.messages.simulation import LaserScanReading
     from canopen_control.urdf.joint_element import Joint, Limits
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
@@ -71,6 +72,9 @@ class Engine(Protocol):
 
     def step(self, seconds: float) -> None:
         """Let time pass for all motors and sensors."""
+
+    def scan(self, seconds: float) -> Sequence[LaserScanReading]:
+        """Return what its lidars see now, `seconds` into the simulation."""
 
     def reset(self, keyframe: str) -> None:
         """Bring everything back to where it began, or to a key frame; ControlError for one that is not there."""
@@ -215,6 +219,10 @@ class SimulatedSystem(Lifecycle):
 
     def _begin(self) -> None:
         self._show()
+
+    def scan(self) -> Sequence[LaserScanReading]:
+        """Return what the lidars of the engine see now."""
+        return () if self._engine is None else self._engine.scan(self._elapsed_ns / 1e9)
 
     def reset(self, keyframe: str) -> None:
         """Bring the joints back to where they began, at rest; a `keyframe` is one of the engine's model."""

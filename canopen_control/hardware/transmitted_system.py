@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.hardware.interfaces import HardwareComponent, LifecycleState
+    from canopen_control.rpc.messages.simulation import LaserScanReading
     from canopen_control.urdf.transmission import Transmission
 
 __all__ = ["TransmittedSystem"]
@@ -125,6 +126,10 @@ class TransmittedSystem:
     def reset(self, keyframe: str) -> None:
         """Reset the component."""
         self.component.reset(keyframe)
+
+    def scan(self) -> Sequence[LaserScanReading]:
+        """Return the component's."""
+        return self.component.scan()
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         """Ask the component."""

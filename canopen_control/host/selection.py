@@ -55,9 +55,10 @@ class MarkedSelector(selectors.BaseSelector):
         self._next += 1
         return self._next
 
-    def mark(self, number: int) -> None:
-        """Make a number readable, until `unmark`."""
+    def mark(self, number: int) -> bool:
+        """Make a number readable, until `unmark`; return whether it is watched, so that somebody is to be woken."""
         self._marked[number] = None
+        return number in self._keys
 
     def unmark(self, number: int) -> None:
         """Make a number unreadable; a no-op where it is."""

@@ -111,7 +111,7 @@ def _member(name: str, path: Path, floor: Floor, start: RobotStart) -> _Member:
 def _sensors(file: PhysicsFile) -> list[WorldSensor]:
     from canopen_control.physics.world_sensors import WorldSensor  # 150 ms
 
-    return [WorldSensor(name, each.kind, each.link, each.noise, each.reach) for name, each in file.sensors.items()]
+    return [WorldSensor.of(name, each) for name, each in file.sensors.items()]
 
 
 def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: list[WorldSensor]) -> WorldRobot:

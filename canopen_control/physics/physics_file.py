@@ -40,11 +40,14 @@ __all__ = [
     "Floor",
     "PhysicsError",
     "PhysicsFile",
+    "SensorKind",
     "SensorSettings",
     "axis_address",
     "read_physics_file",
 ]
 
+SensorKind = Literal["imu", "range", "force_torque", "pose", "magnetometer"]
+"""What a sensor of a world measures, see `tag_sensors`."""
 _AXES = 8  # of a node
 AxisAddress = tuple[str, int, int]
 """The bus of several ("": the main one), the node id, and the axis of the node."""
@@ -93,12 +96,17 @@ class Floor:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """A sensor on a link, see `world_sensors`; `reach` in m is that of a range finder."""
+    """A sensor on a link, see `world_sensors`; `reach` in m is that of a range finder, `seed` that of its noise.
 
-    kind: Literal["imu", "range", "force_torque"]
+    `scene` is what the names of its sensors in a scene begin with, where a scene of MuJoCo's own has them.
+    """
+
+    kind: SensorKind
     link: str
     noise: float = setting(0.0, low=0.0)
     reach: float = setting(10.0, low=1e-3)
+    seed: int = setting(0, low=0, high=2**31 - 1)
+    scene: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,14 @@
 """A robot in physics without drives: what a simulation plugin of ros2_control moves, as Gazebo or MuJoCo would.
 
 Each joint follows a position, a velocity or an effort through a servo of its own, as behind a drive; all of them move
-together once every cycle. A position is gone to evenly within the cycle. Sensors of the tag measure in the world: those
-with orientation, angular velocity or acceleration are IMUs, with force or torque force-torque sensors, with `range` a
-range finder; their link is the parameter `frame_id`, else the root, and `noise` is a parameter too.
+together once every cycle. A position is gone to evenly within the cycle. Sensors of the tag (`tag_sensors`) measure in
+the world.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import mujoco
 import numpy as np
@@ -18,21 +16,25 @@ import numpy as np
 from canopen_control.errors import ControlError, nearest
 from canopen_control.physics.body_model import build, read_spec
 from canopen_control.physics.joint_servo import ServoLoop
+from canopen_control.physics.lidar_scan import LidarScanner
 from canopen_control.physics.mjcf_model import build_mjcf
-from canopen_control.physics.physics_file import DENSITY, AxisSettings, Floor, PhysicsError
+from canopen_control.physics.physics_file import DENSITY, AxisSettings, Floor
+from canopen_control.physics.tag_lidars import camera_notes, tag_lidars
+from canopen_control.physics.tag_sensors import INTERFACES, tag_sensors
 from canopen_control.physics.urdf_repair import guessed_masses, repaired
 from canopen_control.physics.world_file import WorldDescription
-from canopen_control.physics.world_sensors import FORCE, IMU, INTERFACES, RANGE, SensorReader, WorldSensor
+from canopen_control.physics.world_sensors import SensorReader, WorldSensor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from canopen_control.physics.body_model import Body, JointPlace
+    from canopen_control.rpc.messages.simulation import LaserScanReading
     from canopen_control.urdf.description import Description
-    from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
+    from canopen_control.urdf.ros2_control import Ros2ControlSystem
 
 __all__ = ["JointMotor", "SimulatedRobot", "axes_of", "make_simulated", "sensors_of"]
 
@@ -43,7 +45,6 @@ _LONGEST_NS: Final = 200_000_000  # that one cycle may ask for; more has been lo
 _LEAD: Final = 0.2  # rad or m that a velocity may run ahead of a joint that is held up
 _SETTLE_STEPS: Final = 300
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-_WORDS: Final = ((IMU, ("orientation.", "angular_velocity.", "linear_acceleration.")), (FORCE, ("force.", "torque.")))
 
 
 def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
@@ -55,27 +56,11 @@ def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
     }
 
 
-def sensors_of(tag: Ros2ControlSystem, root: str) -> list[WorldSensor]:
-    """Return the sensors of a tag that a world has; PhysicsError for a parameter that is no number."""
-    return [found for part in tag.sensors if (found := _sensor(part, root)) is not None]
-
-
-def _sensor(part: ControlJoint, root: str) -> WorldSensor | None:
-    numbers = {}
-    for name, default in (("noise", 0.0), ("range_max", 10.0)):
-        try:
-            numbers[name] = float(part.parameters.get(name, default))
-        except ValueError:
-            numbers[name] = math.nan
-        if not (math.isfinite(numbers[name]) and numbers[name] >= 0.0):
-            raise PhysicsError(f"sensor {part.name}: {name} is {part.parameters[name]!r}; it is a number from 0")
-    link = part.parameters.get("frame_id", root)
-    for kind, words in _WORDS:
-        if any(name.startswith(words) for name in part.state_interfaces):
-            return WorldSensor(part.name, kind, link, numbers["noise"])
-    if RANGE in part.state_interfaces:
-        return WorldSensor(part.name, RANGE, link, numbers["noise"], numbers["range_max"])
-    return None
+def sensors_of(description: Description, tag: Ros2ControlSystem) -> list[WorldSensor]:
+    """Return the sensors of a tag that a world has; PhysicsError with what is wrong of them."""
+    model = description.model
+    found = tag_sensors(tag.sensors, model.links, model.root, description.path)
+    return [WorldSensor.of(name, each) for name, each in found.items()]
 
 
 @dataclass(slots=True)
@@ -87,10 +72,33 @@ class _Target:
     value: float = 0.0
 
 
-class JointMotor:
-    """One joint of the world: rad, rad/s, N m (m, m/s, N); its target counts at the next step of all."""
+class EffortLoop(Protocol):
+    """A loop that makes an effort of an error, in place of a joint's own servo."""
 
-    def __init__(self, robot: SimulatedRobot, place: JointPlace, settings: AxisSettings, period: float) -> None:
+    def compute(self, error: float, dt: float) -> float:
+        """Return the effort for an error, `dt` s after the last one."""
+        ...
+
+    def reset(self) -> None:
+        """Forget the past."""
+        ...
+
+
+class JointMotor:
+    """One joint of the world: rad, rad/s, N m (m, m/s, N); its target counts at the next step of all.
+
+    `loops`, by the interface that is commanded, take the place of its servo; its peak torque holds for them too.
+    """
+
+    def __init__(
+        self,
+        robot: SimulatedRobot,
+        place: JointPlace,
+        settings: AxisSettings,
+        period: float,
+        loops: Mapping[str, EffortLoop],
+    ) -> None:
+        self._loops = loops
         self._robot, self._place, self._period = robot, place, period
         self._loop = ServoLoop(place.motor, settings, period)
         self._target = _Target()
@@ -123,12 +131,16 @@ class JointMotor:
         self._target, self._place_wanted, self.effort = _Target(), self.position, 0.0
         self._target.before = self._target.value = self._place_wanted
         self._loop.begin()
+        for loop in self._loops.values():
+            loop.reset()
 
     def follow(self, interface: str, target: float, seconds: float) -> None:  # noqa: ARG002 # the step of all says it
         """Take the target of a position, a velocity or an effort until the next cycle."""
         old = self._target
         if interface != old.interface:  # what it did before is no position to come from
             self._place_wanted = self.position
+            if (loop := self._loops.get(interface)) is not None:
+                loop.reset()
             old.value = target if interface == "position" else old.value
         self._target = _Target(interface, old.value, target)
 
@@ -142,12 +154,19 @@ class JointMotor:
         elif target.interface == "position":
             speed = (target.value - target.before) / length
             self._place_wanted = target.before + part * (target.value - target.before)
-            self.effort = self._loop.torque(angle, self._place_wanted, speed, peak)
+            self.effort = self._effort(angle, self._place_wanted, speed, self._place_wanted - angle)
         else:
             ahead = self._place_wanted + target.value * self._period
             self._place_wanted = max(angle - _LEAD, min(angle + _LEAD, ahead))
-            self.effort = self._loop.torque(angle, self._place_wanted, target.value, peak)
+            self.effort = self._effort(angle, self._place_wanted, target.value, target.value - self.velocity)
         self._robot.data.qfrc_applied[place.dof] = self.effort
+
+    def _effort(self, angle: float, place: float, speed: float, error: float) -> float:
+        """Return what the loop of what is commanded gives for an error, else the servo for a place and a speed."""
+        peak, loop = self._place.motor.peak_torque, self._loops.get(self._target.interface)
+        if loop is None:
+            return self._loop.torque(angle, place, speed, peak)
+        return max(-peak, min(peak, loop.compute(error, self._period)))
 
 
 class SimulatedRobot:
@@ -159,16 +178,22 @@ class SimulatedRobot:
         axes: dict[str, AxisSettings],
         sensors: Iterable[WorldSensor] = (),
         notes: tuple[str, ...] = (),
+        loops: Mapping[str, Mapping[str, EffortLoop]] | None = None,
     ) -> None:
         self.body, self.model, self.notes = body, body.model, notes
         self.data = mujoco.MjData(body.model)
         self._period = float(body.model.opt.timestep)
         self._period_ns = round(self._period * _NS)
         self._left_ns = 0
-        self._motors = {name: JointMotor(self, place, axes[name], self._period) for name, place in body.joints.items()}
+        own = loops or {}
+        self._motors = {
+            name: JointMotor(self, place, axes[name], self._period, own.get(name, {}))
+            for name, place in body.joints.items()
+        }
         self._sensors = list(sensors)
         self._reader = SensorReader(self.model, self.data, self._sensors)
         self._seen: dict[str, float] = {}
+        self.lidars: list[LidarScanner] = []
         mujoco.mj_step(self.model, self.data, _SETTLE_STEPS)
         self.data.qvel[:] = 0.0
         for place in body.joints.values():
@@ -201,19 +226,25 @@ class SimulatedRobot:
         if self._sensors:
             self._look()
 
+    def scan(self, seconds: float) -> list[LaserScanReading]:
+        """Return what its lidars see now, `seconds` into the simulation."""
+        return [lidar.scan(seconds) for lidar in self.lidars]
+
     def reset(self, keyframe: str) -> None:
         """Go back to the state before the first step, or to a key frame of the model; ControlError for no such."""
         names = [self.model.key(number).name for number in range(self.model.nkey)]
         if keyframe:
             if keyframe not in names:
-                there = f"; there are: {', '.join(names)}" if names else ", since its model has none"
-                raise ControlError(f"no key frame {keyframe!r}{nearest(keyframe, names)}{there}")
+                there = nearest(keyframe, names) if names else ", since its model has none"
+                raise ControlError(f"no key frame {keyframe!r}{there}")
             mujoco.mj_resetDataKeyframe(self.model, self.data, names.index(keyframe))
         elif self._start is not None:
             mujoco.mj_setState(self.model, self.data, self._start, _STATE)
         for motor in self._motors.values():
             motor.rest()
         self._left_ns = 0
+        for lidar in self.lidars:
+            lidar.begin()
         self._reader = SensorReader(self.model, self.data, self._sensors)  # its noise begins anew
         mujoco.mj_forward(self.model, self.data)
         self._look()
@@ -224,12 +255,31 @@ class SimulatedRobot:
             self._seen.update({f"{name}/{part}": value for part, value in zip(INTERFACES[kind], numbers, strict=True)})
 
 
-def make_simulated(description: Description, tag: Ros2ControlSystem, scene: Path | None = None) -> SimulatedRobot:
-    """Return the robot of a tag in an empty world, or in an MJCF `scene`; PhysicsError for what cannot be simulated."""
-    axes, sensors, world = axes_of(tag), sensors_of(tag, description.model.root), WorldDescription()
+def make_simulated(
+    description: Description,
+    tag: Ros2ControlSystem,
+    scene: Path | None = None,
+    loops: Mapping[str, Mapping[str, EffortLoop]] | None = None,
+) -> SimulatedRobot:
+    """Return the robot of a tag in an empty world, or in an MJCF `scene`; PhysicsError for what cannot be simulated.
+
+    `loops` take the place of the servos, by joint and the interface that is commanded.
+    """
+    lidars = tag_lidars(tag, description.model.root, description.path)
+    robot = _made(description, tag, scene, loops or {})
+    model = robot.model
+    robot.notes += tuple(camera_notes(tag.sensors, [model.cam(number).name for number in range(model.ncam)]))
+    robot.lidars = [LidarScanner(model, robot.data, each) for each in lidars]
+    return robot
+
+
+def _made(
+    description: Description, tag: Ros2ControlSystem, scene: Path | None, loops: Mapping[str, Mapping[str, EffortLoop]]
+) -> SimulatedRobot:
+    axes, sensors, world = axes_of(tag), sensors_of(description, tag), WorldDescription()
     if scene is not None:
         body = build_mjcf(scene, axes, step=_STEP_S, path=description.path, world=world, sensors=sensors)
-        return SimulatedRobot(body, axes, sensors, body.notes)
+        return SimulatedRobot(body, axes, sensors, body.notes, loops)
     urdf = repaired(description)
     body = build(
         read_spec(urdf, description.path),
@@ -243,4 +293,4 @@ def make_simulated(description: Description, tag: Ros2ControlSystem, scene: Path
         world=world,
         sensors=sensors,
     )
-    return SimulatedRobot(body, axes, sensors, (*urdf.notes, *guessed_masses(urdf, DENSITY), *body.notes))
+    return SimulatedRobot(body, axes, sensors, (*urdf.notes, *guessed_masses(urdf, DENSITY), *body.notes), loops)

@@ -1,9 +1,10 @@
 """Sensors of a world: IMU, range finder and force-torque sensor on links, with noise that a seed repeats.
 
 An IMU measures the orientation of its link in the world, angular velocities and accelerations along the link's own
-axes, gravity included. A range finder looks along the x axis of its link and tells -1 where there is nothing in reach.
-A force-torque sensor measures what a link gets from the one that carries it, in its own axes. Units are rad/s, m/s2, m,
-N and Nm; `noise` is the standard deviation of each number but those of an orientation.
+axes, gravity included; a pose is that of its link in the world. A range finder looks along the x axis of its link and
+tells -1 where there is nothing in reach. A force-torque sensor measures what a link gets from the one that carries it,
+in its own axes. Units are rad/s, m/s2, m, N, Nm and tesla; `noise` is the standard deviation of each number but those
+of an orientation.
 """
 
 from __future__ import annotations
@@ -16,31 +17,32 @@ import mujoco
 
 from canopen_control.errors import nearest
 from canopen_control.physics.physics_file import PhysicsError
+from canopen_control.physics.tag_sensors import FORCE, IMU, MAGNET, POSE, RANGE
 from canopen_control.urdf.geometry import about
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-__all__ = ["FORCE", "IMU", "INTERFACES", "RANGE", "SensorReader", "WorldSensor", "add_sensors"]
+    from canopen_control.physics.physics_file import SensorKind, SensorSettings
 
-IMU, RANGE, FORCE = "imu", "range", "force_torque"
+__all__ = ["SensorReader", "WorldSensor", "add_sensors"]
+
 _KINDS = mujoco.mjtSensor
 #: kind -> what is measured, in the order of the numbers
-_PARTS: Final[Mapping[str, tuple[Any, ...]]] = {
+_PARTS: Final[Mapping[SensorKind, tuple[Any, ...]]] = {
     IMU: (_KINDS.mjSENS_FRAMEQUAT, _KINDS.mjSENS_GYRO, _KINDS.mjSENS_ACCELEROMETER),
     RANGE: (_KINDS.mjSENS_RANGEFINDER,),
     FORCE: (_KINDS.mjSENS_FORCE, _KINDS.mjSENS_TORQUE),
+    POSE: (_KINDS.mjSENS_FRAMEPOS, _KINDS.mjSENS_FRAMEQUAT),
+    MAGNET: (_KINDS.mjSENS_MAGNETOMETER,),
 }
-_XYZ: Final = ("x", "y", "z")
-#: kind -> the state interfaces of ros2_control, in the order of the numbers
-INTERFACES: Final[Mapping[str, tuple[str, ...]]] = {
-    IMU: (
-        *(f"orientation.{axis}" for axis in ("w", *_XYZ)),
-        *(f"angular_velocity.{axis}" for axis in _XYZ),
-        *(f"linear_acceleration.{axis}" for axis in _XYZ),
-    ),
-    RANGE: ("range",),
-    FORCE: (*(f"force.{axis}" for axis in _XYZ), *(f"torque.{axis}" for axis in _XYZ)),
+#: kind -> what the names of these in a scene end with
+_ENDINGS: Final[Mapping[SensorKind, tuple[str, ...]]] = {
+    IMU: ("_quat", "_gyro", "_accel"),
+    RANGE: ("",),
+    FORCE: ("_force", "_torque"),
+    POSE: ("_pos", "_quat"),
+    MAGNET: ("",),
 }
 _SITE: Final = "sensor "
 _Z_TO_X: Final = about((0.0, 1.0, 0.0), 1.5707963267948966)
@@ -51,16 +53,34 @@ class WorldSensor:
     """A sensor by its name: what kind, on which link, its noise, and of a range finder how far it reaches in m."""
 
     name: str
-    kind: str
+    kind: SensorKind
     link: str
     noise: float = 0.0
     reach: float = 10.0
+    seed: int = 0  # of the noise
+    scene: str = ""  # what the names of its parts in a scene begin with
+
+    @classmethod
+    def of(cls, name: str, each: SensorSettings) -> WorldSensor:
+        """Return the sensor that a file or a tag describes."""
+        return cls(name, each.kind, each.link, each.noise, each.reach, each.seed, each.scene)
+
+    def own(self) -> tuple[str, ...]:
+        """Return the names of its parts where they are added to a model."""
+        return tuple(f"{self.name} {number}" for number in range(len(_PARTS[self.kind])))
+
+    def of_scene(self) -> tuple[str, ...]:
+        """Return the names of its parts in a scene that has it, with the endings of mujoco_ros2_control."""
+        return tuple(f"{self.scene}{ending}" for ending in _ENDINGS[self.kind]) if self.scene else ()
 
 
 def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  # noqa: ANN401 - of MuJoCo
     """Add sensors to a specification; PhysicsError for a link that is not there."""
+    there = {sensor.name: sensor for sensor in spec.sensors if sensor.name}
     links = [body.name for body in spec.bodies if body.name != "world"]
     for each in sensors:
+        if _stands(each, there, path):
+            continue
         body = spec.body(each.link) if each.link in links else None
         if body is None:
             raise PhysicsError(f"{path}: sensor {each.name}: no link {each.link!r}{nearest(each.link, links)}")
@@ -72,6 +92,18 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
             if each.kind == RANGE:
                 sensor.cutoff = each.reach
                 sensor.intprm[0] = 1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST)
+
+
+def _stands(sensor: WorldSensor, there: Mapping[str, Any], path: str) -> bool:
+    """Return whether a scene has a sensor already; PhysicsError where something else of MuJoCo's has its name."""
+    names = sensor.of_scene()
+    if not names or not all(name in there for name in names):
+        return False
+    for name, kind in zip(names, _PARTS[sensor.kind], strict=True):
+        if there[name].type != kind:
+            what = kind.name.removeprefix("mjSENS_").lower()
+            raise PhysicsError(f"{path}: sensor {sensor.name}: {name} of the scene is no {what}")
+    return True
 
 
 class SensorReader:
@@ -89,10 +121,12 @@ class SensorReader:
         prefix: str = "",
     ) -> None:
         self._data, self._sensors = data, sensors
-        self._random = random.Random(seed)
+        self._random = {each.name: random.Random(f"{seed} {each.seed} {each.name}") for each in sensors}
         self._places: dict[str, list[tuple[int, int]]] = {}
+        there = {model.sensor(number).name for number in range(model.nsensor)}
         for each in sensors:
-            parts = [model.sensor(f"{prefix}{each.name} {number}") for number in range(len(_PARTS[each.kind]))]
+            own = [f"{prefix}{name}" for name in each.own()]
+            parts = [model.sensor(name) for name in (own if own[0] in there else each.of_scene())]
             self._places[each.name] = [(int(part.adr[0]), int(part.adr[0]) + int(part.dim[0])) for part in parts]
 
     def read(self) -> dict[str, tuple[float, ...]]:
@@ -103,10 +137,13 @@ class SensorReader:
             for start, end in self._places[each.name]:
                 noise = 0.0 if end - start == 4 else each.noise  # an orientation has a length of 1
                 numbers += [
-                    float(value) + self._error(noise, float(value)) for value in self._data.sensordata[start:end]
+                    float(value) + _error(self._random[each.name], noise, float(value))
+                    for value in self._data.sensordata[start:end]
                 ]
             found[each.name] = tuple(numbers)
         return found
 
-    def _error(self, noise: float, value: float) -> float:
-        return self._random.gauss(0.0, noise) if noise and value != -1.0 else 0.0
+
+def _error(of: random.Random, noise: float, value: float) -> float:
+    """Return what noise adds to a number; a range finder that sees nothing tells that without an error."""
+    return of.gauss(0.0, noise) if noise and value != -1.0 else 0.0

@@ -22,6 +22,7 @@ from canopen_control.ros.drive_services import DriveServices, MasterServices, Ta
 from canopen_control.ros.drive_topics import DriveTopics
 from canopen_control.ros.frames import Frames
 from canopen_control.ros.ground_truth import GroundTruth
+from canopen_control.ros.laser_scans import LaserScans
 from canopen_control.ros.lifecycle_services import Lifecycle
 from canopen_control.ros.mailbox import Mailbox
 from canopen_control.ros.nodes import NodeView, nodes_of
@@ -117,6 +118,7 @@ class Session:
             lambda: Rosout(ros, nodes),
             lambda: SimClock(ros),
             lambda: SimulationServices(ros),
+            lambda: LaserScans(ros),
             lambda: GroundTruth(ros),
             lambda: ControllerManagerServices(self._nodes.of(MANAGER)),
             lambda: Activity(self._nodes.of(MANAGER)),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from canopen_control.errors import ControlError
 from canopen_control.master.event_log import Event
 from canopen_control.rpc.messages.simulation import (
+    GetLaserScans,
     GetSimulation,
     PauseSimulation,
     ResetSimulation,
@@ -34,6 +35,7 @@ class SimulationMethods:
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot = robot
         server.answers(GetSimulation, self._get)
+        server.answers(GetLaserScans, self._scan)
         server.answers(PauseSimulation, self._pause)
         server.answers(StepSimulation, self._step)
         server.answers(ResetSimulation, self._reset)
@@ -54,6 +56,9 @@ class SimulationMethods:
 
     def _get(self, call: Call[GetSimulation]) -> None:
         call.reply(self._told())
+
+    def _scan(self, call: Call[GetLaserScans]) -> None:
+        call.reply(tuple(scan for component in self._robot.registry.components for scan in component.scan()))
 
     def _pause(self, call: Call[PauseSimulation]) -> None:
         clock = self._clock()

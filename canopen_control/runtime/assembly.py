@@ -17,12 +17,14 @@ from canopen_control.master.event_log import Event
 from canopen_control.runtime.robot_bus import RobotBus
 from canopen_control.runtime.simulation_engine import simulation_engine
 from canopen_control.runtime.sync_choice import SyncSender
+from canopen_control.runtime.world_sensing import sensed_world
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.errors import BusError
     from canopen_control.hardware.joint import JointDrive
+    from canopen_control.hardware.sensed_world import SensedWorld
     from canopen_control.hardware.stop_group import StopGroup
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.remote_node import RemoteNode
@@ -34,10 +36,10 @@ __all__ = ["Assembly"]
 
 @dataclass(slots=True)
 class Assembly:
-    """The parts by their names; `systems` are the components on buses. RobotConfigError for what cannot be built.
+    """The parts by their names; RobotConfigError for what cannot be built.
 
-    `report` takes the events of nodes and joints, `on_lost` the end of a bus, `lead` the SYNCs that
-    somebody else sends.
+    `systems` are the components on buses, `sensed` those that a world tells. `report` takes the events of nodes and
+    joints, `on_lost` the end of a bus, `lead` the SYNCs that somebody else sends.
     """
 
     setup: RobotSetup
@@ -51,6 +53,7 @@ class Assembly:
     bus_by_node: dict[str, RobotBus] = field(default_factory=dict)
     joints: dict[str, JointDrive] = field(default_factory=dict)
     systems: list[CanopenSystem] = field(default_factory=list)
+    sensed: list[SensedWorld] = field(default_factory=list)
     _groups: dict[str, StopGroup[JointDrive]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -68,6 +71,9 @@ class Assembly:
         for tag, kind in zip(setup.description.hardware, kinds, strict=True):
             if kind is Kind.CANOPEN:
                 self._add_system(tag)
+                if (sensed := sensed_world(setup, tag)) is not None:
+                    self.registry.register(sensed)
+                    self.sensed.append(sensed)
             else:
                 self.registry.register(made_up(setup.description, tag, kind, engine))
 

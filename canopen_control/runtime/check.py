@@ -23,6 +23,8 @@ from canopen_control.runtime.check_data import Finding, Severity, sorted_finding
 from canopen_control.runtime.check_timing import check_timing
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.setup import clashes_of, plans_of, read_robot
+from canopen_control.runtime.stop_facts import axis_facts, command_lives
+from canopen_control.runtime.stop_times import stop_time
 from canopen_control.runtime.sync_choice import SyncSender
 from canopen_control.urdf.description import read_description
 
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.robot_bus import RobotBus
     from canopen_control.runtime.robot_files import RobotFiles
+    from canopen_control.runtime.stop_times import StopTime
     from canopen_control.runtime.sync_choice import SyncChoice
     from canopen_control.urdf.description import Description
     from canopen_control.yamlfile.problems import Problem
@@ -59,11 +62,15 @@ class CheckOptions:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """What was found, by file and line; by bus what it has to carry and who sends SYNC, absent where that is broken."""
+    """What was found, by file and line; by bus what it has to carry and who sends SYNC, absent where that is broken.
+
+    `stops` is how long each joint on a drive takes to stand, empty where the robot cannot be built.
+    """
 
     findings: tuple[Finding, ...]
     budgets: dict[str, Budget] = field(default_factory=dict)
     sync: dict[str, str] = field(default_factory=dict)
+    stops: tuple[StopTime, ...] = ()
 
     def count(self, severity: Severity) -> int:
         """Return how many findings are of a severity."""
@@ -78,7 +85,7 @@ def check_robot(files: RobotFiles, options: CheckOptions) -> CheckReport:
     """Check the files of a robot; never raises for what stands in them."""
     checker = _Checker(files, options)
     checker.run()
-    return CheckReport(tuple(sorted_findings(checker.findings)), checker.budgets, checker.sync)
+    return CheckReport(tuple(sorted_findings(checker.findings)), checker.budgets, checker.sync, checker.stops)
 
 
 class _Checker:
@@ -88,6 +95,7 @@ class _Checker:
         self.findings: list[Finding] = []
         self.budgets: dict[str, Budget] = {}
         self.sync: dict[str, str] = {}
+        self.stops: tuple[StopTime, ...] = ()
         self._files, self._options = files, options
         self._buses: dict[str, BusConfig] = {}
         self._whole: dict[str, BusConfig] = {}  # those without an error
@@ -168,6 +176,8 @@ class _Checker:
             reactor = Reactor(ManualClock())
             try:
                 robot = RobotCore(setup, reactor)
+                if not setup.mock:
+                    self.stops = tuple(stop_time(each) for each in axis_facts(setup, command_lives(robot.manager)))
                 robot.close()
             finally:
                 reactor.close()

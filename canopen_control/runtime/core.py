@@ -95,7 +95,7 @@ class RobotCore:
         self.pacer = Pacer(reactor, setup.cycle_ns)
         self.pacer.phase.behind_ns = setup.phase_ns
         made = Assembly(setup, reactor, self.report, self._on_bus_lost, self.pacer.lead)
-        self.registry, self.buses, self.nodes = made.registry, made.buses, made.nodes
+        self.registry, self.buses, self.nodes, self.sensed = made.registry, made.buses, made.nodes, made.sensed
         self.joints, self.systems, self._bus_by_node = made.joints, made.systems, made.bus_by_node
         self.manager = ControllerManager(
             self.registry,
@@ -223,9 +223,8 @@ class RobotCore:
         """
         self.latch.refuse("a command to", controller)
         require_active(self.setup, self.manager, controller)
-        clock = self.cycle.clock
-        made = None if stamp is None else round(stamp * 1e9) - self.wall_offset_ns - clock.stood_ns
-        self.manager.command(controller, values, clock.now(), made, source=source, holder=holder)
+        made = None if stamp is None else self.cycle.clock.of(round(stamp * 1e9) - self.wall_offset_ns)
+        self.manager.command(controller, values, self.cycle.clock.now(), made, source=source, holder=holder)
         self.commander = source
 
     def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:

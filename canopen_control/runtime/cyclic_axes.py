@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.description import Description
     from canopen_control.urdf.ros2_control import ControlJoint
 
-__all__ = ["CyclicAxis", "cyclic_axes", "joint_words"]
+__all__ = ["CyclicAxis", "axis_number", "cyclic_axes", "joint_words", "node_of"]
 
 _CYCLIC: Final = {
     POSITION: (OperationMode.CSP, objects.TARGET_POSITION),
@@ -52,11 +52,10 @@ def joint_words(axes: Sequence[CyclicAxis]) -> str:
 
 
 def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[CyclicAxis]:
-    node = _node_of(config, joint)
+    node = node_of(config, joint)
     if node is None or node.name not in config.plans:
         return
-    text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
-    number = int(text) if text.isdigit() and int(text) < objects.AXES else 0
+    number = axis_number(joint)
     entry = config.dictionaries[node.name].get(objects.axis_index(objects.SUPPORTED_DRIVE_MODES, number), 0)
     listed = supported_modes(entry.value) if entry is not None and isinstance(entry.value, int) else ()
     wanted = {POSITION: node.motion.position_mode, VELOCITY: node.motion.velocity_mode}
@@ -66,7 +65,14 @@ def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[CyclicAxis]:
             yield CyclicAxis(joint.name, node, mode, objects.axis_index(target, number))
 
 
-def _node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
+def axis_number(joint: ControlJoint) -> int:
+    """Return which axis of its node a joint is."""
+    text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
+    return int(text) if text.isdigit() and int(text) < objects.AXES else 0
+
+
+def node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
+    """Return the node of a bus that moves a joint, None where it is on no drive of it."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     if name is not None:
         return config.nodes.get(name)

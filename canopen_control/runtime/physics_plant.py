@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from canopen_control.bus.channel import may_host_virtual_drives, parse_channel
 from canopen_control.errors import RobotConfigError
 from canopen_control.host.files import state_dir, write_whole
+from canopen_control.runtime.world_sensing import world_sensors
 from canopen_control.urdf.wheels import WheelGeometry
 
 if TYPE_CHECKING:
@@ -74,7 +75,8 @@ def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | No
     rollers = _rollers(setup)
     ratios = {each.joint: each.reduction for tag in setup.description.hardware for each in tag.transmissions}
     lines = [f"# of {setup.description.path} and bus.yml", "engine: mujoco", f"urdf: {_URDF}"]
-    lines += [*([] if world is None else [f"world: {json.dumps(str(world))}"]), "axes:"]
+    lines += [] if world is None else [f"world: {json.dumps(str(world))}"]
+    lines += [*_sensor_lines(setup), "axes:"]
     for joint in joints:
         axis = joint.axis.number
         address = f"{joint.node.node_id}/{axis}" if axis else f"{joint.node.node_id}"
@@ -82,6 +84,17 @@ def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | No
         roller = "" if joint.joint not in rollers else f", roller: {rollers[joint.joint]:g}"
         lines.append(f'  "{address}": {{joint: {json.dumps(joint.joint)}, scale_pos_to_dev: {scale!r}{roller}}}')
     return "\n".join(lines) + "\n"
+
+
+def _sensor_lines(setup: RobotSetup) -> list[str]:
+    """Return what of the description's sensors the world measures, as lines of the file."""
+    found = world_sensors(setup)
+    lines = [
+        f"  {json.dumps(name)}: {{kind: {each.kind}, link: {json.dumps(each.link)}, noise: {each.noise!r}, "
+        f"reach: {each.reach!r}, seed: {each.seed}}}"
+        for name, each in found.items()
+    ]
+    return ["sensors:", *lines] if lines else []
 
 
 def _rollers(setup: RobotSetup) -> dict[str, float]:

@@ -37,6 +37,10 @@ class RobotClock:
         """Return the time, as commands and controllers count it."""
         return self.edge if self.paused or self._resumed else self._reactor.now() - self.stood_ns
 
+    def of(self, now: int) -> int:
+        """Return a time of this computer's clock as the robot counts it."""
+        return now - self.stood_ns
+
     @property
     def hint(self) -> str | None:
         """What keeps the robot from moving, and what to do next, in one sentence; None while time goes on."""

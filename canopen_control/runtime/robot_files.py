@@ -45,6 +45,11 @@ class RobotFiles:
     more_buses: dict[str, Path] = field(default_factory=dict)
     arguments: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """All files."""
+        return (*self.buses.values(), self.controllers, self.description)
+
     def mappings(self, *, mock: bool = False) -> dict[str, str]:
         """Return xacro's arguments; of mock hardware the description is told, if it wants to know."""
         return {"use_mock_hardware?": "true"} | self.arguments if mock else self.arguments

@@ -26,7 +26,8 @@ from canopen_control.runtime.physics_plant import write_plant
 from canopen_control.runtime.program_errors import ProgramErrors
 from canopen_control.runtime.realtime import RealTime, keep_garbage_small
 from canopen_control.runtime.supervisor import Restarts, Supervisor, hosts_virtual_drives
-from canopen_control.runtime.true_pose import TruePoseQuery, odometry_at
+from canopen_control.runtime.true_pose import PERIOD_NS, TruePoseQuery, odometry_at
+from canopen_control.runtime.world_sensing import SensedValues, world_sensors
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -104,7 +105,14 @@ class Session:
         cleanup.callback(self.api.close)
         cleanup.callback(self.robot.close)
         drives = [drive_name(self.robot.bus_of(node).channel, node.node_id) for node in self.robot.nodes.values()]
-        self._true_pose = TruePoseQuery(drives, self.reactor, self._take_true_pose)
+        sensed = SensedValues(self.robot.sensed, world_sensors(setup))
+        self._true_pose = TruePoseQuery(
+            drives,
+            self.reactor,
+            self._take_true_pose,
+            sensed.take if sensed.wanted else None,
+            setup.cycle_ns if sensed.wanted else PERIOD_NS,
+        )
         cleanup.callback(self._true_pose.close)
         self.robot.on_stopped = self.reactor.stop
         self.robot.on_running = self._on_running

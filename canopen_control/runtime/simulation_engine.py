@@ -1,7 +1,8 @@
 """What moves the joints of a simulation plugin: physics where that is installed, else simple motors of their own.
 
 A description that names MuJoCo's plugin wants physics: what keeps it from that is an error. One that names Gazebo's
-runs on simple motors then, which is told. The plugin's parameter `mujoco_model` is an MJCF file beside the description.
+runs on simple motors then, which is told. The plugin's parameters `mujoco_model`, an MJCF file, and `pids_config_file`
+are beside the description.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.hardware.plugins import Kind
 from canopen_control.hardware.simulation import PHYSICS_PLUGIN
 from canopen_control.physics import require_physics
+from canopen_control.runtime.pids_file import read_pids
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["simulation_engine"]
 
 _MODEL: Final = "mujoco_model"
+_PIDS: Final = "pids_config_file"
 
 
 def simulation_engine(setup: RobotSetup, kinds: Sequence[Kind], report: Callable[[str, str], None]) -> Engine | None:
@@ -53,9 +56,10 @@ def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, st
     """Make the world of a tag."""
     from canopen_control.physics.plugin_robot import make_simulated
 
-    model = tag.parameters.get(_MODEL, "")
-    scene = Path(setup.description.path).parent / model if model else None
-    engine = make_simulated(setup.description, tag, scene)
+    folder = Path(setup.description.path).parent
+    model, pids = (tag.parameters.get(key, "").strip() for key in (_MODEL, _PIDS))
+    loops = read_pids(folder / pids, tag) if pids else {}
+    engine = make_simulated(setup.description, tag, folder / model if model else None, loops)
     for note in engine.notes:
         report("physics", note)
     return engine

@@ -18,7 +18,7 @@ from canopen_control.rpc.messages.state import TruePose
 from canopen_control.rpc.reactor_client import ReactorClient
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from canopen_control.controllers.manager import ControllerManager
     from canopen_control.host.reactor import Reactor
@@ -76,12 +76,21 @@ def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar]
 
 
 class TruePoseQuery:
-    """Asks `drives`, by the names of their sockets, until one moves a base, and then that one every `PERIOD_NS`.
+    """Asks `drives`, by the names of their sockets, until one moves a base, and then that one every `period_ns`.
 
-    `take` gets what it answers.
+    `take` gets the pose that it answers, `sense` what the sensors of its world measure; with sensors a world without a
+    base will do.
     """
 
-    def __init__(self, drives: Sequence[str], reactor: Reactor, take: Callable[[BasePose], object]) -> None:
+    def __init__(
+        self,
+        drives: Sequence[str],
+        reactor: Reactor,
+        take: Callable[[BasePose], object],
+        sense: Callable[[Mapping[str, tuple[float, ...]]], object] | None = None,
+        period_ns: int = PERIOD_NS,
+    ) -> None:
+        self._sense, self._period_ns = sense, period_ns
         self._names, self._reactor, self._take = tuple(drives), reactor, take
         self._found = False
         self._client: ReactorClient | None = None
@@ -113,12 +122,16 @@ class TruePoseQuery:
     def _answered(self, world: WorldState | None, _why_not: str | None) -> None:
         if self._client is None:
             return
-        if world is None or world.base is None:
+        sensed = None if world is None or self._sense is None else world.sensors
+        if world is None or (world.base is None and not sensed):
             self._reactor.call_soon(self._try_next)
             return
         self._found = True
-        self._take(world.base)
-        self._reactor.call_later(PERIOD_NS, self._again)
+        if world.base is not None:
+            self._take(world.base)
+        if sensed and self._sense is not None:
+            self._sense(sensed)
+        self._reactor.call_later(self._period_ns, self._again)
 
     def _again(self) -> None:
         if self._client is not None:

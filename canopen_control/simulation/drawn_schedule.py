@@ -27,8 +27,19 @@ _MS: Final = 1_000_000
 _BOOTED_NS: Final = 600 * _MS
 _SHORT_NS: Final = 6 * _S  # a schedule up to this begins with its troubles at once
 TROUBLES: Final = ("fault", "fault", "fault", "fault", "power", "stall", "cut", "lose", "double", "disturb", "bus_off")
-"""What goes wrong, as often as it is named here, beside the rarer `kill` and `frame`."""
-_RARE: Final = ("kill", "frame")
+"""What goes wrong, as often as it is named here, beside the rarer ones."""
+_RARE: Final = ("kill", "frame", "frame")
+_LATE: Final = 0.15  # of the seeds: a drive boots later than the robot
+_LOSSES: Final = (
+    "heartbeat_lost",
+    "silent",
+    "tpdo_missing",
+    "leaves_operational",
+    "spontaneous_reset",
+    "drive_fault",
+    "local_control",
+)
+"""Faults of drives that supervision has to notice: a third of those that are drawn."""
 _OF_DEVICES: Final = ("input", "output")  # that are no drives
 _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 
@@ -54,7 +65,7 @@ class DrawnSchedule:
 
     def acts(self) -> tuple[Act, ...]:
         """Return what was drawn."""
-        now = _BOOTED_NS
+        now = self._late_boot() if self._faults and self._random() < _LATE else _BOOTED_NS
         soon = self._duration <= _SHORT_NS
         trouble = now + self._between(0 if soon else 1 * _S, self._duration // 4 if soon else 5 * _S)
         while now < self._duration:
@@ -108,7 +119,11 @@ class DrawnSchedule:
         return self._recover(max(later, moved) + 50 * _MS)
 
     def _switch(self, now: int) -> int:
-        if len(self._motions) > 1:
+        """Switch to another controller, at times by way of none."""
+        if self._active is not None and self._random() < 0.3:
+            self._add(now, "deactivate", self._active.controller)
+            now += self._between(50 * _MS, 2 * _S)
+        if self._motions:
             self._active = self._one(self._motions)
             self._add(now, "activate", self._active.controller)
         return now + self._between(0, _S // 2)
@@ -123,6 +138,12 @@ class DrawnSchedule:
 
     # -- troubles
 
+    def _late_boot(self) -> int:
+        """Let a drive come when the robot has been waiting for it, some as late as that it gave up."""
+        late = self._between(50 * _MS, 4 * _S)
+        self._add(0, "power", str(self._one(self._nodes)), for_ns=late)
+        return self._recover(late + _BOOTED_NS)
+
     def _trouble(self, now: int) -> int:
         """Break something while the robot moves, mend it, and go on."""
         moved = self._move(now)
@@ -131,7 +152,7 @@ class DrawnSchedule:
         node = str(self._one(self._nodes))
         member = MASTER if self._random() < 0.3 else node
         if kind == "fault":
-            self._add(at, "fault", node, name=self._one(self._faults), for_ns=lasts)
+            self._add(at, "fault", node, name=self._fault(), for_ns=lasts)
         elif kind == "power":
             self._add(at, kind, node, for_ns=lasts)
         elif kind in ("stall", "cut", "bus_off"):
@@ -142,10 +163,15 @@ class DrawnSchedule:
         elif kind == "kill":
             self._add(at, kind, for_ns=lasts)
         else:
-            self._add(at, "frame", values=tuple(self._frame()))
+            for number in range(self._one((1, 1, 3, 30))):  # a burst of strangers
+                self._add(at + number * self._between(0, 20 * _MS), "frame", values=tuple(self._frame()))
         if self._random() < 0.2:
             return max(at, moved)  # the next trouble comes on top of this one
         return self._recover(max(at + lasts, moved) + self._between(0, _S))
+
+    def _fault(self) -> str:
+        losses = [each for each in _LOSSES if each in self._faults]
+        return self._one(losses if losses and self._random() < 1 / 3 else self._faults)
 
     def _frame(self) -> list[float]:
         """Return a frame that nobody expects: any identifier of the predefined set, any data."""

@@ -1,4 +1,7 @@
-"""The SHA-256 of every frame and event of a simulation with its time: two runs with the same one are the same."""
+"""The SHA-256 of every frame and event of a simulation with its time: two runs with the same one are the same.
+
+Where the robot's files are, which the notes on them say, is no part of it.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ import struct
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from canopen_control.master.event_log import Event
 
 __all__ = ["EventDigest"]
@@ -16,20 +21,22 @@ _ENOUGH: Final = 1 << 16
 
 
 class EventDigest:
-    """Takes frames and events in their order; `events` counts the latter."""
+    """Takes frames and events in their order; `events` counts the latter, `folders` are those of the robot's files."""
 
-    def __init__(self) -> None:
+    def __init__(self, folders: Iterable[str] = ()) -> None:
         self.events = 0
+        self._folders = sorted({f"{folder}/" for folder in folders}, key=len, reverse=True)
+        self._labels: dict[str, bytes] = {}
         self._sha256 = hashlib.sha256()
         self._waiting = bytearray()
         self._pack = _HEAD.pack
 
     def frame(self, now: int, label: str, record: bytes) -> None:
         """Take a frame that has passed."""
-        waiting = self._waiting
-        waiting += self._pack(now)
-        waiting += record
-        waiting += label.encode()
+        waiting, name = self._waiting, self._labels.get(label)
+        if name is None:
+            name = self._labels[label] = label.encode()
+        waiting += self._pack(now) + record + name
         if len(waiting) > _ENOUGH:
             self._sha256.update(waiting)
             waiting.clear()
@@ -38,7 +45,10 @@ class EventDigest:
         """Take an event of the robot."""
         self.events += 1
         self._waiting += self._pack(event.time)
-        self._waiting += f"{event.kind}\0{event.node}\0{event.sentence}\0".encode()
+        sentence = event.sentence
+        for folder in self._folders:
+            sentence = sentence.replace(folder, "")
+        self._waiting += f"{event.kind}\0{event.node}\0{sentence}\0".encode()
 
     @property
     def hex(self) -> str:

@@ -6,6 +6,7 @@ A rule of a user is a function of the entry point group `canopen_control.invaria
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -47,7 +48,13 @@ class Breach:
 
 def user_rules() -> list[tuple[str, Rule]]:
     """Return the rules that installed packages add, by name."""
-    return [(each.name, each.load()) for each in importlib.metadata.entry_points(group=GROUP)]
+    return [(each.name, each.load()) for each in _entry_points()]
+
+
+@functools.cache
+def _entry_points() -> tuple[importlib.metadata.EntryPoint, ...]:
+    """Return the entry points, read once: the metadata of each package is a file."""
+    return tuple(importlib.metadata.entry_points(group=GROUP))
 
 
 class Invariants:

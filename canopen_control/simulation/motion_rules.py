@@ -2,19 +2,24 @@
 
 Judged by the wire, the drives' shafts, and what clients have asked; never by what the runtime says. A reason to stop is
 a stop or disable that was asked, a drive in fault, a node that boots or falls silent, a master that falls silent. From
-it the shafts have the time to notice it, the drives' own ramp, and `GRACE_NS`. Times in ns.
+it the shafts have the time to notice it and the ramp, both as `check` computes them, and `GRACE_NS`; then no
+controlword may enable a drive any more. Times in ns.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.runtime.stop_facts import axis_facts
+from canopen_control.runtime.stop_times import stop_time
 from canopen_control.simulation.simulated_robot import MASTER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from canopen_control.runtime.stop_times import AxisFacts
     from canopen_control.simulation.acts import Act
     from canopen_control.simulation.motions import Motion
     from canopen_control.simulation.simulated_robot import SimulatedRobot
@@ -30,6 +35,9 @@ PLACE_NS: Final = 8_000 * _MS  # for a position to be reached
 _UNASKED_NS: Final = 100 * _MS
 _STOPS: Final = ("stop", "latch", "axis disable", "axis quick-stop", "axis halt")
 _ENABLES: Final = ("axis enable",)
+_OFF_NS: Final = 300 * _MS  # in which a drive whose group stands is disabled
+_SEEN_NS: Final = 100 * _MS  # as old a statusword may be
+_NO_DISABLE: Final = ("axis halt was asked", "axis quick-stop was asked")
 _STANDING: Final = 0.03  # of the fastest that a shaft has turned
 _ON_A_FLOOR: Final = 1000.0  # counts/s that count as that at least: a robot rocks on its wheels
 
@@ -65,6 +73,11 @@ class MotionRules:
         self._moving: set[int] = set()  # nodes whose motion was told
         self._judged: dict[int, int] = {}  # node -> when it was commanded to enable, judged already
         self._excused: dict[int, int] = {}
+        self._kept: set[int] = set()  # nodes that a stop left enabled, which was told
+        self._facts: dict[int, list[AxisFacts]] = {node.node_id: [] for node in self._nodes}
+        for facts in axis_facts(robot.setup):
+            self._facts[facts.node_id].append(facts)
+        self._ramps: dict[int, tuple[float, int]] = {}  # node -> of which greatest speed, and the ramp from it
 
     def asked(self, now: int, act: Act) -> None:
         """Take what a client asks for; a process that is stalled hears it when it goes on."""
@@ -96,6 +109,7 @@ class MotionRules:
         for node in self._nodes:
             self._judge_enable(node)
             self._judge_shaft(node, now)
+        self._judge_power(now)
 
     # -- reasons to stop
 
@@ -143,6 +157,23 @@ class MotionRules:
                 "enable_unasked", f"node {node.node_id} is enabled {late:.3f} s after {stop.why}, and nobody asked"
             )
 
+    def _judge_power(self, now: int) -> None:
+        """Tell of drives that are enabled, and told to be, when all had the time to stand since a reason to stop."""
+        stop = self._stop
+        if stop is None or stop.why in _NO_DISABLE or now < self._robot.host.stalled_until + _OFF_NS:
+            self._kept.clear()
+            return
+        due = stop.until + max((self._ramp_ns(node.node_id) for node in self._nodes), default=0) + GRACE_NS + _OFF_NS
+        if now <= due:
+            return
+        for node in self._nodes:
+            seen = node.enabled and now - node.status_at < _SEEN_NS and node.commanded
+            kept = seen and node.told_at > stop.since and node.enabled_at <= stop.since + _UNASKED_NS
+            if kept and node.node_id not in self._kept:
+                self._kept.add(node.node_id)
+                late = (now - stop.since) / 1e9
+                self._tell("enabled_still", f"node {node.node_id} is still enabled {late:.3f} s after {stop.why}")
+
     def _judge_shaft(self, node: NodeView, now: int) -> None:
         drive = self._robot.drives[node.node_id]
         device, actor = drive.device, drive.actor
@@ -150,7 +181,7 @@ class MotionRules:
             return
         if now < actor.stalled_until:
             self._excused[node.node_id] = actor.stalled_until + 1000 * _MS
-        number, axis = next(iter(device.drives.items()))
+        axis = next(iter(device.drives.values()))
         if self._robot.floor is not None and not axis.mover.powered:  # the floor turns it
             self._excused[node.node_id] = now + GRACE_NS
         speed = abs(axis.mover.plant.velocity)
@@ -161,7 +192,7 @@ class MotionRules:
             return
         if node.node_id in self._moving or now < self._excused.get(node.node_id, 0):
             return
-        ramp = self._ramp_ns(node.node_id, number, fastest)
+        ramp = self._ramp_ns(node.node_id)
         stop = self._stop
         if stop is not None and now > stop.until + ramp + GRACE_NS:
             self._breach(node, speed, f"{(now - stop.since) / 1e9:.3f} s after {stop.why}", "stop_late")
@@ -173,9 +204,14 @@ class MotionRules:
         self._moving.add(node.node_id)
         self._tell(rule, f"the shaft of node {node.node_id} turns at {speed:.0f} counts/s, {when}")
 
-    def _ramp_ns(self, node_id: int, axis: int, speed: float) -> int:
-        """Return what a drive takes to stand from its greatest speed, by its own deceleration."""
-        device = self._robot.drives[node_id].device
-        rates = [device.get(index + 0x800 * axis) for index in (0x6084, 0x6085)] if device is not None else []
-        slowest = min((rate for rate in rates if isinstance(rate, int) and rate > 0), default=0)
-        return round(speed / slowest * 1e9) if slowest else 1000 * _MS
+    def _ramp_ns(self, node_id: int) -> int:
+        """Return the longest ramp of a node as `check` computes it, 1 s where it is not bound.
+
+        It is from the greatest speed of the files, or where they have none from the greatest that was seen.
+        """
+        fastest, known = self._fastest.get(node_id, 0.0), self._facts[node_id]
+        if self._ramps.get(node_id, (-1.0, 0))[0] != fastest:
+            bound = [each if math.isfinite(each.speed) else replace(each, speed=fastest) for each in known]
+            ramps = [case.ramp_s for each in bound for case in stop_time(each).cases if math.isfinite(case.ramp_s)]
+            self._ramps[node_id] = fastest, round(max(ramps, default=1.0) * 1e9)
+        return self._ramps[node_id][1]

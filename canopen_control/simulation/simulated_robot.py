@@ -120,7 +120,7 @@ class SimulatedRobot:
         self.seed = seed
         self.timings = Timings() if timings is None else timings
         self.time = VirtualTime()
-        self.digest = EventDigest()
+        self.digest = EventDigest(str(path.parent) for path in setup.files.paths)
         self.errors: list[BaseException] = []
         self.started_ns = 0
         self.up = False

@@ -29,6 +29,7 @@ __all__ = ["SimulatedPort", "SimulatedWire"]
 
 RESTART_NS: Final = 100_000_000
 _PASSIVE, _BUS_OFF, _AT_ERROR = 128, 256, 8
+_MOST_IDENTIFIERS: Final = 2048
 
 
 class SimulatedWire:
@@ -52,6 +53,7 @@ class SimulatedWire:
         self._time, self._wire = time, PacedWire(bitrate)
         self._wire.disturbed = self._is_disturbed
         self._ports: dict[int, SimulatedPort] = {}
+        self._listeners: dict[int, tuple[SimulatedPort, ...]] = {}  # by identifier, as the filters say
         self._opened = 0
         self._due: int | None = None
 
@@ -69,12 +71,18 @@ class SimulatedWire:
         """Join the bus as the process of this label."""
         self._opened += 1
         port = self._ports[self._opened] = SimulatedPort(self, self._opened, label, self.members[label])
+        self.refilter()
         return port
+
+    def refilter(self) -> None:
+        """Take that a filter has changed."""
+        self._listeners.clear()
 
     def leave(self, port: SimulatedPort) -> None:
         """Forget a port, and what it has not sent yet."""
         if self._ports.pop(port.number, None) is not None:
             self._wire.forget(port.number)
+            self.refilter()
 
     def silences(self, label: str) -> bool:
         """Whether nothing comes from this label and nothing gets there."""
@@ -119,16 +127,17 @@ class SimulatedWire:
         self._due = None
         for number, record in self._wire.advance(self._time.now_ns):
             port = self._ports.get(number)
-            if port is not None and not self.silences(port.label):
+            if port is None or ((self.cut or self._off) and self.silences(port.label)):
+                continue
+            if self.lost or self.doubled or self._errors:
                 self._judge(port, record)
+            else:
+                self._carry(port.label, record, port)
         self._plan()
 
     def _judge(self, port: SimulatedPort, record: bytes) -> None:
         """Lose or double a frame where a rule says so, else carry it."""
         label = port.label
-        if not (self.lost or self.doubled or self._errors):
-            self._carry(label, record, port)
-            return
         can_id: int = RECORD.unpack(record)[0]
         if self._errors.get(label):
             self._errors[label] -= 1
@@ -140,8 +149,10 @@ class SimulatedWire:
 
     def _is_disturbed(self, number: int, record: bytes) -> bool:
         """Whether a rule disturbs a frame; counts the error of its sender."""
+        if not self.disturbed:
+            return False
         port = self._ports.get(number)
-        if not self.disturbed or port is None or self.silences(port.label):
+        if port is None or self.silences(port.label):
             return False
         if not _taken(self.disturbed, port.label, RECORD.unpack(record)[0]):
             return False
@@ -154,15 +165,25 @@ class SimulatedWire:
 
     def _carry(self, label: str, record: bytes, sender: SimulatedPort | None) -> None:
         self.frames += 1
+        now = self._time.now_ns
         for hear in self.heard:
-            hear(self._time.now_ns, label, record)
+            hear(now, label, record)
         can_id = RECORD.unpack(record)[0]
+        listeners = self._listeners.get(can_id)
+        if listeners is None:
+            listeners = self._find_listeners(can_id)
         broken = bool(self.cut or self._off)
-        for port in self._ports.values():
-            if port is sender or (port.wanted is not None and can_id not in port.wanted):
-                continue
-            if not (broken and self.silences(port.label)):
+        for port in listeners:
+            if port is not sender and not (broken and self.silences(port.label)):
                 port.put(record)
+
+    def _find_listeners(self, can_id: int) -> tuple[SimulatedPort, ...]:
+        if len(self._listeners) >= _MOST_IDENTIFIERS:
+            self._listeners.clear()
+        ports = self._ports.values()
+        found = tuple(port for port in ports if port.wanted is None or can_id in port.wanted)
+        self._listeners[can_id] = found
+        return found
 
 
 def _taken(rules: list[DropRule], label: str, can_id: int) -> bool:
@@ -196,11 +217,11 @@ class SimulatedPort:
     def set_filter(self, can_ids: Iterable[int]) -> None:
         """Give these identifiers only."""
         self.wanted = frozenset(can_ids)
+        self._wire.refilter()
 
     def put(self, records: bytes) -> None:
         """Queue records for this reader (called by the wire)."""
-        if not self._queue:
-            self._actor.selector.mark(self._fileno)
+        if not self._queue and self._actor.selector.mark(self._fileno):
             self._actor.arrived()
         self._queue += records
 

@@ -53,7 +53,8 @@ class VirtualTime:
     def at(self, when_ns: int, callback: Callable[[], object]) -> None:
         """Call `callback` once, at `when_ns`, or now where that is over."""
         self._sequence += 1
-        heapq.heappush(self._heap, (max(when_ns, self.now_ns), self._sequence, callback))
+        now = self.now_ns
+        heapq.heappush(self._heap, (when_ns if when_ns > now else now, self._sequence, callback))
 
     def later(self, delay_ns: int, callback: Callable[[], object]) -> None:
         """Call `callback` once, `delay_ns` from now."""
@@ -86,7 +87,8 @@ class Actor:
         self.clock = ManualClock(self.local(time.now_ns))
         self.selector = MarkedSelector()
         self.reactor = Reactor(self.clock, self.selector)
-        self._wake_at = _NEVER
+        self._wake_at = self._alarm_at = _NEVER
+        self._deadline: int | None = None  # for which the alarm is set, by its own clock
         self.stalled_until = 0
         self._ended = False
 
@@ -96,14 +98,13 @@ class Actor:
 
     def _shared(self, local_ns: int) -> int:
         """Return when its own clock shows a time, or has just passed it."""
-        shared = local_ns * _BILLION // (_BILLION + self._rate)
-        while self.local(shared) < local_ns:
-            shared += 1
-        return shared
+        return -(-local_ns * _BILLION // (_BILLION + self._rate))
 
     def arrived(self) -> None:
-        """Wake it for something that is there now."""
-        self._wake(self._time.now_ns)
+        """Wake it for something that is there now; one that is about to wake anyway finds it then."""
+        if self._wake_at == _NEVER:
+            self._wake_at = self._woken_by(self._time.now_ns)
+            self._time.at(self._wake_at, self._woken)
 
     def call(self, work: Callable[[], object]) -> None:
         """Have something done on its reactor when it wakes, as a client's request."""
@@ -120,11 +121,9 @@ class Actor:
             self._ended = True
             self.reactor.close()
 
-    def _wake(self, due_ns: int) -> None:
-        at = max(due_ns, self.stalled_until) + self._lateness()
-        if at < self._wake_at and not self._ended:
-            self._wake_at = at
-            self._time.at(at, self._woken)
+    def _woken_by(self, due_ns: int) -> int:
+        """Return when it wakes for what is due."""
+        return (due_ns if due_ns > self.stalled_until else self.stalled_until) + self._lateness()
 
     def _lateness(self) -> int:
         timing = self.timing
@@ -136,15 +135,27 @@ class Actor:
         return timing.latency_ns + int(timing.jitter_ns * drawn)
 
     def _woken(self) -> None:
-        now = self._time.now_ns
-        if self._wake_at != now or self._ended:
-            return  # an earlier one came in between
         self._wake_at = _NEVER
-        if now < self.stalled_until:
-            self._wake(now)
+        self._serve()
+
+    def _rung(self) -> None:
+        if self._alarm_at == self._time.now_ns:  # else it was set anew since
+            self._deadline, self._alarm_at = None, _NEVER
+            self._serve()
+
+    def _serve(self) -> None:
+        """Do all that is there and due, and set the alarm for what comes next."""
+        now = self._time.now_ns
+        if self._ended:
             return
-        self.clock.now_ns = self.local(now)
+        if now < self.stalled_until:
+            self.arrived()
+            return
+        self.clock.now_ns = now + now * self._rate // _BILLION
         self.reactor.serve()
         deadline = self.reactor.next_deadline
-        if deadline is not None and not self._ended:
-            self._wake(self._shared(deadline))
+        if deadline != self._deadline and not self._ended:
+            self._deadline, self._alarm_at = deadline, _NEVER
+            if deadline is not None:
+                self._alarm_at = self._woken_by(self._shared(deadline))
+                self._time.at(self._alarm_at, self._rung)

@@ -30,16 +30,16 @@ _FAULT_RESET: Final = 0x80
 class NodeView:
     """What was heard of a node: `controlword` and `targets` (by object) sent to it, `statusword` of it.
 
-    `alive_at` is its last sign of life, `booted_at` its last boot-up, `status_at` when the statusword came, `fault_at`
-    when it began to show a fault; `enabled_at` when a controlword began to enable it, `shown_enabled_at` when it last
-    showed that it is. 0: never.
+    `told_at` is when a controlword was sent last, `alive_at` its last sign of life, `booted_at` its last boot-up,
+    `status_at` when the statusword came, `fault_at` when it began to show a fault; `enabled_at` when a controlword
+    began to enable it, `shown_enabled_at` when it last showed that it is. 0: never.
     """
 
     def __init__(self, plan: NodePlan) -> None:
         self.plan, self.node_id = plan, plan.node_id
         self.controlword = self.statusword = 0
         self.targets: dict[int, int] = {}
-        self.target_changed_at = 0
+        self.target_changed_at = self.told_at = 0
         self.alive_at = self.booted_at = self.status_at = self.enabled_at = self.shown_enabled_at = 0
         self.fault_at = 0
 
@@ -61,6 +61,7 @@ class NodeView:
     def told(self, index: int, value: int, now: int) -> None:
         """Take an object that the master has written, of any of its axes."""
         if index == o.CONTROLWORD:
+            self.told_at = now
             was, self.controlword = self.commanded, value
             if self.commanded and not was:
                 self.enabled_at = now

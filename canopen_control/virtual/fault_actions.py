@@ -120,18 +120,18 @@ def jittered(node: VirtualNode, frame: CanFrame, now: int) -> list[tuple[int, Ca
     return [(period * ((step * step * 7 + step * 13) % 61) // 100, frame)]
 
 
-heartbeat_dropped = _on(is_heartbeat, lambda _frame: [])
-heartbeat_wrong = _on(is_heartbeat, _pre_operational)
-heartbeat_twice = _on(is_heartbeat, _twice)
-tpdo_dropped = _on(is_tpdo, lambda _frame: [])
-tpdo_shortened = _on(is_tpdo, _shortened)
-tpdo_lengthened = _on(is_tpdo, _lengthened)
-tpdo_delayed = _on(is_tpdo, lambda frame: [(70 * _MS, frame)])
-sdo_wrong_mux = _on(is_sdo_answer, _wrong_mux)
-sdo_delayed = _on(is_sdo_answer, lambda frame: [(700 * _MS, frame)])
-sdo_toggled = _on(is_sdo_answer, _toggled)
-sdo_segment_lost = _on(is_sdo_answer, _lost_segment)
-sdo_one_byte = _on(is_sdo_answer, _one_byte)
+heartbeat_dropped: Outgoing = _on(is_heartbeat, lambda _frame: [])
+heartbeat_wrong: Outgoing = _on(is_heartbeat, _pre_operational)
+heartbeat_twice: Outgoing = _on(is_heartbeat, _twice)
+tpdo_dropped: Outgoing = _on(is_tpdo, lambda _frame: [])
+tpdo_shortened: Outgoing = _on(is_tpdo, _shortened)
+tpdo_lengthened: Outgoing = _on(is_tpdo, _lengthened)
+tpdo_delayed: Outgoing = _on(is_tpdo, lambda frame: [(70 * _MS, frame)])
+sdo_wrong_mux: Outgoing = _on(is_sdo_answer, _wrong_mux)
+sdo_delayed: Outgoing = _on(is_sdo_answer, lambda frame: [(700 * _MS, frame)])
+sdo_toggled: Outgoing = _on(is_sdo_answer, _toggled)
+sdo_segment_lost: Outgoing = _on(is_sdo_answer, _lost_segment)
+sdo_one_byte: Outgoing = _on(is_sdo_answer, _one_byte)
 
 
 # -- frames that reach the node
@@ -174,10 +174,10 @@ def _refusing(code: AbortCode, concerns: Callable[[int, int], bool]) -> Incoming
 
 
 _OPTIONAL = frozenset((o.ERROR_CODE, o.ABORT_CONNECTION_OPTION, o.INTERPOLATION_TIME_PERIOD))
-refuses_writes = _refusing(AbortCode.DEVICE_STATE, lambda command, _index: command >> 5 in (1, 6))
-lacks_optional = _refusing(AbortCode.NO_OBJECT, lambda _command, index: index in _OPTIONAL)
-refuses_mapping = _refusing(
+refuses_writes: Incoming = _refusing(AbortCode.DEVICE_STATE, lambda command, _index: command >> 5 in (1, 6))
+lacks_optional: Incoming = _refusing(AbortCode.NO_OBJECT, lambda _command, index: index in _OPTIONAL)
+refuses_mapping: Incoming = _refusing(
     AbortCode.READ_ONLY,
     lambda command, index: command >> 5 in (1, 6) and (0x1600 <= index < 0x1800 or 0x1A00 <= index < 0x1C00),
 )
-refuses_blocks = _refusing(AbortCode.UNKNOWN_COMMAND, lambda command, _index: command >> 5 in (5, 6))
+refuses_blocks: Incoming = _refusing(AbortCode.UNKNOWN_COMMAND, lambda command, _index: command >> 5 in (5, 6))

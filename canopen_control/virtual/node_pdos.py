@@ -146,6 +146,10 @@ class ProcessData:
         self.has_event_pdos = False
         self.gate: EventGate | None = None
         self._event_tpdos: list[_Tpdo] = []
+        self._valid_tpdos: list[_Tpdo] = []
+        self._valid_rpdos: list[_Rpdo] = []
+        self._timed_rpdos: list[_Rpdo] = []  # that have a deadline
+        self._timed: list[TpdoProducer | RpdoConsumer] = []
         for base, numbers in ((RPDO, [*self.rpdos]), (TPDO, [*self.tpdos])):
             for number in numbers:
                 self._records.guard(base, base + number)
@@ -197,10 +201,14 @@ class ProcessData:
         return lambda: values[address]
 
     def _survey(self) -> None:
-        enabled = [tpdo for tpdo in self.tpdos.values() if tpdo.producer.parameters.enabled]
-        kinds = [(tpdo, tpdo.producer.parameters.transmission_type) for tpdo in enabled]
+        self._valid_rpdos = [rpdo for rpdo in self.rpdos.values() if rpdo.consumer.parameters.enabled]
+        self._timed_rpdos = [rpdo for rpdo in self._valid_rpdos if rpdo.consumer.parameters.event_ns]
+        self._valid_tpdos = [tpdo for tpdo in self.tpdos.values() if tpdo.producer.parameters.enabled]
+        kinds = [(tpdo, tpdo.producer.parameters.transmission_type) for tpdo in self._valid_tpdos]
         self._event_tpdos = [tpdo for tpdo, kind in kinds if is_event_driven(kind) or kind == ACYCLIC_SYNCHRONOUS]
         self.has_event_pdos = any(tpdo.moving for tpdo in self._event_tpdos)
+        producers = (tpdo.producer for tpdo in self._event_tpdos)
+        self._timed = [*producers, *(rpdo.consumer for rpdo in self._timed_rpdos)]
 
     # -- in operation
 
@@ -312,9 +320,9 @@ class ProcessData:
         """Take a SYNC; a set-point that it should have made count and that is not there is missed."""
         self._clock.sync_ns = now
         self._clock.rhythm.heard(now)
-        for tpdo in self.tpdos.values():
+        for tpdo in self._valid_tpdos:
             tpdo.producer.sync(now, counter)
-        for rpdo in self.rpdos.values():
+        for rpdo in self._valid_rpdos:
             consumer = rpdo.consumer
             if rpdo.cyclic and rpdo.set_points and consumer.running and not consumer.holds:
                 self._tell_missed(rpdo)
@@ -340,22 +348,24 @@ class ProcessData:
     def tick(self, now: int) -> None:
         """Serve event timers, inhibit times and deadlines, and RPDOs that a fault delays."""
         self.input.tick(now)
-        for tpdo in self.tpdos.values():
+        for tpdo in self._event_tpdos:
             tpdo.producer.tick(now)
-        for rpdo in self.rpdos.values():
+        for rpdo in self._timed_rpdos:
             rpdo.consumer.tick(now)
             self._serve(rpdo, now)
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do."""
-        deadlines = [tpdo.producer.next_deadline() for tpdo in self._event_tpdos]
-        deadlines += [rpdo.consumer.next_deadline() for rpdo in self.rpdos.values()]
-        deadlines.append(self.input.next_deadline())
-        return min((deadline for deadline in deadlines if deadline is not None), default=None)
+        first = self.input.next_deadline()
+        for part in self._timed:
+            deadline = part.next_deadline()
+            if deadline is not None and (first is None or deadline < first):
+                first = deadline
+        return first
 
     def frames(self) -> list[CanFrame]:
         """Drain the TPDOs to send."""
-        return [frame for tpdo in self.tpdos.values() for frame in tpdo.producer.frames()]
+        return [frame for tpdo in self._valid_tpdos for frame in tpdo.producer.frames()]
 
 
 def _can_id(parameters: PdoParameters) -> int:

@@ -8,7 +8,6 @@ off the bus do, until they are given another port.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.port import BusEventKind
@@ -55,6 +54,7 @@ class NodeHost:
         self._routes: dict[int, tuple[VirtualNode, ...]] = {}
         self._versions = dict.fromkeys(self.nodes, -1)
         self._deadlines: dict[VirtualNode, int | None] = dict.fromkeys(self.nodes, 0)
+        self._touched: dict[VirtualNode, None] = {}  # by what the port gives now
         self._timer: Timer | None = None
         self._timer_at: int | None = None
         self._writing = self._closed = self._off = False
@@ -101,8 +101,9 @@ class NodeHost:
             self._lost(error)
             return
         now = self.reactor.now()
-        touched: dict[VirtualNode, None] = {}
-        deliver(records, now, partial(self._take_run, touched), lambda frame, now: self._deliver(frame, now, touched))
+        touched = self._touched
+        touched.clear()
+        deliver(records, now, self._take_run, self._take)
         for event in self.port.events():
             self.on_bus_event(event)
             for node in self.nodes:
@@ -111,14 +112,17 @@ class NodeHost:
         if touched:
             self._finish(touched)
 
-    def _take_run(self, touched: dict[VirtualNode, None], records: bytes, start: int, now: int) -> int:
+    def _take(self, frame: CanFrame, now: int) -> None:
+        self._deliver(frame, now, self._touched)
+
+    def _take_run(self, records: bytes, start: int, now: int) -> int:
         """Give the records at `start` to a node alone with their identifier, as many as it takes at once."""
         can_id = RECORD.unpack_from(records, start)[0]
         listeners = self._routes.get(can_id, ())
         if len(listeners) != 1 or can_id != listeners[0].sdo.request_cob_id:
             return 0
         if taken := listeners[0].receive_records(records, start, now):
-            touched[listeners[0]] = None
+            self._touched[listeners[0]] = None
         return taken
 
     def _deliver(self, frame: CanFrame, now: int, touched: dict[VirtualNode, None], sender: object = None) -> None:
@@ -141,8 +145,10 @@ class NodeHost:
 
     def _finish(self, touched: dict[VirtualNode, None]) -> None:
         """Route what the nodes listen to now, send what they have to say, tell what happened to them, set the timer."""
-        if any(node.routes_version != self._versions[node] for node in touched):
-            self._reroute()
+        for node in touched:
+            if node.routes_version != self._versions[node]:
+                self._reroute()
+                break
         outgoing: list[CanFrame] = []
         waiting = list(touched)
         echoes = 0
@@ -213,7 +219,10 @@ class NodeHost:
             set_filter(self.port, self._routes)
 
     def _set_timer(self) -> None:
-        at = min((deadline for deadline in self._deadlines.values() if deadline is not None), default=None)
+        at: int | None = None
+        for deadline in self._deadlines.values():
+            if deadline is not None and (at is None or deadline < at):
+                at = deadline
         if at == self._timer_at or self._closed:
             return
         if self._timer is not None:

@@ -133,11 +133,13 @@ class VirtualDrive:
 
     def _reader(self, source: Callable[[], int], data_type: DataType) -> Callable[[], int]:
         low, high = (data_type.minimum, data_type.maximum) if data_type.is_integer else (-(1 << 31), 1 << 31)
-        advance, clock = self.mover.advance, self._clock
+        mover, clock = self.mover, self._clock
 
         def read() -> int:
-            advance(clock.now)
-            return max(low, min(high, source()))
+            if mover.now != clock.now or mover.timers:
+                mover.advance(clock.now)
+            value = source()
+            return low if value < low else high if value > high else value
 
         return read
 

@@ -9,7 +9,7 @@ between two events costs nothing.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.cia301.emcy import EmcyProducer
 from canopen_control.cia301.guarding import GuardingSlave
@@ -43,9 +43,19 @@ if TYPE_CHECKING:
     from canopen_control.virtual.fault_seam import FaultFilter
     from canopen_control.virtual.plant import Plant
 
-__all__ = ["VirtualNode"]
+__all__ = ["Timed", "VirtualNode"]
 
 PROTOCOL_ERRORS = 0x82  # the high byte of what is wrong with PDOs and SYNC
+
+
+class Timed(Protocol):
+    """A service that time moves."""
+
+    def tick(self, now: int) -> None:
+        """Let time pass."""
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do."""
 
 
 class VirtualNode:
@@ -107,6 +117,17 @@ class VirtualNode:
         for axis in range(o.axis_count({entry.index for entry in od})):
             self._add_drive(axis, None if plant is None else plant(axis))
         self.function = self.error_control.function = self.pdos.gate = make_function(od, store, outbox, self.clock)
+        self._cores: tuple[Timed, ...] = (
+            self.heartbeat,
+            self.consumer,
+            self.guarding,
+            self.emcy,
+            self.sync,
+            self.sdo,
+            self.pdos,
+        )
+        others = () if self.function is None else (self.function,)
+        self._timed = (*self._cores, *self.drives.values(), *others)
 
     def _add_drive(self, axis: int, plant: Plant | None) -> None:
         self.drives[axis] = VirtualDrive(
@@ -150,21 +171,22 @@ class VirtualNode:
         self.advance_drives(now)
         if self.function is not None:
             self.function.tick(now)
-        for core in (self.heartbeat, self.consumer, self.guarding, self.emcy, self.sync, self.sdo, self.pdos):
+        for core in self._cores:
             core.tick(now)
         self._settle(now)
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do, None: nothing will happen by itself."""
-        cores = (self.heartbeat, self.consumer, self.guarding, self.emcy, self.sync, self.sdo, self.pdos)
-        deadlines = [core.next_deadline() for core in cores]
-        deadlines += [drive.next_deadline() for drive in self.drives.values()]
-        deadlines.append(self._boot_at)
-        if self.function is not None:
-            deadlines.append(self.function.next_deadline())
+        first = self._boot_at
+        for part in self._timed:
+            deadline = part.next_deadline()
+            if deadline is not None and (first is None or deadline < first):
+                first = deadline
         if self.filter is not None:
-            deadlines.append(self.filter.next_deadline())
-        return min((deadline for deadline in deadlines if deadline is not None), default=None)
+            deadline = self.filter.next_deadline()
+            if deadline is not None and (first is None or deadline < first):
+                first = deadline
+        return first
 
     def frames(self) -> list[CanFrame]:
         """Drain what to send."""

@@ -12,8 +12,12 @@ def test_a_good_robot_is_exit_code_0_with_its_bus_budget(capsys):
     assert main(["check", "robby", "--strict"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[-1] == "robby: 3 notes"
-    assert lines[-2].endswith("SYNC comes from this program: no joint is commanded in CSP or CSV")
-    assert lines[-3] == (
+    assert lines[-2] == (
+        "stop of right_wheel_joint (right_drive): the command of robby_forward_controller ends 2.020 s, then ramp of "
+        "0x6084 (16000) from a speed that the files do not limit"
+    )
+    assert lines[-4].endswith("SYNC comes from this program: no joint is commanded in CSP or CSV")
+    assert lines[-5] == (
         "bus can: 775 to 935 bits in a cycle of 20 ms, load 4.9% of 1000 kbit/s, shortest possible period 0.94 ms"
     )
 
@@ -91,3 +95,23 @@ def test_an_argument_that_the_description_does_not_have_is_an_error_with_the_nea
 def test_a_urdf_has_no_arguments(capsys):
     assert main(["check", "arm6", "prefix:=a"]) == 2
     assert "arm6.urdf: error: it is no xacro, so it has no arguments; leave prefix:= away" in capsys.readouterr().out
+
+
+def test_the_longest_stop_of_each_joint_is_told_and_as_json_every_reason(capsys):
+    assert main(["check", "arm6"]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("stop of ")]
+    assert len(lines) == 6
+    assert lines[0] == (
+        "stop of joint_1 (joint_1_drive): 0.838 s at most from 2086076 units/s: a node of its group is silent 0.520 s, "
+        "ramp of 0x6084 (6.5536e+06) 0.318 s"
+    )
+    assert main(["check", "arm6", "--json"]) == 0
+    stop = json.loads(capsys.readouterr().out)["stops"][0]
+    assert (stop["joint"], stop["node_id"], round(stop["longest_s"], 3)) == ("joint_1", 2, 0.838)
+    lost = next(each for each in stop["cases"] if each["cause"] == "the master is silent")
+    assert (lost["detection_s"], lost["by"].split(" (")[0]) == (0.5, "ramp of 0x6085")
+
+
+def test_a_mocked_robot_has_no_drives_that_stop(capsys):
+    assert main(["check", "robby", "--mock"]) == 0
+    assert "stop of" not in capsys.readouterr().out

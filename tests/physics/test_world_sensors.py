@@ -4,7 +4,8 @@ import mujoco
 import pytest
 
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.physics.world_sensors import FORCE, IMU, INTERFACES, RANGE, SensorReader, WorldSensor, add_sensors
+from canopen_control.physics.tag_sensors import FORCE, IMU, INTERFACES, RANGE
+from canopen_control.physics.world_sensors import SensorReader, WorldSensor, add_sensors
 
 ARM = """<mujoco><option gravity="0 0 -10"/><worldbody>
   <geom name="wall" type="box" size="0.1 5 5" pos="3.1 0 0"/>
@@ -61,3 +62,37 @@ def test_noise_is_that_of_a_seed_and_turns_no_orientation():
 def test_a_link_that_is_not_there_is_told():
     with pytest.raises(PhysicsError, match=r"sensor imu: no link 'tap', did you mean 'tip'\?"):
         reader(WorldSensor("imu", IMU, "tap"))
+
+
+GYRO = '<sensor><framequat name="my_quat" objtype="body" objname="tip"/><gyro name="my_gyro" site="here"/>{}</sensor>'
+ACCEL = '<accelerometer name="my_accel" site="here"/>'
+
+
+def in_scene(parts, sensor):
+    text = ARM.replace('<joint name="turn"', '<site name="here"/><joint name="turn"')
+    spec = mujoco.MjSpec.from_string(text.replace("</mujoco>", GYRO.format(parts) + "</mujoco>"))
+    add_sensors(spec, [sensor], "robot.urdf")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qvel[0] = 2.0
+    mujoco.mj_step(model, data)
+    return model.nsensor, SensorReader(model, data, [sensor]).read()[sensor.name]
+
+
+def test_sensors_that_a_scene_has_are_read_by_their_names_and_none_is_added():
+    imu = WorldSensor("imu", IMU, "nowhere", scene="my")
+    count, numbers = in_scene(ACCEL, imu)
+    assert count == 3
+    assert numbers[6] == pytest.approx(2.0, rel=1e-3)
+    assert numbers[9] == pytest.approx(10.0, rel=1e-3)
+
+
+def test_where_the_scene_has_not_all_of_them_the_link_measures():
+    assert in_scene("", WorldSensor("imu", IMU, "tip", scene="my"))[0] == 5
+    with pytest.raises(PhysicsError, match="sensor imu: no link 'nowhere'"):
+        in_scene("", WorldSensor("imu", IMU, "nowhere", scene="my"))
+
+
+def test_another_sensor_of_that_name_is_told():
+    with pytest.raises(PhysicsError, match="sensor imu: my_accel of the scene is no accelerometer"):
+        in_scene('<velocimeter name="my_accel" site="here"/>', WorldSensor("imu", IMU, "tip", scene="my"))

@@ -27,6 +27,16 @@ def test_whatever_differs_shows(other):
     assert digest(**other) != digest()
 
 
+def test_where_the_files_are_is_no_part_of_it():
+    def noted(folder):
+        made = EventDigest([folder])
+        made.event(Event(6, "note", "", f"{folder}/bus.yml: package: has no meaning here"))
+        return made.hex
+
+    assert noted("/a/robby") == noted("/b/c/robby")
+    assert noted("/a/robby") != EventDigest(["/a/robby"]).hex
+
+
 def test_many_frames_are_all_counted():
     made, less = EventDigest(), EventDigest()
     for at in range(10_000):

@@ -52,7 +52,19 @@ def test_motion_after_a_stop_that_was_asked_is_told(judged):
     judged.drive(5.0, 5.0, seconds=4.0).run(1.0)
     judged.rules.asked(judged.robot.now_ns, Act(0, "stop"))
     judged.run(1.0)
-    assert judged.told == ["stop_late"] * 2
+    assert judged.told == ["stop_late"] * 2 + ["enabled_still"] * 2
+
+
+@pytest.mark.parametrize(
+    ("act", "told"),
+    [(Act(0, "stop"), 2), (Act(0, "axis", name="disable"), 2), (Act(0, "axis", name="halt"), 0)],
+)
+def test_a_drive_that_stands_and_is_kept_enabled_after_a_stop_is_told(judged, act, told):
+    judged.rules.asked(judged.robot.now_ns, act)
+    judged.run(0.4)
+    assert judged.told == []
+    judged.run(1.0)
+    assert judged.told == ["enabled_still"] * told
 
 
 def test_an_enable_that_nobody_asked_for_is_told(judged):

@@ -13,7 +13,8 @@ SEED = 11
 
 
 def drawn(seconds):
-    return draw_schedule(SEED, seconds * S, motions_of(setup_of()), (2, 3), known_faults())
+    nodes = [node.node_id for node in setup_of().bus.nodes.values()]
+    return draw_schedule(SEED, seconds * S, motions_of(setup_of()), nodes, known_faults())
 
 
 def outcome(seconds=8, **how):

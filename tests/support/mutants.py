@@ -1,10 +1,13 @@
 """Runtimes with a mistake each, for the tests of the invariants."""
 
+from canopen_control.cia301.heartbeat import HeartbeatEventKind
 from canopen_control.controllers.command_life import CommandLife
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.hardware.joint import JointDrive
 from canopen_control.hardware.recovery import Recovery
+from canopen_control.hardware.system import CanopenSystem
 from canopen_control.master.network import Network
+from canopen_control.master.remote_node import RemoteNode
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.latch import StopLatch
 from canopen_control.runtime.pacer import Pacer
@@ -99,6 +102,39 @@ def exceptions(patch):
     patch.setattr(ControllerManager, "command", command)
 
 
+def lost_heartbeats_unnoticed(patch):
+    real = RemoteNode.on_heartbeat
+
+    def hear(self, event, now, since=None):
+        if event.kind is not HeartbeatEventKind.MISSED:
+            real(self, event, now, since)
+
+    patch.setattr(RemoteNode, "on_heartbeat", hear)
+
+
+def slow_heartbeats(patch):
+    real = Network.__init__
+
+    def init(self, *args, **how):
+        real(self, *args, **how)
+        self._producer.period_ns *= 10
+
+    patch.setattr(Network, "__init__", init)
+
+
+def trouble_stops_nobody(patch):
+    patch.setattr(CanopenSystem, "_stop_group", lambda self, cause, now, event: None)
+
+
+def others_go_on(patch):
+    def stop(self, cause, now, event):
+        cause.stop(now)
+        if not cause.node.ready or not cause.machine.enabled:
+            cause.give_up()
+
+    patch.setattr(CanopenSystem, "_stop_group", stop)
+
+
 MUTANTS = {
     each.__name__: each
     for each in (
@@ -114,5 +150,9 @@ MUTANTS = {
         skipped_cycles,
         commands_sent_again_and_again,
         exceptions,
+        lost_heartbeats_unnoticed,
+        slow_heartbeats,
+        trouble_stops_nobody,
+        others_go_on,
     )
 }

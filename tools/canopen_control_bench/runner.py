@@ -30,6 +30,7 @@ FAMILIES = {
     "load": "a full bus of 1 Mbit/s, received, decoded and supervised",
     "motion": "trajectories: CPU of a cycle, long goals at 1 kHz, set-points of a host that is late",
     "physics": "a robot on a floor beside the same run without; at rest, bit by bit, and its slip",
+    "simulate": "robots in virtual time beside real time, 2 and 16 drives, and their boot",
     "memory": "what a million cycles leave behind; a cycle without a wire",
     "soak": "random commands and breaking drives, for a minute (--seconds 3600: an hour)",
     "boot": "from nothing to all drives operational, 2 and 64 of them",
@@ -38,14 +39,14 @@ FAMILIES = {
     "import": "how long --help and status take, beside a bare interpreter",
 }
 #: Families in which nothing that a quick run judges waits for a clock or another process: they may run beside others.
-SIMULATED = ("motion", "physics", "memory")
+SIMULATED = ("motion", "physics", "simulate", "memory")
 #: word -> the families that it stands for
 GROUPS = {
     "all": tuple(FAMILIES),
     "simulated": SIMULATED,
     "live": tuple(name for name in FAMILIES if name not in SIMULATED),
 }
-_MODULES = {"import": "imports"}
+_MODULES = {"import": "imports", "simulate": "virtual_robots"}
 AWAKE = ("cycle", "scale", "services")  # where CPU is compared of who waits for others: a wake-up is the machine's
 IDLE_ENOUGH = 0.9  # of all processors, before anything was started
 

@@ -12,8 +12,8 @@ import msgspec
 
 from canopen_control.rpc.messages.declare import Effect, Request
 
-__all__ = ["MAX_STEPS", "SIMULATION_METHODS", "GetSimulation", "PauseSimulation", "ResetSimulation", "Simulation",
-           "StepSimulation"]  # fmt: skip
+__all__ = ["MAX_STEPS", "SIMULATION_METHODS", "GetLaserScans", "GetSimulation", "LaserScanReading", "PauseSimulation",
+           "ResetSimulation", "Simulation", "StepSimulation"]  # fmt: skip
 
 MAX_STEPS: Final = 1_000_000
 
@@ -26,8 +26,31 @@ class Simulation(msgspec.Struct, frozen=True, kw_only=True):
     period: float
 
 
+class LaserScanReading(msgspec.Struct, frozen=True, kw_only=True):
+    """What a lidar sees, `seconds` into the simulation: rad and m, as sensor_msgs/LaserScan has it; -1 for nothing.
+
+    `topic` is where ROS gets it, `scan_time` in s how often.
+    """
+
+    name: str
+    topic: str
+    frame_id: str
+    seconds: float
+    angle_min: float
+    angle_max: float
+    angle_increment: float
+    range_min: float
+    range_max: float
+    scan_time: float
+    ranges: list[float]
+
+
 class GetSimulation(Request[Simulation], frozen=True):
     """How the simulation goes."""
+
+
+class GetLaserScans(Request[tuple[LaserScanReading, ...]], frozen=True):
+    """What the lidars of a robot in physics see now; none where it has none."""
 
 
 class PauseSimulation(Request[Simulation], frozen=True, kw_only=True):
@@ -58,6 +81,7 @@ class ResetSimulation(Request[Simulation], frozen=True, kw_only=True):
 
 SIMULATION_METHODS: Final = (
     ("simulation", Effect.READS, GetSimulation),
+    ("laser_scans", Effect.READS, GetLaserScans),
     ("pause_simulation", Effect.CHANGES, PauseSimulation),
     ("step_simulation", Effect.CHANGES, StepSimulation),
     ("reset_simulation", Effect.CHANGES, ResetSimulation),

@@ -27,7 +27,7 @@ def test_seeds_without_a_breach_write_nothing_unless_a_folder_is_named(tmp_path,
 def test_a_breach_is_told_shrunk_and_written(tmp_path, capsys, monkeypatch):
     MUTANTS["reset_chains_into_enable"](monkeypatch)
     monkeypatch.setattr(Campaign, "shrink", lambda self, result, hear: self.schedule(result.seed)[:12])
-    wanted = order(range(4, 5), duration_ns=7 * S, as_json=True)
+    wanted = order(range(6, 7), duration_ns=7 * S, as_json=True)
     assert run_campaign(setup_of(), wanted, tmp_path) == 1
     found = json.loads(capsys.readouterr().out)
     assert "enable_unasked" in found["breaches"][0]

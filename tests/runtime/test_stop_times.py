@@ -1,0 +1,99 @@
+"""How long an axis takes to stand, by hand-computed examples."""
+
+import math
+
+import pytest
+
+from canopen_control.runtime.stop_times import AxisFacts, stop_time
+
+OBJECTS = {0x6084: 2000, 0x6085: 5000, 0x6007: 3, 0x605A: 2, 0x605E: 2}
+
+
+def facts(**more):
+    given = {
+        "joint": "left_wheel",
+        "node": "left_drive",
+        "node_id": 3,
+        "speed": 1000.0,
+        "cycle_s": 0.02,
+        "silence_s": 0.5,
+        "data_s": 0.06,
+        "master_s": 0.3,
+        "objects": OBJECTS,
+        "lives": {"forward": 0.6},
+    }
+    return AxisFacts(**{**given, **more})
+
+
+def case(cause, **more):
+    return next(each for each in stop_time(facts(**more)).cases if cause in each.cause)
+
+
+@pytest.mark.parametrize(
+    ("cause", "detection", "ramp"),
+    [
+        ("asked", 0.02, 0.5),  # a cycle; 1000 / 2000
+        ("forward", 0.62, 0.5),
+        ("is silent", 0.52, 0.5),
+        ("TPDOs", 0.08, 0.5),
+        ("master", 0.3, 0.2),  # the quick stop ramp: 1000 / 5000
+        ("fault", 0.0, 0.2),
+    ],
+)
+def test_each_reason_has_its_detection_and_its_ramp(cause, detection, ramp):
+    found = case(cause)
+    assert (found.detection_s, found.ramp_s) == (pytest.approx(detection), pytest.approx(ramp))
+    assert found.total_s == pytest.approx(detection + ramp)
+
+
+def test_the_longest_is_the_sum_of_the_reason_that_takes_longest():
+    found = stop_time(facts())
+    assert found.longest_s == pytest.approx(0.62 + 0.5)
+    assert found.words == (
+        "stop of left_wheel (left_drive): 1.120 s at most from 1000 units/s: "
+        "the command of forward ends 0.620 s, ramp of 0x6084 (2000) 0.500 s"
+    )
+
+
+def test_what_nobody_watches_is_no_case():
+    causes = [each.cause for each in stop_time(facts(silence_s=0, data_s=0, master_s=0, lives={})).cases]
+    assert causes == ["a stop is asked", "it has a fault"]
+
+
+@pytest.mark.parametrize(
+    ("objects", "ramp", "by"),
+    [
+        ({0x6007: 1}, 0.2, "ramp of 0x6085 (5000)"),  # a fault, then 0x605E
+        ({0x6007: 1, 0x605E: 1}, 0.5, "ramp of 0x6084 (2000)"),
+        ({0x6007: 3, 0x605A: 6}, 0.2, "ramp of 0x6085 (5000)"),
+        ({0x6007: 3, 0x605A: 1}, 0.5, "ramp of 0x6084 (2000)"),
+        ({0x6007: 3, 0x605A: 0}, math.inf, "0x605A is 0, which means: drive function off, the motor coasts"),
+        ({0x6007: 3, 0x605A: -1}, math.inf, "0x605A is -1, which is the manufacturer's own"),
+        ({0x6007: 0}, math.inf, "0x6007 is 0, with which no ramp stops it"),
+        ({0x6007: 2}, math.inf, "0x6007 is 2, with which no ramp stops it"),
+        ({0x6085: 0}, math.inf, "0x6085 is not known"),
+    ],
+)
+def test_the_drive_stops_as_its_option_codes_say_when_the_master_is_lost(objects, ramp, by):
+    found = case("master", objects=OBJECTS | objects)
+    assert (found.ramp_s, found.by) == (ramp, by)
+
+
+def test_absent_option_codes_are_their_defaults():
+    found = case("master", objects={0x6085: 4000})  # 0x6007: fault, 0x605E: the quick stop ramp
+    assert (found.ramp_s, found.by) == (0.25, "ramp of 0x6085 (4000)")
+
+
+def test_without_a_deceleration_the_master_ramps_half_a_second():
+    found = case("asked", objects={})
+    assert (found.ramp_s, found.by) == (0.5, "the master's ramp")
+
+
+def test_a_stop_that_nothing_bounds_says_what_does_not():
+    assert stop_time(facts(objects=OBJECTS | {0x6007: 0})).words == (
+        "stop of left_wheel (left_drive): nothing bounds it when the master is silent: "
+        "0x6007 is 0, with which no ramp stops it"
+    )
+    assert stop_time(facts(speed=math.inf)).words.endswith(
+        "the command of forward ends 0.620 s, then ramp of 0x6084 (2000) from a speed that the files do not limit"
+    )
