@@ -112,3 +112,14 @@ def test_the_seed_whose_abort_was_lost_breaks_nothing():
     run.run(8 * S)
     run.close()
     assert run.breaches == ()
+
+
+def test_the_seed_of_a_strangers_short_frames_breaks_nothing():
+    acts = (
+        Act(614 * MS, "frame", values=(388.0, 8.0, 76.0, 49.0, 78.0)),
+        Act(778 * MS, "frame", values=(515.0, 52.0, 241.0, 244.0, 71.0, 102.0, 62.0)),
+    )
+    run = SimulationRun(setup_of("forklift"), 76, acts, motions=motions_of(setup_of("forklift")))
+    run.run(3 * S)
+    run.close()
+    assert run.breaches == ()
