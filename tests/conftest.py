@@ -93,7 +93,7 @@ ONLY_STAGED = frozenset(
     for name in ("boot", "clients", "cycle", "machine", "memory", "ros_latency", "sdo_canopen", "sdo_client", "stage",
                  "witness")
 )  # fmt: skip
-#: Kinds whose files tools/test finds by the mark in them; the bench's by their folder.
+#: Kinds whose files tools/test finds by the mark in them; the bench's by their folder. `process` has many: MORE.
 FOUND_BY_MARK = ("alone", "timed")
 #: Rooms of screens, and of what becomes of whole robots.
 ROBOT_ROOMS = ("faults", "monitor", "view")
@@ -116,6 +116,10 @@ def pytest_collection_modifyitems(items):
         room = item.path.relative_to(tests).parts[0] if item.path.is_relative_to(tests) else ""
         if room in WHOLE or any(item.get_closest_marker(kind) is not None for kind in MORE):
             item.add_marker("process")
+            if room not in WHOLE and not any(says(item.path, f"mark.{kind}") for kind in MORE):
+                raise pytest.UsageError(
+                    f"{item.nodeid} needs processes: write a mark that says so in its file, tools/test looks there"
+                )
             if room == "bench" and item.path.name not in ONLY_STAGED:
                 item.add_marker("alone")  # it measures
         for kind in FOUND_BY_MARK:
@@ -187,15 +191,18 @@ class Seen:
     """Keeps what is there before a test out of every look for garbage: of ten thousand tests that takes half a second.
 
     A robot that has run in this process ends with `gc.unfreeze`, which brings all of it back: what is there is put
-    aside once more after such a test.
+    aside once more after such a test, and only after some of them garbage is looked for in all of it.
     """
 
+    LOOKED_AFTER = 20
     back = False
+    brought_back = 0
     unfreeze = staticmethod(gc.unfreeze)
 
     @classmethod
     def put_aside(cls):
-        gc.collect()
+        if cls.brought_back % cls.LOOKED_AFTER == 0:
+            gc.collect()
         gc.freeze()
         cls.back = False
 
@@ -203,6 +210,7 @@ class Seen:
     def bring_back(cls):
         cls.unfreeze()
         cls.back = True
+        cls.brought_back += 1
 
 
 gc.unfreeze = Seen.bring_back

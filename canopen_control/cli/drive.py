@@ -62,7 +62,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
         "--node-id",
-        required=True,
         metavar="N[,N|-N]",
         help="1 to 127; several as 2,3 or 1-64, in one process; 255: none, LSS gives it one",
     )
@@ -72,7 +71,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="[N[,N]=]FILE",
         help="a path, or the name of a bundled file; needed to run drives; N=FILE: of these nodes (repeatable)",
     )
-    parser.add_argument("--can", required=True, metavar="CHANNEL", help="local:NAME, vcan0, can0, ...")
+    parser.add_argument("--can", metavar="CHANNEL", help="local:NAME, vcan0, can0, ...")
+    parser.add_argument(
+        "--buses",
+        metavar="FILE",
+        help="drives on several buses in one world, from a file, instead of all other options",
+    )
     parser.add_argument(
         "--fault",
         action="append",
@@ -92,6 +96,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the drives; 0 after SIGINT or SIGTERM, 1 when the bus is gone."""
+    if args.buses is not None:
+        return _run_buses(args)
+    for name in ("node_id", "can"):
+        if getattr(args, name) is None:
+            raise ConfigError(
+                f"drive needs --{name.replace('_', '-')}, as in: drive --node-id 3 --eds FILE --can local:a"
+            )
     if args.status:
         return _tell_status(args)
     if args.json:
@@ -105,6 +116,16 @@ def run(args: argparse.Namespace) -> int:
     files = {name: None if (text := getattr(args, name)) is None else Path(text) for name in _FILES}
     options = Options(faults=args.fault, serial=args.serial, others=others, **files)
     return run_drives(node_ids, eds, args.can, options, _say)
+
+
+def _run_buses(args: argparse.Namespace) -> int:
+    """Run the drives of a file of several buses."""
+    given = [name for name in ("node_id", "can", "eds", "status", *_FILES) if getattr(args, name)]
+    if given:
+        raise ConfigError(f"--buses: its file says everything; leave --{given[0].replace('_', '-')} away")
+    from canopen_control.virtual.bus_group import run_group
+
+    return run_group(Path(args.buses), _say)
 
 
 def _tell_status(args: argparse.Namespace) -> int:

@@ -51,8 +51,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the virtual drives move the robot on a floor: weight, friction, slip (needs the extra [physics])",
     )
     parser.add_argument(
-        "--world", metavar="FILE", help="with --physics: what stands on the floor, and what happens when"
+        "--world",
+        metavar="FILE",
+        help="with --physics: what is on the floor, and what happens when; without CONFIG: run the robots in it",
     )
+    parser.add_argument("--say-name", action="store_true", help="begin each line with the name of the robot")
     parser.add_argument("--view", action="store_true", help="show the robot on a page of this computer")
     parser.add_argument("--teleop", action="store_true", help="with --view: buttons that drive while they are held")
     _add_timing_arguments(parser)
@@ -163,7 +166,15 @@ def add_kind_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    if args.world is not None and not _names_robot(args):
+        from canopen_control.cli.support.shared_robots import run_shared
+
+        return run_shared(args)
     return run_robot(args)
+
+
+def _names_robot(args: argparse.Namespace) -> bool:
+    return any(each is not None for each in (args.config, args.launch, args.bus, args.controllers, args.description))
 
 
 def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = False) -> int:
@@ -193,7 +204,8 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     session = Session(setup, options)
     announcer = Announcer(sys.stderr if table else sys.stdout)
     try:
-        session.robot.on_event = _teller(announcer, table, len(session.robot.nodes))
+        prefix = f"{setup.name}: " if args.say_name else ""
+        session.robot.on_event = _teller(announcer, table, len(session.robot.nodes), prefix)
         if unclear is not None:
             _slow_down(session, unclear)
         if table:
@@ -314,7 +326,7 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
     )
 
 
-def _teller(announcer: Announcer, table: bool, nodes: int = 0) -> Callable[[Event], None]:
+def _teller(announcer: Announcer, table: bool, nodes: int = 0, prefix: str = "") -> Callable[[Event], None]:
     """Print events as lines; beside a live table only what is bad. Of many `nodes` it tells how many have booted."""
     from canopen_control.master.event_log import Level
 
@@ -328,7 +340,7 @@ def _teller(announcer: Announcer, table: bool, nodes: int = 0) -> Callable[[Even
             booted.add(event.node)
             text = f"{text} ({len(booted)} of {nodes} nodes)"
         if event.kind in _ALWAYS or (event.level >= lowest and event.kind not in _CHATTER):
-            announcer.say(text)
+            announcer.say(f"{prefix}{text}")
 
     return tell
 

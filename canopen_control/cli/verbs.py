@@ -44,6 +44,7 @@ VERBS = {
     "clone": "give a replacement drive the parameters of another one",
     "objects": "the object dictionary of a node: names, units, defaults, what it holds",
     "dump": "all that a node holds now, as table, CSV or DCF",
+    "scope": "objects over time, with triggers: terminal, CSV, MCAP",
     "nmt": "start, stop or reset nodes",
     "preflight": "before the first run on real drives: look, jog slowly, try STOP",
     "jog": "turn one drive by hand, with its EDS alone: arrow keys, limits, a dead-man",

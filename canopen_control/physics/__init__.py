@@ -4,10 +4,11 @@ The engine is MuJoCo; this is the only room that imports it, and only when someb
 for the virtual drives of a process, `plugin_robot` one for a simulation plugin without drives.
 
 - files: `physics_file` (the plant file), `world_file` (what stands on the floor, and what happens)
-- a model: `urdf_repair` and `body_model` of a description, `mjcf_model` of a scene of MuJoCo's own; `ground_contact`
-  finds the wheels, `scenery` adds ramps, boxes and walls, `world_sensors` what measures
-- motion: `joint_servo` (a drive's loops on one joint), `physics_world` (all of them together), `mecanum_contact`
-  (rollers on the floor), `disturbances` (payload, pushes, grip)
+- a model: `urdf_repair` and `body_model` of a description, `mjcf_model` of a scene of MuJoCo's own, `shared_model` of
+  several robots; `ground_contact` finds the wheels, `motor_estimate` the motors, `scenery` adds ramps, boxes and walls,
+  `world_sensors` what measures
+- motion: `joint_servo` (a drive's loops on one joint), `world_robot` (a robot, and where its base is), `physics_world`
+  (all of them together), `mecanum_contact` (rollers on the floor), `disturbances` (payload, pushes, grip)
 """
 
 from __future__ import annotations

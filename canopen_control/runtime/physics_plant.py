@@ -13,19 +13,20 @@ from typing import TYPE_CHECKING
 from canopen_control.bus.channel import may_host_virtual_drives, parse_channel
 from canopen_control.errors import RobotConfigError
 from canopen_control.host.files import state_dir, write_whole
+from canopen_control.runtime.robot_files import MAIN_BUS
 from canopen_control.runtime.world_sensing import world_sensors
 from canopen_control.urdf.wheels import WheelGeometry
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["PLANT_FILE", "check_physics", "write_plant"]
+__all__ = ["BUSES_FILE", "PLANT_FILE", "buses_of", "check_physics", "plant_text", "write_buses", "write_plant"]
 
-PLANT_FILE = "physics.yml"
+PLANT_FILE, BUSES_FILE = "physics.yml", "buses.yml"
 _MECANUM = "mecanum_drive_controller/MecanumDriveController"
 _WHEELS = ("front_left", "front_right", "rear_right", "rear_left")
 _ROLLER = 45.0  # degrees
@@ -39,11 +40,6 @@ def check_physics(setup: RobotSetup) -> None:
         raise RobotConfigError(f"--physics is for virtual drives; leave {given} away")
     if setup.files.bus_alone:
         raise RobotConfigError(f"--physics: {setup.files.bus} has no description, so that there is nothing to move")
-    if len(setup.channels) > 1:
-        raise RobotConfigError(
-            f"--physics: the drives of one world are one process on one bus, and {setup.name} has the buses "
-            f"{', '.join(setup.channels)}"
-        )
     for channel in setup.channels.values():
         if not may_host_virtual_drives(channel):
             raise RobotConfigError(f"--physics: real drives may be on {channel}; use --can local:NAME, or vcan0")
@@ -78,11 +74,13 @@ def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | No
     lines += [] if world is None else [f"world: {json.dumps(str(world))}"]
     lines += [*_sensor_lines(setup), "axes:"]
     for joint in joints:
-        axis = joint.axis.number
-        address = f"{joint.node.node_id}/{axis}" if axis else f"{joint.node.node_id}"
+        axis, bus = joint.axis.number, _bus_of(setup, joint.node.name)
+        address = f"{bus}{joint.node.node_id}/{axis}" if axis else f"{bus}{joint.node.node_id}"
         scale = joint.scale.pos_to_dev * ratios.get(joint.joint, 1.0)
         roller = "" if joint.joint not in rollers else f", roller: {rollers[joint.joint]:g}"
         lines.append(f'  "{address}": {{joint: {json.dumps(joint.joint)}, scale_pos_to_dev: {scale!r}{roller}}}')
+    if encoders := list(_encoders(setup)):
+        lines += ["encoders:", *encoders]
     return "\n".join(lines) + "\n"
 
 
@@ -95,6 +93,42 @@ def _sensor_lines(setup: RobotSetup) -> list[str]:
         for name, each in found.items()
     ]
     return ["sensors:", *lines] if lines else []
+
+
+def _bus_of(setup: RobotSetup, node: str) -> str:
+    """Return what an address in the plant file begins with, nothing on the main bus."""
+    bus = next(name for name, bus in setup.buses.items() if node in bus.nodes)
+    return "" if bus == MAIN_BUS else f"{bus}:"
+
+
+def _encoders(setup: RobotSetup) -> Iterator[str]:
+    """Yield the encoders of joints that nothing commands: their `device_name` is a node that measures them."""
+    nodes = {name: node.node_id for bus in setup.buses.values() for name, node in bus.nodes.items()}
+    for part in (joint for tag in setup.description.hardware for joint in tag.joints):
+        device = part.parameters.get("device_name", "")
+        if device in nodes and not part.command_interfaces:
+            yield f'  "{_bus_of(setup, device)}{nodes[device]}": {{joint: {json.dumps(part.name)}}}'
+
+
+def buses_of(setup: RobotSetup, plant: Path) -> list[str]:
+    """Return the lines of a robot in a file of several buses, see `virtual.bus_group`."""
+    lines = [f"  {json.dumps(setup.name)}:", f"    plant: {json.dumps(str(plant))}", "    buses:"]
+    for name, channel in setup.channels.items():
+        eds = {
+            str(node.node_id): str(setup.buses[name].eds_paths[node.name]) for node in setup.buses[name].nodes.values()
+        }
+        lines.append(f"      {name}: {{channel: {json.dumps(channel)}, nodes: {json.dumps(eds)}}}")
+    return lines
+
+
+def write_buses(folder: Path, robots: Iterable[tuple[RobotSetup, Path]], world: Path | None = None) -> Path:
+    """Write the file of all buses of robots, each with its plant file; return its path."""
+    lines = ["engine: mujoco", *([] if world is None else [f"world: {json.dumps(str(world))}"]), "robots:"]
+    lines += [line for setup, plant in robots for line in buses_of(setup, plant)]
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / BUSES_FILE
+    write_whole(path, ("\n".join(lines) + "\n").encode())
+    return path
 
 
 def _rollers(setup: RobotSetup) -> dict[str, float]:

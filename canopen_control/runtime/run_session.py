@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import CanopenError, RobotConfigError
 from canopen_control.host.files import state_dir
+from canopen_control.host.lifeline import lifeline_fd
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse, claim, drive_name, runtime_dir
 from canopen_control.master.event_log import Event
@@ -160,9 +161,16 @@ class Session:
         """Run until a signal, the duration, a client or a failure ends it."""
         shutdown = self.robot.shutdown
         self.reactor.handle_signals({each: partial(shutdown, each.name) for each in _SIGNALS})
+        lifeline = lifeline_fd()
+        if lifeline is not None:  # of the program that runs several robots
+            self.reactor.add_reader(lifeline, partial(self._on_orphaned, lifeline))
         self.start()
         self.reactor.run()
         return self.robot.failure
+
+    def _on_orphaned(self, lifeline: int) -> None:
+        self.reactor.remove_reader(lifeline)
+        self.robot.shutdown("the program that started it is gone")
 
     def close(self) -> None:
         """Leave nothing behind; a second call does nothing."""

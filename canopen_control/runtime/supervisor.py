@@ -18,6 +18,7 @@ from canopen_control.errors import CanopenError
 from canopen_control.host.environment import MODULE, lean_python
 from canopen_control.host.spawn import spawn, state_dir
 from canopen_control.master.event_log import Event, Level
+from canopen_control.runtime.physics_plant import write_buses
 from canopen_control.virtual.device import WORLD_NOTE
 
 if TYPE_CHECKING:
@@ -73,10 +74,11 @@ class Supervisor:
 
         With a `plant` file they are one process, since they move one world.
         """
+        if plant is not None:
+            self._spawn_world(setup, plant)
+            return
         for name, channel in setup.channels.items():
-            if plant is not None:
-                self._spawn_world(setup.buses[name], channel, plant)
-            elif parse_channel(channel).kind.in_process:
+            if parse_channel(channel).kind.in_process:
                 self._host_drives(setup.buses[name], channel)
             else:
                 self._spawn_drives(setup.buses[name], channel)
@@ -251,14 +253,19 @@ class Supervisor:
             ]
             self._drives.append(self._start([*MODULE, *arguments], f"{_DRIVE}{node.name}", reports=True))
 
-    def _spawn_world(self, bus: BusConfig, channel: str, plant: Path) -> None:
-        """Start all drives of a bus as one process, which has a world."""
-        ids = ",".join(str(node.node_id) for node in sorted(bus.nodes.values(), key=lambda each: each.node_id))
-        arguments = ["canopen_control", "drive", "--node-id", ids, "--can", channel, "--plant", str(plant)]
-        for node in bus.nodes.values():
-            arguments += ["--eds", f"{node.node_id}={bus.eds_paths[node.name]}"]
+    def _spawn_world(self, setup: RobotSetup, plant: Path) -> None:
+        """Start all drives of a robot as one process, which has a world."""
+        nodes = [(bus, node) for bus in setup.buses.values() for node in bus.nodes.values()]
+        if len(setup.buses) > 1:
+            arguments = ["canopen_control", "drive", "--buses", str(write_buses(plant.parent, [(setup, plant)]))]
+        else:
+            ids = ",".join(str(number) for number in sorted(node.node_id for _, node in nodes))
+            (channel,) = setup.channels.values()
+            arguments = ["canopen_control", "drive", "--node-id", ids, "--can", channel, "--plant", str(plant)]
+            for bus, node in nodes:
+                arguments += ["--eds", f"{node.node_id}={bus.eds_paths[node.name]}"]
         child = self._start([*MODULE, *arguments], "drives", reports=True)
-        self._world = child, tuple(bus.nodes)
+        self._world = child, tuple(node.name for _, node in nodes)
         self._drives.append(child)
 
     def _host_drives(self, bus: BusConfig, channel: str) -> None:

@@ -123,6 +123,10 @@ class BagWriter:
         log = self._ros.make("rcl_interfaces/Log", stamp, level, name, event.text, "", event.kind, 0)
         self._write("/rosout", event.time, log)
 
+    def number(self, topic: str, unix_s: float, value: float) -> None:
+        """Write a number on a topic of its own: std_msgs/Float64."""
+        self._write(topic, unix_s, self._ros.make("std_msgs/Float64", value))
+
     # Messages ------------------------------------------------------------------------------------------------------
 
     def _describe(self, state: StateSample) -> None:

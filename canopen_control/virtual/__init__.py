@@ -2,7 +2,7 @@
 
 From the outside in; a file imports those of its own line and of lines further down:
 
-- a process of drives: `launch`, `node_id_check`, `process`
+- a process of drives: `bus_group` (on several buses, in one world), `launch`, `node_id_check`, `process`, `served_bus`
 - devices: `device` (of an EDS), `parameter_file`, `scenario`, `world_acts` (of it), `control` (the socket),
   `nodehost`
 - their faults: `fault_switches`, `fault_table`, `device_faults`, `fault_actions` (on frames)

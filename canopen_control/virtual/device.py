@@ -82,19 +82,20 @@ def make_devices(
     scenario: Path | None = None,
     plant: Path | None = None,
     others: Mapping[int, Path] | None = None,
+    world: World | None = None,
 ) -> Devices:
     """Make all that a process of virtual drives consists of; what is wrong in a file is told before anything runs.
 
     Raises EdsError and ConfigError, `say` takes warnings and what the world had to guess. `serial` is the first
-    node's, see `launch.Options`; `others` are the EDS files of nodes that have another one. A node that LSS gave
-    another id, in an earlier process with the same store, starts with that one.
+    node's, see `launch.Options`; `others` are the EDS files of nodes that have another one, `world` is a world that is
+    there already. A node that LSS gave another id, in an earlier process with the same store, starts with that one.
     """
     files = {node_id: eds if others is None else others.get(node_id, eds) for node_id in node_ids}
     ods = {file: read_eds(file, node_ids[0]).od for file in files.values()}
     if UNCONFIGURED in node_ids and not ods[files[UNCONFIGURED]].device.lss_supported:
         raise ConfigError(f"{files[UNCONFIGURED]}: it has no LSS, so a node without an id (255) could never get one")
     timeline = () if scenario is None else _timeline(scenario, node_ids)
-    world = PlainWorld() if plant is None else _world(plant)
+    world = world or (PlainWorld() if plant is None else _world(plant))
     for note in world.notes if isinstance(world, TellingWorld) else ():
         say(f"{WORLD_NOTE}{note}")
     file = None if store is None else ParameterFile(store, say)

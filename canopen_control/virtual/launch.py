@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import open_port, parse_channel
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
 
-__all__ = ["Options", "run_drives"]
+__all__ = ["Options", "reopen", "run_drives"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,7 @@ def run_drives(node_ids: Sequence[int], eds: Path, channel: str, options: Option
             check = NodeIdCheck(reactor, port, node_ids)
             from canopen_control.virtual.device import make_devices
             from canopen_control.virtual.process import DriveProcess
+            from canopen_control.virtual.served_bus import BusNodes
 
             devices = make_devices(
                 node_ids,
@@ -65,21 +67,15 @@ def run_drives(node_ids: Sequence[int], eds: Path, channel: str, options: Option
             )
             check.finish()
             with contextlib.closing(devices.world):
-                process = DriveProcess(
-                    reactor,
-                    port,
-                    devices.nodes,
-                    say,
-                    reopen=lambda: _reopen(channel, label),
-                    timeline=devices.timeline,
-                    world=devices.world,
-                )
+                again = partial(reopen, channel, label)
+                bus = BusNodes(port, devices.nodes, again, devices.timeline, devices.world)
+                process = DriveProcess(reactor, [bus], say)
                 return process.run()
         finally:
             port.close()
 
 
-def _reopen(channel: str, label: str) -> Port | None:
+def reopen(channel: str, label: str) -> Port | None:
     """Open a channel that was gone, None where it is not back. A local bus is not started for it.
 
     It joins, for a hub that dies is still there to who looks whether it is, and gone to who then opens.

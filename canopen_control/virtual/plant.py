@@ -29,6 +29,7 @@ __all__ = [
     "LoadedPlant",
     "PlainWorld",
     "Plant",
+    "SharedWorld",
     "TellingWorld",
     "World",
 ]
@@ -285,6 +286,13 @@ class FurnishedWorld(World, Protocol):
 
     def shapes(self) -> tuple[WorldShape, ...]:
         """Return what stands there, where it is now."""
+
+
+class SharedWorld(TellingWorld, Protocol):
+    """An engine whose world several buses share, of one robot or of several."""
+
+    def side(self, robot: str, bus: str = "") -> World:
+        """Return the world as the drives of a robot on one of its buses see it; KeyError for no such robot."""
 
 
 @runtime_checkable

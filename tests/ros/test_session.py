@@ -48,7 +48,7 @@ def test_who_publishes_more_often_than_ros_is_given_is_told_once(fresh):
     try:
         for state in ("active", "inactive", "active"):  # the bridge asks for the controllers each time
             fresh.robot.switch(base=state)
-            assert eventually(lambda state=state: fresh.robot.listed["base"] == state)
+            assert eventually(lambda state=state: fresh.robot.listed.get("base") == state)
             assert eventually(lambda: fresh.robot.commands("tell"))
     finally:
         del states["publish_rate"]

@@ -5,7 +5,8 @@ import pytest
 from support.robots import Bench, setup_of
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.runtime.physics_plant import PLANT_FILE, check_physics, plant_text, write_plant
+from canopen_control.runtime.physics_plant import PLANT_FILE, check_physics, plant_text, write_buses, write_plant
+from canopen_control.virtual.bus_group import read_group
 
 
 @pytest.fixture
@@ -50,6 +51,23 @@ def test_it_is_written_with_the_description_beside_the_logs(robot, tmp_path, mon
     assert (path.parent / "physics.urdf").read_text() == robot.setup.description.urdf_xml
 
 
+def test_the_axes_of_a_second_bus_are_named_with_it_and_so_is_the_bus(robot, tmp_path):
+    main = robot.setup.bus
+    right = dataclasses.replace(main, nodes={"right_drive": main.nodes["right_drive"]})
+    left = dataclasses.replace(main, nodes={"left_drive": main.nodes["left_drive"]})
+    setup = dataclasses.replace(
+        robot.setup, buses={"can": left, "second": right}, channels={"can": "local:a", "second": "local:b"}
+    )
+    check_physics(setup)
+    axes = [line.split(":  ")[0] for line in plant_text(setup, robot.robot.joints.values()).splitlines()[4:]]
+    assert [axis.strip().split(": {")[0] for axis in axes] == ['"3"', '"second:2"']
+    buses = read_group(write_buses(tmp_path, [(setup, tmp_path / PLANT_FILE)])).robots["robby"].buses
+    assert {name: (bus.channel, list(bus.nodes)) for name, bus in buses.items()} == {
+        "can": ("local:a", ["3"]),
+        "second": ("local:b", ["2"]),
+    }
+
+
 def test_without_joints_on_drives_there_is_nothing_to_move(robot):
     with pytest.raises(RobotConfigError, match=r"--physics: no joint of .* is moved by a drive"):
         write_plant(robot.setup, {})
@@ -66,7 +84,6 @@ def test_a_simulation_plugin_gives_way_to_drives():
     [
         ({"real": True}, "leave --real away"),
         ({"mock": True}, "leave --mock away"),
-        ({"channels": {"can": "local:a", "second": "local:b"}}, "buses can, second"),
         ({"channels": {"can": "memory:a"}}, "use --can local:NAME"),
         ({"channels": {"can": "can0"}}, "real drives may be on can0"),
     ],

@@ -6,8 +6,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from support.virtualbench import MS, S, ready_tmcm, servo, servo_od
 
 from canopen_control.bus.memory import MemoryBus
@@ -20,8 +18,9 @@ from canopen_control.rpc.messages.drive import WorldState
 from canopen_control.virtual import process
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.node_id_check import NodeIdTaken
-from canopen_control.virtual.process import WINDOW_NS, DriveProcess, FoldedLog
+from canopen_control.virtual.process import DriveProcess
 from canopen_control.virtual.scenario import Switching
+from canopen_control.virtual.served_bus import BusNodes
 
 PORTS = []
 
@@ -45,7 +44,7 @@ def started(reactor, nodes, monkeypatch=None, lifeline=None):
     if lifeline is not None:
         monkeypatch.setattr(process, "lifeline_fd", lambda: lifeline)
     lines = []
-    drives = DriveProcess(reactor, join(bus, "drives"), nodes, lines.append)
+    drives = DriveProcess(reactor, [BusNodes(join(bus, "drives"), nodes)], lines.append)
     return bus, drives, lines
 
 
@@ -74,7 +73,7 @@ def test_a_controller_between_two_states_does_not_flood_the_log_with_what_the_no
         for _ in range(500):
             for kind in (BusEventKind.ERROR_PASSIVE, BusEventKind.OVERRUN, BusEventKind.ERROR_ACTIVE):
                 node.bus_event(kind, reactor.now())
-                drives._host.wake(node)
+                drives._buses[0]._host.wake(node)
 
     reactor.call_later(S, flood)
     reactor.call_later(12 * S, reactor.stop)
@@ -91,7 +90,7 @@ def test_a_flood_of_error_frames_is_a_line_and_a_sum_for_each_kind(reactor):
     def flood():
         for number in range(1000):
             for kind in (BusEventKind.ERROR_PASSIVE, BusEventKind.OVERRUN):
-                drives._on_bus_event(BusEvent(kind, f"{kind.value} {number}"))
+                drives._buses[0]._on_bus_event(BusEvent(kind, f"{kind.value} {number}"))
 
     reactor.call_later(S, flood)
     reactor.call_later(12 * S, reactor.stop)
@@ -200,7 +199,7 @@ class Reopening:
         self.reactor, self.due, self.master = reactor, None, join(self.bus, "master")
         first, self.lines = MemoryBus("process"), []
         port = join(first, "drives")
-        self.process = DriveProcess(reactor, port, [node], self.lines.append, reopen=self.reopen)
+        self.process = DriveProcess(reactor, [BusNodes(port, [node], self.reopen)], self.lines.append)
         reactor.call_later(MS, first.close)
         self.due = None if after_s is None else reactor.now() + round(after_s * S)
 
@@ -258,42 +257,30 @@ def test_a_timeline_and_a_world_that_wants_to_know_its_axes_are_served(reactor):
     node.advance_drives = lambda now, advance=node.advance_drives: (asked.append(now), advance(now))
     lines = []
     timeline = [Switching(S // 2, 5, "warning")]
-    drives = DriveProcess(reactor, join(bus, "drives"), [node], lines.append, timeline=timeline, world=world)
+    drives = DriveProcess(
+        reactor, [BusNodes(join(bus, "drives"), [node], timeline=timeline, world=world)], lines.append
+    )
     reactor.call_later(S, reactor.stop)
     assert drives.run() == 0
     assert len(asked) >= 49
     assert any("fault warning on" in line for line in lines)
 
 
-@pytest.fixture
-def log_reactor():
-    made = Reactor(ManualClock(0))
-    yield made
-    made.close()
-
-
-def test_the_first_lines_of_a_kind_then_their_number(log_reactor):
-    written = []
-    log = FoldedLog(log_reactor, written.append)
-    for number in range(5):
-        log.tell("a", f"a {number}", 2)
-    log.tell("b", "b", 2)
-    assert written == ["a 0", "a 1", "b"]
-    log_reactor.run_for(WINDOW_NS + 1)
-    assert written == ["a 0", "a 1", "b", "a 4 (3 more times in 10 s)"]
-    log.tell("a", "a 5", 2)
-    assert written[-1] == "a 5"
-
-
-@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 4 * WINDOW_NS)), max_size=200))
-def test_no_line_is_lost_from_the_sum(told):
-    log_reactor, written = Reactor(ManualClock(0)), []
-    log = FoldedLog(log_reactor, written.append)
-    for kind, at in told:
-        log_reactor.call_at(at, lambda kind=kind: log.tell(kind, kind, 3))
-    log_reactor.run_for(6 * WINDOW_NS)
-    log_reactor.close()
-    for kind in "abc":
-        lines = [line for line in written if line[0] == kind]
-        sums = sum(int(line.split("(")[1].split()[0]) for line in lines if "(" in line)
-        assert sums + sum("(" not in line for line in lines) == sum(each == kind for each, _ in told)
+def test_two_buses_in_one_process_and_one_that_is_gone_leaves_the_other(reactor):
+    first, second, lines = MemoryBus("one"), MemoryBus("two"), []
+    buses = [BusNodes(join(bus, "drives"), [servo(5)]) for bus in (first, second)]
+    drives, master = DriveProcess(reactor, buses, lines.append), join(second, "master")
+    ask = pack_records([CanFrame(0x605, bytes.fromhex("4000100000000000"))])
+    reactor.call_later(S, first.close)
+    reactor.call_later(2 * S, lambda: master.send(ask))
+    reactor.call_later(3 * S, second.close)
+    reactor.call_later(9 * S, reactor.stop)
+    with pytest.raises(BusClosed):
+        drives.run()
+    assert reactor.now() < 6 * S  # the last one ends it
+    assert [line for line in lines if "ready" in line] == [
+        "drive 5 (servo) ready on memory:one",
+        "drive 5 (servo) ready on memory:two",
+    ]
+    assert any(line.split(maxsplit=1)[1].startswith("memory:two: node 5: ") for line in lines if "node 5:" in line)
+    assert CanFrame(0x585, bytes.fromhex("4300100092010200")) in list(frames_of(master.receive()))

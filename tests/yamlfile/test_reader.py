@@ -2,20 +2,27 @@ from __future__ import annotations
 
 import enum
 import math
+import re
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canopen_control.errors import BusConfigError, ConfigError, RobotConfigError
+from canopen_control.yamlfile import reader
 from canopen_control.yamlfile.convert import convert, position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
 from canopen_control.yamlfile.reader import load, parse, read, tree
 
 if TYPE_CHECKING:
     from canopen_control.yamlfile.problems import Problem, Problems
+
+
+CONFIG = Path(__file__).parents[2] / "config"
 
 
 class Mode(enum.Enum):
@@ -287,3 +294,44 @@ def test_what_yaml_writes_is_read_back(value):
 def test_a_mistake_is_told_at_its_own_line_and_column(line, indent):
     text = "\n" * (line - 1) + f"{{{' ' * indent}node_id: wrong}}"
     assert messages(text, Drive)[0].startswith(f"bus.yml:{line}:{indent + 11}: node_id:")
+
+
+def shape(node):
+    """All that the reader takes from PyYAML's nodes: kind, tag, place and text."""
+    if node is None:
+        return None
+    here = (type(node).__name__, node.tag, node.start_mark.line, node.start_mark.column)
+    if isinstance(node, yaml.ScalarNode):
+        return (*here, node.value, bool(node.style))
+    if isinstance(node, yaml.SequenceNode):
+        return (*here, *map(shape, node.value))
+    return (*here, *((shape(key), shape(value)) for key, value in node.value))
+
+
+WORDS = (
+    "a", "- ", ": ", "\n", "\n  ", "#", " # ", "'", '"', "{", "}", "[", "]", ",", "|\n", ">-\n", "? ", "?", "! ", "~",
+    "1", "!!int ", "---\n", "%YAML 1.1\n", "<<: ", "\t", "\r", "\u2028", "\x85", "\u00e9", "\\x41", ":",
+)  # fmt: skip
+
+
+@settings(max_examples=300)
+@given(st.lists(st.sampled_from(WORDS), max_size=16).map("".join))
+def test_both_parsers_give_the_same_tree_or_the_same_error(text):
+    try:
+        wanted = shape(yaml.compose(text + "\n", Loader=yaml.SafeLoader))
+    except yaml.YAMLError as error:
+        with pytest.raises(type(error), match=re.escape(str(error))):
+            reader._root(text + "\n")
+    else:
+        assert shape(reader._root(text + "\n")) == wanted
+
+
+def test_all_files_of_the_bundled_robots_are_read_by_the_fast_parser(monkeypatch):
+    if not yaml.__with_libyaml__:
+        assert reader._FAST_LOADER is None
+        return
+    monkeypatch.setattr(yaml, "SafeLoader", None)
+    files = [path for path in CONFIG.rglob("*.y*ml") if path.is_file()]
+    assert len(files) > 10
+    for path in files:
+        assert shape(reader._root(path.read_text(encoding="utf-8"))) is not None, path

@@ -25,12 +25,12 @@ from canopen_control.service.node_session import NodeSession, Transfers
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from canopen_control.cia301.nmt import NmtCommand
     from canopen_control.cli.support.target import Target, TargetNode
 
-__all__ = ["add_session_arguments", "open_session"]
+__all__ = ["add_session_arguments", "open_session", "open_sessions"]
 
 _HEARTBEATS = 2.5  # of its own heartbeat times, a node is listened to
 _LONGEST_S = 3.0
@@ -55,11 +55,25 @@ def open_session(args: argparse.Namespace, node: str | None = None) -> Iterator[
 
     Where --can names the channel of a running robot, its nodes are reached through that robot.
     """
+    word = args.node if node is None else node
+    with open_sessions(args, [word]) as (sessions, _):
+        yield sessions[word]
+
+
+@contextlib.contextmanager
+def open_sessions(
+    args: argparse.Namespace, nodes: Iterable[str]
+) -> Iterator[tuple[dict[str, NodeSession], RobotClient | None]]:
+    """Open a session with each of `nodes`, by the words given, and the robot that carries them, None on a bare bus."""
     with _open(args) as target:
-        found = target.node(args.node if node is None else node)
-        robot = target.robot.robot if isinstance(target, RobotTarget) else ""
-        transfers = TargetTransfers(target, found)
-        yield NodeSession(transfers, found.node_id, found.dictionary(), name=found.name, robot=robot)
+        client = target.robot if isinstance(target, RobotTarget) else None
+        robot = "" if client is None else client.robot
+        sessions = {}
+        for word in dict.fromkeys(nodes):
+            node = target.node(word)
+            transfers = TargetTransfers(target, node)
+            sessions[word] = NodeSession(transfers, node.node_id, node.dictionary(), name=node.name, robot=robot)
+        yield sessions, client
 
 
 def _open(args: argparse.Namespace) -> RobotTarget | BusTarget:

@@ -1,0 +1,160 @@
+"""`scope`: up to eight objects over time, with triggers: on the terminal, as CSV, as a bag (MCAP).
+
+NODE:OBJECT is an object by address or by its name in the EDS. In a running robot what TPDOs carry comes with every
+cycle, other objects are polled by SDO, one at a time and slowly; on a bare bus (--can, --eds) all are polled. A shot
+begins at once, or with --trigger: SIGNAL:rising:LEVEL, falling, above, below, the signals counted from 1, or fault,
+which is the statusword of any of the nodes. A trigger may be waited for for days. Nothing is written to a node.
+
+Exit codes: 0 good; 1 no shot was taken, or the node is gone; 2 wrong usage, no such object.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cli.support.arguments import number, seconds, whole_number
+from canopen_control.cli.support.open_session import add_session_arguments, open_sessions
+from canopen_control.cli.support.scope_output import check_output, numbered, shot_lines, write_shot
+from canopen_control.cli.support.scope_sources import PolledSource, RobotSource
+from canopen_control.errors import ConfigError
+from canopen_control.host.signals import on_signals
+from canopen_control.service.scope_capture import Condition, ScopeCapture, ScopeState, parse_trigger
+from canopen_control.service.scope_signals import MOST_SIGNALS, SignalValues, node_of, signal_of, statuswords_of
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from canopen_control.cli.support.scope_sources import ScopeSource
+    from canopen_control.service.scope_capture import Trigger
+    from canopen_control.service.scope_signals import ScopeSignal
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control scope left_drive:0x6064 left_drive:0x606C --length 2
+         canopen-control scope 5:0x606C --can can0 --eds my_drive.eds --rate 50 -o step.csv
+         canopen-control scope 3:0x6064 3:0x606C --trigger 2:rising:100 --before 0.5 --length 3
+         canopen-control scope 3:0x6041 3:0x606C --trigger fault --before 2 --length 4"""
+
+_RATE: Final = 50.0  # Hz
+_FASTEST: Final = 1000.0
+_LOOK_S: Final = 0.1
+_LINE_S: Final = 0.5
+_ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("signals", nargs="+", metavar="NODE:OBJECT", help="such as 3:0x6064 or left_drive:0x606C")
+    add_session_arguments(parser, node=False)
+    rate = number("rate in Hz above 0, at most 1000", lambda value: 0 < value <= _FASTEST)
+    parser.add_argument("--rate", type=rate, default=_RATE, metavar="HZ", help="of what is polled (default: 50)")
+    parser.add_argument("--length", type=seconds, default=5.0, metavar="S", help="of a shot (default: 5)")
+    parser.add_argument("--trigger", metavar="T", help="SIGNAL:rising|falling|above|below:LEVEL, or fault")
+    parser.add_argument("--before", type=seconds, metavar="S", help="of a shot, before the trigger (default: a fifth)")
+    shots = whole_number("number of shots: 1 or more", range(1, 1_000_000))
+    parser.add_argument("--shots", type=shots, default=1, metavar="N", help="then it ends (default: 1, single)")
+    parser.add_argument("--rolling", action="store_true", help="shot after shot, until Ctrl-C")
+    parser.add_argument("--wait", type=seconds, metavar="S", help="for a trigger; then it ends without a shot")
+    parser.add_argument("-o", "--output", metavar="FILE", help="NAME.csv, or NAME.mcap for a bag in the folder NAME")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    if len(args.signals) > MOST_SIGNALS:
+        raise ConfigError(f"{len(args.signals)} signals are too many for one look; {MOST_SIGNALS} at most")
+    if args.before is not None and args.trigger is None:
+        raise ConfigError("--before is of a trigger; give --trigger too")
+    output = None if args.output is None else check_output(args.output)
+    trigger = None if args.trigger is None else parse_trigger(args.trigger, len(args.signals))
+    nodes = [node_of(text) for text in args.signals]
+    with open_sessions(args, nodes) as (sessions, client):
+        signals = [signal_of(text, sessions[node]) for text, node in zip(args.signals, nodes, strict=True)]
+        by_id = {session.node_id: session for session in sessions.values()}
+        extra = statuswords_of(signals, by_id) if trigger is not None and trigger.condition is Condition.FAULT else []
+        capture = _capture(args, trigger, len(signals), len(extra))
+        values = SignalValues([*signals, *extra])
+        source: ScopeSource = (
+            PolledSource(values, by_id, args.rate) if client is None else RobotSource(client, values, by_id, args.rate)
+        )
+        return _Look(capture, source, signals, output, wait=args.wait, several=args.rolling or args.shots > 1).run()
+
+
+def _capture(args: argparse.Namespace, trigger: Trigger | None, signals: int, extra: int) -> ScopeCapture:
+    if trigger is not None and trigger.condition is Condition.FAULT:
+        trigger = replace(trigger, places=tuple(range(signals, signals + extra)))
+    before = 0.0 if trigger is None else args.length / 5 if args.before is None else args.before
+    return ScopeCapture(trigger, length=args.length, before=before, shots=None if args.rolling else args.shots)
+
+
+class _Look:
+    """The loop of a scope: samples in, shots out, until it is done or was ended."""
+
+    def __init__(
+        self,
+        capture: ScopeCapture,
+        source: ScopeSource,
+        signals: Sequence[ScopeSignal],
+        output: Path | None,
+        *,
+        wait: float | None,
+        several: bool,
+    ) -> None:
+        self._capture, self._source, self._signals, self._output = capture, source, signals, output
+        self._wait, self._several = wait, several
+        self._ended = False
+        self._taken = 0
+        self._shown = 0.0
+
+    def run(self) -> int:
+        """Look until the shots are taken; 1 where there was none."""
+        begin = time.monotonic()
+        with on_signals(_ENDS, self._end):
+            while not (self._capture.done or self._ended):
+                for moment, row in self._source.samples(_LOOK_S):
+                    self._capture.feed(moment, row)
+                    self._show(row)
+                    if self._capture.done:
+                        break
+                self._capture.tick(time.time())
+                self._tell()
+                waits = self._capture.state is ScopeState.WAITING and self._wait is not None
+                if waits and time.monotonic() - begin > (self._wait or 0.0):
+                    break
+            self._capture.stop()
+            self._tell()
+        if not self._taken:
+            print("canopen-control: no shot was taken: the trigger did not come", file=sys.stderr)
+        return 0 if self._taken else 1
+
+    def _end(self) -> None:
+        self._ended = True
+
+    def _tell(self) -> None:
+        """Print and write the shots that are finished."""
+        for shot in self._capture.take():
+            self._taken += 1
+            self._wipe()
+            print("\n".join(shot_lines(shot, self._signals)), flush=True)
+            if self._output is not None:
+                path = numbered(self._output, self._taken, several=self._several)
+                print(f"written: {write_shot(path, shot, self._signals)}", flush=True)
+
+    def _show(self, row: Sequence[float | None]) -> None:
+        """Show the newest values on one line of a terminal."""
+        now = time.monotonic()
+        if not sys.stderr.isatty() or now - self._shown < _LINE_S:
+            return
+        self._shown = now
+        pairs = zip(self._signals, row, strict=False)
+        values = ", ".join(f"{each.name} {'-' if value is None else f'{value:g}'}" for each, value in pairs)
+        print(f"\r{self._capture.state.value}: {values}\x1b[K", end="", file=sys.stderr, flush=True)
+
+    def _wipe(self) -> None:
+        if sys.stderr.isatty():
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)

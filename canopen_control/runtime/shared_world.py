@@ -1,0 +1,204 @@
+"""Several robots in one simulated world: one process of all their drives, and a runtime of each robot's own.
+
+Each robot is run as `run ROBOT --name NAME --no-drives` runs it, on buses of its own, so that whatever a robot alone
+can do each of them can. A runtime that dies stops its drives, as the loss of a master does, and nobody else's. At the
+end the robots stop first, then the drives.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import signal
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import CanopenError, ConfigError, RobotConfigError
+from canopen_control.host.environment import MODULE
+from canopen_control.host.files import state_dir
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.spawn import spawn
+from canopen_control.physics import require_physics
+from canopen_control.physics.world_file import read_world_description
+from canopen_control.runtime.core import RobotCore
+from canopen_control.runtime.physics_plant import check_physics, write_buses, write_plant
+from canopen_control.runtime.robot_files import MAIN_BUS, find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.virtual.device import WORLD_NOTE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from canopen_control.host.spawn import Child
+    from canopen_control.physics.world_file import RobotStart
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["SharedRun", "read_shared"]
+
+_READY_NS: Final = 30_000_000_000
+_GRACE_S: Final = 8.0  # for a robot to stop and leave, then for the drives
+_NOTES: Final = 200  # lines of the drives before they are ready
+_USAGE: Final = 2
+_COMPLAINT: Final = "canopen-control: "
+_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@dataclass(frozen=True)
+class SharedRobot:
+    """One of the robots: its files as they were read, and how its runtime is started, without the common options."""
+
+    setup: RobotSetup
+    arguments: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.setup.name
+
+
+def read_shared(world: Path) -> list[SharedRobot]:
+    """Return the robots that a file of a world names; ConfigError tells all that is wrong, each with its line."""
+    require_physics()
+    description = read_world_description(world)
+    if not description.robots:
+        raise RobotConfigError(
+            f"{world}: it names no robots; write `robots:`, or run one in it: run ROBOT --physics --world FILE"
+        )
+    found, problems = [], []
+    for start in description.robots:
+        try:
+            found.append(_read(start, world))
+        except ConfigError as error:
+            problems.append(f"{world}:{start.here.line}:{start.here.column}: {start.name}: {error}")
+    if problems:
+        raise RobotConfigError("\n".join(problems))
+    return found
+
+
+def _read(start: RobotStart, world: Path) -> SharedRobot:
+    """Read one robot, which is a bundled one or a folder beside the file of the world."""
+    beside = world.parent / start.robot
+    config = str(beside) if beside.is_dir() else start.robot
+    words = [f"{name}:={value}" for name, value in start.arguments.items()]
+    files = find_robot(config, arguments=words)
+    buses = {
+        name: f"local:{start.name}" if name == MAIN_BUS else f"local:{start.name}_{name}"[:38] for name in files.buses
+    }
+    can = [f"{name}={channel}" for name, channel in buses.items()]
+    setup = read_robot(files, name=start.name, can=can, controllers=start.controllers, physics=True, drives=True)
+    check_physics(setup)
+    options = [f"--can={each}" for each in can] + [f"--controller={each}" for each in start.controllers]
+    return SharedRobot(setup, ("run", config, *words, "--name", start.name, "--no-drives", *options))
+
+
+class SharedRun:
+    """Runs robots in a world until all have ended; `options` are those of each runtime, `say` takes lines.
+
+    `of_each` are the options of one robot by its name, such as its ROS namespace.
+    """
+
+    def __init__(
+        self,
+        robots: Sequence[SharedRobot],
+        world: Path,
+        say: Callable[[str], object],
+        *,
+        options: Sequence[str] = (),
+        of_each: Callable[[str], Sequence[str]] = lambda _name: (),
+    ) -> None:
+        self._robots, self._world, self._say = robots, world, say
+        self._options, self._of_each = tuple(options), of_each
+        self._reactor = Reactor()
+        self._drives: Child | None = None
+        self._running: dict[str, Child] = {}
+        self._failed: str | None = None
+        self._refused = self._ending = False
+
+    def run(self) -> None:
+        """Run to the end; ConfigError for what the drives refuse, CanopenError for a robot that failed."""
+        try:
+            self._reactor.handle_signals(dict.fromkeys(_SIGNALS, self._end))
+            self._start_drives()
+            self._reactor.run()
+        finally:
+            self._close()
+        if self._failed is not None:
+            raise (ConfigError if self._refused else CanopenError)(self._failed)
+
+    def _start_drives(self) -> None:
+        """Start all drives, in the world that is theirs."""
+        plants = [(robot.setup, _written(robot.setup)) for robot in self._robots]
+        file = write_buses(state_dir(f"world-{self._robots[0].name}"), plants, self._world.resolve())
+        argv = [*MODULE, "canopen_control", "drive", "--buses", str(file)]
+        self._drives = spawn(argv, name="drives", log_dir=file.parent, reports=True)
+        self._drives.watch(self._reactor, self._on_drives_ended)
+        self._late = self._reactor.call_later(_READY_NS, self._too_late)
+        self._drives.watch_ready(self._reactor, self._on_ready)
+
+    def _on_ready(self) -> None:
+        if self._drives is None or self._drives.heard_at is None:
+            return  # it has died, which is told by its end
+        self._late.cancel()
+        for line in self._drives.last_lines(_NOTES):
+            if line.startswith(WORLD_NOTE):
+                self._say(line.removeprefix(WORLD_NOTE))
+        for robot in () if self._ending else self._robots:
+            options = [*robot.arguments, "--say-name", *self._options, *self._of_each(robot.name)]
+            child = spawn([*MODULE, "canopen_control", *options], name=robot.name, inherit_stdout=True)
+            child.watch(self._reactor, partial(self._on_robot_ended, robot))
+            self._running[robot.name] = child
+
+    def _too_late(self) -> None:
+        self._fail(f"the drives were not ready within {_READY_NS // 1_000_000_000} s; is the machine too busy?")
+
+    def _fail(self, text: str) -> None:
+        self._failed = self._failed or text
+        self._end()
+
+    def _on_drives_ended(self, returncode: int, lines: list[str]) -> None:
+        """End all: the drives of a world that has gone stand still."""
+        said = [line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE)]
+        self._drives, self._refused = None, returncode == _USAGE
+        self._fail(
+            "\n".join(said) if self._refused else f"the process of the drives has ended: {' | '.join(said[-3:])}"
+        )
+
+    def _on_robot_ended(self, robot: SharedRobot, returncode: int, _lines: list[str]) -> None:
+        del self._running[robot.name]
+        if returncode and not self._ending:
+            again = " ".join(("canopen-control", *robot.arguments))
+            self._failed = f"{robot.name} ended with exit code {returncode}"
+            others = ", ".join(self._running)
+            if others:
+                self._say(f"{self._failed}; its drives stop, {others} goes on; start it again with: {again}")
+        if not self._running:
+            self._end()
+
+    def _end(self) -> None:
+        self._ending = True
+        self._reactor.stop()
+
+    def _close(self) -> None:
+        """End the robots, then the drives."""
+        drives = [] if self._drives is None else [self._drives]
+        for children in (list(self._running.values()), drives):
+            for child in children:
+                child.unwatch()
+                child.unwatch_ready(self._reactor)
+                child.terminate()
+            for child in children:
+                if child.wait(_GRACE_S) is None:
+                    child.kill()
+                    child.wait(_GRACE_S)
+        self._reactor.close()
+
+
+def _written(setup: RobotSetup) -> Path:
+    """Write the plant file of a robot; its joints are known once its parts are put together."""
+    with Reactor() as reactor:
+        core = RobotCore(dataclasses.replace(setup), reactor)
+        try:
+            return write_plant(setup, core.joints)
+        finally:
+            core.close()

@@ -1,0 +1,106 @@
+"""The signals of a scope, `NODE:OBJECT` as it is written, and the newest value of each, from whoever brings it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402.objects import STATUSWORD
+from canopen_control.errors import ConfigError
+from canopen_control.od.address import find_object
+from canopen_control.od.codec import decode, fitted
+from canopen_control.service.object_units import unit_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from canopen_control.od.model import DataType
+    from canopen_control.service.node_session import NodeSession
+
+__all__ = ["MOST_SIGNALS", "ScopeSignal", "SignalValues", "node_of", "signal_of", "statuswords_of"]
+
+MOST_SIGNALS: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class ScopeSignal:
+    """A number of a node; `name` for people and files, such as left_drive:0x6064."""
+
+    node_id: int
+    index: int
+    subindex: int
+    data_type: DataType
+    name: str
+    label: str = ""
+    unit: str = ""
+
+    @property
+    def key(self) -> tuple[int, int, int]:
+        """Node id and address."""
+        return self.node_id, self.index, self.subindex
+
+    def value(self, data: bytes) -> float | None:
+        """Return the number of these bytes; None for another length."""
+        whole = fitted(data, self.data_type)
+        number = None if whole is None else decode(whole, self.data_type)
+        return float(number) if isinstance(number, int | float) else None
+
+
+def node_of(text: str) -> str:
+    """Return the node of `NODE:OBJECT`; ConfigError."""
+    node, colon, item = text.partition(":")
+    if not (node and colon and item):
+        raise ConfigError(f"{text!r} is no signal; write NODE:OBJECT, such as 3:0x6064 or left_drive:0x606C")
+    return node
+
+
+def signal_of(text: str, session: NodeSession) -> ScopeSignal:
+    """Return the signal that `NODE:OBJECT` means; ConfigError for what is none, or no number."""
+    item = text.partition(":")[2]
+    address = find_object(item, session.dictionary)
+    entry = address.entry
+    if entry is None:
+        raise ConfigError(f"{text}: the EDS of {session} has no 0x{address.index:04X}:{address.subindex:02X}")
+    if not (entry.data_type.is_integer or entry.data_type.is_real) or not entry.readable:
+        raise ConfigError(
+            f"{text}: {address.label} is no number that can be read ({entry.data_type.name}, {entry.access})"
+        )
+    sub = f":{entry.subindex:02X}" if entry.subindex else ""
+    return ScopeSignal(
+        session.node_id,
+        entry.index,
+        entry.subindex,
+        entry.data_type,
+        f"{session.name or session.node_id}:0x{entry.index:04X}{sub}",
+        entry.name,
+        unit_of(session.dictionary, entry.index, entry.subindex),
+    )
+
+
+def statuswords_of(signals: Iterable[ScopeSignal], sessions: Mapping[int, NodeSession]) -> list[ScopeSignal]:
+    """Return the statusword of each node of the signals, for a trigger on faults; ConfigError where one has none."""
+    nodes = dict.fromkeys(signal.node_id for signal in signals)
+    return [signal_of(f"{node_id}:0x{STATUSWORD:04X}", sessions[node_id]) for node_id in nodes]
+
+
+class SignalValues:
+    """The newest value of each signal: a row for a `ScopeCapture`."""
+
+    def __init__(self, signals: Iterable[ScopeSignal]) -> None:
+        self.signals = tuple(signals)
+        self._values: list[float | None] = [None] * len(self.signals)
+        self._places: dict[tuple[int, int, int], list[int]] = {}
+        for place, signal in enumerate(self.signals):
+            self._places.setdefault(signal.key, []).append(place)
+
+    @property
+    def row(self) -> tuple[float | None, ...]:
+        """The values in the order of the signals."""
+        return tuple(self._values)
+
+    def put(self, node_id: int, index: int, subindex: int, data: bytes) -> bool:
+        """Take the bytes of an object; whether it is one of the signals."""
+        places = self._places.get((node_id, index, subindex), ())
+        for place in places:
+            self._values[place] = self.signals[place].value(data)
+        return bool(places)

@@ -1,0 +1,191 @@
+"""Virtual nodes on one bus, in a process of drives: their host, their control sockets, their log and their timeline.
+
+A bus that is gone is opened again when it is back within three seconds; else it is given up, and its nodes go on
+without one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.host.sockets import SocketInUse
+from canopen_control.virtual.control import NodeControl
+from canopen_control.virtual.node_events import NodeIdChanged, in_words
+from canopen_control.virtual.node_id_check import NodeIdTaken
+from canopen_control.virtual.nodehost import NodeHost
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Sequence
+
+    from canopen_control.bus.port import BusEvent, Port
+    from canopen_control.errors import BusClosed
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.virtual.plant import World
+    from canopen_control.virtual.scenario import Switching
+    from canopen_control.virtual.virtual_node import VirtualNode
+
+__all__ = ["WINDOW_NS", "BusNodes", "FoldedLog", "ServedBus"]
+
+_MS = 1_000_000
+REJOIN_NS = 3_000 * _MS
+WINDOW_NS: Final = 10_000_000_000
+_SAME_LINES = 10  # of one node, before they are summed
+_RETRY_NS = 100 * _MS
+
+
+def _never() -> None:
+    return None
+
+
+@dataclass(frozen=True)
+class BusNodes:
+    """Nodes for an opened port; `reopen` opens its channel again where it is back, else it returns None.
+
+    `timeline` is played from the ready line on; `world` is what hangs on the axes.
+    """
+
+    port: Port
+    nodes: Sequence[VirtualNode]
+    reopen: Callable[[], Port | None] = field(default=_never)
+    timeline: Sequence[Switching] = ()
+    world: World | None = None
+
+
+class ServedBus:
+    """Serves the nodes of one bus from `open` to `close`; `log` takes lines, `on_lost` is called when it is given up.
+
+    `error` is why the bus is gone, None while it is there.
+    """
+
+    def __init__(
+        self, reactor: Reactor, bus: BusNodes, log: Callable[[str], None], on_lost: Callable[[], object]
+    ) -> None:
+        self._reactor, self._bus, self._log, self._on_lost = reactor, bus, log, on_lost
+        self.port, self.nodes, self.world = bus.port, list(bus.nodes), bus.world
+        self._folded = FoldedLog(reactor, log)
+        self._started_with = {node.node_id: node for node in self.nodes}
+        self._controls: dict[VirtualNode, NodeControl] = {}
+        self._host: NodeHost | None = None
+        self._rejoin_until = 0
+        self.error: BusClosed | None = None
+
+    def open(self) -> None:
+        """Begin to serve; NodeIdTaken where somebody serves such a node already."""
+        self._host = NodeHost(
+            self._reactor,
+            self.port,
+            self.nodes,
+            on_event=self._on_event,
+            on_bus_event=self._on_bus_event,
+            on_closed=self._on_closed,
+        )
+        try:
+            for node in self.nodes:
+                self._controls[node] = NodeControl(self._host, node, self.world)
+        except SocketInUse as error:
+            raise NodeIdTaken(self.nodes[len(self._controls)].node_id, self.port.channel) from error
+
+    def close(self) -> None:
+        """Serve no more, and leave the bus."""
+        if self._host is not None:
+            self._host.close()
+        for control in self._controls.values():
+            control.close()
+        self.port.close()
+
+    def play_timeline(self) -> None:
+        """Let what will happen begin now."""
+        if self._bus.timeline:
+            from canopen_control.virtual.scenario import Timeline  # with it comes YAML, which is slow to import
+
+            Timeline(self._reactor, self._controls, self._started_with, self._log).plan(self._bus.timeline)
+
+    def advance(self, now: int) -> None:
+        """Bring all axes to `now`."""
+        for node in self.nodes:
+            node.advance_drives(now)
+
+    @property
+    def moving(self) -> bool:
+        """Whether an axis moves."""
+        return any(not drive.mover.standing for node in self.nodes for drive in node.drives.values())
+
+    @property
+    def ready_line(self) -> str:
+        """Who is on which bus."""
+        ids = [node.node_id for node in self.nodes]
+        kind = "drive" if self.nodes[0].drives else "node"
+        which = f"{kind} {ids[0]}" if len(ids) == 1 else f"{kind}s {', '.join(map(str, ids))}"
+        return f"{which} ({self.nodes[0].name}) ready on {self.port.channel}"
+
+    # -- what happens
+
+    def _on_event(self, node: VirtualNode, event: object) -> None:
+        words = in_words(event)
+        if words is None:
+            return
+        line = f"node {node.node_id}: {words}"
+        self._folded.tell(line, line, _SAME_LINES)
+        if node in self._controls:
+            self._controls[node].push(words)
+            if isinstance(event, NodeIdChanged) and self._host is not None:
+                self._rename(self._host, node)
+
+    def _rename(self, host: NodeHost, node: VirtualNode) -> None:
+        """Let the control socket bear the node's new id."""
+        self._controls[node].close()
+        try:
+            self._controls[node] = NodeControl(host, node, self.world)
+        except SocketInUse:
+            self._log(f"node {node.node_id}: another virtual drive has this id; this one has no control socket")
+
+    def _on_bus_event(self, event: BusEvent) -> None:
+        """Tell what the controller reports: the first of its kind at once, those of the next seconds in sum."""
+        self._folded.tell(event.kind, event.text, 1)
+
+    def _on_closed(self, error: BusClosed) -> None:
+        self.error = error
+        self._log(str(error))
+        self._rejoin_until = self._reactor.now() + (0 if self._bus.reopen is _never else REJOIN_NS)
+        self._rejoin()
+
+    def _rejoin(self) -> None:
+        """Open the channel again as soon as it is back; give it up when that takes too long."""
+        if self.error is None or self._host is None:
+            return
+        port = self._bus.reopen()
+        if port is not None:
+            self.port.close()
+            self.port, self.error = port, None
+            self._log(f"{port.channel} is back")
+            self._host.rejoin(port)
+        elif self._reactor.now() < self._rejoin_until:
+            self._reactor.call_later(_RETRY_NS, self._rejoin)
+        else:
+            self._on_lost()
+
+
+class FoldedLog:
+    """A log without floods: of one `kind` the first `at_most` in 10 s, then the newest with how many there were."""
+
+    def __init__(self, reactor: Reactor, write: Callable[[str], object]) -> None:
+        self._reactor, self._write = reactor, write
+        self._counts: dict[Hashable, int] = {}
+        self._left_out: dict[Hashable, tuple[str, int]] = {}
+
+    def tell(self, kind: Hashable, text: str, at_most: int) -> None:
+        """Write a line, or count it where its kind has had as many as it may."""
+        if not self._counts:
+            self._reactor.call_later(WINDOW_NS, self._end_window)
+        count = self._counts[kind] = self._counts.get(kind, 0) + 1
+        if count <= at_most:
+            self._write(text)
+        else:
+            self._left_out[kind] = (text, count - at_most)
+
+    def _end_window(self) -> None:
+        left_out, self._left_out = self._left_out, {}
+        self._counts = {}
+        for text, count in left_out.values():
+            self._write(f"{text} ({count} more times in {WINDOW_NS // 1_000_000_000} s)")

@@ -1,0 +1,84 @@
+import csv
+
+import pytest
+from support.jogbench import jog_bench
+from support.onbus import GENERIC
+from support.terminal import in_background
+
+from canopen_control.cli.main import main
+from canopen_control.cli.support.jog_robot import choose_jog, own_robot
+from canopen_control.cli.support.target import find_eds
+from canopen_control.od.eds import read_eds
+from canopen_control.scaffold.new_robot import Device
+
+
+@pytest.fixture
+def bench(private_folders):
+    with jog_bench(channel="memory:scope") as bench:
+        yield bench
+
+
+def scope(bench, *words):
+    return main(["scope", *words, "--can", bench.bus.channel, "--eds", GENERIC])
+
+
+def test_objects_of_a_bare_bus_are_polled(bench, tmp_path, capsys):
+    path = tmp_path / "shot.csv"
+    assert scope(bench, "5:0x6041", "5:Position actual value", "--length", "0.3", "-o", str(path)) == 0
+    assert "5:0x6064" in capsys.readouterr().out
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) > 3
+    assert {row["5:0x6041"] for row in rows} == {str(bench.get(0x6041))}
+
+
+def test_a_fault_that_comes_is_caught_with_what_was_before(bench, capsys):
+    axis = bench.drive.drives[0]
+
+    def break_it():
+        import time
+
+        time.sleep(0.6)
+        bench.bus.call(lambda: axis.fault(0x3220, bench.bus.reactor.now()))
+
+    with in_background(break_it):
+        assert scope(bench, "5:0x6064", "--trigger", "fault", "--length", "0.5", "--before", "0.3", "--wait", "10") == 0
+    assert "of the trigger" in capsys.readouterr().out
+
+
+def test_process_data_of_a_running_robot_come_with_every_cycle(bench, tmp_path, capsys):
+    robot = choose_jog(
+        Device(5, find_eds(GENERIC), read_eds(find_eds(GENERIC), 5).od), "velocity", allow_unsupervised=False
+    )
+    path = tmp_path / "robot.csv"
+    with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, lambda _event: None) as drive:
+        words = [
+            f"{drive.node}:0x606C",
+            f"{drive.node}:0x6083",
+            "--name",
+            drive.robot,
+            "--length",
+            "0.5",
+            "-o",
+            str(path),
+        ]
+        assert main(["scope", *words]) == 0
+    assert str(bench.get(0x6083)) in path.read_text().splitlines()[-1]  # no TPDO carries it
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "why"),
+    [
+        (("5:0x6064", "--trigger", "1:rising:1e9", "--wait", "0.2"), 1, "no shot was taken"),
+        (("5:0x6064", "--trigger", "2:rising:0"), 2, "counted from 1 to 1"),
+        (("5:0x6064", "--before", "1"), 2, "--before is of a trigger"),
+        (("5",), 2, "'5' is no signal"),
+        (("5:0x5FFF",), 2, "has no 0x5FFF:00"),
+        (("6:0x6064", "--timeout", "0.1"), 1, "no answer"),
+        (tuple(["5:0x6064"] * 9), 2, "9 signals are too many"),
+        (("5:0x6064", "-o", "x.png"), 2, "write NAME.csv"),
+    ],
+)
+def test_what_is_no_look_is_told(bench, capsys, words, code, why):
+    assert scope(bench, *words) == code
+    assert why in capsys.readouterr().err
