@@ -182,7 +182,9 @@ def _run_campaign(args: argparse.Namespace) -> int:
             raise ConfigError(f"{option} is for one simulation; --seeds draws schedules, as fast as it can")
     if args.dask is not None and args.jobs is not None:
         raise ConfigError("--jobs is for processes of this computer, --dask for those of a cluster: give one of both")
-    setup, faults = _setup(args), _faults(args.faults or "all", known_faults())
+    setup = _setup(args)
+    drawn = known_faults(physics=args.physics)
+    faults = drawn if args.faults in (None, "all") else _faults(args.faults, known_faults())
     files = (("--bus", args.bus), ("--controllers", args.controllers), ("--description", args.description))
     words = [args.config or ".", *args.xacro]
     words += [word for option, value in (*files, ("--launch", args.launch)) if value for word in (option, value)]

@@ -40,6 +40,7 @@ _LOSSES: Final = (
     "local_control",
 )
 """Faults of drives that supervision has to notice: a third of those that are drawn."""
+_OF_ENCODERS: Final = ("position_jump", "position_wrap", "hand_moved")  # after which a drive's loops pull its shaft
 _OF_DEVICES: Final = ("input", "output")  # that are no drives
 _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 
@@ -180,6 +181,7 @@ class DrawnSchedule:
         return [float(base + (int(self._one(self._nodes)) if base not in (0, 0x7E5) else 0)), *data]
 
 
-def known_faults() -> list[str]:
-    """Return the faults that drives can show."""
-    return [each.name for each in FAULTS.values() if each.acts not in _OF_DEVICES]
+def known_faults(*, physics: bool = False) -> list[str]:
+    """Return the faults that drives can show; with physics without those by which a drive moves its shaft by itself."""
+    encoders = _OF_ENCODERS if physics else ()
+    return [each.name for each in FAULTS.values() if each.acts not in _OF_DEVICES and each.name not in encoders]

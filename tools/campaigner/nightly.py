@@ -64,7 +64,7 @@ class NightlyRobot:
         self.plan, self.results = plan, results
         self._folder = folder
         self._setup: RobotSetup = read_robot(find_robot(plan.robot), physics=plan.physics)
-        self._campaign = Campaign(self._setup, plan.seconds * 1_000_000_000, known_faults())
+        self._campaign = Campaign(self._setup, plan.seconds * 1_000_000_000, known_faults(physics=plan.physics))
 
     def turn(self, most: int, jobs: int, until: float) -> None:
         """Run the next seeds, up to `most` of them, until a time of the monotonic clock."""
