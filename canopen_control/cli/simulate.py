@@ -17,6 +17,12 @@ commands, switches and troubles (--faults); --scenario FILE says them instead:
 processes, or on the Dask cluster at --dask. What a breach takes is shrunk to the smallest schedule and written to
 --out, as a scenario with the command that replays it and a recording of its frames, beside a summary as JUnit and HTML.
 
+--recording FILE plays what was recorded of a robot instead: its commands, and what went wrong on its buses, as a
+scenario, which --out FILE.yml keeps. It is a flight recording, or the frames of the robot's only bus (faults alone).
+--record FILE.zip writes such a recording of a simulation, for `report`, `trace` and `replay --page`.
+
+--physics has the virtual drives move the robot on a floor, as in a run (extra [physics]).
+
 --speed 1 is a run without processes, for a debugger. Ctrl-C ends it and keeps what there is. --json prints one object
 at the end, with the SHA-256 of every frame and event with its time.
 
@@ -40,13 +46,16 @@ if TYPE_CHECKING:
     from canopen_control.cli.support.output import Progress
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.acts import Act
+    from canopen_control.simulation.scenario_steps import Scenario
     from canopen_control.simulation.simulation_run import Outcome, SimulationRun
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control simulate robby --for 3 --seed 7
          canopen-control simulate robby --for 3 --faults heartbeat_lost,silent --json
-         canopen-control simulate robby --seeds 3 --for 3 --json"""
+         canopen-control simulate robby --seeds 3 --for 3 --json
+         canopen-control simulate robby --for 5 --seed 7 --faults short_circuit --record fault.zip
+         canopen-control simulate robby --recording fault.zip --out bug.yml"""
 
 DEFAULT_NS: Final = 60_000_000_000
 _LARGEST_SEED: Final = 1 << 63
@@ -90,12 +99,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=_seed, metavar="N", help="draws commands, troubles, lateness, oscillators (default: 0)"
     )
     parser.add_argument("--scenario", metavar="FILE", help="what happens, see above, instead of what the seed draws")
+    parser.add_argument("--recording", metavar="FILE", help="what happens as it was recorded: .zip, or .log, .asc, ...")
+    parser.add_argument("--record", metavar="FILE.zip", help="write a flight recording of it")
+    parser.add_argument("--physics", action="store_true", help="the drives move the robot on a floor")
     parser.add_argument("--faults", metavar="all|LIST|none", help="what goes wrong (default: none, with --seeds all)")
     parser.add_argument("--seeds", type=_count, metavar="N", help="a campaign of N seeds, from --seed on")
     parser.add_argument("--jobs", type=_jobs, metavar="J", help="with --seeds: in J processes (default: 1)")
     parser.add_argument("--dask", metavar="ADDRESS", help="with --seeds: on this Dask cluster, as tcp://host:8786")
     parser.add_argument(
-        "--out", metavar="FOLDER", help="with --seeds: where breaches and the summary go (default: simulate-ROBOT)"
+        "--out",
+        metavar="FOLDER",
+        help="with --seeds: where breaches and the summary go (simulate-ROBOT); with --recording: its scenario",
     )
     parser.add_argument("--speed", type=_speed, metavar="max|F", help="times real time at most (default: max)")
     parser.add_argument("--json", action="store_true", help="print one object at the end")
@@ -110,16 +124,21 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run_one(args: argparse.Namespace) -> int:
-    for option, given in (("--jobs", args.jobs), ("--out", args.out), ("--dask", args.dask)):
+    out = None if args.recording is not None else args.out
+    for option, given in (("--jobs", args.jobs), ("--out", out), ("--dask", args.dask)):
         if given is not None:
             raise ConfigError(f"{option} is for a campaign; give the number of its seeds, as --seeds 100")
     from canopen_control.simulation.simulation_run import SimulationRun
 
+    if args.record is not None:
+        from canopen_control.cli.support.simulation_recording import check_recording_name
+
+        check_recording_name(Path(args.record))
     setup = _setup(args)
     acts, seed, duration_ns = _schedule(args, setup)
     simulation = SimulationRun(setup, seed, acts, speed=args.speed)
     try:
-        _watch(simulation, duration_ns, quiet=args.json)
+        _watch(simulation, duration_ns, args.record, quiet=args.json)
         outcome = simulation.outcome
         failure = simulation.robot.core.failure
     finally:
@@ -139,7 +158,14 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
         strict=args.strict,
         peer_merge=args.peer_merge,
         allow_unsupervised=args.allow_unsupervised,
+        physics=args.physics,
     )
+    if args.physics:
+        from canopen_control.physics import require_physics
+        from canopen_control.runtime.physics_plant import check_physics
+
+        require_physics()
+        check_physics(setup)
     gc.collect()
     gc.freeze()  # what was read stays: the collector is not to look through it for each seed
     return setup
@@ -150,16 +176,20 @@ def _run_campaign(args: argparse.Namespace) -> int:
     from canopen_control.cli.support.simulation_campaign import CampaignOrder, run_campaign
     from canopen_control.simulation.drawn_schedule import known_faults
 
-    for option, given in (("--scenario", args.scenario), ("--speed", args.speed)):
+    singles = ("--scenario", args.scenario), ("--recording", args.recording), ("--record", args.record)
+    for option, given in (*singles, ("--speed", args.speed)):
         if given is not None:
             raise ConfigError(f"{option} is for one simulation; --seeds draws schedules, as fast as it can")
     if args.dask is not None and args.jobs is not None:
         raise ConfigError("--jobs is for processes of this computer, --dask for those of a cluster: give one of both")
-    setup, faults = _setup(args), _faults(args.faults or "all", known_faults())
+    setup = _setup(args)
+    drawn = known_faults(physics=args.physics)
+    faults = drawn if args.faults in (None, "all") else _faults(args.faults, known_faults())
     files = (("--bus", args.bus), ("--controllers", args.controllers), ("--description", args.description))
     words = [args.config or ".", *args.xacro]
     words += [word for option, value in (*files, ("--launch", args.launch)) if value for word in (option, value)]
     words += [word for name in args.controller for word in ("--controller", name)]
+    words += ["--physics"] if args.physics else []
     seeds = range(args.seed or 0, (args.seed or 0) + args.seeds)
     folder = None if args.out is None else Path(args.out)
     order = CampaignOrder(
@@ -175,16 +205,33 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Act, .
     from canopen_control.simulation.scenario_steps import read_scenario_steps
 
     faults = _faults(args.faults or "none", known_faults())
-    if args.scenario is not None:
+    if args.scenario is not None or args.recording is not None:
+        option = "--scenario" if args.recording is None else "--recording"
         if faults:
-            raise ConfigError("--faults draws troubles from the seed, --scenario says them: give one of both")
-        scenario = read_scenario_steps(Path(args.scenario), setup)
+            raise ConfigError(f"--faults draws troubles from the seed, {option} says them: give one of both")
+        if args.scenario is not None and args.recording is not None:
+            raise ConfigError("--scenario and --recording both say what happens: give one of them")
+        scenario = _recorded(args, setup) if args.scenario is None else read_scenario_steps(Path(args.scenario), setup)
         seed = args.seed if args.seed is not None else scenario.seed or 0
         last = max((act.at_ns + (act.for_ns or 0) for act in scenario.acts), default=0)
         return scenario.acts, seed, args.length or scenario.duration_ns or last + DEFAULT_NS // 6
     seed, duration_ns = args.seed or 0, args.length or DEFAULT_NS
     nodes = [node.node_id for bus in setup.buses.values() for node in bus.nodes.values()]
     return draw_schedule(seed, duration_ns, motions_of(setup), nodes, faults), seed, duration_ns
+
+
+def _recorded(args: argparse.Namespace, setup: RobotSetup) -> Scenario:
+    """Return the scenario of a recording, and write it where that is wanted."""
+    from canopen_control.cli.support.simulation_recording import recorded_scenario
+    from canopen_control.simulation.campaign_files import write_text
+    from canopen_control.simulation.scenario_steps import scenario_text
+
+    scenario = recorded_scenario(Path(args.recording), setup)
+    if args.out is not None:
+        length = scenario.duration_ns or DEFAULT_NS
+        seed = args.seed or 0
+        write_text(Path(args.out), scenario_text(scenario.acts, seed=seed, duration_ns=length, note=args.recording))
+    return scenario
 
 
 def _faults(text: str, known: list[str]) -> list[str]:
@@ -199,15 +246,23 @@ def _faults(text: str, known: list[str]) -> list[str]:
     return names
 
 
-def _watch(simulation: SimulationRun, duration_ns: int, *, quiet: bool) -> None:
-    """Run it, tell its events and how far it is; Ctrl-C ends it."""
+def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, quiet: bool) -> None:
+    """Run it, tell its events and how far it is, and record it; Ctrl-C ends it."""
     from canopen_control.cli.support.output import Progress
 
     progress = Progress("robot time", "s", stream=sys.stderr)
     if not quiet:
         simulation.robot.on_event = lambda event: _say(f"{event.time / 1e9 - 1.0:9.3f} {event.sentence}", progress)
+    recorder = None
+    if record is not None:
+        from canopen_control.cli.support.simulation_recording import SimulationRecorder
+
+        recorder = SimulationRecorder(simulation)
     with contextlib.suppress(KeyboardInterrupt), progress:
         simulation.run(duration_ns, lambda robot_s, _real: progress.at(int(robot_s), int(duration_ns / 1e9) or None))
+
+    if recorder is not None and record is not None:
+        recorder.write(Path(record))
 
 
 def _say(line: str, progress: Progress) -> None:

@@ -46,6 +46,7 @@ from canopen_control.rpc.messages.robot import (
     GetNodes,
     GetStatus,
     ListControllers,
+    ProcessData,
     Subscribe,
     Tell,
 )
@@ -254,7 +255,7 @@ class Session:
             event = self._time.event(message)
             for endpoint in self._all():
                 self._guarded(endpoint, endpoint.on_event, event)
-        else:
+        elif isinstance(message, ProcessData):
             for endpoint in self._all():
                 self._guarded(endpoint, endpoint.on_process_data, message.nodes)
 

@@ -13,7 +13,7 @@ import msgspec
 from canopen_control.errors import CanopenError, ControlError, LocalProtocolError
 from canopen_control.host.lineserver import Connection, LineServer
 from canopen_control.rpc import wire
-from canopen_control.rpc.messages.declare import Api, Done, Refusal, Request
+from canopen_control.rpc.messages.declare import Api, Done, Effect, Refusal, Request
 
 if TYPE_CHECKING:
     import socket
@@ -67,6 +67,7 @@ class Server(Generic[H, P]):
 
     `keeps(connection)` names those who may stay although they are silent; SocketInUse when somebody serves the path
     already; `listener` is for who listens there before he serves. `check` tells whether every method has its handler.
+    `on_done` hears method and parameters of each request that was not refused at once, but of those that only read.
     """
 
     def __init__(
@@ -81,6 +82,7 @@ class Server(Generic[H, P]):
         listener: socket.socket | None = None,
     ) -> None:
         self._api, self._hello = api, hello
+        self.on_done: Callable[[str, msgspec.Raw], object] | None = None
         self._handlers: dict[str, tuple[msgspec.json.Decoder[Any], Callable[[Call[Any]], object]]] = {}
         self._server = LineServer(
             reactor,
@@ -144,6 +146,8 @@ class Server(Generic[H, P]):
             decoder, handler = self._handlers[name]
             call.request = decoder.decode(incoming.params)
             handler(call)
+            if self.on_done is not None and self._api.methods[name].effect is not Effect.READS:
+                self.on_done(name, incoming.params)
         except CanopenError as error:
             call.refuse(error)
         except (msgspec.DecodeError, ValueError, OverflowError, RecursionError) as error:

@@ -34,11 +34,13 @@ from canopen_control.version import __version__
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import RobotPush
     from canopen_control.rpc.server import Call, Connection
+    from canopen_control.rpc.wire import Raw
     from canopen_control.runtime.core import RobotCore
 
 __all__ = ["ApiServer"]
 
 MAX_KIND, MAX_TEXT = 32, 500  # characters of what a client tells
+MAX_REQUEST = 1 << 16  # bytes of a request that others are told
 _PLANAR, _SIDEWAYS = ("linear.x", "angular.z"), "linear.y"
 Commands = TypeVar("Commands", messages.CommandController, messages.CommandByName, messages.TwistController)
 
@@ -46,10 +48,10 @@ Commands = TypeVar("Commands", messages.CommandController, messages.CommandByNam
 class _Subscription:
     """What a connection watches; `every` is in cycles, 0 for no state."""
 
-    __slots__ = ("events", "every", "pdos")
+    __slots__ = ("events", "every", "pdos", "requests")
 
     def __init__(self) -> None:
-        self.every, self.events, self.pdos = 0, False, False
+        self.every, self.events, self.pdos, self.requests = 0, False, False, False
 
     def wants_state(self, cycle: int) -> bool:
         """Whether it is to be told the state after this cycle."""
@@ -83,6 +85,7 @@ class ApiServer:
         ParameterMethods(robot, self._server)
         SimulationMethods(robot, self._server)
         self._server.check()
+        self._server.on_done = self._push_request
         robot.after_cycle.append(self._after_cycle)
 
     def _answer(self) -> None:
@@ -157,6 +160,11 @@ class ApiServer:
             watchers = [each for each, wanted in self._subscriptions.items() if wanted.pdos]
             self._server.push(messages.ProcessData(self._unix_time(), changes), watchers)
 
+    def _push_request(self, method: str, params: Raw) -> None:
+        watchers = [connection for connection, wanted in self._subscriptions.items() if wanted.requests]
+        if watchers and len(bytes(params)) <= MAX_REQUEST:
+            self._server.push(messages.Asked(self._unix_time(), method, params), watchers)
+
     def _unix_time(self) -> float:
         return (self._robot.reactor.now() + self._robot.wall_offset_ns) / 1e9
 
@@ -171,6 +179,7 @@ class ApiServer:
         self._keep(call.connection)
         subscription = self._subscriptions.setdefault(call.connection, _Subscription())
         subscription.events, subscription.pdos, subscription.every = wanted.events, wanted.pdos, 0
+        subscription.requests = wanted.requests
         if wanted.state_rate is not None:
             subscription.every = max(1, round(1e9 / wanted.state_rate / self._robot.pacer.period_ns))
         call.reply(Done())

@@ -49,11 +49,16 @@ def check_physics(setup: RobotSetup) -> None:
             )
 
 
-def write_plant(setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None) -> Path:
-    """Write the plant file and the description for the joints of a robot; return its path. ConfigError if it cannot."""
+def write_plant(
+    setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None, folder: Path | None = None
+) -> Path:
+    """Write the plant file and the description for the joints of a robot; return its path. ConfigError if it cannot.
+
+    `folder` is that of the robot's logs, unless another one is given.
+    """
     if not joints:
         raise RobotConfigError(f"--physics: no joint of {setup.description.path} is moved by a drive of bus.yml")
-    folder = state_dir(setup.name)
+    folder = state_dir(setup.name) if folder is None else folder
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / _URDF, setup.description.urdf_xml.encode())
     path = folder / PLANT_FILE

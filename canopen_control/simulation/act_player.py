@@ -168,9 +168,16 @@ class ActPlayer:
             self._later(PUBLISH_NS, lambda: self._publish(act, turn, until_ns))
 
     def trajectory(self, act: Act) -> None:
-        """Send a trajectory with one point, which stands."""
+        """Send a trajectory whose points stand."""
         joints = self.robot.core.manager.get(act.target).joints if act.target in self.robot.core.manager.states else ()
-        points = [Point(act.values, [0.0] * len(act.values), time=act.for_ns or PUBLISH_NS)]
+        width = len(act.values) // max(1, len(act.times))
+        stands = [0.0] * width
+        if act.times:
+            parts = [act.values[at : at + width] for at in range(0, len(act.values), max(1, width))]
+            points = [Point(part, time=round(at * 1e9)) for part, at in zip(parts, act.times, strict=False)]
+            points[-1].velocities = stands
+        else:
+            points = [Point(act.values, stands, time=act.for_ns or PUBLISH_NS)]
         self._ask(act, lambda core: core.send_goal(act.target, Goal(JointTrajectory(joints, points)), SOURCE))
 
     def stop(self, act: Act) -> None:

@@ -34,7 +34,12 @@ KINDS: Final = {
     "disturb": Kind("member", "disturbs some frames, which are sent again", lasts=True, values=True),
     "frame": Kind("", "puts a frame onto the bus that nobody expects: identifier, then bytes", values=True),
     "command": Kind("controller", "commands values, ten times a second", lasts=True, values=True),
-    "trajectory": Kind("controller", "sends a trajectory to positions, there after `for`", lasts=True, values=True),
+    "trajectory": Kind(
+        "controller",
+        "sends a trajectory to positions, there after `for`, or by way of several at `times`",
+        lasts=True,
+        values=True,
+    ),
     "stop": Kind("", "stops the robot"),
     "latch": Kind("", "stops the robot and latches it"),
     "release": Kind("", "releases a latched stop"),
@@ -48,7 +53,8 @@ KINDS: Final = {
 class Act:
     """One act `at_ns` after the start, of a kind of KINDS; `for_ns` is how long it lasts, None: for good, or at once.
 
-    `target` is a node id, `master`, or a controller; `name` that of a fault or of an action.
+    `target` is a node id, `master`, or a controller; `name` that of a fault or of an action. `times` are those of the
+    points of a trajectory in s, whose values come one after the other; none: it has one point.
     """
 
     at_ns: int
@@ -59,6 +65,7 @@ class Act:
     for_ns: int | None = None
     plant: tuple[tuple[str, float], ...] = ()
     axis: int = 0
+    times: tuple[float, ...] = ()
 
     @property
     def words(self) -> str:

@@ -114,8 +114,8 @@ class Campaign:
         done: set[int] = set()
         context = multiprocessing.get_context("fork")  # a robot's files were read, and are no message
         try:
-            with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-                for result in pool.map(self.run_seed, seeds):
+            with ProcessPoolExecutor(jobs, mp_context=context, initializer=_inherit, initargs=(self,)) as pool:
+                for result in pool.map(_run_seed, seeds):
                     done.add(result.seed)
                     yield result
         except BrokenProcessPool:
@@ -165,6 +165,18 @@ class Campaign:
             )
         finally:
             run.close()
+
+
+_inherited: list[Campaign] = []  # of a process that runs seeds for another one
+
+
+def _inherit(campaign: Campaign) -> None:
+    """Keep the campaign that this process was forked with."""
+    _inherited[:] = [campaign]
+
+
+def _run_seed(seed: int) -> SeedResult:
+    return _inherited[0].run_seed(seed)
 
 
 def _broken(run: SimulationRun, rule: str) -> bool:

@@ -25,6 +25,7 @@ T = TypeVar("T")
 _S: Final = 1_000_000_000
 _MS: Final = 1_000_000
 _BOOTED_NS: Final = 600 * _MS
+_SHORT_NS: Final = 6 * _S  # a schedule up to this begins with its troubles at once
 TROUBLES: Final = ("fault", "fault", "fault", "fault", "power", "stall", "cut", "lose", "double", "disturb", "bus_off")
 """What goes wrong, as often as it is named here, beside the rarer ones."""
 _RARE: Final = ("kill", "frame", "frame")
@@ -39,6 +40,7 @@ _LOSSES: Final = (
     "local_control",
 )
 """Faults of drives that supervision has to notice: a third of those that are drawn."""
+_OF_ENCODERS: Final = ("position_jump", "position_wrap", "hand_moved")  # after which a drive's loops pull its shaft
 _OF_DEVICES: Final = ("input", "output")  # that are no drives
 _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 
@@ -65,7 +67,8 @@ class DrawnSchedule:
     def acts(self) -> tuple[Act, ...]:
         """Return what was drawn."""
         now = self._late_boot() if self._faults and self._random() < _LATE else _BOOTED_NS
-        trouble = now + self._between(1 * _S, 5 * _S)
+        soon = self._duration <= _SHORT_NS
+        trouble = now + self._between(0 if soon else 1 * _S, self._duration // 4 if soon else 5 * _S)
         while now < self._duration:
             if self._faults and now >= trouble:
                 now = self._trouble(now)
@@ -178,6 +181,7 @@ class DrawnSchedule:
         return [float(base + (int(self._one(self._nodes)) if base not in (0, 0x7E5) else 0)), *data]
 
 
-def known_faults() -> list[str]:
-    """Return the faults that drives can show."""
-    return [each.name for each in FAULTS.values() if each.acts not in _OF_DEVICES]
+def known_faults(*, physics: bool = False) -> list[str]:
+    """Return the faults that drives can show; with physics without those by which a drive moves its shaft by itself."""
+    encoders = _OF_ENCODERS if physics else ()
+    return [each.name for each in FAULTS.values() if each.acts not in _OF_DEVICES and each.name not in encoders]

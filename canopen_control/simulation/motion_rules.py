@@ -39,6 +39,8 @@ _OFF_NS: Final = 300 * _MS  # in which a drive whose group stands is disabled
 _SEEN_NS: Final = 100 * _MS  # as old a statusword may be
 _NO_DISABLE: Final = ("axis halt was asked", "axis quick-stop was asked")
 _STANDING: Final = 0.03  # of the fastest that a shaft has turned
+_LEAST: Final = 10.0  # counts/s that count as that at least
+_ON_A_FLOOR: Final = 2.0  # rad/s (m/s) that do with physics: a robot rocks on its wheels
 
 
 @dataclass(slots=True)
@@ -69,6 +71,8 @@ class MotionRules:
         self._stop: _Stop | None = None
         self._latched = False
         self._fastest: dict[int, float] = {}
+        joints = robot.core.joints.values() if robot.floor is not None else ()
+        self._least = {each.node.node_id: _ON_A_FLOOR * abs(each.scale.pos_to_dev) for each in joints}
         self._moving: set[int] = set()  # nodes whose motion was told
         self._judged: dict[int, int] = {}  # node -> when it was commanded to enable, judged already
         self._excused: dict[int, int] = {}
@@ -181,8 +185,11 @@ class MotionRules:
         if now < actor.stalled_until:
             self._excused[node.node_id] = actor.stalled_until + 1000 * _MS
         axis = next(iter(device.drives.values()))
+        if self._robot.floor is not None and not axis.mover.powered:  # the floor turns it
+            self._excused[node.node_id] = now + GRACE_NS
         speed = abs(axis.mover.plant.velocity)
-        fastest = self._fastest[node.node_id] = max(self._fastest.get(node.node_id, 10.0), speed)
+        least = self._least.get(node.node_id, _LEAST)
+        fastest = self._fastest[node.node_id] = max(self._fastest.get(node.node_id, least), speed)
         if speed <= _STANDING * fastest:
             self._moving.discard(node.node_id)
             return

@@ -31,7 +31,8 @@ _MARGIN: Final = 0.9  # of a limit, so that commands are legal
 class Motion:
     """A controller that moves joints: how it is commanded (`command` or `trajectory`) and the range of each value.
 
-    `starts`: it is active from the start. `life_ns` is that of a command, 0 for one without an end.
+    `starts`: it is active from the start. `life_ns` is that of a command, 0 for one without an end. `joints` are those
+    of a trajectory, in the controller's order.
     """
 
     controller: str
@@ -39,6 +40,7 @@ class Motion:
     ranges: tuple[tuple[float, float], ...]
     starts: bool
     life_ns: int = 0
+    joints: tuple[str, ...] = ()
 
 
 def motions_of(setup: RobotSetup) -> tuple[Motion, ...]:
@@ -74,7 +76,7 @@ def _trajectory(controller: Controller, joints: object, *, starts: bool) -> Moti
     if "trajectory" not in controller.type:
         return None  # a gripper's goals
     ranges = [_range(joints.get(each), POSITION) for each in controller.joints]  # type: ignore[attr-defined]
-    return Motion(controller.name, "trajectory", tuple(ranges), starts)  # type: ignore[arg-type]
+    return Motion(controller.name, "trajectory", tuple(ranges), starts, joints=tuple(controller.joints))  # type: ignore[arg-type]
 
 
 def _range(joint: Joint | None, interface: str) -> tuple[float, float] | None:

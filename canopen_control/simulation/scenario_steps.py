@@ -64,6 +64,7 @@ class SimulationStep:
     fault: str = ""
     state: bool = True
     axis: int = setting(0, low=0, high=7)
+    times: tuple[float, ...] = ()
     plant: dict[str, float] = setting(factory=dict)  # noqa: RUF009 - makes a field
     here: Node = position()  # noqa: RUF009 - makes a field
 
@@ -139,9 +140,10 @@ class _Checked:
             self._check_frame()
         elif kind in ("lose", "double", "disturb") and values and not _is_count(values):
             step.here.error(f"values: of {kind} is one whole number n from 1 on, for every n-th frame")
-        yield Act(
-            _time(step.here, step.at), kind, target, name, tuple(values), lasts, tuple(step.plant.items()), step.axis
-        )
+        if step.times:
+            self._check_times(kind)
+        numbers, plant = tuple(values), tuple(step.plant.items())
+        yield Act(_time(step.here, step.at), kind, target, name, numbers, lasts, plant, step.axis, tuple(step.times))
 
     def _no(self, key: str, kind: str) -> tuple[float, ...]:
         self._step.here.error(f"{key}: does not go with {kind}")
@@ -170,6 +172,15 @@ class _Checked:
         elif name:
             here.error(f"name: does not go with {kind}")
 
+    def _check_times(self, kind: str) -> None:
+        times = self._step.times
+        if kind != "trajectory":
+            self._no("times", kind)
+        elif list(times) != sorted(set(times)) or times[0] <= 0 or len(self._step.values) % len(times):
+            self._step.here.error(
+                "times: those of the points of a trajectory in s, growing, and values for each of them"
+            )
+
     def _check_frame(self) -> None:
         values = self._step.values
         data = values[1:]
@@ -193,6 +204,8 @@ def _line(act: Act) -> str:
     words = {"at": _seconds(act.at_ns), "do": act.kind, "target": act.target, "name": act.name}
     if act.values:
         words["values"] = f"[{', '.join(f'{each:g}' for each in act.values)}]"
+    if act.times:
+        words["times"] = f"[{', '.join(f'{each:g}' for each in act.times)}]"
     if act.for_ns is not None:
         words["for"] = _seconds(act.for_ns)
     if act.plant:

@@ -19,6 +19,7 @@ from canopen_control.bus.memory import provide
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.simulation.event_digest import EventDigest
+from canopen_control.simulation.simulated_floor import SimulatedFloor
 from canopen_control.simulation.simulated_wire import SimulatedWire
 from canopen_control.simulation.virtual_time import Actor, Timing, VirtualTime
 from canopen_control.virtual.control import NodeMethods
@@ -83,7 +84,9 @@ class SimulatedDrive:
         self.wire.members[self.label] = actor
         with provide(self.wire.name, self.wire):
             self._port = open_port(self.wire.channel, label=self.label)
-        self.device = make_device(dictionary_of(self._eds), self.node_id)
+        floor = self._robot.floor
+        plant = None if floor is None else floor.plants_of(self.node_id)
+        self.device = make_device(dictionary_of(self._eds), self.node_id, plant=plant)
         self._host = NodeHost(actor.reactor, self._port, [self.device])
         self._methods = NodeMethods(self._host, self.device)
         actor.arrived()
@@ -95,6 +98,8 @@ class SimulatedDrive:
         self._host.close()
         self._port.close()
         self.actor.end()
+        if self._robot.floor is not None and self.device is not None:
+            self._robot.floor.let_go(self.node_id, self.device)
         self.device = self.actor = self._host = self._port = self._methods = None
 
     def do(self, work: Callable[[NodeMethods], object]) -> None:
@@ -108,7 +113,7 @@ class SimulatedRobot:
 
     `core` is the runtime, `drives` those of the nodes by node id, `wires` the buses by name; `on_event`
     hears the robot's events; `started_ns` is when its process was started last, `up` whether it is
-    there, `errors` what its program did wrong.
+    there, `errors` what its program did wrong, `floor` the world that the drives move it in, with physics.
     """
 
     def __init__(self, setup: RobotSetup, seed: int = 0, timings: Timings | None = None) -> None:
@@ -135,6 +140,9 @@ class SimulatedRobot:
         self.core: RobotCore
         self._times = 0
         self._boot()
+        self.floor: SimulatedFloor | None = None
+        if setup.physics:
+            self.floor = SimulatedFloor(setup, self.core.joints, self.time, self._awake)
 
     # -- its life
 
@@ -184,10 +192,18 @@ class SimulatedRobot:
     def actor(self, name: str, timing: Timing, times: int = 1) -> Actor:
         """Make a process; its oscillator is off by what the seed draws."""
         limit = self.timings.ppm
-        timing = dataclasses.replace(timing, ppm=round(self._ppm.uniform(-limit, limit), 3))
+        drawn = round(self._ppm.uniform(-limit, limit), 3)
+        shared = self.setup.physics and name != MASTER  # the drives of one world have one clock
+        timing = dataclasses.replace(timing, ppm=0.0 if shared else drawn)
         actor = Actor(self.time, name, timing, f"{self.seed}/{times}")
         actor.reactor.on_error = self.errors.append
         return actor
+
+    def _awake(self) -> Iterator[VirtualNode]:
+        now = self.time.now_ns
+        for drive in self.drives.values():
+            if drive.device is not None and drive.actor is not None and now >= drive.actor.stalled_until:
+                yield drive.device
 
     def _boot(self) -> None:
         self._times += 1

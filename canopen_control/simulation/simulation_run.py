@@ -39,7 +39,7 @@ class Outcome:
 class SimulationRun:
     """Runs a schedule on a robot from its start; `outcome` is what has come of it so far.
 
-    `speed` is how much faster than real time it may be, None: as fast as it can.
+    `speed` is how much faster than real time it may be, None: as fast as it can. `began_ns` is its virtual time 0.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class SimulationRun:
             self.robot, self.player, motions_of(setup) if motions is None else motions, user_rules()
         )
         self.player.plan(acts)
-        self._began_ns = self.robot.now_ns
+        self.began_ns = self.robot.now_ns
         self._began = time.perf_counter()
 
     def run(
@@ -73,7 +73,7 @@ class SimulationRun:
         """
         self._began = time.perf_counter()
         self.robot.start()
-        end = self._began_ns + duration_ns
+        end = self.began_ns + duration_ns
         while (now := self.robot.now_ns) < end and not stop():
             self.robot.time.run_until(min(end, now + _SLICE_NS))
             progress(self.robot_s, self.real_s)
@@ -83,7 +83,7 @@ class SimulationRun:
     @property
     def robot_s(self) -> float:
         """How long the robot has run, in s."""
-        return (self.robot.now_ns - self._began_ns) / 1e9
+        return (self.robot.now_ns - self.began_ns) / 1e9
 
     @property
     def real_s(self) -> float:

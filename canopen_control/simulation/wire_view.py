@@ -104,7 +104,7 @@ class WireView:
         self.config = config
         self.nodes = {plan.node_id: NodeView(plan) for plan in config.plans.values()}
         self.master_at = self.sync_at = 0
-        self._pdos: dict[int, tuple[NodeView, bool, tuple[tuple[int, int, int, bool], ...]]] = {}
+        self._pdos: dict[int, tuple[NodeView, bool, int, tuple[tuple[int, int, int, bool], ...]]] = {}
         for plan in config.plans.values():
             view = self.nodes[plan.node_id]
             self._map(view, plan.rpdos, to_node=True)
@@ -115,7 +115,8 @@ class WireView:
 
     def _map(self, view: NodeView, layouts: Sequence[PdoLayout], *, to_node: bool) -> None:
         for layout in layouts:
-            self._pdos[layout.cob_id] = (view, to_node, tuple(_fields(layout.objects)))
+            bits = sum(mapped.bits for mapped in layout.objects)
+            self._pdos[layout.cob_id] = (view, to_node, bits, tuple(_fields(layout.objects)))
 
     def hear(self, now: int, label: str, record: bytes) -> None:
         """Take a frame; what a stranger sends is heard as the robot hears it."""
@@ -135,12 +136,12 @@ class WireView:
                 view.told(index, int.from_bytes(data[4:6], "little"), now)
 
     def _take(
-        self, pdo: tuple[NodeView, bool, tuple[tuple[int, int, int, bool], ...]], bits: int, length: int, now: int
+        self, pdo: tuple[NodeView, bool, int, tuple[tuple[int, int, int, bool], ...]], bits: int, length: int, now: int
     ) -> None:
-        view, to_node, fields = pdo
+        view, to_node, whole, fields = pdo
+        if length < whole:  # who gets it drops it, CiA 301, 7.2.2.5
+            return
         for index, at, mask, signed in fields:
-            if at + mask.bit_length() > length:
-                return
             value = bits >> at & mask
             if signed and value > mask >> 1:
                 value -= mask + 1

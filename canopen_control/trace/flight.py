@@ -28,7 +28,7 @@ from canopen_control.host.files import state_dir
 from canopen_control.host.lifeline import LivenessReport, lifeline_fd
 from canopen_control.host.reactor import Reactor
 from canopen_control.rpc.messages.layout import Layout
-from canopen_control.rpc.messages.robot import GetLayout, GetStatus, Subscribe, Tell
+from canopen_control.rpc.messages.robot import Asked, GetLayout, GetStatus, Subscribe, Tell
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 from canopen_control.rpc.wire import text_of
 from canopen_control.trace.flight_ring import FrameRing, LineRing
@@ -74,6 +74,7 @@ class FlightRecorder:
         self._frames = FrameRing(WINDOW_NS, FRAME_BYTES)
         self._states = LineRing(WINDOW_NS, STATE_BYTES)
         self._events = LineRing(None, EVENT_BYTES)
+        self._requests = LineRing(WINDOW_NS, STATE_BYTES)
         self._trigger = Trigger(WINDOW_NS - 5 * SECOND)
         self._timer: Timer | None = None
         self._ports: dict[str, Port] = {}
@@ -141,7 +142,7 @@ class FlightRecorder:
             return
         self._robot = robot
         try:
-            robot.ask(Subscribe(state_rate=STATE_RATE, events=True))
+            robot.ask(Subscribe(state_rate=STATE_RATE, events=True, requests=True))
             self._layout = robot.ask(GetLayout())
             self._status = status = robot.ask(GetStatus())
         except CanopenError:
@@ -184,6 +185,8 @@ class FlightRecorder:
     def _take(self, message: RobotPush) -> None:
         if isinstance(message, StateSample):
             self._states.add(text_of(message), self._reactor.now())
+        elif isinstance(message, Asked):
+            self._requests.add(text_of(message), self._reactor.now())
         elif isinstance(message, RobotEvent) and text_of(message) not in self._repeated:
             self._on_event(message)
 
@@ -256,7 +259,8 @@ class FlightRecorder:
         )
         can = candump_lines(self._frames.batches(since), list(self.buses), offset)
         try:
-            path = save(flight_folder(self.name), meta, can, self._events.lines(), self._states.lines(since))
+            lines = self._events.lines(), self._states.lines(since), self._requests.lines(since)
+            path = save(flight_folder(self.name), meta, can, *lines)
         except (CanopenError, OSError, ValueError) as error:
             return f"the flight recorder could not write what led to this: {error}"
         return f"flight recording: {path} (a page of it: canopen-control report)"

@@ -4,6 +4,7 @@
     can.log       all frames of the window in candump's log format, the bus' name of bus.yml as the interface
     events.jsonl  the run's events as in the robot's stream, one a line; older than the window too
     states.jsonl  the samples of the state stream, of which a `TimedSnapshot` is read at least
+    requests.jsonl  what clients have asked for meanwhile, but to read
     eds/          the EDS files of the nodes, so that the frames can be decoded by name anywhere
 
 Times are Unix seconds, those of frames Unix ns. A file is complete or not there: it gets its name when it is whole. A
@@ -34,6 +35,7 @@ from canopen_control.frame import CanFrame, frames_of
 from canopen_control.host.files import telling
 from canopen_control.rpc.messages.declare import Count, Document, UnixTime
 from canopen_control.rpc.messages.layout import Layout
+from canopen_control.rpc.messages.robot import Asked
 from canopen_control.rpc.messages.state import RobotEvent, StateSample, Status, TimedSnapshot
 from canopen_control.rpc.wire import decode, text_of
 
@@ -55,6 +57,7 @@ __all__ = [
     "read_meta",
     "read_samples",
     "save",
+    "write_flight",
 ]
 
 T = TypeVar("T")
@@ -65,8 +68,10 @@ _LOST: Final = "nothing is left of this recording, those before it are"
 _CHUNK: Final = 10_000  # lines of the log that are made at once
 _STEP: Final = 1 << 16  # bytes that are unpacked at once
 _META, _CAN, _EVENTS, _STATES, _EDS = "meta.json", "can.log", "events.jsonl", "states.jsonl", "eds/"
+_REQUESTS: Final = "requests.jsonl"  # not in those of earlier versions
 #: the start of a name -> bytes that it may unpack to: more than what the bounds of the recorder come to as text
-_LARGEST: Final = {_META: 16 << 20, _CAN: 96 << 20, _EVENTS: 4 << 20, _STATES: 32 << 20, _EDS: 16 << 20}
+_LARGEST: Final = {_META: 16 << 20, _CAN: 96 << 20, _EVENTS: 4 << 20, _STATES: 32 << 20, _EDS: 16 << 20,
+                   _REQUESTS: 32 << 20}  # fmt: skip
 _MOST_MEMBERS: Final = 1000
 _MOST_EDS: Final = 64 << 20  # bytes of all EDS files
 _UNREADABLE: Final = (
@@ -122,6 +127,7 @@ class FlightFile:
     events: list[RobotEvent] = field(default_factory=list)
     states: list[TimedSnapshot] = field(default_factory=list)
     frames: list[FlightFrame] = field(default_factory=list)
+    requests: list[Asked] = field(default_factory=list)
     eds: dict[str, bytes] = field(default_factory=dict)
     unread_lines: int = 0
     notes: tuple[str, ...] = ()
@@ -141,16 +147,31 @@ def save(
     can: Iterator[str],
     events: Iterable[bytes],
     states: Iterable[bytes],
+    requests: Iterable[bytes] = (),
 ) -> Path:
     """Write a file about `meta.reason` into `folder`, and forget the oldest there; ConfigError and DiskFull."""
     with telling(folder, "no recording was written"):
         folder.mkdir(parents=True, exist_ok=True)
     path = _free_path(folder, meta)
+    write_flight(path, meta, can, events, states, requests)
+    _forget_oldest(folder)
+    return path
+
+
+def write_flight(
+    path: Path,
+    meta: FlightMeta,
+    can: Iterator[str],
+    events: Iterable[bytes],
+    states: Iterable[bytes],
+    requests: Iterable[bytes],
+) -> None:
+    """Write a file at `path`, where it is when it is whole; ConfigError and DiskFull."""
     part = path.with_suffix(".part")
     try:
         with telling(path, _LOST), zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             archive.writestr(_META, text_of(meta, indent=1))
-            for name, lines in ((_EVENTS, events), (_STATES, states)):
+            for name, lines in ((_EVENTS, events), (_STATES, states), (_REQUESTS, requests)):
                 archive.writestr(name, b"".join(line.rstrip(b"\n") + b"\n" for line in lines))
             with archive.open(_CAN, "w", force_zip64=True) as log:
                 while chunk := "".join(itertools.islice(can, _CHUNK)):
@@ -162,8 +183,6 @@ def save(
             part.rename(path)
     finally:
         part.unlink(missing_ok=True)
-    _forget_oldest(folder)
-    return path
 
 
 def _bytes_of(path: str) -> bytes:
@@ -288,6 +307,8 @@ def _read(archive: zipfile.ZipFile, meta: FlightMeta) -> FlightFile:
         else:
             interface = line.split()[1]
             file.frames.append((found[0], buses.get(interface, interface), found[1]))
+    if _REQUESTS in archive.namelist():
+        file.requests += _lines(archive, _REQUESTS, Asked)
     for name in archive.namelist():
         if name.startswith(_EDS) and os.path.basename(name):
             file.eds[os.path.basename(name)] = _content(archive, name)

@@ -74,6 +74,15 @@ def test_a_handler_gets_the_request_as_its_type_and_answers_under_its_number(sto
     assert store.calls[0].request == Get("a")
 
 
+def test_what_was_done_is_heard_but_not_what_was_read_or_refused(store):
+    heard = []
+    store.server.on_done = lambda method, params: heard.append((method, bytes(params)))
+    store.ask("put", key="a", number=2)
+    store.ask("get", key="a")
+    store.ask("put", number=2)
+    assert heard == [("put", b'{"key": "a", "number": 2}')]
+
+
 def test_a_refusal_has_the_class_of_its_error(store):
     assert store.ask("get", key="b")["error"] == {"kind": "ControlError", "message": "no b"}
     for key in "abc":

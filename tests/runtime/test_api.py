@@ -153,6 +153,20 @@ def test_events_come_as_they_happen(robby, client):
     assert "stop" in kinds
 
 
+def test_who_wants_requests_is_told_what_others_have_asked_for(robby, client):
+    watcher = Client(robby)
+    watcher.ask("subscribe", requests=True)
+    client.ask("command", controller=FORWARD, values=[1, 2])
+    client.ask("status")
+    client.ask("command", controller="nobody", values=[1, 2])
+    told = [each["asked"] for each in watcher.messages()]
+    watcher.close()
+    assert [(each["method"], each["params"]) for each in told] == [
+        ("command", {"controller": FORWARD, "values": [1, 2]})
+    ]
+    assert told[0]["time"] > 0
+
+
 def test_two_subscribers_of_one_rate_get_the_same_sample(robby, client):
     other = Client(robby)
     for each in (client, other):

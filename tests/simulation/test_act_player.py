@@ -90,6 +90,17 @@ def test_a_plant_takes_numbers_and_a_strange_frame_passes(played):
     assert played.robot.drives[3].device.drives[0].mover.plant.rated_velocity == 5.0
 
 
+def test_a_trajectory_goes_by_way_of_its_points():
+    played = Played("arm6")
+    joints = list(played.robot.core.joints.values())
+    played.do("activate", "arm_controller").run(0.1)
+    played.do("trajectory", "arm_controller", values=(*[0.3] * 6, *[0.1] * 6), times=(1.0, 2.0)).run(1.0)
+    assert [joint.states["position"].value for joint in joints] == pytest.approx([0.3] * 6, abs=0.03)
+    played.run(1.5)
+    assert [joint.states["position"].value for joint in joints] == pytest.approx([0.1] * 6, abs=1e-3)
+    played.close()
+
+
 def test_a_trajectory_arrives():
     played = Played("arm6")
     played.do("activate", "arm_controller").run(0.1)

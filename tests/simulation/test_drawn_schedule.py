@@ -61,3 +61,7 @@ def test_every_kind_of_trouble_and_every_fault_is_drawn_by_some_seed():
     acts = [act for seed in range(300) for act in drawn(seed)]
     assert {act.kind for act in acts} == KINDS.keys() - {"heal", "plant"}
     assert {act.name for act in acts if act.kind == "fault"} == set(known_faults())
+
+
+def test_on_a_floor_encoders_that_jump_are_left_out():
+    assert set(known_faults()) - set(known_faults(physics=True)) == {"position_jump", "position_wrap", "hand_moved"}

@@ -1,15 +1,13 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.simulated import setup_of
+from support.simulated import S, setup_of
 
 from canopen_control.simulation.acts import Act
 from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.scenario_steps import nanoseconds_of, read_scenario_steps, scenario_text
 from canopen_control.virtual.scenario import ScenarioError
-
-S = 1_000_000_000
 
 
 def read(folder, text):
@@ -94,6 +92,22 @@ def test_a_seed_that_is_no_whole_number_from_0_on_is_told_with_its_line(tmp_path
 )
 def test_times_have_units(text, ns):
     assert nanoseconds_of(text) == ns
+
+
+def test_a_trajectory_of_several_points_is_written_and_read(tmp_path):
+    act = Act(S, "trajectory", "robby_base_controller", values=(0.25, 0.5, 1.0, 2.0), times=(0.5, 1.0))
+    path = tmp_path / "points.yml"
+    path.write_text(scenario_text([act], seed=1, duration_ns=2 * S))
+    assert read_scenario_steps(path, setup_of()).acts == (act,)
+
+
+@pytest.mark.parametrize("times", ["[1, 0.5]", "[0, 1]", "[1, 2, 3]", "[1, 1]"])
+def test_times_of_points_grow_and_have_values(tmp_path, times):
+    path = tmp_path / "points.yml"
+    step = f"{{at: 1s, do: trajectory, target: robby_base_controller, values: [1, 2, 3, 4], times: {times}}}"
+    path.write_text(f"steps:\n  - {step}\n")
+    with pytest.raises(ScenarioError, match="times: those of the points of a trajectory in s, growing"):
+        read_scenario_steps(path, setup_of())
 
 
 @given(st.integers(0, 500))

@@ -4,7 +4,10 @@ from support.simulated import MS, S, setup_of
 from canopen_control.bus.wire_faults import DropRule
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.runtime.setup import BUS_NAME
+from canopen_control.simulation.acts import Act
+from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.simulated_robot import MASTER, SimulatedRobot
+from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.wire_rules import WireRules
 from canopen_control.simulation.wire_view import WireView
 
@@ -97,3 +100,26 @@ def test_a_bus_beyond_its_budget_is_told(judged):
     assert judged.told == ["bus_budget"]
     judged.rules.sampled(judged.now + 2 * S)
     assert judged.told == ["bus_budget"]
+
+
+def test_the_seed_whose_abort_was_lost_breaks_nothing():
+    acts = (
+        Act(600 * MS, "command", "forklift_base_controller", values=(0.286, -0.41), for_ns=1278 * MS),
+        Act(5549 * MS, "command", "forklift_base_controller", values=(0.381, 0.626), for_ns=740 * MS),
+        Act(7070 * MS, "lose", values=(2.0,), for_ns=718_333_333),
+    )
+    run = SimulationRun(setup_of("forklift"), 1101, acts, motions=motions_of(setup_of("forklift")))
+    run.run(8 * S)
+    run.close()
+    assert run.breaches == ()
+
+
+def test_the_seed_of_a_strangers_short_frames_breaks_nothing():
+    acts = (
+        Act(614 * MS, "frame", values=(388.0, 8.0, 76.0, 49.0, 78.0)),
+        Act(778 * MS, "frame", values=(515.0, 52.0, 241.0, 244.0, 71.0, 102.0, 62.0)),
+    )
+    run = SimulationRun(setup_of("forklift"), 76, acts, motions=motions_of(setup_of("forklift")))
+    run.run(3 * S)
+    run.close()
+    assert run.breaches == ()

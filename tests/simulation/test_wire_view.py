@@ -44,8 +44,9 @@ def test_targets_are_signed(view):
     assert (node.targets[TARGET_VELOCITY], node.target_changed_at) == (-1000, 3)
 
 
-def test_a_pdo_that_is_cut_short_tells_what_it_has(view):
-    hear(view, 5, 0x183, b"\x37")
+@pytest.mark.parametrize("data", [b"\x37", b"\x08\x06"])
+def test_a_pdo_that_is_cut_short_tells_nothing_as_the_robot_drops_it(view, data):
+    hear(view, 5, 0x183, data, "stranger")
     assert view.nodes[3].status_at == 0
 
 

@@ -15,8 +15,9 @@ from canopen_control.bus.candump import line_of
 from canopen_control.errors import ConfigError, DiskFull
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, RECORD, CanFrame, pack_records, remote_frame
 from canopen_control.rpc.messages.layout import BusLayout, Layout, NodeLayout
+from canopen_control.rpc.messages.robot import Asked
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
-from canopen_control.rpc.wire import plain, text_of
+from canopen_control.rpc.wire import Raw, plain, text_of
 from canopen_control.trace import flight_file
 from canopen_control.trace.flight_file import (
     MAX_FILES,
@@ -27,6 +28,7 @@ from canopen_control.trace.flight_file import (
     read_flight,
     read_meta,
     save,
+    write_flight,
 )
 from canopen_control.trace.flight_ring import Batch
 from canopen_control.trace.report_build import facts_of
@@ -55,6 +57,15 @@ def write(folder, frames=FRAMES, **meta):
     batches = [Batch(5_000_000_123, 0, pack_records(frames))]
     lines = candump_lines(batches, ["can"], 1_600_000_000_000_000_000)
     return save(folder, replace(META, **meta), lines, [text_of(REASON)], [sample(1) + b"\n", sample(2) + b"\n"])
+
+
+def test_what_clients_asked_for_is_read_back_where_it_is_there(tmp_path):
+    asked = Asked(2.0, "stop", Raw(b'{"latch":true}'))
+    path = tmp_path / "run.zip"
+    write_flight(path, META, iter(()), [], [], [text_of(asked)])
+    [found] = read_flight(path).requests
+    assert (found.time, found.method, bytes(found.params)) == (2.0, "stop", b'{"latch":true}')
+    assert read_flight(RELEASED).requests == []
 
 
 def test_what_is_written_is_read_back(tmp_path):
@@ -285,7 +296,7 @@ def test_a_size_that_lies_is_not_believed(tmp_path):
 
 def test_more_files_than_a_recording_has_are_refused(tmp_path):
     path = rewritten(write(tmp_path), **{f"eds/{number}.eds": b"" for number in range(1001)})
-    with pytest.raises(ConfigError, match=r"no flight recording: 1005 files are in it"):
+    with pytest.raises(ConfigError, match=r"no flight recording: 1006 files are in it"):
         read_flight(path)
     path = rewritten(write(tmp_path), **{f"eds/{number}.eds": MIB * 15 for number in range(5)})
     with pytest.raises(ConfigError, match=r"what is in eds/ is larger than 64 MiB"):

@@ -11,7 +11,8 @@ broken, by a script drawn from the seed. Meanwhile it hears the bus, and nothing
   traceback, output  no traceback anywhere, no flood of lines
   start, end, recovery  it starts, it ends, and it is enabled again when all was mended
 
-Exit codes: 0 no breach, 1 breaches, 2 usage. The same seed and time give the same actions.
+Exit codes: 0 no breach, 1 breaches, 2 usage. The same seed and time give the same actions. With --hours or --page it is
+the nightly campaign in virtual time instead: tools/campaign --hours 1 --help.
 """
 
 from __future__ import annotations
@@ -208,6 +209,10 @@ def _own_folders(folder: Path) -> Iterator[None]:
 
 def main(arguments: Sequence[str]) -> int:
     """Run a campaign."""
+    if any(word.partition("=")[0] in ("--hours", "--page") for word in arguments):
+        from campaigner.nightly import main as nightly
+
+        return nightly(arguments)
     parser = _parser()
     args = parser.parse_args(arguments)
     args.seed = random.SystemRandom().randrange(1, 1_000_000) if args.seed is None else args.seed

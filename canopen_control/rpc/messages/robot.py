@@ -54,7 +54,7 @@ from canopen_control.rpc.messages.trajectory import (
 )
 
 __all__ = [
-    "MAX_OBJECT", "MAX_POINTS", "MAX_RATE", "ROBOT", "STREAM_RATE", "AxisDone", "AxisRequest", "BusPlace",
+    "MAX_OBJECT", "MAX_POINTS", "MAX_RATE", "ROBOT", "STREAM_RATE", "Asked", "AxisDone", "AxisRequest", "BusPlace",
     "CancelTrajectory", "CleanupController", "CommandByName", "CommandController", "ComponentState",
     "ConfigureController", "Description", "FollowTrajectory", "GetDescription", "GetLayout", "GetNodes", "GetStatus",
     "HardwareReading", "InterfaceReading", "ListControllerTypes", "ListControllers", "ListHardware", "LoadController",
@@ -97,9 +97,17 @@ class ProcessData(msgspec.Struct, frozen=True):
     nodes: dict[str, list[MappedValue]]
 
 
-RobotPush = StateSample | RobotEvent | ProcessData
+class Asked(msgspec.Struct, frozen=True):
+    """A request of a client that was not refused at once, with what it said; those that only read are left out."""
+
+    time: float
+    method: str
+    params: msgspec.Raw
+
+
+RobotPush = StateSample | RobotEvent | ProcessData | Asked
 ROBOT: Final[Api[RobotHello, RobotPush]] = Api(
-    "robot", RobotHello, {"state": StateSample, "event": RobotEvent, "pdos": ProcessData}
+    "robot", RobotHello, {"state": StateSample, "event": RobotEvent, "pdos": ProcessData, "asked": Asked}
 )
 
 
@@ -113,11 +121,12 @@ class GetStatus(Request[Status], frozen=True):
 
 @ROBOT.method("subscribe", Effect.READS)
 class Subscribe(Request[Done], frozen=True, kw_only=True):
-    """Have samples of the state pushed at `state_rate` in Hz (null: none), events, and what TPDOs carry."""
+    """Have samples of the state pushed at `state_rate` in Hz (null: none), events, what TPDOs carry, and requests."""
 
     state_rate: Rate | None = None
     events: bool = False
     pdos: bool = False
+    requests: bool = False
 
 
 @ROBOT.method("tell", Effect.CHANGES)

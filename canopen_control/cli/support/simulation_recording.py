@@ -1,0 +1,142 @@
+"""Recordings and `simulate`: a flight recording of a simulation, and the scenario of a recording.
+
+A recording of a simulation is one as a robot's own flight recorder writes it, of the whole of it; times are those of
+the virtual clock.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages import robot as messages
+from canopen_control.rpc.messages.robot import ROBOT, Asked
+from canopen_control.rpc.messages.samples import TrajectoryPoint
+from canopen_control.rpc.wire import Raw, text_of
+from canopen_control.runtime.status import event_message, layout_message, state_sample, status_message
+from canopen_control.simulation.recorded_scenario import RecordedRobot, scenario_of_recording
+from canopen_control.trace.flight_file import (
+    NO_FAULT,
+    FlightMeta,
+    candump_lines,
+    is_flight_file,
+    read_flight,
+    write_flight,
+)
+from canopen_control.trace.flight_ring import Batch
+from canopen_control.trace.flight_trigger import is_fault, is_sum
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from canopen_control.master.event_log import Event
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.state import RobotEvent
+    from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.simulation.acts import Act
+    from canopen_control.simulation.scenario_steps import Scenario
+    from canopen_control.simulation.simulation_run import SimulationRun
+
+__all__ = ["SimulationRecorder", "check_recording_name", "recorded_scenario"]
+
+_SAMPLE_NS: Final = 100_000_000
+
+
+def check_recording_name(path: Path) -> None:
+    """Raise ConfigError for a file that is no flight recording by its name."""
+    if not is_flight_file(path):
+        raise ConfigError(f"--record {path}: a recording of a simulation is a flight recording, as {path.stem}.zip")
+
+
+class SimulationRecorder:
+    """Records a simulation that has not begun; `write` when it has ended."""
+
+    def __init__(self, simulation: SimulationRun) -> None:
+        self._run, self._robot = simulation, simulation.robot
+        self._batches: list[Batch] = []
+        self._events: list[RobotEvent] = []
+        self._lines: list[bytes] = []
+        self._requests: list[bytes] = []
+        for number, wire in enumerate(self._robot.wires.values()):
+            wire.heard.append(self._heard(number))
+        self._robot.time.later(_SAMPLE_NS, self._sample)
+        self._heard_event, self._robot.on_event = self._robot.on_event, self._event
+        self._asked, simulation.player.on_asked = simulation.player.on_asked, self._request
+
+    def _heard(self, number: int) -> Callable[[int, str, bytes], object]:
+        def heard(now: int, _label: str, record: bytes) -> None:
+            self._batches.append(Batch(now, number, record))
+
+        return heard
+
+    def _sample(self) -> None:
+        if self._robot.up:
+            self._lines.append(text_of(state_sample(self._robot.core)))
+        self._robot.time.later(_SAMPLE_NS, self._sample)
+
+    def _event(self, event: Event) -> None:
+        self._events.append(event_message(self._robot.core, event))
+        if self._heard_event is not None:
+            self._heard_event(event)
+
+    def _request(self, now: int, act: Act) -> None:
+        self._asked(now, act)
+        for request in _requests_of(act, self._robot.core.manager.states):
+            method = ROBOT.of(type(request)).name
+            self._requests.append(text_of(Asked(now / 1e9, method, Raw(text_of(request)))))
+
+    def write(self, path: Path) -> None:
+        """Write the recording; ConfigError and DiskFull."""
+        core = self._robot.core
+        faults = [event for event in self._events if is_fault(event) and not is_sum(event)]
+        meta = FlightMeta(
+            robot=self._robot.setup.name,
+            reason=faults[0] if faults else NO_FAULT,
+            written=self._robot.now_ns / 1e9,
+            begin=self._run.began_ns / 1e9,
+            buses={name: wire.channel for name, wire in self._robot.wires.items()},
+            layout=layout_message(core),
+            status=status_message(core),
+        )
+        can = candump_lines(self._batches, list(self._robot.wires), 0)
+        write_flight(path, meta, can, [text_of(each) for each in self._events], self._lines, self._requests)
+
+
+def _requests_of(act: Act, active: Mapping[str, str]) -> list[Request[Any]]:
+    """Return what a client would send to have this done."""
+    name, values = act.target, list(act.values)
+    others = [each for each, state in active.items() if state == "active" and "broadcaster" not in each]
+    if act.kind == "command":
+        return [messages.CommandController(controller=name, values=values)]
+    if act.kind == "trajectory":
+        point = TrajectoryPoint(positions=values, time_from_start=(act.for_ns or _SAMPLE_NS) / 1e9)
+        joints = [str(number) for number in range(len(values))]
+        return [messages.SetTrajectory(controller=name, joints=joints, points=[point])]
+    if act.kind in ("stop", "latch"):
+        return [messages.Stop(latch=act.kind == "latch")]
+    if act.kind == "release":
+        return [messages.Release()]
+    if act.kind == "axis":
+        return [messages.AxisRequest(action=act.name, node=name or "all")]
+    if act.kind == "activate":
+        return [messages.SwitchControllers(activate=(name,), deactivate=tuple(others))]
+    return [messages.SwitchControllers(deactivate=(name,))] if act.kind == "deactivate" else []
+
+
+def recorded_scenario(path: Path, setup: RobotSetup) -> Scenario:
+    """Return the scenario of a flight recording, or of the frames of a robot's only bus; ConfigError."""
+    if is_flight_file(path):
+        file = read_flight(path)
+        active = tuple(file.states[0].active) if file.states else ()
+        return scenario_of_recording(RecordedRobot(file.frames, file.events, file.requests, active), setup)
+    from canopen_control.bus.recordings import Recording
+
+    if len(setup.buses) > 1:
+        raise ConfigError(f"{path} is of one bus, and {setup.name} has {len(setup.buses)}; give a flight recording")
+    [bus] = setup.buses
+    recording = Recording(path)
+    frames = [(now, bus, frame) for now, frame in recording]
+    if recording.problem:
+        raise ConfigError(recording.problem)
+    return scenario_of_recording(RecordedRobot(frames), setup)

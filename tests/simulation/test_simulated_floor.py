@@ -1,0 +1,48 @@
+import dataclasses
+
+import pytest
+from support.simulated import FORWARD, MS, S, setup_of
+
+from canopen_control.simulation.acts import Act
+from canopen_control.simulation.simulation_run import SimulationRun
+
+pytest.importorskip("mujoco")
+DRIVE = Act(1 * S, "command", FORWARD, values=(5.0, 5.0), for_ns=2 * S)
+
+
+def simulated(*acts, seconds=3.0, name="robby"):
+    run = SimulationRun(dataclasses.replace(setup_of(name), physics=True), 4, acts, motions=())
+    run.run(round(seconds * S))
+    return run
+
+
+def pose(run):
+    return run.robot.floor.describe().base
+
+
+def test_the_wheels_move_the_robot_over_the_floor_and_the_same_seed_does_it_again():
+    ends = []
+    for _ in range(2):
+        run = simulated(DRIVE)
+        ends.append((pose(run), run.outcome.sha256))
+        run.close()
+    assert ends[0] == ends[1]
+    assert ends[0][0].x == pytest.approx(0.35, abs=0.05)
+    assert abs(ends[0][0].y) < 0.02
+
+
+def test_a_drive_without_supply_lets_its_wheel_go_and_is_there_again():
+    run = simulated(DRIVE, Act(1500 * MS, "power", "2", for_ns=500 * MS), seconds=1.6)
+    assert run.robot.drives[2].device is None
+    moved = pose(run).x
+    run.robot.run_for(1 * S)
+    assert run.robot.drives[2].device is not None
+    assert run.robot.errors == []
+    assert pose(run).x > moved - 0.01
+    run.close()
+
+
+def test_what_the_floor_turns_is_no_motion_of_a_drive():
+    run = simulated(seconds=0.5, name="forklift")  # it settles before its drives are enabled
+    assert run.breaches == ()
+    run.close()

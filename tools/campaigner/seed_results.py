@@ -1,0 +1,193 @@
+"""What came of the seeds of a nightly campaign: kept as JSON, shown as a page of the documentation."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from canopen_control.simulation.campaign import SeedResult
+
+__all__ = ["SIMULATED", "Plan", "Results", "RobotResults", "page_of", "read_results", "write_results"]
+
+SIMULATED: Final = "docs/reference/seeds.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A robot, how many seeds of it a night has, how many seconds of the robot each is, and whether on a floor."""
+
+    robot: str
+    seeds: int
+    seconds: int
+    physics: bool = False
+
+    @property
+    def name(self) -> str:
+        """The robot in words."""
+        return f"{self.robot} on a floor" if self.physics else self.robot
+
+
+@dataclass(slots=True)
+class RobotResults:
+    """What came of the first `seeds` seeds of a robot.
+
+    `sha256` is that of the digests of all seeds in their order, `troubles` counts what went wrong in which state.
+    """
+
+    seeds: int = 0
+    robot_s: float = 0.0
+    real_s: float = 0.0
+    frames: int = 0
+    events: int = 0
+    sha256: str = ""
+    breaches: list[str] = field(default_factory=list)
+    troubles: Counter[tuple[str, str]] = field(default_factory=Counter)
+
+    def add(self, result: SeedResult) -> None:
+        """Take the next seed."""
+        self.seeds += 1
+        self.robot_s += result.robot_s
+        self.real_s += result.real_s
+        self.frames += result.frames
+        self.events += result.events
+        self.sha256 = hashlib.sha256(f"{self.sha256}{result.sha256}".encode()).hexdigest()
+        self.breaches += [f"seed {result.seed}: {breach.sentence}" for breach in result.breaches]
+        self.troubles.update(result.troubles)
+
+
+@dataclass(slots=True)
+class Results:
+    """What came of a night; `code` is the check sum of the package, `date` that of the last seed."""
+
+    code: str
+    plans: tuple[Plan, ...]
+    robots: list[RobotResults] = field(default_factory=list)
+    date: str = ""
+
+    def __post_init__(self) -> None:
+        """Begin each robot that has no results yet."""
+        self.robots += [RobotResults() for _ in self.plans[len(self.robots) :]]
+
+    @property
+    def seeds(self) -> int:
+        """How many seeds were run."""
+        return sum(each.seeds for each in self.robots)
+
+    @property
+    def breaches(self) -> int:
+        """How many breaches there were."""
+        return sum(len(each.breaches) for each in self.robots)
+
+    @property
+    def sentence(self) -> str:
+        """How far it is."""
+        hours = sum(each.robot_s for each in self.robots) / 3600
+        real = sum(each.real_s for each in self.robots)
+        return f"{self.seeds} seeds, {hours:.2f} hours of robots in {real:.0f} s, {self.breaches} breaches"
+
+
+def write_results(path: Path, results: Results) -> None:
+    """Write results as JSON."""
+    results.date = time.strftime("%Y-%m-%d", time.gmtime())
+    document = {
+        "code": results.code,
+        "date": results.date,
+        "robots": [
+            {
+                "robot": plan.robot,
+                "planned": plan.seeds,
+                "seconds": plan.seconds,
+                "physics": plan.physics,
+                "seeds": each.seeds,
+                "robot_s": round(each.robot_s, 3),
+                "real_s": round(each.real_s, 1),
+                "frames": each.frames,
+                "events": each.events,
+                "sha256": each.sha256,
+                "breaches": each.breaches,
+                "troubles": [[kind, state, count] for (kind, state), count in sorted(each.troubles.items())],
+            }
+            for plan, each in zip(results.plans, results.robots, strict=True)
+        ],
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+def read_results(path: Path) -> Results:
+    """Read results; nothing where there are none yet, ConfigError for a file that holds none."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        rows = document["robots"]
+        plans = tuple(Plan(row["robot"], row["planned"], row["seconds"], row.get("physics", False)) for row in rows)
+        return Results(document["code"], plans, [_robot_of(row) for row in rows], document["date"])
+    except FileNotFoundError:
+        return Results("", ())
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{path} holds no results of seeds: {error}; move it away") from None
+
+
+def _robot_of(row: dict[str, Any]) -> RobotResults:
+    troubles = Counter({(kind, state): count for kind, state, count in row["troubles"]})
+    names = ("seeds", "robot_s", "real_s", "frames", "events", "sha256", "breaches")
+    return RobotResults(**{name: row[name] for name in names}, troubles=troubles)
+
+
+# -- the page
+
+_HEAD: Final = """# Ten thousand seeds
+
+What came of the nightly campaign in virtual time, `tools/campaign --hours 1`, up to {date}: {seeds:,} seeds, each with
+a schedule of its own of commands, stops, switches and everything that can break
+([a robot in virtual time](../guide/simulation.md)), and an observer that judges
+[what must hold](../guide/simulation.md#what-must-hold). `tools/campaign --page` writes this page of `seeds.json`.
+
+| robot | seeds | planned | each, s | hours of the robot | times real time | frames | breaches | SHA-256 of all |
+|---|---|---|---|---|---|---|---|---|
+"""
+_TROUBLES: Final = """
+## What went wrong, and in which state of the robot
+
+How often each kind of trouble began while a robot was in a state: faults of drives by their name, and what happens to
+supplies, processes and buses.
+
+"""
+
+
+def page_of(results: Results) -> str:
+    """Return the page of the documentation about results."""
+    return "".join(_parts(results))
+
+
+def _parts(results: Results) -> Iterator[str]:
+    yield _HEAD.format(date=results.date, seeds=results.seeds)
+    rows = list(zip(results.plans, results.robots, strict=True))
+    for plan, each in rows:
+        speed = each.robot_s / each.real_s if each.real_s else 0.0
+        yield (
+            f"| {plan.name} | {each.seeds:,} | {plan.seeds:,} | {plan.seconds} | {each.robot_s / 3600:.2f} "
+            f"| {speed:.0f} | {each.frames:,} | {len(each.breaches)} | `{each.sha256[:12]}` |\n"
+        )
+    yield from _breaches([f"{plan.name}, {text}" for plan, each in rows for text in each.breaches])
+    troubles: Counter[tuple[str, str]] = sum((each.troubles for each in results.robots), Counter())
+    states = sorted({state for _, state in troubles})
+    yield _TROUBLES
+    yield f"| | {' | '.join(states)} |\n|{'---|' * (len(states) + 1)}\n"
+    for kind in sorted({kind for kind, _ in troubles}):
+        counts = [f"{troubles[kind, state]:,}" if troubles[kind, state] else "" for state in states]
+        yield f"| `{kind}` | {' | '.join(counts)} |\n"
+
+
+def _breaches(texts: Sequence[str]) -> Iterator[str]:
+    yield "\n## Breaches\n\n"
+    yield "".join(f"- {text}\n" for text in texts) or "None.\n"
