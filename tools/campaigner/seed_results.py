@@ -145,7 +145,7 @@ def _robot_of(row: dict[str, Any]) -> RobotResults:
 
 # -- the page
 
-_HEAD: Final = """# Ten thousand seeds
+_HEAD: Final = """# Seeds of the nightly campaign
 
 What came of the nightly campaign in virtual time, `tools/campaign --hours 1`, up to {date}: {seeds:,} seeds, each with
 a schedule of its own of commands, stops, switches and everything that can break
