@@ -10,6 +10,7 @@ import argparse
 import errno
 import importlib
 import os
+import stat
 import sys
 from typing import TYPE_CHECKING
 
@@ -120,6 +121,9 @@ def _top_parser() -> argparse.ArgumentParser:
 
 
 def _complain_of_output(error: OSError) -> int:
+    if error.errno == errno.EIO and stat.S_ISCHR(os.fstat(sys.stdout.fileno()).st_mode):
+        _leave_output()  # a terminal that has gone is a reader that has gone, and standard error went with it
+        return 0
     print(f"canopen-control: standard output cannot be written: {error.strerror}", file=sys.stderr)
     _leave_output()
     return 1

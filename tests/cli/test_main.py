@@ -126,3 +126,26 @@ def test_an_output_that_is_full_is_one_sentence(private_folders, arguments):
         _, said = process.communicate(timeout=30)
     assert said == "canopen-control: standard output cannot be written: No space left on device\n"
     assert process.returncode == 1
+
+
+@pytest.mark.process
+def test_what_a_lost_terminal_did_not_take_does_not_change_the_exit_code(private_folders):
+    program = """if True:
+        import sys, time
+        from canopen_control.cli import main
+
+        def run(arguments):
+            sys.stdin.read(1)
+            sys.stdout.write("a line without its end")
+            return 0
+
+        main._dispatch = run
+        sys.exit(main.main([]))
+    """
+    ours, terminal = os.openpty()
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=terminal, stderr=terminal) as process:
+        os.close(terminal)
+        os.close(ours)
+        process.communicate(b"x", timeout=30)
+    assert process.returncode == 0

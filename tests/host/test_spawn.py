@@ -233,9 +233,9 @@ def test_output_can_go_where_ours_goes(children, capfd):
 def test_a_log_that_grows_is_rotated_while_the_child_is_watched(children):
     with Reactor(ManualClock()) as loop:
         child = children(python("import os; os.write(1, b'x' * 50_000); import time; time.sleep(60)"))
-        child._log._limit = 10_000
         child.watch(loop, lambda *_: None)
         assert eventually(lambda: child.log_path.stat().st_size > 50_000, 30)  # Python starts first
+        child._log._limit = 10_000  # only now: what is too long when it begins to be watched is rotated at once
         loop.run_for(4 * SECOND_NS)
         assert child.log_path.stat().st_size > 50_000
         loop.run_for(2 * SECOND_NS)
