@@ -8,6 +8,9 @@ import pytest
 from canopen_control.hardware.mode_target import ModeTarget, stop_slope
 
 
+pytestmark = pytest.mark.sources  # compiled classes take no stand-ins
+
+
 def axis(deceleration=math.inf):
     return SimpleNamespace(limits=SimpleNamespace(deceleration=deceleration, blocked=0))
 
