@@ -7,7 +7,6 @@ import pytest
 
 from canopen_control.hardware.mode_target import ModeTarget, stop_slope
 
-
 pytestmark = pytest.mark.sources  # compiled classes take no stand-ins
 
 
