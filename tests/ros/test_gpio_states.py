@@ -4,7 +4,6 @@ import itertools
 import math
 
 import pytest
-from support.ros import eventually
 
 pytestmark = pytest.mark.ros
 BROADCASTER = {"name": "gpio", "type": "canopen_control/GpioBroadcaster", "state": "active", "topic": None,
@@ -15,20 +14,16 @@ TOPIC = "/gpio/gpio_states"
 def test_inputs_and_outputs_are_told_by_part_and_name(fresh, maker):
     fresh.robot.controllers.append(BROADCASTER)
     parts = {"left": {"digital_inputs": 5.0}, "lamp": {"on": None, "dim": 0.5}}
-    seconds, heard = itertools.count(1_700_000_000), []
+    seconds = itertools.count(1_700_000_000)
 
     def tell():
-        """Update once more: what was published before the topic's ends had found each other is gone."""
         fresh.robot.samples["gpio"] = {"kind": "gpio", "time": next(seconds) + 0.25, "parts": parts}
-        heard.extend(maker.waiting(TOPIC))
-        return bool(heard)
 
     try:
         maker.order("subscribe", topic=TOPIC, of="control_msgs/msg/DynamicInterfaceGroupValues", qos="default")
-        assert eventually(tell)
+        message = maker.hears(TOPIC, tell)
     finally:
         fresh.robot.controllers.remove(BROADCASTER)
-    message = heard[0]
     assert message["interface_groups"] == ["left", "lamp"]
     assert message["header"]["stamp"]["sec"] >= 1_700_000_000
     assert message["header"]["stamp"]["nanosec"] == 250_000_000

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 import time
 
@@ -103,8 +104,8 @@ def test_what_a_broadcaster_does_not_know_is_nan_and_every_value_has_its_name(li
         assert message["velocity"][1] == message["effort"][1] == 0.0
         dynamic = "/few/dynamic_joint_states"
         maker.order("subscribe", topic=dynamic, of="control_msgs/msg/DynamicJointState", qos="default")
-        fresh.robot.samples["few"]["time"] = 6.0
-        message = maker.message(dynamic)
+        seconds = itertools.count(6)
+        message = maker.hears(dynamic, lambda: fresh.robot.samples["few"].update(time=float(next(seconds))))
         assert message["joint_names"] == ["left", "caster"]
         left, caster = message["interface_values"]
         assert (left["interface_names"], left["values"]) == (["position"], [1.0])

@@ -27,6 +27,14 @@ PEER = Path(__file__).with_name("ros_peer.py")
 TIMEOUT = 20.0  # seconds that something may take which takes a fraction of one
 
 
+def forget_ports(number, folder=Path("/dev/shm")):
+    """Remove the ports in shared memory that killed programs of a ROS domain have left: the next would take them."""
+    first = 7400 + 250 * number  # clause 9.6.1.1 of DDSI-RTPS
+    for port in range(first, first + 250):
+        for name in (f"fastrtps_port{port}", f"fastrtps_port{port}_el", f"sem.fastrtps_port{port}_mutex"):
+            (folder / name).unlink(missing_ok=True)
+
+
 @contextlib.contextmanager
 def domain():
     """Yield a ROS domain that no other test of this host uses now; up to 101 the ports are no ephemeral ones."""
@@ -42,6 +50,7 @@ def domain():
             os.close(fd)
             continue
         try:
+            forget_ports(number)
             yield number
         finally:
             os.close(fd)
@@ -137,6 +146,21 @@ class Peer:
                 raise AssertionError(f"no such message on {topic}; the last one was {last}") from None
             if matching(last):
                 return last
+
+    def hears(self, topic, tell):
+        """Return the next message of a topic, for which `tell` lets another one be published again and again.
+
+        What was published before the two ends had found each other is gone, and nothing tells when they have.
+        """
+        heard = []
+
+        def look():
+            tell()
+            heard.extend(self.waiting(topic))
+            return bool(heard)
+
+        assert eventually(look), f"no message on {topic}"
+        return heard[0]
 
     def waiting(self, topic):
         """Take what has come on a topic."""
