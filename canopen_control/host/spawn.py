@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Child",
     "clean_environment",
+    "end_children",
     "lifeline_fd",
     "report_failure",
     "report_ready",
@@ -182,6 +183,21 @@ class Child:
         if self._reactor is not None and self._on_exit is not None:
             self._timers = [timer for timer in self._timers if timer.active]
             self._timers.append(self._reactor.call_later(period_ns, callback))
+
+
+def end_children(children: Sequence[Child], reactor: Reactor, grace: float) -> None:
+    """Ask all children to end (SIGTERM), and kill those that have not after `grace` seconds each. Blocks.
+
+    Nobody watches them any more, so none is started again.
+    """
+    for child in children:
+        child.unwatch()
+        child.unwatch_ready(reactor)
+        child.terminate()
+    for child in children:
+        if child.wait(grace) is None:
+            child.kill()
+            child.wait(grace)
 
 
 def _pidfd_open(pid: int) -> int:

@@ -19,7 +19,6 @@ from canopen_control.physics.mecanum_contact import RollerWheel
 from canopen_control.physics.motor_estimate import estimated_motors
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.scenery import add_scenery
-from canopen_control.physics.world_file import Start
 from canopen_control.physics.world_sensors import add_sensors
 from canopen_control.urdf.geometry import from_yaw
 
@@ -30,11 +29,11 @@ if TYPE_CHECKING:
     from canopen_control.physics.motor_estimate import Motor
     from canopen_control.physics.physics_file import AxisSettings, Floor
     from canopen_control.physics.urdf_repair import RepairedUrdf
-    from canopen_control.physics.world_file import WorldDescription
+    from canopen_control.physics.world_file import Start, WorldDescription
     from canopen_control.physics.world_sensors import WorldSensor
     from canopen_control.urdf.description import Description
 
-__all__ = ["BASE_JOINT", "Body", "JointPlace", "PreparedRobot", "alone", "build", "compiled", "give_locks", "lay_floor",
+__all__ = ["BASE_JOINT", "Body", "JointPlace", "PreparedRobot", "alone", "compiled", "give_locks", "lay_floor",
            "placed", "prepared", "read_spec", "set_options", "solref"]  # fmt: skip
 
 BASE_JOINT: Final = "floating_base_joint"
@@ -122,27 +121,6 @@ def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
         return spec.compile()
     except ValueError as error:
         raise PhysicsError(f"{path}: MuJoCo cannot simulate it: {' '.join(str(error).split())}") from error
-
-
-def build(
-    spec: Any,  # noqa: ANN401 - as above
-    description: Description,
-    axes: Mapping[str, AxisSettings],
-    floor: Floor,
-    *,
-    step: float,
-    density: float,
-    free: bool | None,
-    path: str,
-    world: WorldDescription,
-    sensors: Sequence[WorldSensor] = (),
-) -> Body:
-    """Make the model of a description alone in a world; see `prepared`."""
-    start = world.start or Start()
-    robot = prepared(
-        spec, description, axes, floor, step=step, density=density, free=free, path=path, start=start, sensors=sensors
-    )
-    return alone(robot, world, step, description.path)
 
 
 def alone(robot: PreparedRobot, world: WorldDescription, step: float, path: str) -> Body:

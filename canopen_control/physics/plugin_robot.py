@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from canopen_control.errors import ControlError, nearest
-from canopen_control.physics.body_model import build, read_spec
+from canopen_control.physics.body_model import alone, prepared, read_spec
 from canopen_control.physics.joint_servo import ServoLoop
 from canopen_control.physics.lidar_scan import LidarScanner
 from canopen_control.physics.mjcf_model import build_mjcf
@@ -22,7 +22,7 @@ from canopen_control.physics.physics_file import DENSITY, AxisSettings, Floor
 from canopen_control.physics.tag_lidars import camera_notes, tag_lidars
 from canopen_control.physics.tag_sensors import INTERFACES, tag_sensors
 from canopen_control.physics.urdf_repair import guessed_masses, repaired
-from canopen_control.physics.world_file import WorldDescription
+from canopen_control.physics.world_file import Start, WorldDescription
 from canopen_control.physics.world_sensors import SensorReader, WorldSensor
 
 if TYPE_CHECKING:
@@ -281,7 +281,7 @@ def _made(
         body = build_mjcf(scene, axes, step=_STEP_S, path=description.path, world=world, sensors=sensors)
         return SimulatedRobot(body, axes, sensors, body.notes, loops)
     urdf = repaired(description)
-    body = build(
+    robot = prepared(
         read_spec(urdf, description.path),
         description,
         axes,
@@ -290,7 +290,8 @@ def _made(
         density=DENSITY,
         free=None,
         path=description.path,
-        world=world,
+        start=Start(),
         sensors=sensors,
     )
+    body = alone(robot, world, _STEP_S, description.path)
     return SimulatedRobot(body, axes, sensors, (*urdf.notes, *guessed_masses(urdf, DENSITY), *body.notes), loops)

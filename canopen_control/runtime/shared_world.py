@@ -17,7 +17,7 @@ from canopen_control.errors import CanopenError, ConfigError, RobotConfigError
 from canopen_control.host.environment import MODULE
 from canopen_control.host.files import state_dir
 from canopen_control.host.reactor import Reactor
-from canopen_control.host.spawn import spawn
+from canopen_control.host.spawn import end_children, spawn
 from canopen_control.physics import require_physics
 from canopen_control.physics.world_file import read_world_description
 from canopen_control.runtime.core import RobotCore
@@ -181,16 +181,8 @@ class SharedRun:
 
     def _close(self) -> None:
         """End the robots, then the drives."""
-        drives = [] if self._drives is None else [self._drives]
-        for children in (list(self._running.values()), drives):
-            for child in children:
-                child.unwatch()
-                child.unwatch_ready(self._reactor)
-                child.terminate()
-            for child in children:
-                if child.wait(_GRACE_S) is None:
-                    child.kill()
-                    child.wait(_GRACE_S)
+        end_children(list(self._running.values()), self._reactor, _GRACE_S)
+        end_children([] if self._drives is None else [self._drives], self._reactor, _GRACE_S)
         self._reactor.close()
 
 

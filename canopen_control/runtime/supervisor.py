@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.bus.channel import may_host_virtual_drives, open_port, parse_channel
 from canopen_control.errors import CanopenError
 from canopen_control.host.environment import MODULE, lean_python
-from canopen_control.host.spawn import spawn, state_dir
+from canopen_control.host.spawn import end_children, spawn, state_dir
 from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.physics_plant import write_buses
 from canopen_control.virtual.device import WORLD_NOTE
@@ -316,14 +316,7 @@ class Supervisor:
 
     def _end(self, children: list[Child]) -> None:
         self._ending = True
-        for child in children:
-            child.unwatch()
-            child.unwatch_ready(self._reactor)
-            child.terminate()
-        for child in children:
-            if child.wait(_GRACE_S) is None:
-                child.kill()
-                child.wait(_GRACE_S)
+        end_children(children, self._reactor, _GRACE_S)
         children.clear()
         self._ending = False
 

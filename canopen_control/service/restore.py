@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     Told = Callable[[int, int], None]
 
-__all__ = ["Refusal", "Restore", "RestoreStep", "check_device", "refuse_moving", "store"]
+__all__ = ["Restore", "RestoreStep", "check_device", "refuse_moving", "store"]
 
 SAVE: Final = b"save"
 _STORE: Final = (0x1010, 1)
@@ -46,17 +46,6 @@ class RestoreStep(enum.Enum):
     VERIFYING = "reading back"
     UNDOING = "putting back what the drive held"
     DONE = "done"
-
-
-@dataclass(frozen=True, slots=True)
-class Refusal:
-    """What the drive did not take, and why."""
-
-    what: str
-    why: str
-
-    def __str__(self) -> str:
-        return f"{self.what}: {self.why}"
 
 
 def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: NodeSession) -> list[str]:
@@ -91,7 +80,7 @@ class Restore:
     held: dict[Address, Value] = field(default_factory=dict)
     planned: int = 0
     written: list[str] = field(default_factory=list)
-    refused: list[Refusal] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
     verified: int = 0
     undone: bool = False
 
@@ -99,7 +88,7 @@ class Restore:
         """Write and prove; return whether all is as wanted. With `keep` what was taken stays where some was not."""
         entries = [self.od[address] for address in self.wanted]
         self.held, left_out = read_values(self.session, entries)
-        self.refused = [Refusal(entry_label(each.entry), each.why) for each in left_out]
+        self.refused = list(map(str, left_out))
         if self.refused and not keep:
             self.undone, self.step = True, RestoreStep.DONE  # nothing was written yet
             return False
@@ -142,8 +131,8 @@ class Restore:
         """Read everything back: what is not as wanted was refused, or changed by the drive."""
         self.step = RestoreStep.VERIFYING
         found, left_out = read_values(self.session, [self.od[address] for address in self.held])
-        self.refused += [Refusal(*each) for each in failed.items()]
-        self.refused += [Refusal(entry_label(each.entry), each.why) for each in left_out]
+        self.refused += [f"{name}: {why}" for name, why in failed.items()]
+        self.refused += map(str, left_out)
         for address, value in found.items():
             entry, wanted = self.od[address], self.wanted[address]
             if same_value(entry, wanted, value):
@@ -152,7 +141,7 @@ class Restore:
             name = entry_label(entry)
             if name not in failed:
                 asked, has = value_text(entry, wanted), value_text(entry, value)
-                self.refused.append(Refusal(name, f"asked {asked}, the drive has {has}"))
+                self.refused.append(f"{name}: asked {asked}, the drive has {has}")
 
     def _undo(self) -> None:
         """Put back what the drive held before."""
@@ -164,7 +153,7 @@ class Restore:
         left = [address for address, value in self.held.items()
                 if address not in after or not same_value(self.od[address], value, after[address])]  # fmt: skip
         self.undone = not left
-        self.refused += [Refusal(entry_label(self.od[address]), "could not be put back") for address in left]
+        self.refused += [f"{entry_label(self.od[address])}: could not be put back" for address in left]
 
 
 def store(session: NodeSession, *, pause: Callable[[float], None] = time.sleep) -> None:

@@ -16,7 +16,7 @@ from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host import spawn as spawn_module
 from canopen_control.host.environment import LIFELINE, READY
 from canopen_control.host.reactor import ManualClock, Reactor
-from canopen_control.host.spawn import Child, spawn, spawn_detached
+from canopen_control.host.spawn import Child, end_children, spawn, spawn_detached
 from canopen_control.host.spawn import state_dir as logs
 
 pytestmark = pytest.mark.process
@@ -152,6 +152,19 @@ def test_terminate_asks_and_kill_does_not(children):
     other = children(SLEEP)
     other.terminate()
     assert other.wait(20) == -signal.SIGTERM
+
+
+def test_children_are_asked_to_end_and_killed_when_they_do_not_and_nobody_is_told(children, real, tmp_path):
+    deaf = "import signal, time; signal.signal(15, signal.SIG_IGN); open({!r}, 'w'); time.sleep(60)"
+    both = [children(python(deaf.format(str(tmp_path / "deaf")))), children(SLEEP, name="sleep")]
+    told = []
+    for child in both:
+        child.watch(real, lambda *_: told.append("ended"))
+    assert eventually((tmp_path / "deaf").exists)
+    end_children(both, real, 0.2)
+    assert [child.returncode for child in both] == [-signal.SIGKILL, -signal.SIGTERM]
+    real.run_for(1_000_000)
+    assert told == []
 
 
 def test_kill_ends_the_childs_own_children_too(children):

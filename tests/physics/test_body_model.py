@@ -4,10 +4,10 @@ import re
 import pytest
 from support.physicsbench import BRAKED, robby_urdf
 
-from canopen_control.physics.body_model import BASE_JOINT, build, read_spec
+from canopen_control.physics.body_model import BASE_JOINT, alone, prepared, read_spec
 from canopen_control.physics.physics_file import AxisSettings, Floor, PhysicsError
 from canopen_control.physics.urdf_repair import repaired
-from canopen_control.physics.world_file import WorldDescription
+from canopen_control.physics.world_file import Start, WorldDescription
 from canopen_control.urdf.description import parse_description
 
 WHEELS = {side: AxisSettings(f"{side}_wheel_joint", 100.0) for side in ("left", "right")}
@@ -16,7 +16,7 @@ WHEELS = {side: AxisSettings(f"{side}_wheel_joint", 100.0) for side in ("left", 
 def body(urdf, *axes, free=None, floor=None):
     description = parse_description(urdf, "robot.urdf")
     made = repaired(description)
-    return build(
+    robot = prepared(
         read_spec(made, "robot.urdf"),
         description,
         {axis.joint: axis for axis in axes},
@@ -25,8 +25,9 @@ def body(urdf, *axes, free=None, floor=None):
         density=1000.0,
         free=free,
         path="physics.yml",
-        world=WorldDescription(),
+        start=Start(),
     )
+    return alone(robot, WorldDescription(), 1e-3, "robot.urdf")
 
 
 def robby(**how):

@@ -135,7 +135,7 @@ def restore_into(session: NodeSession, source: ParameterSet, args: argparse.Name
         written=len(restore.written),
         verified=restore.verified,
         protected=[f"{entry_label(od[address])}: {why}" for address, why in left.items()],
-        refused=[str(each) for each in restore.refused],
+        refused=restore.refused,
         undone=restore.undone,
         stored=stored,
     )
