@@ -1,5 +1,21 @@
-"""The version of the package: here alone, the wheel and the documentation read it from this file."""
+"""The version of the package, here alone: wheel and documentation read it from this file; and which build runs."""
 
-__all__ = ["__version__"]
+import importlib.machinery
+import importlib.util
+from typing import Final
+
+__all__ = ["COMPILED", "PURE", "__version__", "build"]
 
 __version__ = "0.1.0"
+
+COMPILED: Final = "compiled"  # the modules of the cycle are extension modules, made by mypyc of the same sources
+PURE: Final = "pure Python"
+
+
+def build() -> str:
+    """Return which build this process runs: `COMPILED` or `PURE`."""
+    found = importlib.util.find_spec(
+        "canopen_control.frame"
+    )  # of those that are compiled, the one everybody has imported
+    extension = tuple(importlib.machinery.EXTENSION_SUFFIXES)
+    return COMPILED if found is not None and str(found.origin).endswith(extension) else PURE

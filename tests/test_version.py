@@ -1,11 +1,16 @@
-"""The version stands in one place."""
+"""The version stands in one place; which build runs is told by it."""
 
+import importlib.machinery
+import importlib.util
 import re
 import tomllib
 from pathlib import Path
 
+import pytest
+
 import canopen_control
-from canopen_control.version import __version__
+from canopen_control import frame
+from canopen_control.version import COMPILED, PURE, __version__, build
 
 ROOT = Path(__file__).parents[1]
 
@@ -25,3 +30,23 @@ def test_the_wheel_takes_it_from_there():
 def test_ros_is_told_the_same():
     text = (ROOT / "canopen_control" / "ros" / "share" / "package.xml").read_text(encoding="utf-8")
     assert re.findall(r"<version>(.*)</version>", text) == [__version__]
+
+
+def test_the_build_is_that_of_the_modules_that_are_loaded():
+    assert build() == (PURE if frame.__file__.endswith(".py") else COMPILED)
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("frame.py", PURE),
+        (f"frame{importlib.machinery.EXTENSION_SUFFIXES[0]}", COMPILED),
+        (f"frame{importlib.machinery.EXTENSION_SUFFIXES[-1]}", COMPILED),
+    ],
+)
+def test_an_extension_module_is_a_compiled_build(monkeypatch, file, said):
+    spec = importlib.machinery.ModuleSpec(
+        "canopen_control.frame", None, origin=f"/site-packages/canopen_control/{file}"
+    )
+    monkeypatch.setattr(importlib.util, "find_spec", {"canopen_control.frame": spec}.get)
+    assert build() == said

@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         current = {name: line.strip() for name, line in _errors(status).items()}
         sync = [f"bus {name}: {bus.sync}" for name, bus in status.buses.items() if bus.sync]
-        more = [*sync, *_boot(status, current), *tell_causes(status.events, current)]
+        more = [*sync, *_boot(status, current), *tell_causes(status.events, current), *_program(status)]
         print("\n".join([*render(status), *([""] if more else []), *more]))
     return 0
 
@@ -141,6 +141,11 @@ def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
         failed = f" failed{why}" if step.error else ""
         steps.setdefault(step.node, []).append(f"{step.step} {1e3 * step.seconds:.1f} ms{failed}")
     return [f"boot of {node}: {', '.join(each)}{_traffic(status, node)}" for node, each in steps.items()]
+
+
+def _program(status: Status) -> list[str]:
+    """Return which build of which version runs the robot."""
+    return [f"canopen_control {status.version}, {status.build}"] if status.version else []
 
 
 def _traffic(status: Status, node: str) -> str:

@@ -32,6 +32,8 @@ from canopen_control.runtime.status import (
 from canopen_control.version import __version__
 
 if TYPE_CHECKING:
+    import socket
+
     from canopen_control.rpc.messages.robot import RobotPush
     from canopen_control.rpc.server import Call, Connection
     from canopen_control.rpc.wire import Raw
@@ -63,9 +65,9 @@ class _Subscription:
 
 
 class ApiServer:
-    """Serves one robot; the socket exists from construction to `close`."""
+    """Serves one robot; the socket exists from construction to `close`, unless a `listener` stands for it."""
 
-    def __init__(self, robot: RobotCore) -> None:
+    def __init__(self, robot: RobotCore, listener: socket.socket | None = None) -> None:
         self._robot = robot
         self._subscriptions: dict[Connection, _Subscription] = {}
         self._process_data = ProcessDataFeed(robot.nodes.values())
@@ -76,6 +78,7 @@ class ApiServer:
             lambda: RobotHello(robot.setup.name, __version__, PROTOCOL, os.getpid()),
             on_close=self._on_close,
             keeps=self._keeps,
+            listener=listener,
         )
         self._objects = ObjectMethods(robot, self._server)
         self._answer()

@@ -25,6 +25,7 @@ from canopen_control.rpc.messages.state import (
     TrackingReading,
 )
 from canopen_control.runtime.pacer import LATE_EDGES_NS
+from canopen_control.version import __version__, build
 
 if TYPE_CHECKING:
     from canopen_control.hardware.joint import JointDrive
@@ -41,6 +42,8 @@ def status_message(robot: RobotCore) -> Status:
     """Return everything that `status --json` prints."""
     return Status(
         robot=robot.setup.name,
+        version=__version__,
+        build=build(),
         state=robot.state.value,
         hint=robot.cycle.clock.hint or robot.hint,
         latched=robot.latch.held,
@@ -181,6 +184,7 @@ def _node(robot: RobotCore, node: RemoteNode, now: int, axes: list[AxisReading])
         nmt_state=node.nmt_state.name if node.nmt_state is not None else None,
         ready=node.ready,
         age=age / 1e9 if age is not None else None,
+        taken_out=node.expected_state is not None,
         error=node.error,
         sdo=SdoCounts(node.sdo_reads, node.sdo_writes, node.sdo_failed),
         axes=tuple(axes),

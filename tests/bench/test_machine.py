@@ -8,6 +8,8 @@ import time
 import pytest
 from canopen_control_bench.machine import apart, cpu_ns, describe, idle_part, may_be_realtime, resident_bytes
 
+from canopen_control.version import build
+
 
 def test_cpu_of_a_process_is_what_the_process_itself_reads():
     before = time.process_time_ns()
@@ -46,7 +48,7 @@ def test_trying_realtime_changes_nothing_here():
 def test_the_description_names_date_kernel_and_load():
     found = describe()
     assert {"date", "machine", "kernel", "python", "package", "load", "idle"} <= set(found)
-    assert found["package"] in ("sources", "compiled")
+    assert found["package"] == build()
     assert str(found["kernel"]).startswith(os.uname().sysname)
 
 

@@ -1,5 +1,6 @@
 import contextlib
 import math
+from types import SimpleNamespace
 
 import pytest
 from support.samples import event_of, sample_of, status_of
@@ -127,6 +128,15 @@ def test_a_failed_boot_step_does_not_say_again_what_stands_above(monkeypatch, ca
     assert said.count("no answer") == 1
     assert "boot of gone: identify 500.0 ms failed; SDO: 0 read, 0 written, 0 failed\n" in said
     assert "boot of left_drive: identify 500.0 ms failed: another reason" in said
+
+
+def test_the_last_line_says_which_build_of_which_version_runs_the_robot(monkeypatch, capsys):
+    said = status_of({**STATE, "version": "1.2.3", "build": "compiled"})
+    monkeypatch.setattr(
+        RobotClient, "connect", lambda _name: contextlib.nullcontext(SimpleNamespace(ask=lambda _: said))
+    )
+    assert main(["status"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "canopen_control 1.2.3, compiled"
 
 
 def test_how_well_joints_follow_stands_below_those_that_have_moved():

@@ -4,9 +4,11 @@ import pytest
 from support.robots import LEFT, Bench, copy_robby
 from support.samples import event_dict, layout_dict, nodes_dict, state_dict, status_dict
 
+from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.errors import ControlError
 from canopen_control.master.event_log import Event
 from canopen_control.rpc.messages.state import EventDetails
+from canopen_control.version import __version__, build
 
 
 def test_everything_is_plain_json_and_nan_is_none():
@@ -20,6 +22,7 @@ def test_everything_is_plain_json_and_nan_is_none():
     assert missing["axes"][0]["cia402_state"] is None
     assert status["joints"]["right_wheel_joint"]["position"] is None
     assert status["state"] == "starting"
+    assert (status["version"], status["build"]) == (__version__, build())
     bench.close()
 
 
@@ -121,4 +124,22 @@ def test_a_simulation_tells_its_time_and_broadcasters_what_they_gather(tmp_path)
     assert samples["io"]["parts"] == {f"{side}_wheel_joint": {"position": 0.0} for side in ("left", "right")}
     assert [each["message"] for each in samples["health"]["joints"]] == ["operational"] * 2
     assert json.loads(json.dumps(state, allow_nan=False)) == state
+    bench.close()
+
+
+def test_a_node_that_a_command_took_out_says_so_until_it_is_started():
+    bench = Bench("status5", drives=(LEFT,))
+    bench.robot.start()
+    bench.run(500)
+    node = bench.robot.nodes["left_drive"]
+
+    def taken_out():
+        return {name: each["taken_out"] for name, each in status_dict(bench.robot)["nodes"].items()}
+
+    assert taken_out() == {"left_drive": False, "right_drive": False}  # one is lost, and booted again and again
+    node.command(NmtCommand.ENTER_PRE_OPERATIONAL, bench.reactor.now())
+    bench.run(100)
+    assert taken_out() == {"left_drive": True, "right_drive": False}
+    node.command(NmtCommand.START, bench.reactor.now())
+    assert not taken_out()["left_drive"]
     bench.close()

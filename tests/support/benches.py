@@ -4,7 +4,7 @@ MACHINE = {
     "machine": "2 x M",
     "kernel": "K",
     "python": "P",
-    "package": "sources",
+    "package": "pure Python",
     "date": "D",
     "nice": 0,
     "load": 0.1,

@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--json",
         type=Path,
         metavar="FILE",
-        help="write everything to a file, and show what it held before beside",
+        help="write everything to a file, which keeps a row of each run, and show what it held before beside",
     )
     parser.add_argument(
         "--nice", type=int, metavar="N", help="niceness of all that runs here; negative: before others (needs root)"

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control import frame
+from canopen_control.version import build
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -107,7 +107,7 @@ def describe() -> dict[str, str | int | float | None]:
         "kernel": f"{platform.system()} {platform.release()}",
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "executable": sys.executable,
-        "package": "sources" if str(frame.__file__).endswith(".py") else "compiled",
+        "package": build(),
         "nice": os.getpriority(os.PRIO_PROCESS, 0),
         "load": round(os.getloadavg()[0], 2),
         "idle": None if idle is None else round(idle, 2),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.errors import CanopenError
 from canopen_control.runtime.realtime import keep_awake
+from canopen_control_bench.history import kept_rows, row_of
 from canopen_control_bench.machine import describe
 
 if TYPE_CHECKING:
@@ -114,9 +115,11 @@ class Report:
         self.last, self.last_run = last, last_run
 
     def write(self, path: Path) -> None:
-        """Write it as JSON."""
+        """Write it as JSON, with a row of this run below those of the runs that the file has."""
         figures = {name: [each.as_dict() for each in figures] for name, figures in self.figures.items()}
+        history = [*kept_rows(path), row_of(self.machine, self.figures, quick=self.quick)]
         found = {"machine": self.machine, "quick": self.quick, "figures": figures, "failures": self.failures}
+        found["history"] = history
         path.write_text(json.dumps(found, indent=2) + "\n")
 
     def __str__(self) -> str:

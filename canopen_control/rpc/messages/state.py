@@ -45,6 +45,7 @@ class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"})
 class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age_s"}):
     """A node: its NMT state, such as "OPERATIONAL", `age` in seconds since it was heard, and what is wrong with it.
 
+    `taken_out`: an NMT command has taken it out of the robot, which leaves it alone until another one starts it.
     `void_outputs` were commanded when it was lost, and by nobody since: they are as the device has them.
     `name` is empty in a recording from before protocol 2, which has it as the key alone.
     """
@@ -55,6 +56,7 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
     nmt_state: str | None = None
     ready: bool = False
     age: float | None = None
+    taken_out: bool = False
     error: str | None = None
     sdo: SdoCounts = SdoCounts()
     axes: tuple[AxisReading, ...] = ()
@@ -277,9 +279,11 @@ class BootStep(msgspec.Struct, frozen=True):
 
 
 class Status(Snapshot, frozen=True, kw_only=True):
-    """Everything that `status --json` prints."""
+    """Everything that `status --json` prints; `build` is "compiled" or "pure Python"."""
 
     robot: str = ""
+    version: str = ""
+    build: str = ""
     late_edges_s: list[float] = []
     buses: dict[str, BusTraffic] = {}
     boot: list[BootStep] = []

@@ -1,0 +1,75 @@
+"""The drawing of what the bench has seen over time, from the rows that `tools/bench --json` keeps: a panel each robot.
+
+The horizontal axis is the runs in their order, the vertical one the number that is judged, from zero on.
+"""
+
+from __future__ import annotations
+
+import json
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["drawn", "series_of", "write_drawing"]
+
+_HISTORY = Path(__file__).parent / "reference" / "speed_history.json"
+_WIDTH, _HEIGHT, _LEFT, _TOP, _GAP = 640, 120, 60, 34, 52
+_COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd")
+_STYLE = "font-family:sans-serif;font-size:12px;fill:#555"
+
+
+def series_of(rows: Sequence[Mapping[str, Any]], family: str) -> dict[str, dict[str, list[tuple[int, float]]]]:
+    """Return panel -> line -> (run, number) of a family; a figure's name is panel and line, apart by the last comma."""
+    found: dict[str, dict[str, list[tuple[int, float]]]] = {}
+    for run, row in enumerate(rows):
+        for name, value in row["figures"].get(family, {}).items():
+            panel, _, line = name.rpartition(", ")
+            found.setdefault(panel or name, {}).setdefault(line if panel else "", []).append((run, float(value)))
+    return found
+
+
+def write_drawing(folder: Path) -> None:
+    """Draw the history of simulations that stands beside the page of speeds; a drawing that is the same is left."""
+    folder.mkdir(exist_ok=True)
+    path, text = folder / "speed_history.svg", drawn(_HISTORY, "simulate")
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def drawn(path: Path, family: str) -> str:
+    """Return the SVG of a family, of the file that the bench has written."""
+    rows = json.loads(path.read_text(encoding="utf-8"))["history"]
+    series = series_of(rows, family)
+    height = len(series) * (_HEIGHT + _GAP) + _TOP
+    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH + _LEFT + 90} {height}" role="img">']
+    for number, (panel, lines) in enumerate(series.items()):
+        parts += _panel(panel, lines, rows, _TOP + number * (_HEIGHT + _GAP))
+    return "\n".join([*parts, "</svg>", ""])
+
+
+def _panel(
+    title: str, lines: Mapping[str, list[tuple[int, float]]], rows: Sequence[Mapping[str, Any]], top: int
+) -> list[str]:
+    most = max(value for points in lines.values() for _, value in points) or 1.0
+    bottom, last = top + _HEIGHT, max(1, len(rows) - 1)
+    parts = [
+        f'<text x="{_LEFT}" y="{top - 10}" style="{_STYLE};font-weight:bold">{escape(title)}</text>',
+        f'<path d="M{_LEFT} {top}V{bottom}H{_LEFT + _WIDTH}" fill="none" stroke="#999"/>',
+        f'<text x="{_LEFT - 8}" y="{top + 6}" text-anchor="end" style="{_STYLE}">{most:.3g}</text>',
+        f'<text x="{_LEFT - 8}" y="{bottom}" text-anchor="end" style="{_STYLE}">0</text>',
+        f'<text x="{_LEFT}" y="{bottom + 16}" style="{_STYLE}">{escape(rows[0]["date"][:10])}</text>',
+        f'<text x="{_LEFT + _WIDTH}" y="{bottom + 16}" text-anchor="end" style="{_STYLE}">'
+        f"{escape(rows[-1]['date'][:10])}</text>",
+    ]
+    for number, (line, points) in enumerate(lines.items()):
+        colour = _COLOURS[number % len(_COLOURS)]
+        places = [(_LEFT + _WIDTH * run / last, bottom - _HEIGHT * value / most) for run, value in points]
+        corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+        parts.append(f'<polyline points="{corners}" fill="none" stroke="{colour}" stroke-width="2"/>')
+        parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="{colour}"/>' for x, y in places]
+        x = _LEFT + 230 + 150 * number
+        parts.append(f'<text x="{x}" y="{top - 10}" style="{_STYLE};fill:{colour}">{escape(line)}</text>')
+    return parts

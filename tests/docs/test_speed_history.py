@@ -1,0 +1,48 @@
+"""The drawing of the bench's history: one panel for each robot, a line for each build, well-formed."""
+
+import json
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+DOCS = Path(__file__).parents[2] / "docs"
+sys.path.insert(0, str(DOCS))
+from speed_history import drawn, series_of, write_drawing  # noqa: E402 - the pages' own modules
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def row(day, **speeds):
+    figures = {f"robby at 50 Hz, {build.replace('_', ' ')}": speed for build, speed in speeds.items()}
+    return {"date": f"2026-11-{day:02}T00:00:00+00:00", "package": "1", "figures": {"simulate": figures}}
+
+
+def test_a_panel_has_a_line_for_each_build_with_the_runs_that_it_is_in():
+    rows = [row(1, from_the_sources=50.0), row(2, from_the_sources=70.0, compiled=130.0)]
+    assert series_of(rows, "simulate") == {
+        "robby at 50 Hz": {"from the sources": [(0, 50.0), (1, 70.0)], "compiled": [(1, 130.0)]}
+    }
+    assert series_of(rows, "cycle") == {}
+
+
+def test_the_drawing_is_an_svg_whose_highest_point_is_at_the_top(tmp_path):
+    path = tmp_path / "history.json"
+    path.write_text(json.dumps({"history": [row(1, compiled=65.0), row(2, compiled=130.0)]}))
+    root = ElementTree.fromstring(drawn(path, "simulate"))
+    first, second = ([float(each.get(key)) for key in ("cx", "cy")] for each in root.iter(f"{SVG}circle"))
+    assert (second[1], first[1] - second[1]) == (34.0, 60.0)
+    assert first[0] < second[0]
+    assert "130" in [each.text for each in root.iter(f"{SVG}text")]
+
+
+def test_the_drawing_of_this_repository_is_written_once(tmp_path):
+    write_drawing(tmp_path)
+    (made,) = tmp_path.iterdir()
+    before = made.stat().st_mtime_ns
+    write_drawing(tmp_path)
+    assert (made.name, made.stat().st_mtime_ns) == ("speed_history.svg", before)
+
+
+def test_the_history_of_this_repository_has_both_robots_and_the_boot():
+    rows = json.loads((DOCS / "reference" / "speed_history.json").read_text(encoding="utf-8"))["history"]
+    assert series_of(rows, "simulate").keys() == {"robby at 50 Hz", "16 drives at 50 Hz", "boot of robby, CPU"}
