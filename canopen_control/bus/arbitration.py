@@ -47,7 +47,8 @@ def _never(_sender: int, _record: bytes) -> bool:
 class PacedWire:
     """The wire at `bitrate` bit/s; senders are numbers, and the lower one wins between equal identifiers.
 
-    `disturbed(sender, record)` says whether a frame was, at its last bit: it is sent again.
+    `disturbed(sender, record)` says whether a frame was, at its last bit: it is sent again. `due_ns` is when the frame
+    on the wire ends, None for none.
     """
 
     def __init__(self, bitrate: int) -> None:
@@ -57,6 +58,7 @@ class PacedWire:
         self._queues: dict[int, deque[Waiting]] = {}  # of those who have something to send
         self._on_wire: Waiting | None = None
         self._done_ns = 0
+        self.due_ns: int | None = None
         self._window_start = 0
         self._window_bits = 0
         self._last_load = 0.0
@@ -71,12 +73,16 @@ class PacedWire:
         queue = self._queues.get(sender)
         if queue is None:
             queue = self._queues[sender] = deque()
-        for at in range(0, len(records), RECORD_SIZE):
-            record = records[at : at + RECORD_SIZE]
-            rank, bits = _on_wire(record)
-            queue.append((rank, sender, bits, record))
+        if len(records) == RECORD_SIZE:
+            rank, bits = _on_wire(records)
+            queue.append((rank, sender, bits, records))
+        else:
+            for at in range(0, len(records), RECORD_SIZE):
+                record = records[at : at + RECORD_SIZE]
+                rank, bits = _on_wire(record)
+                queue.append((rank, sender, bits, record))
         if self._on_wire is None:
-            self._begin(max(now, self._done_ns))
+            self._begin(now if now > self._done_ns else self._done_ns)
 
     def forget(self, sender: int) -> int:
         """Drop what `sender` has waiting and return the number of frames; one on the wire is finished."""
@@ -89,21 +95,29 @@ class PacedWire:
             yield sender, record
             self._begin(self._done_ns)
 
+    def finish(self) -> Waiting | None:
+        """End the frame on the wire and begin the next; return priority, sender, bits and record.
+
+        It is None where it was disturbed, or none was there.
+        """
+        done = self._on_wire
+        if done is None:
+            return None
+        if self.disturbed is not _never and self.disturbed(done[1], done[3]):
+            self._queues.setdefault(done[1], deque()).appendleft(done)
+            done = None
+        self._begin(self._done_ns)
+        return done
+
     def advance(self, now: int) -> Iterator[tuple[int, bytes]]:
         """Yield sender and record of each frame whose last bit passed until `now`."""
         while self._on_wire is not None and self._done_ns <= now:
-            done = self._on_wire
-            _, sender, _, record = done
-            disturbed = self.disturbed(sender, record)
-            if disturbed:
-                self._queues.setdefault(sender, deque()).appendleft(done)
-            self._begin(self._done_ns)
-            if not disturbed:
-                yield sender, record
+            if (passed := self.finish()) is not None:
+                yield passed[1], passed[3]
 
     def next_deadline(self) -> int | None:
         """Return when the frame on the wire ends."""
-        return None if self._on_wire is None else self._done_ns
+        return self.due_ns
 
     def load(self, now: int) -> float:
         """Return the busy share, 0 to 1, of the last full second."""
@@ -113,15 +127,20 @@ class PacedWire:
     def _begin(self, now: int) -> None:
         queues = self._queues
         if not queues:
-            self._on_wire = None
+            self._on_wire = self.due_ns = None
             return
-        self._on_wire = first = min([queue[0] for queue in queues.values()])
-        _, sender, bits, _ = first
-        queue = queues[sender]
-        queue.popleft()
+        if len(queues) == 1:
+            [(sender, queue)] = queues.items()
+            first = queue.popleft()
+        else:
+            first = min([queue[0] for queue in queues.values()])
+            sender = first[1]
+            queue = queues[sender]
+            queue.popleft()
         if not queue:
             del queues[sender]
-        self._done_ns = now - (-bits * NS_PER_S // self.bitrate)
+        self._on_wire, bits = first, first[2]
+        self.due_ns = self._done_ns = now - (-bits * NS_PER_S // self.bitrate)
         if now - self._window_start >= LOAD_WINDOW_NS:
             self._roll(now)
         self.bits += bits

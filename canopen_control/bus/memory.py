@@ -173,7 +173,7 @@ class MemoryBus:
 
     def transmit(self, sender: MemoryPort, records: bytes) -> None:
         """Carry what a port sends (called by the port, under the lock)."""
-        if sender.label in self._silent:
+        if self._silent and sender.label in self._silent:
             self._count(sender, len(records) // RECORD_SIZE)
             return
         if self._drop or self._duplicate or self._hold:
@@ -198,8 +198,9 @@ class MemoryBus:
 
     def _deliver(self, label: str, records: bytes, sender: MemoryPort | None = None) -> None:
         self._log.append((label, records))
+        silent = self._silent
         for port in self.ports:
-            if port is not sender and port.label not in self._silent and (sender or port.label != label):
+            if port is not sender and (sender or port.label != label) and not (silent and port.label in silent):
                 port.put(records)
 
     def leave(self, port: MemoryPort) -> None:
@@ -242,29 +243,29 @@ class MemoryPort:
         if len(self._queue) + len(records) > QUEUE_LIMIT:
             self._lost += len(records) // RECORD_SIZE
             return
-        if not self._queue and self._wake is not None:
+        if self._wake is not None and not self._queue:
             self._wake.set()
         self._queue += records
 
     def receive(self) -> bytes:
         """Return the whole records that wait, or ``b""``; raise `BusClosed` when the bus is gone."""
         with self.bus.lock:
-            records = bytes(self._queue)
-            if not records:
+            queue = self._queue
+            if not queue:
                 self._check_open()
-                return records
-            self._queue.clear()
+                return b""
+            records = bytes(queue)
+            queue.clear()
             if self._wake is not None:
                 self._wake.clear()
-            records += self._take_overrun()
+            if self._lost:
+                records += self._take_overrun()
         self.stats.rx += len(records) // RECORD_SIZE
         if error_frames.has_error_frames(records):
             self._events.extend(note_errors(records, self.stats))
         return records
 
     def _take_overrun(self) -> bytes:
-        if not self._lost:
-            return b""
         lost, self._lost = self._lost, 0
         return pack_records([error_frames.overrun_frame(lost)])
 
@@ -272,7 +273,8 @@ class MemoryPort:
         """Deliver whole records to every other port; raise `BusClosed` when the bus is gone."""
         count = whole_records(records)
         with self.bus.lock:
-            self._check_open()
+            if self._gone:
+                self._check_open()
             self.stats.tx += count
             self.bus.transmit(self, bytes(records))
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import socket
+import os
+import sys
 from collections import deque
 from typing import TYPE_CHECKING, Final
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 __all__ = ["SEND_LIMIT", "EventLog", "SendQueue", "WakeDescriptor"]
 
 EVENT_LIMIT: Final = 1000
+_ONE: Final = (1).to_bytes(8, sys.byteorder)  # what an eventfd counts by
+_MOST: Final = 4096
 SEND_LIMIT: Final = 4096
 """Frames that may wait: most of a second at 1 Mbit/s; what is older would only confuse."""
 
@@ -87,30 +90,40 @@ class WakeDescriptor:
     """A descriptor for ports that have none: `set` makes it readable, `clear` ends that. Any thread may."""
 
     def __init__(self) -> None:
-        self._reader, self._writer = socket.socketpair()
-        self._reader.setblocking(False)
-        self._writer.setblocking(False)
+        self._reader, self._writer = _open_wake()
 
     def fileno(self) -> int:
         """Return the descriptor to wait on, -1 once closed."""
-        return self._reader.fileno()
+        return self._reader
 
     def set(self) -> None:
         """Make the descriptor readable."""
         try:
-            self._writer.send(b"!")
+            os.write(self._writer, _ONE)
         except OSError:  # full: it is readable already; closed: nobody waits
             return
 
     def clear(self) -> None:
         """Make the descriptor unreadable."""
         try:
-            while len(self._reader.recv(4096)) == 4096:
+            while len(os.read(self._reader, _MOST)) == _MOST:
                 pass
         except OSError:  # nothing there
             return
 
     def close(self) -> None:
         """Give the descriptors back."""
-        self._reader.close()
-        self._writer.close()
+        descriptors, self._reader, self._writer = {self._reader, self._writer} - {-1}, -1, -1
+        for each in descriptors:
+            os.close(each)
+
+
+def _open_wake() -> tuple[int, int]:
+    """Return descriptors to read from and to write to: eventfd(2), which takes a third of the time, or a pipe."""
+    if sys.platform == "linux":
+        event = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        return event, event
+    reader, writer = os.pipe()
+    os.set_blocking(reader, False)
+    os.set_blocking(writer, False)
+    return reader, writer

@@ -6,7 +6,7 @@ delimiter, acknowledge, end of frame and the three bits of intermission are not.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Final
 
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
@@ -15,6 +15,7 @@ __all__ = ["NS_PER_S", "duration_ns", "frame_bits", "worst_case_bits"]
 
 NS_PER_S = 1_000_000_000
 _CRC_POLYNOMIAL = 0x4599
+_CRC_BITS: Final = 15
 _STUFF_AFTER: Final = 5
 _UNSTUFFED_TAIL = 1 + 2 + 7 + 3  # CRC delimiter, acknowledge slot and delimiter, end of frame, intermission
 
@@ -51,11 +52,11 @@ def _header(can_id: int) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=4096)
-def _stuffed_byte(state: int, byte: int) -> tuple[int, int]:
-    """Return how many bits eight bits are stuffed with, and the state after them; it is 2 * equal bits + last bit."""
+def _stuffed(state: int, content: int, bits: int) -> tuple[int, int]:
+    """Return how many bits so many bits are stuffed with, and the state after them; it is 2 * equal bits + last bit."""
     run, last, count = state >> 1, state & 1, 0
-    for at in range(7, -1, -1):
-        bit = byte >> at & 1
+    for at in range(bits - 1, -1, -1):
+        bit = content >> at & 1
         run = run + 1 if bit == last else 1
         last = bit
         if run == _STUFF_AFTER:
@@ -64,33 +65,39 @@ def _stuffed_byte(state: int, byte: int) -> tuple[int, int]:
     return count, run << 1 | last
 
 
-def _stuff_bits(content: int, bits: int) -> int:
-    """Return how many bits are stuffed into so many bits, the last of which end a byte."""
-    lead = bits % 8
-    count, run, last = 0, 0, 0
-    for at in range(bits - 1, bits - 1 - lead, -1):
-        bit = content >> at & 1
-        run = run + 1 if bit == last else 1
-        last = bit
-        if run == _STUFF_AFTER:
-            count += 1
-            run, last = 1, 1 - bit
-    state = run << 1 | last
-    for byte in (content & (1 << bits - lead) - 1).to_bytes((bits - lead) // 8, "big"):
-        more, state = _stuffed_byte(state, byte)
-        count += more
-    return count
+@cache
+def _stuffed_bytes() -> list[int]:
+    """Return what a byte does in each state, at state << 8 | byte: how many bits are stuffed << 4 | the state after."""
+    table = []
+    for at in range(2 * _STUFF_AFTER << 8):
+        upper, state = _stuffed(at >> 8, at >> 4 & 15, 4)
+        lower, state = _stuffed(state, at & 15, 4)
+        table.append(upper + lower << 4 | state)
+    return table
 
 
 @lru_cache(maxsize=4096)
+def _head(can_id: int, length: int) -> tuple[int, int, int, int]:
+    """Return what comes before the data: its bits, its CRC, how many bits are stuffed into it, and the state then."""
+    content, bits = _header(can_id)
+    content, bits = content << 4 | length, bits + 4
+    count, state = _stuffed(0, content, bits)
+    return bits, _crc15(content, bits), count, state
+
+
 def frame_bits(can_id: int, data: bytes) -> int:
     """Return the bits from start of frame to the end of intermission, stuffing included."""
-    content, bits = _header(can_id)
-    content, bits = content << 4 | len(data), bits + 4
-    if data and not can_id & REMOTE_FLAG:
-        content, bits = content << 8 * len(data) | int.from_bytes(data, "big"), bits + 8 * len(data)
-    content, bits = content << 15 | _crc15(content, bits), bits + 15
-    return bits + _stuff_bits(content, bits) + _UNSTUFFED_TAIL
+    bits, crc, count, state = _head(can_id, len(data))
+    stuffed = _stuffed_bytes()
+    if not can_id & REMOTE_FLAG:
+        bits += 8 * len(data)
+        for byte in data:
+            crc = crc << 8 & 0x7FFF ^ _CRC[crc >> 7 ^ byte]
+            entry = stuffed[state << 8 | byte]
+            count += entry >> 4
+            state = entry & 15
+    more, state = _stuffed(state, crc >> 8, _CRC_BITS - 8)
+    return bits + _CRC_BITS + count + more + (stuffed[state << 8 | crc & 0xFF] >> 4) + _UNSTUFFED_TAIL
 
 
 def worst_case_bits(length: int, *, extended: bool = False) -> int:

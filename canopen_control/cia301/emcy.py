@@ -102,7 +102,7 @@ class EmcyProducer:
         self._history: deque[int] = deque(maxlen=history_size)
         self._waiting: deque[EmcyMessage] = deque(maxlen=queue_limit)
         self._ready_ns: int | None = None  # when the next message may go; None: now
-        self._frames: Outbox[CanFrame] = Outbox()
+        self.outgoing: Outbox[CanFrame] = Outbox()
         self._lost = 0
 
     @property
@@ -126,7 +126,7 @@ class EmcyProducer:
     @property
     def lost(self) -> int:
         """Messages that never reached the bus because too many waited."""
-        return self._lost + self._frames.lost
+        return self._lost + self.outgoing.lost
 
     def raise_error(self, code: int, register: int, now: int, data: bytes = b"") -> bool:
         """Make an error active, record and report it; return False for one that is active already."""
@@ -191,7 +191,7 @@ class EmcyProducer:
 
     def frames(self) -> list[CanFrame]:
         """Drain the messages to send."""
-        return self._frames.drain()
+        return self.outgoing.drain()
 
     def events(self) -> list[object]:
         """Return nothing: the owner raises the errors itself."""
@@ -208,7 +208,7 @@ class EmcyProducer:
         self._waiting.append(message)
 
     def _put(self, message: EmcyMessage, now: int) -> None:
-        self._frames.put(message.encode(self.cob_id))
+        self.outgoing.put(message.encode(self.cob_id))
         self._ready_ns = now + self.inhibit_ns if self.inhibit_ns else None
 
 

@@ -161,8 +161,8 @@ class GuardingSlave:
         self._toggle = 0
         self._asked_ns: int | None = None
         self._missed = False
-        self._frames: Outbox[CanFrame] = Outbox()
-        self._events: Outbox[GuardingEvent] = Outbox()
+        self.outgoing: Outbox[CanFrame] = Outbox()
+        self.happened: Outbox[GuardingEvent] = Outbox()
 
     @property
     def life_time_ns(self) -> int:
@@ -182,18 +182,18 @@ class GuardingSlave:
         self.tick(now)
         if self._missed:
             self._missed = False
-            self._events.put(GuardingEvent(GuardingEventKind.RESOLVED, self.node_id, self.state))
+            self.happened.put(GuardingEvent(GuardingEventKind.RESOLVED, self.node_id, self.state))
         self._asked_ns = now
         answer = bytes((self._toggle | self.state,))
         self._toggle ^= 0x80
-        self._frames.put(CanFrame(ERROR_CONTROL_COB_ID + self.node_id, answer))
+        self.outgoing.put(CanFrame(ERROR_CONTROL_COB_ID + self.node_id, answer))
 
     def tick(self, now: int) -> None:
         """Tell that the master is silent for the life time, once (EMCY 0x8130)."""
         deadline = self.next_deadline()
         if deadline is not None and now >= deadline:
             self._missed = True
-            self._events.put(GuardingEvent(GuardingEventKind.MISSED, self.node_id, self.state))
+            self.happened.put(GuardingEvent(GuardingEventKind.MISSED, self.node_id, self.state))
 
     def next_deadline(self) -> int | None:
         """Return when the master is lost."""
@@ -203,8 +203,8 @@ class GuardingSlave:
 
     def frames(self) -> list[CanFrame]:
         """Drain the answers to send."""
-        return self._frames.drain()
+        return self.outgoing.drain()
 
     def events(self) -> list[GuardingEvent]:
         """Drain what happened, in order."""
-        return self._events.drain()
+        return self.happened.drain()

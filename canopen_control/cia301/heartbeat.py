@@ -58,7 +58,7 @@ class HeartbeatProducer:
         self.state = NmtState.INITIALISING
         self._period_ns = period_ns
         self._deadline_ns: int | None = None  # None: at once
-        self._frames: Outbox[CanFrame] = Outbox()
+        self.outgoing: Outbox[CanFrame] = Outbox()
 
     @property
     def period_ns(self) -> int:
@@ -73,7 +73,7 @@ class HeartbeatProducer:
 
     def boot_up(self, now: int) -> None:
         """Send the boot-up frame and become PRE_OPERATIONAL; the first heartbeat follows one period later."""
-        self._frames.put(boot_up_frame(self.node_id))
+        self.outgoing.put(boot_up_frame(self.node_id))
         self.state = NmtState.PRE_OPERATIONAL
         self.started(now)
 
@@ -86,30 +86,27 @@ class HeartbeatProducer:
 
     def tick(self, now: int) -> None:
         """Send the heartbeat when due; missed periods are skipped, the grid is kept."""
-        if not self._running():
+        if self._period_ns <= 0 or self.state is NmtState.INITIALISING:
             return
         deadline = now if self._deadline_ns is None else self._deadline_ns
         if now >= deadline:
-            self._frames.put(CanFrame(ERROR_CONTROL_COB_ID + self.node_id, bytes((self.state,))))
+            self.outgoing.put(CanFrame(ERROR_CONTROL_COB_ID + self.node_id, bytes((self.state,))))
             deadline = next_on_grid(deadline, self._period_ns, now)
         self._deadline_ns = deadline
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do; 0 means at once."""
-        if not self._running():
+        if self._period_ns <= 0 or self.state is NmtState.INITIALISING:
             return None
         return self._deadline_ns or 0
 
     def frames(self) -> list[CanFrame]:
         """Drain the frames to send."""
-        return self._frames.drain()
+        return self.outgoing.drain()
 
     def events(self) -> list[object]:
         """Return nothing: nothing happens to a producer."""
         return []
-
-    def _running(self) -> bool:
-        return self._period_ns > 0 and self.state is not NmtState.INITIALISING
 
 
 class HeartbeatEventKind(enum.Enum):
@@ -160,7 +157,7 @@ class HeartbeatConsumer:
         self.malformed = 0
         self.unknown = 0
         self._nodes: dict[int, _Node] = {}
-        self._events: Outbox[HeartbeatEvent] = Outbox(1024)
+        self.happened: Outbox[HeartbeatEvent] = Outbox(1024)
 
     def watch(self, node_id: int, timeout_ns: int) -> None:
         """Watch `node_id` (0x1016); watching anew starts with its next heartbeat; a time of 0 ends it."""
@@ -237,7 +234,12 @@ class HeartbeatConsumer:
 
     def next_deadline(self) -> int | None:
         """Return when the next node is missed."""
-        return min((n.deadline_ns for n in self._nodes.values() if n.deadline_ns is not None), default=None)
+        first: int | None = None
+        for node in self._nodes.values():
+            deadline = node.deadline_ns
+            if deadline is not None and (first is None or deadline < first):
+                first = deadline
+        return first
 
     def frames(self) -> list[CanFrame]:
         """Return nothing: a consumer does not send."""
@@ -245,18 +247,18 @@ class HeartbeatConsumer:
 
     def events(self) -> list[HeartbeatEvent]:
         """Drain what happened, in order."""
-        return self._events.drain()
+        return self.happened.drain()
 
     def _check(self, node_id: int, node: _Node, now: int) -> None:
         if node.deadline_ns is not None and now >= node.deadline_ns:
             age = now - node.deadline_ns + node.timeout_ns
             node.deadline_ns, node.missed = None, True
-            self._events.put(HeartbeatEvent(HeartbeatEventKind.MISSED, node_id, node.state, age))
+            self.happened.put(HeartbeatEvent(HeartbeatEventKind.MISSED, node_id, node.state, age))
 
     def _boot_up(self, node_id: int, node: _Node, age: int) -> None:
         monitored = node.monitored
         node.state, node.deadline_ns, node.missed = NmtState.INITIALISING, None, False
-        self._events.put(HeartbeatEvent(HeartbeatEventKind.BOOT_UP, node_id, node.state, age, monitored))
+        self.happened.put(HeartbeatEvent(HeartbeatEventKind.BOOT_UP, node_id, node.state, age, monitored))
 
     def _heartbeat(self, node_id: int, node: _Node, state: NmtState | None, age: int) -> None:
         self.unknown += state is None
@@ -264,9 +266,9 @@ class HeartbeatConsumer:
         if not node.timeout_ns:
             return
         if node.missed:
-            self._events.put(HeartbeatEvent(HeartbeatEventKind.RESOLVED, node_id, state, age))
+            self.happened.put(HeartbeatEvent(HeartbeatEventKind.RESOLVED, node_id, state, age))
         elif node.deadline_ns is None:
-            self._events.put(HeartbeatEvent(HeartbeatEventKind.STARTED, node_id, state, age))
+            self.happened.put(HeartbeatEvent(HeartbeatEventKind.STARTED, node_id, state, age))
             previous = state  # STARTED told the state
         if previous is not state:
-            self._events.put(HeartbeatEvent(HeartbeatEventKind.CHANGED, node_id, state, age))
+            self.happened.put(HeartbeatEvent(HeartbeatEventKind.CHANGED, node_id, state, age))

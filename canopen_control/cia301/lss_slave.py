@@ -78,7 +78,7 @@ class LssSlave:
         self._selected = 0  # parts of the identity matched by switch selective
         self._identified = 0  # by identify remote slave
         self._scanned = 0  # the part that fast scan looks at
-        self._frames: Outbox[CanFrame] = Outbox()
+        self.outgoing: Outbox[CanFrame] = Outbox()
         self._events: Outbox[LssNodeIdAssigned | LssActivateBitTiming] = Outbox()
         self._services: dict[int, Callable[[bytes], None]] = self._table()
 
@@ -106,7 +106,7 @@ class LssSlave:
 
     def frames(self) -> list[CanFrame]:
         """Drain the answers to send."""
-        return self._frames.drain()
+        return self.outgoing.drain()
 
     def events(self) -> list[LssNodeIdAssigned | LssActivateBitTiming]:
         """Drain what happened, in order."""
@@ -140,7 +140,7 @@ class LssSlave:
         return guarded
 
     def _answer(self, command: int, value: int = 0) -> None:
-        self._frames.put(lss_frame(command, value, cob_id=SLAVE_COB_ID))
+        self.outgoing.put(lss_frame(command, value, cob_id=SLAVE_COB_ID))
 
     def _switch_global(self, data: bytes) -> None:
         if data[1] == LssMode.CONFIGURATION:

@@ -185,14 +185,14 @@ class NmtSlave:
         self.state = NmtState.INITIALISING
         self.malformed = 0
         self.ignored = 0
-        self._frames: Outbox[CanFrame] = Outbox()
-        self._events: Outbox[NmtStateChanged | NmtResetRequested] = Outbox()
+        self.outgoing: Outbox[CanFrame] = Outbox()
+        self.happened: Outbox[NmtStateChanged | NmtResetRequested] = Outbox()
 
     def boot(self) -> None:
         """End the initialisation: boot-up frame, PRE_OPERATIONAL, and on when self-starting. No-op elsewhere."""
         if self.state is not NmtState.INITIALISING:
             return
-        self._frames.put(boot_up_frame(self.node_id))
+        self.outgoing.put(boot_up_frame(self.node_id))
         self._enter(NmtState.PRE_OPERATIONAL)
         if self.self_starting:
             self._enter(NmtState.OPERATIONAL)
@@ -205,7 +205,7 @@ class NmtSlave:
             return False
         self._enter(target)
         if command in RESETS:
-            self._events.put(NmtResetRequested(command))
+            self.happened.put(NmtResetRequested(command))
         return True
 
     def allows(self, service: CommunicationService) -> bool:
@@ -230,15 +230,15 @@ class NmtSlave:
 
     def frames(self) -> list[CanFrame]:
         """Drain the frames to send: the boot-up."""
-        return self._frames.drain()
+        return self.outgoing.drain()
 
     def events(self) -> list[NmtStateChanged | NmtResetRequested]:
         """Drain what happened, in order."""
-        return self._events.drain()
+        return self.happened.drain()
 
     def _enter(self, state: NmtState) -> None:
         if state is not self.state:
-            self._events.put(NmtStateChanged(self.state, state))
+            self.happened.put(NmtStateChanged(self.state, state))
             self.state = state
 
 

@@ -6,39 +6,57 @@ A core must not grow when a bus floods it or its owner forgets it. The oldest it
 from __future__ import annotations
 
 from collections import deque
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
-__all__ = ["Outbox"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = ["Outbox", "drain_all"]
 
 T = TypeVar("T")
 
 
 class Outbox(Generic[T]):
-    """At most `limit` items, oldest first; `lost` counts those that had to give way."""
+    """At most `limit` items, oldest first; `lost` counts those that had to give way.
 
-    __slots__ = ("_items", "lost")
+    `waiting` is for whoever only asks whether there are any, which in most cycles there are not.
+    """
+
+    __slots__ = ("lost", "waiting")
 
     def __init__(self, limit: int = 256) -> None:
-        self._items: deque[T] = deque(maxlen=limit)
+        self.waiting: deque[T] = deque(maxlen=limit)
         self.lost = 0
 
     def put(self, item: T) -> None:
         """Append `item`; when full the oldest is lost."""
-        if len(self._items) == self._items.maxlen:
+        waiting = self.waiting
+        if len(waiting) == waiting.maxlen:
             self.lost += 1
-        self._items.append(item)
+        waiting.append(item)
 
     def drain(self) -> list[T]:
         """Return all items, oldest first, and forget them."""
-        if not self._items:
+        waiting = self.waiting
+        if not waiting:
             return []
-        items = list(self._items)
-        self._items.clear()
+        items = list(waiting)
+        waiting.clear()
         return items
 
     def clear(self) -> None:
         """Forget all items without counting them."""
-        self._items.clear()
+        self.waiting.clear()
 
     def __len__(self) -> int:
-        return len(self._items)
+        return len(self.waiting)
+
+
+def drain_all(queues: Iterable[deque[T]]) -> list[T]:
+    """Return the items of what waits in several outboxes, those of the first one first, and forget them."""
+    items: list[T] = []
+    for waiting in queues:
+        if waiting:
+            items += waiting
+            waiting.clear()
+    return items

@@ -56,7 +56,7 @@ class RpdoConsumer:
         self.running = False
         self.received = self.short = self.long = self.late = 0
         self.length_error: RpdoEventKind | None = None
-        self._events: Outbox[RpdoEvent] = Outbox()
+        self.happened: Outbox[RpdoEvent] = Outbox()
         self._sync_ns: int | None = None
         self._held: bytes | None = None
         self._deadline_ns: int | None = None
@@ -93,17 +93,19 @@ class RpdoConsumer:
         """Take the PDO; other frames are ignored."""
         if frame.can_id != self._can_id or not self.running:
             return
-        self.tick(now)  # data behind the deadline resolve a timeout, they do not hide it
+        if self._deadline_ns is not None:
+            self.tick(now)  # data behind the deadline resolve a timeout, they do not hide it
         data = self._checked(frame.data)
         if data is None:
             return
-        if not self._immediate and self._is_late(now):
+        if self.window_ns and not self._immediate and self._is_late(now):
             self.late += 1
             return
         self.received += 1
-        self._alive(now)
+        if self._timed_out or self._event_ns:
+            self._alive(now)
         if self._immediate:
-            self._events.put(RpdoEvent(RpdoEventKind.APPLY, data, len(frame.data)))
+            self.happened.put(RpdoEvent(RpdoEventKind.APPLY, data, len(frame.data)))
         else:
             self._held = data
 
@@ -111,14 +113,14 @@ class RpdoConsumer:
         """Take a SYNC: held data count now."""
         self._sync_ns = now
         if self._held is not None:
-            self._events.put(RpdoEvent(RpdoEventKind.APPLY, self._held, len(self._held)))
+            self.happened.put(RpdoEvent(RpdoEventKind.APPLY, self._held, len(self._held)))
             self._held = None
 
     def tick(self, now: int) -> None:
         """Tell that the deadline passed, once."""
         if self._deadline_ns is not None and now >= self._deadline_ns:
             self._deadline_ns, self._timed_out = None, True
-            self._events.put(RpdoEvent(RpdoEventKind.TIMEOUT))
+            self.happened.put(RpdoEvent(RpdoEventKind.TIMEOUT))
 
     def next_deadline(self) -> int | None:
         """Return when the data are too old."""
@@ -130,10 +132,10 @@ class RpdoConsumer:
 
     def events(self) -> list[RpdoEvent]:
         """Drain what happened, in order."""
-        return self._events.drain()
+        return self.happened.drain()
 
     def _adopt(self, parameters: PdoParameters) -> None:
-        self._parameters = parameters
+        self._parameters, self._event_ns = parameters, parameters.event_ns
         self._immediate = is_event_driven(parameters.transmission_type)
         usable = parameters.enabled and (self._immediate or parameters.transmission_type <= LAST_CYCLIC)
         self._can_id = parameters.cob_id | (EXTENDED_FLAG if parameters.extended else 0) if usable else -1
@@ -148,20 +150,20 @@ class RpdoConsumer:
         if len(data) < self.length:
             self.length_error = RpdoEventKind.TOO_SHORT
             self.short += 1
-            self._events.put(RpdoEvent(RpdoEventKind.TOO_SHORT, length=len(data)))
+            self.happened.put(RpdoEvent(RpdoEventKind.TOO_SHORT, length=len(data)))
             return None
         if len(data) > self.length:
             self.length_error = RpdoEventKind.TOO_LONG
             self.long += 1
-            self._events.put(RpdoEvent(RpdoEventKind.TOO_LONG, length=len(data)))
+            self.happened.put(RpdoEvent(RpdoEventKind.TOO_LONG, length=len(data)))
         return data[: self.length]
 
     def _is_late(self, now: int) -> bool:
-        return bool(self.window_ns) and self._sync_ns is not None and now - self._sync_ns > self.window_ns
+        return self._sync_ns is not None and now - self._sync_ns > self.window_ns
 
     def _alive(self, now: int) -> None:
         if self._timed_out:
             self._timed_out = False
-            self._events.put(RpdoEvent(RpdoEventKind.RESOLVED))
-        if self._parameters.event_ns:
-            self._deadline_ns = now + self._parameters.event_ns
+            self.happened.put(RpdoEvent(RpdoEventKind.RESOLVED))
+        if self._event_ns:
+            self._deadline_ns = now + self._event_ns

@@ -89,7 +89,7 @@ class SdoClient:
     ) -> SdoRequest:
         """Download the bytes `data` to an object; the request is `done` when the server has confirmed it.
 
-        Without a wish of the caller, `block`, the length decides (see SdoOptions).
+        Where the caller does not choose with `block`, the length decides (see SdoOptions).
         """
         timeout = self.timeout_ns if timeout_ns is None else timeout_ns
         blocks = len(data) >= self._exchange.options.block_threshold if block is None else block

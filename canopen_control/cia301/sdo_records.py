@@ -78,6 +78,10 @@ def deliver(
     It is asked where a run may be: enough records are left, and the first two have one identifier.
     """
     start, end = 0, len(records)
+    if end == RECORD_SIZE:
+        can_id, length, data = RECORD.unpack(records)
+        receive(CanFrame(can_id, data[:length]), now)
+        return
     least = end - SHORTEST_RUN * RECORD_SIZE  # behind it there is no room for a run
     while start < end:
         second = start + RECORD_SIZE

@@ -28,7 +28,7 @@ _MAX_PAUSE_NS: Final = 500_000_000
 class SdoOptions:
     """How a client transfers; the defaults suit every server.
 
-    `block_threshold` is the length in bytes from which a write without a wish of its own uses block transfer;
+    `block_threshold` is the length in bytes from which a write that does not choose uses block transfer;
     `block_size` the segments per sub-block of an upload, 1 to 127; `switch_threshold` the length up to which a server
     may answer a block upload with a plain one (0: it need not ask). `crc` and `announce_size` say what is offered,
     `max_size` how many bytes an upload may take, and `busy_ns` how long "not now" is asked again.

@@ -12,7 +12,6 @@ The law:
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.cia301.abort import AbortCode, abort_text
@@ -72,13 +71,13 @@ class ObjectStore(Protocol):
         """
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
 class StoreFailure:
     """The store raised what it should not have; the client got 0x08000000."""
 
-    index: int
-    subindex: int
-    error: Exception
+    __slots__ = ("error", "index", "subindex")
+
+    def __init__(self, index: int, subindex: int, error: Exception) -> None:
+        self.index, self.subindex, self.error = index, subindex, error
 
 
 class _Transfer(Protocol):

@@ -155,7 +155,7 @@ class SyncConsumer:
         self._counter: int | None = None
         self._deadline_ns: int | None = None
         self._missed = False
-        self._events: Outbox[SyncEvent] = Outbox()
+        self.happened: Outbox[SyncEvent] = Outbox()
 
     def reset(self) -> None:
         """Forget the counter and stop watching until the next SYNC (reset communication, entering STOPPED)."""
@@ -166,20 +166,21 @@ class SyncConsumer:
         """Take a SYNC; other frames are ignored."""
         if frame.can_id != self.cob_id:
             return
-        counter = self._counter_of(frame.data, now)
-        self.tick(now)  # a SYNC behind its deadline resolves a miss, it does not hide it
+        counter = self._counter_of(frame.data, now) if frame.data or self.overflow else None
+        if self._deadline_ns is not None:
+            self.tick(now)  # a SYNC behind its deadline resolves a miss, it does not hide it
         if self._missed:
             self._missed = False
-            self._events.put(SyncEvent(SyncEventKind.RESOLVED, now))
+            self.happened.put(SyncEvent(SyncEventKind.RESOLVED, now))
         self.count += 1
         self._deadline_ns = now + self.period_ns * 3 // 2 if self.period_ns else None
-        self._events.put(SyncEvent(SyncEventKind.SYNC, now, counter))
+        self.happened.put(SyncEvent(SyncEventKind.SYNC, now, counter))
 
     def tick(self, now: int) -> None:
         """Report a SYNC that did not come within 1.5 periods, once."""
         if self._deadline_ns is not None and now >= self._deadline_ns:
             self._deadline_ns, self._missed = None, True
-            self._events.put(SyncEvent(SyncEventKind.MISSED, now))
+            self.happened.put(SyncEvent(SyncEventKind.MISSED, now))
 
     def next_deadline(self) -> int | None:
         """Return when the SYNC is missed."""
@@ -191,11 +192,11 @@ class SyncConsumer:
 
     def events(self) -> list[SyncEvent]:
         """Drain what happened, in order."""
-        return self._events.drain()
+        return self.happened.drain()
 
     def _counter_of(self, data: bytes, now: int) -> int | None:
         if len(data) != (1 if self.overflow else 0):
-            self._events.put(SyncEvent(SyncEventKind.LENGTH_ERROR, now))
+            self.happened.put(SyncEvent(SyncEventKind.LENGTH_ERROR, now))
             self._counter = None
             return None
         if not self.overflow:

@@ -44,7 +44,7 @@ class TpdoProducer:
         self.sent = 0
         self.unanswered = 0
         self.running = False
-        self._frames: Outbox[CanFrame] = Outbox()
+        self.outgoing: Outbox[CanFrame] = Outbox()
         self._pending = False
         self._sampled: bytes | None = None
         self._count = 0
@@ -62,7 +62,7 @@ class TpdoProducer:
         """Take a new communication record; a running PDO starts anew with it."""
         self._adopt(parameters)
         if not self._valid:
-            self._frames.clear()
+            self.outgoing.clear()
         if self.running:
             self.start(now)
 
@@ -73,24 +73,24 @@ class TpdoProducer:
         """
         self._clear()
         self.running = True
-        if not self._valid or not is_event_driven(self._parameters.transmission_type):
+        if not self._valid or not is_event_driven(self._type):
             return
         if shows:
             self._send(now)
-        elif self._parameters.event_ns:
-            self._event_at = now + self._parameters.event_ns
+        elif self._event_ns:
+            self._event_at = now + self._event_ns
 
     def stop(self) -> None:
         """End: the node left OPERATIONAL. No-op when stopped."""
         self._clear()
         self.running = False
-        self._frames.clear()
+        self.outgoing.clear()
 
     def changed(self, now: int) -> None:
         """Note that a mapped value changed (or a profile event happened); types that do not care ignore it."""
         if not self._active:
             return
-        transmission_type = self._parameters.transmission_type
+        transmission_type = self._type
         if transmission_type == ACYCLIC_SYNCHRONOUS:
             self._pending = True
         elif is_event_driven(transmission_type):
@@ -99,22 +99,22 @@ class TpdoProducer:
 
     def sync(self, now: int, counter: int | None = None) -> None:
         """Take a SYNC, with its counter if it has one."""
-        if not self._active:
+        if not (self.running and self._valid):
             return
-        transmission_type = self._parameters.transmission_type
-        if transmission_type == ACYCLIC_SYNCHRONOUS:
+        if self._cyclic:
+            if self._is_turn(counter):
+                self._send(now)
+        elif self._type == ACYCLIC_SYNCHRONOUS:
             if self._pending:
                 self._send(now)
-        elif transmission_type == RTR_SYNCHRONOUS:
+        elif self._type == RTR_SYNCHRONOUS:
             self._sampled = self.sample()
-        elif is_cyclic(transmission_type) and self._is_turn(counter):
-            self._send(now)
 
     def receive(self, frame: CanFrame, now: int) -> None:
         """Answer a remote frame on the own COB-ID; other frames are ignored."""
         if frame.can_id != self._can_id | REMOTE_FLAG or not self._active:
             return
-        transmission_type = self._parameters.transmission_type
+        transmission_type = self._type
         if transmission_type == RTR_EVENT and self._parameters.rtr_allowed:
             self._send(now)
         elif transmission_type == RTR_SYNCHRONOUS and self._parameters.rtr_allowed and self._sampled is not None:
@@ -130,7 +130,7 @@ class TpdoProducer:
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do."""
-        if not self._active or not is_event_driven(self._parameters.transmission_type):
+        if not (self._driven_by_events and self.running and self._valid):
             return None
         if self._pending:
             return self._inhibited_until or 0
@@ -140,7 +140,7 @@ class TpdoProducer:
 
     def frames(self) -> list[CanFrame]:
         """Drain the frames to send."""
-        return self._frames.drain()
+        return self.outgoing.drain()
 
     def events(self) -> list[object]:
         """Return nothing: nothing happens to a producer."""
@@ -154,6 +154,9 @@ class TpdoProducer:
         self._parameters = parameters
         self._can_id = parameters.cob_id | (EXTENDED_FLAG if parameters.extended else 0)
         self._valid = parameters.enabled
+        self._type, self._event_ns = parameters.transmission_type, parameters.event_ns
+        self._inhibit_ns = parameters.inhibit_ns
+        self._cyclic, self._driven_by_events = is_cyclic(self._type), is_event_driven(self._type)
 
     def _clear(self) -> None:
         self._pending = self._started = False
@@ -167,18 +170,17 @@ class TpdoProducer:
             if not self._started:
                 return False
         self._count += 1
-        if self._count < self._parameters.transmission_type:
+        if self._count < self._type:
             return False
         self._count = 0
         return True
 
     def _send(self, now: int) -> None:
         self._pending = False
-        parameters = self._parameters
-        self._inhibited_until = now + parameters.inhibit_ns if parameters.inhibit_ns else None
-        self._event_at = now + parameters.event_ns if parameters.event_ns else None
+        self._inhibited_until = now + self._inhibit_ns if self._inhibit_ns else None
+        self._event_at = now + self._event_ns if self._event_ns else None
         self._put(self.sample())
 
     def _put(self, data: bytes) -> None:
         self.sent += 1
-        self._frames.put(CanFrame(self._can_id, data))
+        self.outgoing.put(CanFrame(self._can_id, data))

@@ -35,7 +35,8 @@ class AxisStatus:
         self.word: int | None = None
         self.display: int | None = None
         self._axis, self._machine = axis, machine
-        self._pdo, self._statusword = axis.statusword.pdo, axis.statusword
+        self._pdo, self._statusword, self._place = axis.statusword.pdo, axis.statusword, axis.statusword.position
+        self._node = axis.node
         self._shown = axis.display
         self._by_sdo = StatuswordBySdo(axis)
         self._mode = ModeBySdo(axis) if None in (axis.mode, axis.display) else None
@@ -44,19 +45,20 @@ class AxisStatus:
 
     def update(self, now: int) -> None:
         """Take what is new."""
-        pdo = self._pdo
-        word = display = None
-        if pdo.stamp >= 0 and self._axis.node.ready:
-            word = pdo.values[self._statusword.position]
-            if pdo.overdue:
-                word = self._by_sdo.word(self._statusword.value, now)
-            shown = self._shown
-            if shown is not None and shown.pdo.stamp >= 0:
-                display = shown.pdo.values[shown.position]
-            if self._mode is not None and word is not None:
-                self._mode.step(self._machine.mode, now)
-                display = self._mode.display if shown is None else display
+        pdo, shown = self._pdo, self._shown
+        if pdo.stamp < 0 or not self._node.ready:
+            self.word = self.display = None
+            return
+        word: object = pdo.values[self._place]
+        if pdo.overdue:
+            word = self._by_sdo.word(self._statusword.value, now)
         self.word = word  # type: ignore[assignment]  # a statusword is an integer
+        display: object = None
+        if shown is not None and (showing := shown.pdo).stamp >= 0:
+            display = showing.values[shown.position]
+        if self._mode is not None and word is not None:
+            self._mode.step(self._machine.mode, now)
+            display = self._mode.display if shown is None else display
         self.display = display  # type: ignore[assignment]  # and so is a mode
 
     def blind_word(self, now: int) -> int:

@@ -111,12 +111,12 @@ class Feedback:
         self._position_count = self._velocity_count = self._effort_count = -1
 
     def _take_position(self, raw: int, stamp: int) -> int:
-        axis = self._axis
-        unwrap, last = axis.unwrap, self._raw_position
+        axis, last, slack = self._axis, self._raw_position, self._slack
+        unwrap, scale = axis.unwrap, axis.scale
         # a step within a revolution is always plausible: no need to work out what else would be
-        if last is None or not -self._slack <= raw - last <= self._slack:
+        if last is None or not -slack <= raw - last <= slack:
             unwrap.max_step = self._largest_step(stamp - self._stamp)
-        count, scale = unwrap.update(raw), axis.scale
+        count = unwrap.update(raw)
         self._raw_position, self._stamp = raw, stamp
         self._position_state.value = count * scale.pos_from_dev + scale.offset_pos_from_dev
         if self._velocity is None:

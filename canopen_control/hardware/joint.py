@@ -161,21 +161,21 @@ class JointDrive(JointParts):
     def step(self, now: int) -> bool:
         """Advance the state machine by one cycle; returns whether `events` tells anything."""
         self._now = now
-        machine, status = self.machine, self._status
+        machine, status, power = self.machine, self._status, self.power
         status.update(now)
         word, before = status.word, machine.statusword
         machine.standstill = self.feedback.standing
         control = machine.update(word, status.display, now)
         if machine.evaluations != self._evaluations or word != before:
             self._evaluations = machine.evaluations
-            if self.power.following and not machine.may_move:
+            if power.following and not machine.may_move:
                 self._fire(Trigger.MUST_REST)
             if word is not None and word != before:
                 self._events += self._watch.look(word, machine.mode, self.targets.current, self._stops_at_limits)
             self._take_events()
         elif (current := self.targets.current) is not None and current.handshakes:
             self._take_events()
-        if self.power.watched:
+        if power.watched:
             self._look_on(now)
         if self._limits.blocked and not self._events and machine.may_move and self._pushes():
             self._events.append(self._watch.pressed())
@@ -289,6 +289,7 @@ class JointDrive(JointParts):
     def _came(self) -> None:
         self._status.came()
         self.feedback.came()
+        self.targets.came()
         self.reason.code = None
         self.parameters.load()
 

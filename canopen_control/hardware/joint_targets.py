@@ -186,6 +186,10 @@ class JointTargets:
         self._held = raw
         self._axis.hold(raw)
 
+    def came(self) -> None:
+        """Hold anew: the boot of a node puts what it read into its targets, and the axis may have moved since."""
+        self._held = None
+
     def hold_others(self) -> None:
         """Let the targets of the other modes stay with the axis while it moves."""
         if self.current is not None:

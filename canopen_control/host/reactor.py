@@ -263,10 +263,14 @@ class Reactor:
         """
         return self.run_until(self.now() + duration_ns)
 
-    def serve(self) -> None:
-        """Serve all that is ready and due now; a manual clock stays where it is."""
-        while self._turn(0):
-            pass
+    def serve(self) -> int | None:
+        """Serve all that is ready and due now; a manual clock stays where it is. Return when the next timer is due."""
+        while True:
+            self._turn(0)
+            deadline = self._timers.next_deadline()
+            due = deadline is not None and deadline <= self.now()
+            if not (due or self._soon or self._poll(0, 1)):
+                return deadline
 
     def stop(self) -> None:
         """End `run`, `run_until` or `run_for` after this turn; when none of them runs, end the next at its start."""

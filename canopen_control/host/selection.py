@@ -84,7 +84,8 @@ class MarkedSelector(selectors.BaseSelector):
 
     def poll(self, _timeout: float | None, _most: int) -> Sequence[tuple[int, int]]:
         """Return what is marked as epoll does, for a reactor; each is readable."""
-        return [(number, _READABLE) for number in self._marked if number in self._keys] if self._marked else ()
+        marked, keys = self._marked, self._keys
+        return [(number, _READABLE) for number in marked if number in keys] if marked else ()
 
     def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
         """Return what is watched."""

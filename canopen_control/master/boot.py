@@ -268,8 +268,7 @@ def _silently(transfers: BootTransfers, index: int, data: bytes) -> Generator[Re
 
 def _mismatch(plan: NodePlan, letter: str, what: str, found: int, wanted: int) -> BootError:
     seen = f"0x{found:08X}" if found >= 0 else "missing"
-    return boot_error(
-        plan,
-        letter,
-        f"{what} is {seen}, expected 0x{wanted:08X} (from {plan.source}); wrong device at this node id, or wrong EDS?",
-    )
+    hint = "wrong device at this node id, or wrong EDS?"
+    if letter == "C" and not found:  # no profile, as boot-loaders show it (CiA 302-3)
+        hint = "is it in its boot-loader, without a program? `firmware` loads one; or wrong device, or wrong EDS?"
+    return boot_error(plan, letter, f"{what} is {seen}, expected 0x{wanted:08X} (from {plan.source}); {hint}")

@@ -201,10 +201,10 @@ class SentPdo:
         "count",
         "cyclic",
         "enabled",
-        "idle",
         "outputs",
         "record",
         "repeated",
+        "sent_in",
         "values",
     )
 
@@ -216,7 +216,7 @@ class SentPdo:
         self.record = RECORD.pack(cob_id, self.codec.length, b"")
         self._packer = _packer(self.codec)
         self.enabled, self.count = False, 0
-        self.idle = 0  # cycles since it was sent
+        self.sent_in = 0  # cycle in which it was sent last
         self._carry(outputs)
 
     def use(self, layout: PdoLayout, outputs: Sequence[Output]) -> None:
@@ -277,6 +277,7 @@ class ProcessImage:
         self._inputs: dict[tuple[int, int, int], Input] = {}
         self._outputs: dict[tuple[int, int, int], Output] = {}
         self._records: list[bytes] = []
+        self._cycle = 0
 
     def add_tpdo(
         self, node_id: int, cob_id: int, objects: Sequence[MappedObject], transmission_type: int = 255
@@ -319,16 +320,20 @@ class ProcessImage:
 
     def collect(self, sync: bytes = b"") -> bytes:
         """Return the records of one cycle: the RPDOs that are due, then the one of the SYNC."""
-        records, idle_limit = self._records, self.refresh - 1
+        records, cycle = self._records, self._cycle + 1
+        self._cycle, idle_since = cycle, cycle - self.refresh
         records.clear()
         for pdo in self.outputs:
-            if pdo.enabled and (pdo.changed or (pdo.repeated and (pdo.cyclic or pdo.idle >= idle_limit))):
-                if pdo.changed:
-                    pdo.pack()
-                pdo.idle = 0
-                pdo.count += 1
-                records.append(pdo.record)
-            else:
-                pdo.idle += 1
+            if pdo.changed:
+                if not pdo.enabled:
+                    continue
+                pdo.pack()
+            elif not (pdo.repeated and pdo.enabled and (pdo.cyclic or pdo.sent_in <= idle_since)):
+                continue
+            pdo.sent_in = cycle
+            pdo.count += 1
+            records.append(pdo.record)
+        if not records:
+            return sync
         records.append(sync)
         return b"".join(records)

@@ -106,7 +106,7 @@ class DirectBus:
         return self._transfer(client, client.read(index, subindex, block=block, now=time.monotonic_ns()))
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool | None = None) -> None:
-        """Download an object; without a wish for block transfer the length decides. Raises as `read` does."""
+        """Download an object; `block` None: the length decides about block transfer. Raises as `read` does."""
         client = self.client(node_id)
         self._transfer(client, client.write(index, subindex, data, block=block, now=time.monotonic_ns()))
 

@@ -87,7 +87,7 @@ class PlanBuilder:
 
     @property
     def download_reason(self) -> str:
-        """Whose wish the downloads are."""
+        """Who asks for the downloads."""
         name = self.node.boot.configuration_file or self.file
         return f"from {name}"
 

@@ -88,7 +88,7 @@ class DataType(enum.IntEnum):
         return self in _SIGNED
 
     @property
-    def is_integer(self) -> bool:
+    def is_integer(self) -> bool:  # type: ignore[override, unused-ignore]  # int has a method of this name since 3.12
         """Whether values are whole numbers: BOOLEAN, INTEGERn, UNSIGNEDn and the two times."""
         return self in _BITS and self not in _REALS
 
@@ -303,7 +303,10 @@ class ObjectDictionary:
     def for_node(self, node_id: int) -> ObjectDictionary:
         """Return a copy whose $NODEID values are those of `node_id`; one parsed file serves many nodes."""
         shift = node_id - (self.node_id or 0)
-        entries = {address: _shifted(entry, shift) for address, entry in self.entries.items()}
+        entries = self.entries.copy()
+        for address, entry in self.entries.items() if shift else ():
+            if entry.relative or entry.parameter_relative or entry.low_relative or entry.high_relative:
+                entries[address] = _shifted(entry, shift)
         return replace(self, node_id=node_id, entries=entries, objects=dict(self.objects), sections=dict(self.sections))
 
 

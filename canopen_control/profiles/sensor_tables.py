@@ -6,6 +6,7 @@ there. Angles are in rad, the others in the unit that is named.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import TYPE_CHECKING, Final
 
@@ -15,7 +16,7 @@ from canopen_control.profiles.device_signal import Scale, Signal, factor_of_digi
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.od.model import Entry, ObjectDictionary
 
 __all__ = ["battery_signals", "charger_signals", "encoder_signals", "inclinometer_signals", "measuring_signals"]
 
@@ -113,7 +114,8 @@ def inclinometer_signals(od: ObjectDictionary) -> Iterator[Signal]:
             yield Signal(name, index, unit="rad", scales=scales)
 
 
-_BATTERY: Final = (
+_Table = tuple[tuple[str, int, int, float, str], ...]
+_BATTERY: Final[_Table] = (
     ("battery_temperature", 0x6010, 0, 0.125, "degC"),
     ("battery_voltage", 0x6060, 0, 1 / 1024, "V"),
     ("battery_percentage", 0x6081, 0, 1.0, "%"),
@@ -126,12 +128,11 @@ _BATTERY: Final = (
 
 def battery_signals(od: ObjectDictionary) -> Iterator[Signal]:
     """Yield what a CiA 418 battery tells; no object of the profile holds the current of the pack."""
-    for name, index, subindex, factor, unit in _BATTERY:
-        if (index, subindex) in od:
-            yield Signal(name, index, subindex, factor=factor, unit=unit)
+    for signal, _entry in _signals_of(od, _BATTERY):
+        yield signal
 
 
-_CHARGER: Final = (
+_CHARGER: Final[_Table] = (
     ("charger_status", 0x6001, 0, 1.0, ""),
     ("charger_percentage", 0x6080, 0, 1.0, "%"),
     ("charge_current_requested", 0x6070, 0, 1 / 16, "A"),
@@ -145,8 +146,12 @@ _CHARGER: Final = (
 
 def charger_signals(od: ObjectDictionary) -> Iterator[Signal]:
     """Yield what a CiA 419 charger tells, and as outputs what it takes; a current is requested until it is 0."""
-    for name, index, subindex, factor, unit in _CHARGER:
-        entry = od.get(index, subindex)
-        if entry is not None:
-            output = entry.rpdo_mappable and entry.writable
-            yield Signal(name, index, subindex, output=output, factor=factor, unit=unit)
+    for signal, entry in _signals_of(od, _CHARGER):
+        yield dataclasses.replace(signal, output=entry.rpdo_mappable and entry.writable)
+
+
+def _signals_of(od: ObjectDictionary, table: _Table) -> Iterator[tuple[Signal, Entry]]:
+    """Yield the signals of a table that the device has, each with its object."""
+    for name, index, subindex, factor, unit in table:
+        if (entry := od.get(index, subindex)) is not None:
+            yield Signal(name, index, subindex, factor=factor, unit=unit), entry

@@ -76,11 +76,11 @@ class ReactorClient:
             self._leave(str(error))
 
     def _timer(self, number: int, timeout_ns: int | None) -> Timer | None:
-        patience = self._timeout_ns if timeout_ns is None else timeout_ns
-        if patience == ENDLESS:
+        wait_ns = self._timeout_ns if timeout_ns is None else timeout_ns
+        if wait_ns == ENDLESS:
             return None
         too_late = f"{self._stream.label} has not answered"
-        return self._reactor.call_later(patience, lambda: self._settle(number, error=too_late))
+        return self._reactor.call_later(wait_ns, lambda: self._settle(number, error=too_late))
 
     def close(self) -> None:
         """Leave; who still waits is told. A second call does nothing."""

@@ -108,7 +108,7 @@ class RobotCore:
         self.manager.why_waiting = partial(refusal, self.joints)
         self.manager.explain = partial(cause, self.joints)
         self.manager.running.divide = partial(by_stop_group, self.joints)
-        self.cycle = RobotCycle(self.pacer, made, self.manager, reactor, self._advance, self._after)
+        self.cycle = RobotCycle(self.pacer, made, self.manager, reactor, self._advance_start, self._after)
         self.pacer.on_edge = self.cycle.step
         self._phase = RobotState.STARTING
         self._activated = self._was_latched = False
@@ -179,7 +179,7 @@ class RobotCore:
             return
         now = self.reactor.now()
         self.report(Event(now, "stopping", "", f"stopping: {why}"))
-        self._phase, self.cycle.advance = RobotState.STOPPING, self._advance
+        self._phase, self.cycle.advance = RobotState.STOPPING, self._advance_stop
         self._stopping_until = now + STOP_TIMEOUT_NS
         self.manager.running.forget(self.cycle.clock.now(), f"the robot is stopping ({why})")
         self._release_all(now)
@@ -195,7 +195,7 @@ class RobotCore:
         for request in self._requests:
             request.fail("the robot has stopped")
         self._requests.clear()
-        self._phase = RobotState.STOPPED
+        self._phase, self.cycle.advance = RobotState.STOPPED, None
 
     # ------------------------------------------------------------------------------------------- verbs
 
@@ -317,14 +317,8 @@ class RobotCore:
         for hook in self.after_cycle:
             hook(now)
 
-    def _advance(self, now: int) -> None:
-        """Take the next step of starting or stopping."""
-        if self._phase is RobotState.STARTING:
-            self._advance_start(now)
-        elif self._phase is RobotState.STOPPING:
-            self._advance_stop(now)
-
     def _advance_start(self, now: int) -> None:
+        """Take the next step of starting."""
         missing = [node for node in self.nodes.values() if node.config.required and not node.ready]
         self._was_latched |= self.latch.held
         if not missing and not self._activated and not self.latch.held:
@@ -342,6 +336,7 @@ class RobotCore:
             self.fail(why_not_started(self.buses.values(), [(self.bus_of(node), node) for node in missing]))
 
     def _advance_stop(self, now: int) -> None:
+        """Take the next step of stopping."""
         late = now > self._stopping_until
         if not late and not all(system.stopped for system in self.systems):
             return

@@ -106,7 +106,7 @@ class SyncOfAnother:
 class FollowedSync:
     """The SYNC of one bus; `lead(now)` is called with every one that is heard, None for a bus that is not followed.
 
-    `count` is how many were heard; `patience_ns` is how much later the first one may come, which waits for the boot of
+    `count` is how many were heard; `first_wait_ns` is how much later the first one may come: it waits for the boot of
     a node that sends it.
     """
 
@@ -116,19 +116,19 @@ class FollowedSync:
         period_us: int,
         lead: Callable[[int], None] | None,
         report: Callable[[Event], None],
-        patience_ns: int = 0,
+        first_wait_ns: int = 0,
     ) -> None:
         self._task, self._period_us, self._lead, self._report = task, period_us, lead, report
         self._timeout = max(_MISSED * period_us * 1000, _RETRY_NS // 2)
         self.count = 0
-        self._deadline, self._patience = 0, patience_ns
+        self._deadline, self._first_wait = 0, first_wait_ns
         self._silent = False
         self._excess, self._trimmed_us = _Excess(period_us * 1000), 0
 
     def start(self, now: int) -> None:
         """Let the kernel begin; raise BusError."""
         self._begin()
-        self._deadline = now + self._patience + self._timeout
+        self._deadline = now + self._first_wait + self._timeout
 
     def heard(self, now: int) -> None:
         """Take a SYNC that came over the bus."""

@@ -129,8 +129,8 @@ class RobotBus:
     def follow_sync(self, lead: Callable[[int], None] | None) -> None:
         """Send no SYNC, since a node of the bus does, and call `lead(now)` for each; before `open`."""
         master = self.config.master
-        patience_ns = (master.boot_time or DEFAULT_BOOT_MS) * 1_000_000
-        self._follow(FollowedSync(SyncOfAnother(), master.sync_period, lead, self._report, patience_ns))
+        first_wait_ns = (master.boot_time or DEFAULT_BOOT_MS) * 1_000_000
+        self._follow(FollowedSync(SyncOfAnother(), master.sync_period, lead, self._report, first_wait_ns))
 
     def _follow(self, sync: FollowedSync) -> None:
         self._followed = sync

@@ -310,9 +310,9 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
             raise RobotConfigError(f"--can {text}: the robot has no bus {bus!r}{nearest(bus, channels)}")
         channels[bus] = channel
     for bus, channel in channels.items():
-        if (twin := next(each for each in channels if channels[each] == channel)) != bus:
+        if (other := next(each for each in channels if channels[each] == channel)) != bus:
             raise RobotConfigError(
-                f"the buses {twin} and {bus} are both on {channel}; give one another with --can {bus}="
+                f"the buses {other} and {bus} are both on {channel}; give one another with --can {bus}="
             )
     return channels
 

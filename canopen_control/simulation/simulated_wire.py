@@ -24,12 +24,14 @@ if TYPE_CHECKING:
     from canopen_control.simulation.virtual_time import Actor, VirtualTime
 
     Heard = Callable[[int, str, bytes], object]  # time, label of the sender, record
+    Listeners = tuple[tuple[Heard, ...], tuple["SimulatedPort", ...]]
 
 __all__ = ["SimulatedPort", "SimulatedWire"]
 
 RESTART_NS: Final = 100_000_000
 _PASSIVE, _BUS_OFF, _AT_ERROR = 128, 256, 8
 _MOST_IDENTIFIERS: Final = 2048
+_ID_SIZE: Final = 4  # bytes of a record's can_id
 
 
 class SimulatedWire:
@@ -53,9 +55,10 @@ class SimulatedWire:
         self._time, self._wire = time, PacedWire(bitrate)
         self._wire.disturbed = self._is_disturbed
         self._ports: dict[int, SimulatedPort] = {}
-        self._listeners: dict[int, tuple[SimulatedPort, ...]] = {}  # by identifier, as the filters say
+        self._observers: list[tuple[Heard, Callable[[int], bool]]] = []
+        self._listeners: dict[bytes, Listeners] = {}  # by identifier, as records have it
         self._opened = 0
-        self._due: int | None = None
+        self._planned = False  # whether it is on the clock when the frame on the wire ends
 
     @property
     def bits(self) -> int:
@@ -74,6 +77,11 @@ class SimulatedWire:
         self.refilter()
         return port
 
+    def observe(self, heard: Heard, wants: Callable[[int], bool]) -> None:
+        """Let `heard` get what passes on the wire with the identifiers that it `wants`."""
+        self._observers.append((heard, wants))
+        self._listeners.clear()
+
     def refilter(self) -> None:
         """Take that a filter has changed."""
         self._listeners.clear()
@@ -90,11 +98,13 @@ class SimulatedWire:
 
     def send(self, port: SimulatedPort, records: bytes) -> None:
         """Queue what a port sends; what there is no room for, or no bus, is lost and counted."""
-        if self.silences(port.label) or self._wire.backlog(port.number) > SEND_LIMIT:
+        broken = (self.cut or self._off) and self.silences(port.label)
+        if broken or self._wire.backlog(port.number) > SEND_LIMIT:
             port.stats.lost += len(records) // RECORD_SIZE
             return
         self._wire.put(port.number, records, self._time.now_ns)
-        self._plan()
+        if not self._planned:
+            self._plan()
 
     def inject(self, frame: CanFrame, label: str = "stranger") -> None:
         """Put a frame of a node that nobody knows onto the wire, at once."""
@@ -118,22 +128,26 @@ class SimulatedWire:
                 port.put(pack_records([frame]))
 
     def _plan(self) -> None:
-        due = self._wire.next_deadline()
-        if due is not None and due != self._due:
-            self._due = due
+        """Be there when the frame on the wire ends."""
+        due = self._wire.due_ns
+        self._planned = due is not None
+        if due is not None:
             self._time.at(due, self._passed)
 
     def _passed(self) -> None:
-        self._due = None
-        for number, record in self._wire.advance(self._time.now_ns):
+        """Give a frame that has passed to those who listen."""
+        passed, self._planned = self._wire.finish(), False
+        if passed is not None:
+            _, number, _, record = passed
             port = self._ports.get(number)
             if port is None or ((self.cut or self._off) and self.silences(port.label)):
-                continue
-            if self.lost or self.doubled or self._errors:
+                pass
+            elif self.lost or self.doubled or self._errors:
                 self._judge(port, record)
             else:
                 self._carry(port.label, record, port)
-        self._plan()
+        if not self._planned:
+            self._plan()
 
     def _judge(self, port: SimulatedPort, record: bytes) -> None:
         """Lose or double a frame where a rule says so, else carry it."""
@@ -168,21 +182,24 @@ class SimulatedWire:
         now = self._time.now_ns
         for hear in self.heard:
             hear(now, label, record)
-        can_id = RECORD.unpack(record)[0]
-        listeners = self._listeners.get(can_id)
+        listeners = self._listeners.get(record[:_ID_SIZE])
         if listeners is None:
-            listeners = self._find_listeners(can_id)
-        broken = bool(self.cut or self._off)
-        for port in listeners:
+            listeners = self._find_listeners(record)
+        observers, ports = listeners
+        for observe in observers:
+            observe(now, label, record)
+        broken = self.cut or self._off
+        for port in ports:
             if port is not sender and not (broken and self.silences(port.label)):
                 port.put(record)
 
-    def _find_listeners(self, can_id: int) -> tuple[SimulatedPort, ...]:
+    def _find_listeners(self, record: bytes) -> Listeners:
         if len(self._listeners) >= _MOST_IDENTIFIERS:
             self._listeners.clear()
-        ports = self._ports.values()
-        found = tuple(port for port in ports if port.wanted is None or can_id in port.wanted)
-        self._listeners[can_id] = found
+        can_id: int = RECORD.unpack(record)[0]
+        observers = tuple(observe for observe, wants in self._observers if wants(can_id))
+        ports = tuple(port for port in self._ports.values() if port.wanted is None or can_id in port.wanted)
+        found = self._listeners[record[:_ID_SIZE]] = observers, ports
         return found
 
 
@@ -201,8 +218,10 @@ class SimulatedPort:
         self.wanted: frozenset[int] | None = None
         self._wire, self._actor = wire, actor
         self._fileno = actor.selector.allot()
-        self._queue = bytearray()
+        self._queue: list[bytes] = []
         self._events = EventLog()
+        self.events: Callable[[], list[BusEvent]] = self._events.drain
+        """Return what happened since the last call."""
         self._closed = False
 
     @property
@@ -223,36 +242,35 @@ class SimulatedPort:
         """Queue records for this reader (called by the wire)."""
         if not self._queue and self._actor.selector.mark(self._fileno):
             self._actor.arrived()
-        self._queue += records
+        self._queue.append(records)
 
     def receive(self) -> bytes:
         """Return the whole records that wait, or ``b""``; raise `BusClosed` when the port was closed."""
-        self._check_open()
-        records = bytes(self._queue)
-        if records:
-            self._queue.clear()
-            self._actor.selector.unmark(self._fileno)
-            self.stats.rx += len(records) // RECORD_SIZE
-            if error_frames.has_error_frames(records):
-                self._events.extend(note_errors(records, self.stats))
+        if self._closed:
+            raise self._no_bus()
+        queue = self._queue
+        if not queue:
+            return b""
+        records = queue[0] if len(queue) == 1 else b"".join(queue)
+        queue.clear()
+        self._actor.selector.unmark(self._fileno)
+        self.stats.rx += len(records) // RECORD_SIZE
+        if error_frames.has_error_frames(records):
+            self._events.extend(note_errors(records, self.stats))
         return records
 
     def send(self, records: Records) -> None:
         """Send whole records, in order; raise `BusClosed` when the port was closed."""
-        self._check_open()
+        if self._closed:
+            raise self._no_bus()
         self.stats.tx += whole_records(records)
         self._wire.send(self, bytes(records))
 
     def flush(self) -> None:
         """Do nothing: the controller's queue takes everything."""
 
-    def events(self) -> list[BusEvent]:
-        """Return what happened since the last call."""
-        return self._events.drain()
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise BusClosed(self.channel, "closed on this side")
+    def _no_bus(self) -> BusClosed:
+        return BusClosed(self.channel, "closed on this side")
 
     def close(self) -> None:
         """Leave the bus; a second call does nothing."""

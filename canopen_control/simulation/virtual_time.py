@@ -96,10 +96,6 @@ class Actor:
         """Return what its own clock shows."""
         return now_ns + now_ns * self._rate // _BILLION
 
-    def _shared(self, local_ns: int) -> int:
-        """Return when its own clock shows a time, or has just passed it."""
-        return -(-local_ns * _BILLION // (_BILLION + self._rate))
-
     def arrived(self) -> None:
         """Wake it for something that is there now; one that is about to wake anyway finds it then."""
         if self._wake_at == _NEVER:
@@ -122,17 +118,13 @@ class Actor:
             self.reactor.close()
 
     def _woken_by(self, due_ns: int) -> int:
-        """Return when it wakes for what is due."""
-        return (due_ns if due_ns > self.stalled_until else self.stalled_until) + self._lateness()
-
-    def _lateness(self) -> int:
+        """Return when it wakes for what is due, late as processes are."""
         timing = self.timing
+        earliest = (due_ns if due_ns > self.stalled_until else self.stalled_until) + timing.latency_ns
         if not timing.jitter_ns:
-            return timing.latency_ns
+            return earliest
         drawn = self._random()
-        if drawn < _SPIKES:
-            return timing.latency_ns + int(timing.spike_ns * drawn / _SPIKES)
-        return timing.latency_ns + int(timing.jitter_ns * drawn)
+        return earliest + int(timing.spike_ns * drawn / _SPIKES if drawn < _SPIKES else timing.jitter_ns * drawn)
 
     def _woken(self) -> None:
         self._wake_at = _NEVER
@@ -151,11 +143,12 @@ class Actor:
         if now < self.stalled_until:
             self.arrived()
             return
-        self.clock.now_ns = now + now * self._rate // _BILLION
-        self.reactor.serve()
-        deadline = self.reactor.next_deadline
+        rate = self._rate
+        self.clock.now_ns = now + now * rate // _BILLION
+        deadline = self.reactor.serve()
         if deadline != self._deadline and not self._ended:
             self._deadline, self._alarm_at = deadline, _NEVER
             if deadline is not None:
-                self._alarm_at = self._woken_by(self._shared(deadline))
+                shared = -(-deadline * _BILLION // (_BILLION + rate))  # when its own clock has just passed it
+                self._alarm_at = self._woken_by(shared)
                 self._time.at(self._alarm_at, self._rung)

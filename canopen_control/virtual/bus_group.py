@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.plant import SharedWorld, World
     from canopen_control.yamlfile.problems import Problems
 
-__all__ = ["MAIN", "BusGroup", "GroupError", "read_group", "run_group"]
+__all__ = ["MAIN", "BusGroup", "GroupError", "open_world", "read_group", "run_group"]
 
 MAIN: Final = "can"
 """The name of the main bus of a robot."""
@@ -116,7 +116,7 @@ def run_group(path: Path, say: Callable[[str], None]) -> int:
             port = open_port(bus.channel, label=label)
             cleanup.callback(port.close)
             waiting.append((port, label, NodeIdCheck(reactor, port, [int(each) for each in bus.nodes])))
-        world = cleanup.enter_context(contextlib.closing(_world(file, path)))
+        world = cleanup.enter_context(contextlib.closing(open_world(file, path)))
         for note in world.notes:
             say(f"{WORLD_NOTE}{note}")
         made = []
@@ -138,8 +138,8 @@ def _nodes(bus: BusFile, path: Path, port: Port, label: str, world: World, say: 
     return BusNodes(port, devices.nodes, partial(reopen, bus.channel, label), world=world)
 
 
-def _world(file: BusGroup, path: Path) -> SharedWorld:
-    """Return the world that all share."""
+def open_world(file: BusGroup, path: Path) -> SharedWorld:
+    """Return the world that all share; `path` is that of the file."""
     engine = importlib.import_module(_ENGINES[file.engine])
     plants: Mapping[str, Path] = {name: path.parent / robot.plant for name, robot in file.robots.items()}
     if not file.world:

@@ -92,10 +92,8 @@ class FrameRoutes:
             return
         self._advance_drives(now)
         self._sync.receive(frame, now)
-        events, wrong = self._sync.events(), False
-        for event in events:
-            wrong = wrong or event.kind is SyncEventKind.LENGTH_ERROR
-        if wrong:
+        events = self._sync.events()
+        if len(events) > 1 and any(event.kind is SyncEventKind.LENGTH_ERROR for event in events):
             self._outbox.emergency(SYNC_LENGTH_ERROR, ErrorRegister.COMMUNICATION)
         else:
             self._outbox.clear_error(SYNC_LENGTH_ERROR)

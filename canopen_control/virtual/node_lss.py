@@ -56,10 +56,6 @@ class NodeLss:
             elif isinstance(event, LssActivateBitTiming):
                 self._outbox.tell(BitRateActivated(event.bitrate))
 
-    def frames(self) -> list[CanFrame]:
-        """Drain the answers."""
-        return self.slave.frames()
-
     def reset(self, *, power: bool) -> int:
         """Take the pending node id (a reset), or the stored one (a power-on); return it."""
         if power:

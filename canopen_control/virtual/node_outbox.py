@@ -45,7 +45,7 @@ class NodeOutbox:
     def __init__(self, emcy: EmcyProducer, clock: Clock) -> None:
         self._emcy, self._clock = emcy, clock
         self._events: Outbox[object] = Outbox(_MOST_WAITING)
-        self._frames: Outbox[CanFrame] = Outbox(_MOST_WAITING)
+        self.outgoing: Outbox[CanFrame] = Outbox(_MOST_WAITING)  # frames that no service made
         self.changed = False
 
     def values_changed(self) -> None:
@@ -58,15 +58,11 @@ class NodeOutbox:
 
     def send(self, frame: CanFrame) -> None:
         """Put a frame on the wire that no service made."""
-        self._frames.put(frame)
+        self.outgoing.put(frame)
 
     def events(self) -> list[object]:
         """Drain what happened, in order."""
         return self._events.drain()
-
-    def frames(self) -> list[CanFrame]:
-        """Drain the frames that no service made."""
-        return self._frames.drain()
 
     # -- errors
 

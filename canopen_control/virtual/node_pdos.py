@@ -16,53 +16,34 @@ from canopen_control.cia301.emcy_codes import ErrorRegister
 from canopen_control.cia301.pdo import (
     ACYCLIC_SYNCHRONOUS,
     LAST_CYCLIC,
-    PdoCodec,
     PdoParameters,
     is_event_driven,
 )
 from canopen_control.cia301.rpdo import EMCY_OF, RpdoConsumer, RpdoEventKind
 from canopen_control.cia301.sdo_server import SdoServerAbort
-from canopen_control.cia301.tpdo import TpdoProducer
 from canopen_control.cia402 import objects as o
-from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
+from canopen_control.virtual.mapped_pdo import MappedRpdo, MappedTpdo, concerns_of
 from canopen_control.virtual.pdo_records import RPDO, TPDO, PdoRecords, mapping_of
 from canopen_control.virtual.rpdo_input import RpdoInput
 
 if TYPE_CHECKING:
+    from collections import deque
     from collections.abc import Callable, Collection, Mapping
 
+    from canopen_control.cia301.tpdo import TpdoProducer
     from canopen_control.frame import CanFrame
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.virtual.device_model import DeviceModel
+    from canopen_control.virtual.mapped_pdo import Axis
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["Axis", "EventGate", "ProcessData"]
+__all__ = ["EventGate", "ProcessData"]
 
 _SET_POINTS = frozenset((o.TARGET_POSITION, o.TARGET_VELOCITY, o.TARGET_TORQUE, o.INTERPOLATION_DATA))
 _CONTROLWORD, _SET_POINT = 1, 2  # what an RPDO brings an axis
 _NO_EVENTS = frozenset((o.STATUSWORD, o.MODES_OF_OPERATION_DISPLAY, o.ERROR_CODE))  # change without motion
-
-
-class Axis(Protocol):
-    """What process data ask of an axis."""
-
-    def advance(self, now: int) -> None:
-        """Bring the axis to `now`."""
-
-    def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
-        """Act on objects that were written."""
-
-    @property
-    def set_point(self) -> int:
-        """The object whose RPDOs are set-points of the active mode, 0: none."""
-
-    def set_point_received(self, now: int, *, overwrites: bool) -> None:
-        """Note that an RPDO with a set-point arrived, and whether it replaces one that waits."""
-
-    def set_point_missed(self) -> None:
-        """Note that a SYNC came without a set-point."""
 
 
 class EventGate(Protocol):
@@ -78,51 +59,11 @@ class EventGate(Protocol):
         """Take that all TPDOs have been asked."""
 
 
-class _Rpdo:
-    """One RPDO: what its bytes are, and whom they concern."""
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        self.codec = PdoCodec(())
-        self.entries: tuple[Entry | None, ...] = ()  # None: a gap
-        self.consumer = RpdoConsumer(PdoParameters(0, enabled=False), 0)
-        self.wrong: set[RpdoEventKind] = set()  # of what came last
-        self.set_points: tuple[tuple[int, int], ...] = ()  # axis, and object of axis 0
-        self.cyclic = False  # expected at every SYNC
-
-
-class _Tpdo:
-    """One TPDO: where its values come from, and the bytes last sampled."""
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        self.codec = PdoCodec(())
-        self.sources: tuple[Callable[[], Value], ...] = ()
-        self.mapped: tuple[Address, ...] = ()
-        self.moving = False
-        self.last = b""
-        self.producer = TpdoProducer(PdoParameters(0, enabled=False), self.sample)
-
-    def sample(self) -> bytes:
-        """Return the packed present values."""
-        try:
-            self.last = self.codec.pack([source() for source in self.sources])
-        except LocalProtocolError:  # a file that maps an object narrower than its type
-            self.last = bytes(self.codec.length)
-        return self.last
-
-    def changed_since(self, before: bytes) -> list[Address]:
-        """Return the objects whose values are others than when it was sampled as `before`."""
-        if len(before) != len(self.last) or len(self.mapped) != len(self.codec.objects):
-            return list(self.mapped)
-        pairs = zip(self.codec.unpack(before), self.codec.unpack(self.last), strict=True)
-        return [address for address, (old, new) in zip(self.mapped, pairs, strict=True) if old != new]
-
-
 class ProcessData:
     """All PDOs of a node. `refused` counts values that an RPDO brought and the node did not take.
 
     `rebuilt` is called when a record was written: identifiers may be others. `input` is what faults do to RPDOs.
+    `outgoing` are the TPDOs that wait to be sent, those of each for whoever sends them to take.
     """
 
     def __init__(
@@ -141,14 +82,15 @@ class ProcessData:
         self._refusing: set[int] = set()  # RPDOs
         self.input = RpdoInput()
         self._records = PdoRecords(store, rtr_supported=model.rtr_supported)
-        self.rpdos = {number: _Rpdo(number) for number in self._records.numbers(RPDO)}
-        self.tpdos = {number: _Tpdo(number) for number in self._records.numbers(TPDO)}
+        self.rpdos = {number: MappedRpdo(number) for number in self._records.numbers(RPDO)}
+        self.tpdos = {number: MappedTpdo(number) for number in self._records.numbers(TPDO)}
         self.has_event_pdos = False
         self.gate: EventGate | None = None
-        self._event_tpdos: list[_Tpdo] = []
-        self._valid_tpdos: list[_Tpdo] = []
-        self._valid_rpdos: list[_Rpdo] = []
-        self._timed_rpdos: list[_Rpdo] = []  # that have a deadline
+        self.outgoing: tuple[deque[CanFrame], ...] = ()
+        self._event_tpdos: list[MappedTpdo] = []
+        self._valid_tpdos: list[MappedTpdo] = []
+        self._valid_rpdos: list[MappedRpdo] = []
+        self._timed_rpdos: list[MappedRpdo] = []  # that have a deadline
         self._timed: list[TpdoProducer | RpdoConsumer] = []
         for base, numbers in ((RPDO, [*self.rpdos]), (TPDO, [*self.tpdos])):
             for number in numbers:
@@ -167,12 +109,18 @@ class ProcessData:
         self._survey()
 
     def _rebuilt(self, base: int, number: int, _entry: Entry, _value: Value) -> None:
+        before = self._is_valid(base, number)
         if base == RPDO:
             self._make_rpdo(number)
         else:
             self._make_tpdo(number, self._clock.now)
-        self._survey()
-        self._tell_rebuilt()
+        if before or self._is_valid(base, number):  # else nobody has heard of it, and nobody has to
+            self._survey()
+            self._tell_rebuilt()
+
+    def _is_valid(self, base: int, number: int) -> bool:
+        core = self.rpdos[number].consumer if base == RPDO else self.tpdos[number].producer
+        return core.parameters.enabled
 
     def _make_rpdo(self, number: int) -> None:
         rpdo = self.rpdos[number]
@@ -183,6 +131,9 @@ class ProcessData:
         addresses = (o.axis_of(entry.index) for entry in rpdo.entries if entry is not None and entry.index >= 0x6000)
         rpdo.set_points = tuple((axis, base) for base, axis in addresses if base in _SET_POINTS and axis in self._axes)
         rpdo.cyclic = ACYCLIC_SYNCHRONOUS < parameters.transmission_type <= LAST_CYCLIC
+        rpdo.concerns, rpdo.version = concerns_of(rpdo.entries, self._axes), -1
+        indices = [entry.index for entry in rpdo.entries if entry is not None]
+        rpdo.by_values = all(self._store.judges_by_values(index) for index in indices)
         self._judge(rpdo, set())
 
     def _make_tpdo(self, number: int, now: int) -> None:
@@ -204,6 +155,7 @@ class ProcessData:
         self._valid_rpdos = [rpdo for rpdo in self.rpdos.values() if rpdo.consumer.parameters.enabled]
         self._timed_rpdos = [rpdo for rpdo in self._valid_rpdos if rpdo.consumer.parameters.event_ns]
         self._valid_tpdos = [tpdo for tpdo in self.tpdos.values() if tpdo.producer.parameters.enabled]
+        self.outgoing = tuple(tpdo.producer.outgoing.waiting for tpdo in self._valid_tpdos)
         kinds = [(tpdo, tpdo.producer.parameters.transmission_type) for tpdo in self._valid_tpdos]
         self._event_tpdos = [tpdo for tpdo, kind in kinds if is_event_driven(kind) or kind == ACYCLIC_SYNCHRONOUS]
         self.has_event_pdos = any(tpdo.moving for tpdo in self._event_tpdos)
@@ -236,7 +188,7 @@ class ProcessData:
                 found += [(_can_id(producer.parameters) | REMOTE_FLAG, producer.receive)]
         return found
 
-    def _receiver(self, rpdo: _Rpdo) -> Callable[[CanFrame, int], None]:
+    def _receiver(self, rpdo: MappedRpdo) -> Callable[[CanFrame, int], None]:
         consumer = rpdo.consumer
 
         def receive(frame: CanFrame, now: int) -> None:
@@ -251,12 +203,14 @@ class ProcessData:
 
         return self.input.receiver(receive)
 
-    def _tell_set_points(self, rpdo: _Rpdo, now: int, *, overwrites: bool) -> None:
+    def _tell_set_points(self, rpdo: MappedRpdo, now: int, *, overwrites: bool) -> None:
         for axis, base in rpdo.set_points:
             if self._axes[axis].set_point == base:
                 self._axes[axis].set_point_received(now, overwrites=overwrites)
 
-    def _serve(self, rpdo: _Rpdo, now: int) -> None:
+    def _serve(self, rpdo: MappedRpdo, now: int) -> None:
+        if not rpdo.consumer.happened.waiting:
+            return
         for event in rpdo.consumer.events():
             if event.kind is RpdoEventKind.APPLY:
                 self._apply(rpdo, event.data, now)
@@ -265,7 +219,7 @@ class ProcessData:
             elif event.kind is RpdoEventKind.RESOLVED:
                 self._judge(rpdo, rpdo.wrong - {RpdoEventKind.TIMEOUT})
 
-    def _judge(self, rpdo: _Rpdo, wrong: set[RpdoEventKind]) -> None:
+    def _judge(self, rpdo: MappedRpdo, wrong: set[RpdoEventKind]) -> None:
         """Raise what is wrong with an RPDO, and clear what is wrong with none any more."""
         gone, rpdo.wrong = rpdo.wrong - wrong, wrong
         for kind in wrong:
@@ -274,10 +228,14 @@ class ProcessData:
             if not any(kind in each.wrong for each in self.rpdos.values()):
                 self._outbox.clear_error(EMCY_OF[kind])
 
-    def _apply(self, rpdo: _Rpdo, data: bytes, now: int) -> None:
+    def _apply(self, rpdo: MappedRpdo, data: bytes, now: int) -> None:
         """Take all values, then let each axis and each watcher act on them."""
         for axis in self._axes.values():
             axis.advance(now)
+        store = self._store
+        if rpdo.version == store.version and rpdo.applied == data and not store.ceilings.value:
+            self._act_again(rpdo, now)  # the values are in place
+            return
         taken: list[tuple[Entry, Value]] = []
         refused = self.refused
         for entry, value in zip(rpdo.entries, rpdo.codec.unpack(data), strict=True):
@@ -287,8 +245,18 @@ class ProcessData:
                 taken.append((entry, self._store.place(entry, value)))
             except SdoServerAbort:
                 self.refused += 1
-        self._tell_refusal(rpdo, self.refused > refused)
-        self._act_on(taken, now)
+        whole = self.refused == refused
+        self._tell_refusal(rpdo, not whole)
+        if whole and rpdo.by_values and rpdo.concerns:
+            rpdo.applied, rpdo.version = data, store.version
+            self._act_again(rpdo, now)
+        else:
+            self._act_on(taken, now)
+
+    def _act_again(self, rpdo: MappedRpdo, now: int) -> None:
+        """Let the axes of an RPDO act on its values, which are all in place."""
+        for axis, controlword, objects in rpdo.concerns:
+            axis.refresh(now, controlword=controlword, set_point=axis.set_point in objects)
 
     def _act_on(self, taken: list[tuple[Entry, Value]], now: int) -> None:
         """Act on the values of one RPDO, which are all in place: each axis once, its controlword last."""
@@ -304,7 +272,7 @@ class ProcessData:
         for axis, brings in axes.items():
             self._axes[axis].refresh(now, controlword=bool(brings & _CONTROLWORD), set_point=bool(brings & _SET_POINT))
 
-    def _tell_refusal(self, rpdo: _Rpdo, refused: bool) -> None:
+    def _tell_refusal(self, rpdo: MappedRpdo, refused: bool) -> None:
         """Raise that a value was not taken, where the device says so, until it takes all of them."""
         error = self._model.rpdo_error
         if refused:
@@ -329,7 +297,7 @@ class ProcessData:
             consumer.sync(now)
             self._serve(rpdo, now)
 
-    def _tell_missed(self, rpdo: _Rpdo) -> None:
+    def _tell_missed(self, rpdo: MappedRpdo) -> None:
         for axis, base in rpdo.set_points:
             if self._axes[axis].set_point == base:
                 self._axes[axis].set_point_missed()
@@ -356,16 +324,12 @@ class ProcessData:
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do."""
-        first = self.input.next_deadline()
+        first = self.input.next_deadline() if self.input.delayed else None
         for part in self._timed:
             deadline = part.next_deadline()
             if deadline is not None and (first is None or deadline < first):
                 first = deadline
         return first
-
-    def frames(self) -> list[CanFrame]:
-        """Drain the TPDOs to send."""
-        return [frame for tpdo in self._valid_tpdos for frame in tpdo.producer.frames()]
 
 
 def _can_id(parameters: PdoParameters) -> int:

@@ -56,18 +56,21 @@ class ObjectStore:
     """Typed values of all entries of `od`, served to an SDO server through `upload` and `download`.
 
     `power_on` holds what differs from the file's defaults after a reset: identity, and what 0x1010 stored. Seam
-    `ceilings`: by index the most that is taken, silently.
+    `ceilings`: by index the most that is taken, silently. `version` grows when a value becomes another one, or a rule.
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
         self.od = od
-        self.values: dict[Address, Value] = {entry.address: default_of(entry) for entry in od}
+        self._initial: dict[Address, Value] = {entry.address: default_of(entry) for entry in od}
+        self.values: dict[Address, Value] = self._initial.copy()
         self.power_on: dict[Address, Value] = {}
         self.ceilings: Seam[dict[int, int]] = Seam({})
+        self.version = 0
         self._presets: dict[Address, Value] = {}
         self._indices = frozenset(entry.index for entry in od)
         self._sources: dict[Address, Source] = {}
         self._guards: dict[int, Guard] = {}
+        self._moody: set[int] = set()  # indices whose guards judge by more than the values
         self._watchers: dict[int, list[Watcher]] = {}
 
     # -- the device's side
@@ -90,23 +93,27 @@ class ObjectStore:
         """Set a value past all rules; no-op where there is no entry."""
         if (index, subindex) in self.values:
             self.values[index, subindex] = value
+            self.version += 1
 
     def preset(self, index: int, subindex: int, value: Value) -> None:
         """Set a value now and after every reset; no-op where there is no entry."""
         if (index, subindex) in self.values:
             self.values[index, subindex] = self.power_on[index, subindex] = value
             self._presets[index, subindex] = value
+            self.version += 1
 
     def defaults(self, first: int = 0, last: int = 0xFFFF) -> None:
         """Restore the power-on values of the indices `first` to `last`."""
-        for entry in self.od:
-            if first <= entry.index <= last:
-                address = entry.address
-                self.values[address] = self.power_on[address] if address in self.power_on else default_of(entry)
+        self.version += 1
+        values, power_on = self.values, self.power_on
+        for address, value in self._initial.items():
+            if first <= address[0] <= last:
+                values[address] = power_on.get(address, value)
 
     def rebase(self, od: ObjectDictionary) -> None:
         """Take the defaults and limits of the same dictionary for another node id, from the next reset on."""
         self.od = od
+        self._initial = {entry.address: default_of(entry) for entry in od}
 
     def saved(self) -> dict[Address, Value]:
         """Return the power-on values that are neither the file's nor `preset`: what 0x1010 stored."""
@@ -135,9 +142,17 @@ class ObjectStore:
         if (index, subindex) in self.values:
             self._sources[index, subindex] = source
 
-    def guard(self, indices: Iterable[int], guard: Guard) -> None:
-        """Let `guard` judge writes to `indices`: it returns the value to take, or raises SdoServerAbort."""
-        self._guards.update(dict.fromkeys(indices, guard))
+    def guard(self, indices: Iterable[int], guard: Guard, *, by_values: bool = False) -> None:
+        """Let `guard` judge writes to `indices`: it returns the value to take, or raises SdoServerAbort.
+
+        With `by_values` it judges by the values of this store alone, the same as long as they are the same.
+        """
+        added = dict.fromkeys(indices, guard)
+        self._guards.update(added)
+        self._moody.difference_update(added)
+        if not by_values:
+            self._moody.update(added)
+        self.version += 1
 
     def on_write(self, indices: Iterable[int], watcher: Watcher) -> None:
         """Let `watcher` hear of every value taken at `indices`, after it is in place."""
@@ -147,6 +162,10 @@ class ObjectStore:
     def source_of(self, index: int, subindex: int) -> Source | None:
         """Return what makes the value of an entry, None where it is stored."""
         return self._sources.get((index, subindex))
+
+    def judges_by_values(self, index: int) -> bool:
+        """Whether a value taken at `index` is taken once more while the `version` is the same and nothing is capped."""
+        return index not in self._moody and not self.ceilings.value
 
     # -- the bus's side
 
@@ -186,7 +205,10 @@ class ObjectStore:
         ceilings = self.ceilings.value
         if ceilings and isinstance(value, int):
             value = min(value, ceilings.get(entry.index, value))
-        self.values[entry.address] = value
+        values, address = self.values, entry.address
+        if values[address] != value:
+            self.version += 1
+        values[address] = value
         return value
 
     def notify(self, entry: Entry, value: Value) -> None:

@@ -21,13 +21,16 @@ __all__ = ["RpdoInput"]
 
 
 class RpdoInput:
-    """Hands RPDO frames on. Seams: `delay_ns`, how late; `lost`, one of how many never is, 0: none is lost."""
+    """Hands RPDO frames on. Seams: `delay_ns`, how late; `lost`, one of how many never is, 0: none is lost.
+
+    `delayed` are those that wait to be handed on, with the time of that.
+    """
 
     def __init__(self) -> None:
         self.delay_ns: Seam[int] = Seam(0)
         self.lost: Seam[int] = Seam(0)
         self._received = 0
-        self._delayed: deque[tuple[int, Receive, CanFrame]] = deque()
+        self.delayed: deque[tuple[int, Receive, CanFrame]] = deque()
 
     def receiver(self, receive: Receive) -> Receive:
         """Return what takes a frame from the wire for `receive`."""
@@ -38,7 +41,7 @@ class RpdoInput:
             if lost and self._received % lost == 0:
                 return
             if delay:
-                self._delayed.append((now + delay, receive, frame))
+                self.delayed.append((now + delay, receive, frame))
             else:
                 receive(frame, now)
 
@@ -46,11 +49,11 @@ class RpdoInput:
 
     def tick(self, now: int) -> None:
         """Hand on what was kept until now."""
-        delayed = self._delayed
+        delayed = self.delayed
         while delayed and delayed[0][0] <= now:
             _, receive, frame = delayed.popleft()
             receive(frame, now)
 
     def next_deadline(self) -> int | None:
         """Return when `tick` hands on the next one."""
-        return self._delayed[0][0] if self._delayed else None
+        return self.delayed[0][0] if self.delayed else None

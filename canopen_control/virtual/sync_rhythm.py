@@ -52,21 +52,21 @@ class SyncRhythm:
         elif not period:
             self._begin(now)
         else:
-            self._judge(now, gap, period)
-
-    def _judge(self, now: int, gap: float, period: float) -> None:
-        steps = round(gap / period)
-        error = gap - steps * period
-        self._missed = self._missed + steps - 1 if steps > 1 else 0  # in a row: of another period by now
-        if steps < 1 or self._missed > _MOST_MISSED or abs(error) >= 0.45 * period:
-            self._begin(now)
-        else:
-            self._follow(steps, error, now)
+            steps = round(gap / period)
+            error = gap - steps * period
+            self._missed = self._missed + steps - 1 if steps > 1 else 0  # in a row: of another period by now
+            if steps < 1 or self._missed > _MOST_MISSED or abs(error) >= 0.45 * period:
+                self._begin(now)
+            else:
+                self._follow(steps, error, now)
 
     def _follow(self, steps: int, error: float, now: int) -> None:
-        count = self._count = min(self._count + 1, _MEMORY)
+        count = self._count
+        if count < _MEMORY:
+            self._count = count = count + 1
         both = count * (count + 1)
-        self._edge += steps * self.period_ns + error * 2 * (2 * count - 1) / both
+        self._edge = edge = self._edge + (steps * self.period_ns + error * 2 * (2 * count - 1) / both)
         self.period_ns += error * 6 / both / steps
-        self.late_ns = now - self._edge
-        self._latest = max(self._latest * (1.0 - _FORGETS), self.late_ns)
+        self.late_ns = late = now - edge
+        latest = self._latest * (1.0 - _FORGETS)
+        self._latest = latest if latest > late else late

@@ -16,6 +16,7 @@ from canopen_control.cia301.guarding import GuardingSlave
 from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatProducer
 from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.cia301.nmt import NmtCommand, NmtResetRequested, NmtSlave, NmtState, NmtStateChanged
+from canopen_control.cia301.outbox import drain_all
 from canopen_control.cia301.sdo_codec import ANSWER_BASE, REQUEST_BASE
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.cia301.sync import SyncConsumer
@@ -49,15 +50,11 @@ __all__ = ["Timed", "VirtualNode"]
 PROTOCOL_ERRORS = 0x82  # the high byte of what is wrong with PDOs and SYNC
 
 
-class Waiting(Protocol):
-    """A part of a node that has something to do at a time."""
+class Timed(Protocol):
+    """A service that time moves."""
 
     def next_deadline(self) -> int | None:
-        """Return that time, None: nothing will happen by itself."""
-
-
-class Timed(Waiting, Protocol):
-    """A service that time moves."""
+        """Return when it has something to do, None: nothing will happen by itself."""
 
     def tick(self, now: int) -> None:
         """Let time pass."""
@@ -133,7 +130,13 @@ class VirtualNode:
             self.pdos,
         )
         others = [part for part in (self.function, self.program) if part is not None]
-        self._timed: tuple[Waiting, ...] = (*self._cores, *self.drives.values(), *others)
+        movers = [drive.mover for drive in self.drives.values()]
+        self._deadlines = tuple(part.next_deadline for part in (*self._cores, *movers, *others))
+        first = (self.nmt.outgoing, self.emcy.outgoing, self.heartbeat.outgoing, self.guarding.outgoing)
+        last = (outbox.outgoing,) if self.lss is None else (self.lss.slave.outgoing, outbox.outgoing)
+        self._first = tuple(box.waiting for box in first)  # what is sent before process data and answers, and after
+        self._last = tuple(box.waiting for box in last)
+        self._happened = (self.nmt.happened.waiting, self.consumer.happened.waiting, self.guarding.happened.waiting)
 
     def _add_drive(self, axis: int, plant: Plant | None) -> None:
         self.drives[axis] = VirtualDrive(
@@ -187,8 +190,8 @@ class VirtualNode:
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do, None: nothing will happen by itself."""
         first = self._boot_at
-        for part in self._timed:
-            deadline = part.next_deadline()
+        for next_deadline in self._deadlines:
+            deadline = next_deadline()
             if deadline is not None and (first is None or deadline < first):
                 first = deadline
         if self.filter is not None:
@@ -199,11 +202,9 @@ class VirtualNode:
 
     def frames(self) -> list[CanFrame]:
         """Drain what to send."""
-        frames = self.nmt.frames() + self.emcy.frames() + self.heartbeat.frames() + self.guarding.frames()
-        frames += self.pdos.frames() + self.sdo.frames()
-        if self.lss is not None:
-            frames += self.lss.frames()
-        frames += self.outbox.frames()
+        frames = drain_all((*self._first, *self.pdos.outgoing))
+        frames += self.sdo.frames()
+        frames += drain_all(self._last)
         return frames if self.filter is None else self.filter.outgoing(frames, self.clock.now)
 
     def events(self) -> list[object]:
@@ -305,14 +306,18 @@ class VirtualNode:
             self._reset(NmtCommand.RESET_NODE, now)
             if self._boot_at is not None and self._reset_delay_ns == 0:
                 self._boot_at = now
-        clock.now = max(now, clock.now)
+        if now > clock.now:
+            clock.now = now
 
     def _settle(self, now: int) -> None:
         """Follow up what the services said until they say nothing more."""
         if self._settling:
             return
         self._settling = True
-        while events := [*self.nmt.events(), *self.consumer.events(), *self.guarding.events()]:
+        while any(self._happened):
+            events = [event for waiting in self._happened for event in waiting]
+            for waiting in self._happened:
+                waiting.clear()
             for event in events:
                 if isinstance(event, NmtStateChanged):
                     self._state_changed(event, now)
@@ -320,7 +325,8 @@ class VirtualNode:
                     self._reset(event.command, now)
                 else:
                     self.error_control.follow(event, now)
-        self.sync.events()
+        if self.sync.happened.waiting:
+            self.sync.happened.clear()
         if self.outbox.changed:
             self.outbox.changed = False
             self.pdos.send_changed(now)

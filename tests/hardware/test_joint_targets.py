@@ -162,3 +162,16 @@ def test_a_mode_without_a_target_or_without_an_rpdo_is_refused_where_targets_are
         assert words in drives.axis(Action.MODE, "drive_one", mode=mode)
     drives.mode("CSV")
     drives.close()
+
+
+def test_what_a_boot_read_is_no_target_of_an_axis_that_has_moved_since(servo):
+    targets = servo.joint(2).targets
+    targets.take_mode(OperationMode.CSP)
+    targets.hold()
+    output, here = targets.current.output, servo.joint(2).axis.raw_position
+    output.know(here + 2370)  # as the presets of a boot do
+    targets.hold()
+    assert output.value == here + 2370  # nobody writes anew what is held
+    targets.came()
+    targets.hold()
+    assert output.value == here

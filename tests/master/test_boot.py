@@ -118,6 +118,12 @@ def test_another_device_at_the_node_id_is_refused_with_the_letter_of_the_standar
     assert "node 3 (left_drive)" in str(error)
 
 
+def test_a_node_without_a_profile_may_be_in_its_boot_loader():
+    error = failure({**DRIVE, (0x1000, 0): 0})
+    assert error.letter == "C"
+    assert "is it in its boot-loader, without a program? `firmware` loads one" in str(error)
+
+
 @pytest.mark.parametrize(("field", "subindex", "letter"), [("revision_number", 3, "N"), ("serial_number", 4, "O")])
 def test_revision_and_serial_are_checked_only_where_they_are_given(field, subindex, letter):
     strict = plan().identity

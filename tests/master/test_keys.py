@@ -67,6 +67,7 @@ def test_every_key_that_the_other_stack_reads_is_known(cls, keys):
     assert set(keys.split()) <= names(cls) | set(UNUSED.get(cls, ()))
 
 
+@pytest.mark.sources
 @pytest.mark.parametrize("cls", [Options, MasterConfig, NodeConfig, PdoConfig])
 def test_every_key_is_used_or_named_as_unused_and_none_is_both_forgotten(cls):
     unused = UNUSED.get(cls, {})

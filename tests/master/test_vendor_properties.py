@@ -185,6 +185,7 @@ def one_byte_for(booted, index, times=100):
     return booted
 
 
+@pytest.mark.sources
 @pytest.mark.parametrize(
     ("index", "letter", "words"),
     [
@@ -200,6 +201,7 @@ def test_an_answer_that_is_no_value_of_its_object_fails_the_boot_with_a_sentence
     assert booted.told == [f"node 5 (drive): boot error {letter}: {LETTERS[letter]}: {words}"]
 
 
+@pytest.mark.sources
 def test_a_setting_that_is_answered_with_another_length_is_told_and_written_anew(tmp_path):
     booted = one_byte_for(Booted(write_bus(tmp_path, dictionary())), 0x1017).run(2000)
     assert booted.node.ready

@@ -146,7 +146,7 @@ def test_a_bus_that_leads_no_cycle_watches_its_sync_all_the_same():
 
 def test_the_first_sync_of_a_node_that_has_to_boot_is_waited_for_and_its_absence_says_what_to_do():
     told = []
-    sync = FollowedSync(SyncOfAnother(), 10_000, None, told.append, patience_ns=5000 * MS)
+    sync = FollowedSync(SyncOfAnother(), 10_000, None, told.append, first_wait_ns=5000 * MS)
     sync.start(0)
     for now in range(0, 5000 * MS, 100 * MS):
         sync.tick(now)

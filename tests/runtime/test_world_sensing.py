@@ -1,6 +1,7 @@
 """Sensors of the world on virtual drives with physics, in simulated time: the world measures, broadcasters tell."""
 
 import math
+import statistics
 
 import pytest
 from support.physicsrobot import PhysicsRobot
@@ -54,11 +55,15 @@ def sense(robot):
 
 def test_what_the_world_measures_is_in_the_interfaces_and_is_broadcast(robot):
     assert math.isnan(told(robot)["imu/orientation.w"])
-    robot.hold(10.0, 10.0, ms=1500)
-    sense(robot)
-    robot.run(40)
-    values = told(robot)
-    assert values["imu/linear_acceleration.z"] == pytest.approx(9.81, abs=1.0)
+    robot.hold(10.0, 10.0, ms=1000)
+    upward = []
+    for _ in range(25):  # what an IMU tells at one moment has the chassis's rocking in it
+        robot.hold(10.0, 10.0, ms=20)
+        sense(robot)
+        robot.run(40)
+        values = told(robot)
+        upward.append(values["imu/linear_acceleration.z"])
+    assert statistics.mean(upward) == pytest.approx(9.81, abs=0.5)
     assert values["truth/position.x"] == pytest.approx(robot.world.describe().base.x, abs=0.02)
     assert values["truth/position.x"] > 0.1
     assert "other/voltage" not in values

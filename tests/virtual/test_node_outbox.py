@@ -50,5 +50,5 @@ def test_of_what_nobody_fetches_the_newest_is_kept():
         box.tell(number)
         box.send(CanFrame(0x123))
     assert box.events() == list(range(500, 1500))
-    assert len(box.frames()) == 1000
-    assert (box.events(), box.frames()) == ([], [])
+    assert len(box.outgoing.drain()) == 1000
+    assert (box.events(), box.outgoing.drain()) == ([], [])

@@ -148,6 +148,31 @@ def test_a_refused_value_leaves_its_object_and_the_rest_of_the_rpdo_counts():
     assert bench.node.pdos.refused == 1
 
 
+def test_an_rpdo_that_repeats_itself_takes_back_what_sdo_has_written_meanwhile():
+    bench = Bench(servo())
+    bench.start()
+    remap(bench, 0, [0x60400010, 0x60FF0020], rpdo=True)
+    same = struct.pack("<Hi", 6, 400)
+    for _ in range(3):
+        bench.put(0x205, same)
+    bench.write(0x60FF, 100)
+    assert bench.number(0x60FF) == 100
+    bench.put(0x205, same)
+    assert bench.number(0x60FF) == 400
+
+
+def test_an_rpdo_that_repeats_itself_still_sees_a_ceiling_that_a_fault_sets():
+    bench = Bench(servo())
+    bench.start()
+    remap(bench, 0, [0x60400010, 0x60FF0020], rpdo=True)
+    same = struct.pack("<Hi", 6, 400)
+    bench.put(0x205, same)
+    bench.put(0x205, same)
+    bench.node.store.ceilings.break_with({0x60FF: 50})
+    bench.put(0x205, same)
+    assert bench.number(0x60FF) == 50
+
+
 def test_dummy_entries_are_gaps():
     bench = Bench(servo())
     remap(bench, 0, [0x00060010, 0x60400010], rpdo=True)

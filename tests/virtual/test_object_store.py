@@ -30,6 +30,26 @@ def abort(action, *arguments):
     return caught.value.code
 
 
+def test_the_version_grows_with_a_value_that_is_another_one():
+    values = store()
+    before = values.version
+    values.download(0x2000, 0, b"\x03")
+    assert values.version == before
+    values.download(0x2000, 0, b"\x04")
+    values.set(0x2001, 0, 8)
+    values.defaults()
+    assert values.version == before + 3
+
+
+def test_a_guard_judges_by_values_where_it_says_so_and_nothing_is_capped():
+    values = store()
+    values.guard([0x2000], lambda _entry, value: value)
+    values.guard([0x2001], lambda _entry, value: value, by_values=True)
+    found = [values.judges_by_values(index) for index in (0x2000, 0x2001, 0x2002)]
+    values.ceilings.break_with({0x2001: 1})
+    assert (found, values.judges_by_values(0x2001)) == ([False, True, True], False)
+
+
 def test_it_starts_with_the_defaults_of_the_file():
     values = store()
     assert [values.get(0x2000), values.get(0x2003), values.get(0x2004, 1), values.get(0x2002)] == [3, "abc", -5, 0]
