@@ -7,6 +7,7 @@ cyclic before profile; 0 (no mode) is never chosen by itself, because there are 
 from __future__ import annotations
 
 from enum import IntEnum
+from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -47,6 +48,7 @@ _SELECTABLE = tuple(mode for mode in OperationMode if mode)
 _NAMES = {int(mode): mode.name for mode in OperationMode}
 
 
+@lru_cache(maxsize=64)
 def supported_modes(supported_drive_modes: int) -> tuple[OperationMode, ...]:
     """Return the modes that 0x6502 lists, ascending; the manufacturer's bits and reserved ones are left out."""
     return tuple(mode for mode in _SELECTABLE if supported_drive_modes >> (mode - 1) & 1)

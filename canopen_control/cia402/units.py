@@ -171,20 +171,24 @@ class PositionUnwrapper:
 
     def update(self, raw: int) -> int:
         """Take the next value of 0x6064 and return the continuous count; the first one is taken as it is."""
-        last = self._raw
-        if raw == last and not self._pending:
-            return self.count
-        self._raw = raw
+        last, most = self._raw, self.max_step
         if last is None:
-            self.count = raw
+            self._raw = self.count = raw
             return raw
         step = raw - last
+        if most is not None and most < _HALF and -most <= step <= most and not self._pending:
+            self._raw = raw  # as ever: a step that is no jump, and not through the end of the counter
+            self.count += step
+            return self.count
+        if not step and not self._pending:
+            return self.count
+        self._raw = raw
         if not -_HALF <= step < _HALF:
             step = (step + _HALF) % _SPAN - _HALF
         if self._pending:
             self._pending = False
             self.offset = self.count - raw
-        elif self.max_step is not None and not -self.max_step <= step <= self.max_step:
+        elif most is not None and not -most <= step <= most:
             self.jumps += 1
             self.last_jump = step
             self.offset = self.count - raw

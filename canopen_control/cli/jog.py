@@ -18,13 +18,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import number, seconds, whole_number
-from canopen_control.cli.support.jog_robot import choose_jog, dead_man_words, drive_of_robot, own_robot
+from canopen_control.cli.support.jog_robot import choose_jog, dead_man_words, own_robot
 from canopen_control.cli.support.jog_run import JogRun, reset_fault
-from canopen_control.cli.support.open_session import add_session_arguments, open_session
-from canopen_control.cli.support.target import find_eds, parse_node_id, robot_on
-from canopen_control.client import RobotClient
-from canopen_control.errors import ConfigError, DriveError
-from canopen_control.service.drive_faults import fault_words, why_not_free
+from canopen_control.cli.support.one_drive import axis_of, look_at_drive, running_drive, tell_event, with_counts
+from canopen_control.cli.support.open_session import add_session_arguments
+from canopen_control.cli.support.target import parse_node_id, robot_on
+from canopen_control.errors import ConfigError
 from canopen_control.service.jog_motion import JogKind, JogLimits
 from canopen_control.service.jog_units import JogScale, Quantity, parse_quantity
 
@@ -33,9 +32,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canopen_control.cli.support.jog_robot import JogDrive
-    from canopen_control.master.event_log import Event
     from canopen_control.scaffold.drive_choice import AxisChoice
-    from canopen_control.scaffold.new_robot import Device, NewRobot
+    from canopen_control.scaffold.new_robot import NewRobot
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -107,24 +105,24 @@ class _Wish:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    wish = _wish(args)
-    if not (args.seconds or wish.kind is JogKind.POSITION or args.fault_reset or sys.stdin.isatty()):
+    request = _request(args)
+    if not (args.seconds or request.kind is JogKind.POSITION or args.fault_reset or sys.stdin.isatty()):
         raise ConfigError("keys are read from a terminal, and standard input is none; move for a time: --for S")
     with contextlib.ExitStack() as stack:
         if args.can is None:
-            drive, scale = _running(args, wish, args.name, stack)
+            drive, scale = _running(args, request, args.name, stack)
         elif (owner := robot_on(args.can)) is not None:
-            drive, scale = _running(args, wish, owner[0], stack)
+            drive, scale = _running(args, request, owner[0], stack)
         else:
-            drive, scale = stack.enter_context(_own(args, wish))
+            drive, scale = stack.enter_context(_own(args, request))
         if args.fault_reset:
             print(reset_fault(drive))
             return 0
-        value, limits = wish.limits(scale, args.max_current)
-        return JogRun(drive, scale, wish.kind, value, limits, args.seconds).run()
+        value, limits = request.limits(scale, args.max_current)
+        return JogRun(drive, scale, request.kind, value, limits, args.seconds).run()
 
 
-def _wish(args: argparse.Namespace) -> _Wish:
+def _request(args: argparse.Namespace) -> _Wish:
     """Read the quantities; ConfigError for what is none."""
     given = next((name for name in _KINDS if getattr(args, name) is not None), "velocity")
     value: Quantity | float = _SPEED
@@ -145,75 +143,28 @@ def _limit(scale: JogScale, wanted: Quantity | None, otherwise: float) -> float:
 
 
 def _running(
-    args: argparse.Namespace, wish: _Wish, name: str | None, stack: contextlib.ExitStack
+    args: argparse.Namespace, request: _Wish, name: str | None, stack: contextlib.ExitStack
 ) -> tuple[JogDrive, JogScale]:
     """Return a drive of a running robot, which knows its units."""
-    client = stack.enter_context(RobotClient.connect(name))
-    mode = {JogKind.VELOCITY: "PV", JogKind.POSITION: "PP", JogKind.TORQUE: "TQ"}[wish.kind]
-    drive = drive_of_robot(client, args.node, args.axis, mode)
-    print(f"node {args.node} is {drive.joint} of the running robot {client.robot}, and moved through it")
-    return drive, JogScale(args.counts or math.tau, told=True)
+    mode = {JogKind.VELOCITY: "PV", JogKind.POSITION: "PP", JogKind.TORQUE: "TQ"}[request.kind]
+    return running_drive(args, name, mode, stack)
 
 
 @contextlib.contextmanager
-def _own(args: argparse.Namespace, wish: _Wish) -> Iterator[tuple[JogDrive, JogScale]]:
+def _own(args: argparse.Namespace, request: _Wish) -> Iterator[tuple[JogDrive, JogScale]]:
     """Look at the drive on its bare bus, then boot a robot of it alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
     parse_node_id(args.node)
-    device = _look(args)
-    robot = choose_jog(device, wish.kind.value, allow_unsupervised=args.allow_unsupervised)
-    axis = _axis(robot, args)
+    device = look_at_drive(args, with_fault=args.fault_reset)
+    robot = choose_jog(device, request.kind.value, allow_unsupervised=args.allow_unsupervised)
+    axis = axis_of(robot, args)
     scale = JogScale(args.counts or axis.counts, told=args.counts is not None or axis.told)
-    _, limits = wish.limits(JogScale(axis.counts, scale.told) if args.counts is None else scale, args.max_current)
+    _, limits = request.limits(JogScale(axis.counts, scale.told) if args.counts is None else scale, args.max_current)
     print("\n".join(_lines(robot, axis, scale, limits)), flush=True)
-    robot = _with_counts(robot, args.counts)
-    with own_robot(robot, _axis(robot, args), args.can, limits.speed, _tell) as drive:
+    robot = with_counts(robot, args.counts)
+    with own_robot(robot, axis_of(robot, args), args.can, limits.speed, tell_event) as drive:
         yield drive, scale
-
-
-def _look(args: argparse.Namespace) -> Device:
-    """Return the device with what itself says of its units; ConfigError and DriveError for what must not be moved."""
-    from canopen_control.cli.init import ask_drives
-    from canopen_control.scaffold.new_robot import Device
-
-    with open_session(args) as node:
-        if not len(node.axes()):
-            raise ConfigError(f"{args.eds} has no controlword (0x6040): it describes no CiA 402 drive, nothing to turn")
-        if differing := node.identity_differences():
-            raise ConfigError(f"{node} is not the device of {args.eds}: {'; '.join(differing)}; give its own EDS")
-        if not args.fault_reset and (words := fault_words(node)):
-            again = f"canopen-control jog {args.node} --can {args.can} --eds {args.eds} --fault-reset"
-            raise DriveError(f"{node} has a fault: {words}; nothing is reset by itself: {again}")
-        if reason := why_not_free(node):
-            raise DriveError(reason)
-        device = Device(node.node_id, find_eds(args.eds).resolve(), node.dictionary)
-    ask_drives(args.can, [device], args.timeout or 0.5)
-    return device
-
-
-def _axis(robot: NewRobot, args: argparse.Namespace) -> AxisChoice:
-    number: int = args.axis
-    if number >= len(robot.joints):
-        raise ConfigError(f"node {args.node} has no axis {number}; it has {len(robot.joints)}, counted from 0")
-    return robot.joints[number].axis
-
-
-def _with_counts(robot: NewRobot, counts: float | None) -> NewRobot:
-    """Return the same with what the user says of its counts."""
-    from dataclasses import replace
-
-    if counts is None:
-        return robot
-    nodes = tuple(
-        replace(
-            node,
-            drive=node.drive and replace(node.drive, axes=tuple(replace(a, counts=counts) for a in node.drive.axes)),
-            joints=tuple(replace(joint, axis=replace(joint.axis, counts=counts)) for joint in node.joints),
-        )
-        for node in robot.nodes
-    )
-    return replace(robot, nodes=nodes)
 
 
 def _lines(robot: NewRobot, axis: AxisChoice, scale: JogScale, limits: JogLimits) -> Iterator[str]:
@@ -227,11 +178,3 @@ def _lines(robot: NewRobot, axis: AxisChoice, scale: JogScale, limits: JogLimits
     yield f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} each way,"
     yield f"        current {limits.current / 10:g} % of the rated one; {turn}"
     yield f"dead-man: {dead_man_words(node.supervision)}"
-
-
-def _tell(event: Event) -> None:
-    """Print what went wrong while the drive is booted and moved."""
-    from canopen_control.master.event_log import Level
-
-    if event.level >= Level.WARNING:
-        print(f"\r\x1b[K{event.sentence}" if sys.stdout.isatty() else event.sentence, file=sys.stderr, flush=True)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from canopen_control.physics.body_model import JointPlace
     from canopen_control.physics.motor_estimate import Motor
     from canopen_control.physics.physics_file import AxisSettings
-    from canopen_control.virtual.plant import Leader
+    from canopen_control.virtual.plant import Leader, ServoGains
     from canopen_control.virtual.trajectory import Trajectory
 
 __all__ = ["JointPlant", "Moved", "ServoLoop"]
@@ -30,7 +30,15 @@ _FOLLOW_NS: Final = 10_000_000
 
 
 class ServoLoop:
-    """Position P over velocity PI of a motor; `period` in s, `quantum` is a count of its encoder in rad."""
+    """Position P over velocity PI of a motor; `period` in s, `quantum` is a count of its encoder in rad.
+
+    Its gains are made of the settings, unless the drive has some of its own.
+    """
+
+    kp: float
+    _ki: float
+    _gain: float
+    _feed_forward: float
 
     def __init__(self, motor: Motor, settings: AxisSettings, period: float) -> None:
         counts = abs(settings.scale_pos_to_dev)
@@ -39,12 +47,23 @@ class ServoLoop:
         else:
             counts = settings.encoder * settings.gear / math.tau
         self.quantum = 1.0 / counts
-        self.kp = settings.bandwidth * motor.inertia
-        self._ki = _RESET * settings.bandwidth * self.kp * period
-        self._gain, self._period = settings.position_gain, period
+        kp = settings.bandwidth * motor.inertia
+        self._own = (kp, _RESET * settings.bandwidth * kp, settings.position_gain, 1.0)
+        self._period = period
+        self.tune()
         self._share = period / (_FILTER_S + period) if self.quantum > _COARSE else 1.0
         self._place: float | None = None
         self._velocity = self._integral = 0.0
+
+    def tune(self, gains: ServoGains | None = None, counts: float = 1.0, per_mille: float = 1.0) -> None:
+        """Take the gains of a drive, or again those of the settings; `counts` for each rad and N m for each per mille.
+
+        What was gathered stays.
+        """
+        scale = counts * per_mille
+        mine = (gains[0] * scale, gains[1] * scale, gains[2], gains[3]) if gains is not None else self._own
+        self.kp, ki, self._gain, self._feed_forward = mine
+        self._ki = ki * self._period
 
     def rest(self, torque: float = 0.0) -> None:
         """Forget what the loops had gathered; they go on from a torque."""
@@ -56,14 +75,26 @@ class ServoLoop:
 
     def torque(self, angle: float, position: float, velocity: float, limit: float) -> float:
         """Return the torque that brings a joint at `angle` to a position and a velocity, within a limit."""
+        error = position - self._see(angle)
+        if velocity == 0.0 and -self.quantum <= error <= self.quantum:
+            return self._hold(limit)
+        return self._push(self._feed_forward * velocity + self._gain * error - self._velocity, limit)
+
+    def velocity_torque(self, angle: float, velocity: float, limit: float) -> float:
+        """Return the torque that brings a joint to a velocity, wherever it is: the way that was lost stays lost."""
+        self._see(angle)
+        return self._push(velocity - self._velocity, limit)
+
+    def _see(self, angle: float) -> float:
+        """Measure place and velocity with the encoder; return the place."""
         place = round(angle / self.quantum) * self.quantum
         way = 0.0 if self._place is None else place - self._place
         self._place = place
         self._velocity += self._share * (way / self._period - self._velocity)
-        error = position - place
-        if velocity == 0.0 and -self.quantum <= error <= self.quantum:
-            return self._hold(limit)
-        lacking = velocity + self._gain * error - self._velocity
+        return place
+
+    def _push(self, lacking: float, limit: float) -> float:
+        """Return the velocity loop's torque, held within a limit."""
         torque = self.kp * lacking + self._integral
         if torque > limit:
             held = limit
@@ -128,6 +159,7 @@ class JointPlant:
         self._external, self._stalled = 0.0, False
         self._friction = 1000.0 * place.motor.friction / self.rated_torque
         self._held: bool | None = None  # by brake or stall
+        self._gains: ServoGains | None = None  # that the loop has from its drive
         self.show(0.0)
 
     # -- what its drive sees
@@ -216,7 +248,9 @@ class JointPlant:
     def order(self) -> tuple[object, ...]:
         """Return what its drive wants, to be compared with what it wanted before."""
         leader = self.leader
-        return () if leader is None else (leader.powered, leader.torque, leader.demand, leader.torque_limit)
+        if leader is None:
+            return ()
+        return leader.powered, leader.torque, leader.demand, leader.torque_limit, leader.velocity_mode, leader.gains
 
     def control(self, clock: int) -> None:
         """Set the torque of one step, which begins at `clock`."""
@@ -226,12 +260,11 @@ class JointPlant:
             self.loop.rest()
         else:
             limit = min(self._peak, leader.torque_limit * self.rated_torque / 1000.0)
+            if leader.gains is not self._gains:
+                self._gains = leader.gains
+                self.loop.tune(leader.gains, abs(self._scale), abs(self._per_mille))
             if leader.torque is None:
-                position, velocity = leader.demand.at(clock)
-                angle = float(self._world.angles[self.place.qpos])
-                newtons = self.loop.torque(
-                    angle, (position - self._offset) / self._scale, velocity / self._scale, limit
-                )
+                newtons = self._led(leader, clock, limit)
             else:
                 newtons = max(-limit, min(limit, leader.torque.at(clock)[1] * self._per_mille))
                 self.loop.rest(newtons)
@@ -240,6 +273,14 @@ class JointPlant:
             self._world.set_lock(self.place, held)
         self.torque = newtons / self._per_mille
         self._world.efforts[self.place.dof] = newtons + self._external * self._per_mille
+
+    def _led(self, leader: Leader, clock: int, limit: float) -> float:
+        """Return the torque along the demand."""
+        position, velocity = leader.demand.at(clock)
+        angle, speed = float(self._world.angles[self.place.qpos]), velocity / self._scale
+        if leader.velocity_mode:
+            return self.loop.velocity_torque(angle, speed, limit)
+        return self.loop.torque(angle, (position - self._offset) / self._scale, speed, limit)
 
     def show(self, beyond: float) -> None:
         """Show position and velocity, `beyond` seconds after the last step."""

@@ -41,13 +41,14 @@ class JogEnd(Enum):
     OVER = "its time is over"
     THERE = "there"
     TRAVEL = "the travel limit is reached"
+    SPEED = "the speed limit is reached"
     CURRENT = "the current limit is reached"
     STATE = "the drive is not enabled any more"
 
     @property
     def failed(self) -> bool:
         """Whether something else than the user ended it."""
-        return self in (JogEnd.CURRENT, JogEnd.STATE)
+        return self in (JogEnd.SPEED, JogEnd.CURRENT, JogEnd.STATE)
 
 
 @dataclass(frozen=True, slots=True)

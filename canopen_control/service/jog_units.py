@@ -84,4 +84,9 @@ class JogScale:
         """Return a velocity for people: rad/s and rpm where a turn is known, counts per second elsewhere."""
         if not self.told:
             return f"{speed * self.counts / math.tau:.0f} pps"
-        return f"{speed:.2f} rad/s ({speed * 60.0 / math.tau:.1f} rpm)"
+        return f"{_rounded(speed, 2)} rad/s ({_rounded(speed * 60.0 / math.tau, 1)} rpm)"
+
+
+def _rounded(value: float, places: int) -> str:
+    """Return a number without the sign of a zero."""
+    return f"{round(value, places) + 0.0:.{places}f}"

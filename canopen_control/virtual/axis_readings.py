@@ -48,11 +48,17 @@ class Statusword:
         if self.replaced.value is not None:
             return self.replaced.value
         power, mode = self._power, self._modes.active
-        word = power.state.value | self.forced.value
+        word = power.bits | self.forced.value
         if self._velocity_bits is not None:
             word |= self._velocity_bits(mode.measured_velocity())
-        word |= (VOLTAGE_ENABLED if power.voltage.value else 0) | (REMOTE if self.remote.value else 0)
-        word |= (WARNING if self.warning.value else 0) | (INTERNAL_LIMIT if self._limits.active else 0)
+        if power.voltage.value:
+            word |= VOLTAGE_ENABLED
+        if self.remote.value:
+            word |= REMOTE
+        if self.warning.value:
+            word |= WARNING
+        if self._limits.active:
+            word |= INTERNAL_LIMIT
         enabled = power.state is State.OPERATION_ENABLED
         bits = mode.bits() if enabled else mode.unpowered_bits()
         if not enabled or power.halted:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.virtual.fault_seam import Seam
+    from canopen_control.virtual.program_area import ProgramArea
     from canopen_control.virtual.virtual_drive import VirtualDrive
     from canopen_control.virtual.virtual_node import VirtualNode
 
@@ -219,6 +220,30 @@ def output_overload(node: VirtualNode, on: bool, _now: int) -> None:
         node.outbox.clear_error(0x2310)
 
 
+def program_lost(node: VirtualNode, on: bool, now: int) -> None:
+    """Lose the program from the flash, and start in the boot-loader; or have the maker's program again."""
+    if node.program is None:
+        return
+    if on:
+        node.program.lose()
+    else:
+        node.program.mend()
+    node.power_on(now)
+
+
+def _breaks_program(seam: Callable[[ProgramArea], Seam[T]], value: T) -> Switch:
+    """Make a turn that acts at a seam of the program area."""
+
+    def turn(node: VirtualNode, on: bool, _now: int) -> None:
+        if node.program is not None:
+            seam(node.program).switch(on, value)
+
+    return turn
+
+
+program_damaged: Switch = _breaks_program(lambda area: area.damages, True)
+flash_failing: Switch = _breaks_program(lambda area: area.fails_at, 1024)
+flash_slow: Switch = _breaks_program(lambda area: area.erase_ns, 12 * _S)
 transition_slow: Switch = _breaks(lambda drive: drive.power.transition_delay_ns, 2 * _S)
 status_undefined: Switch = _each(no_state)
 mode_frozen: Switch = _breaks(lambda drive: drive.modes.stuck, True)

@@ -67,6 +67,7 @@ class DeviceModel:
     unset_ramp: float = math.inf
     unset_velocity: float = 100_000.0  # of a profile velocity that is absent or 0
     velocity_ramp_both_ways: bool = False  # PV: 0x6083 also decelerates
+    ramps_positions: bool = False  # in velocity modes too, as a stepper does: way that was lost is made up for
     single_set_point: bool = False
     homing_methods: frozenset[int] | None = None
     homing_halts: bool = True

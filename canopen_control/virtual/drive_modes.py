@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
@@ -35,6 +35,7 @@ MODES: dict[int, Callable[[Axis], Mode]] = {
     OperationMode.CST: partial(Torque, cyclic=True),
     OperationMode.CSTCA: partial(Torque, cyclic=True),
 }
+_VELOCITY_MODES: Final = frozenset({OperationMode.VL, OperationMode.PV, OperationMode.CSV})
 _TARGETS: dict[int, tuple[int, int]] = {
     OperationMode.PP: (o.TARGET_POSITION, 0),
     OperationMode.VL: (o.VL_TARGET_VELOCITY, 0),
@@ -108,6 +109,7 @@ class DriveModes:
             axis.outbox.tell(ModeChanged(axis.objects.axis, number))
         self.active.reset()
         axis.mover.cancel("homing", "window")
+        axis.mover.velocity_mode = number in _VELOCITY_MODES and not axis.objects.model.ramps_positions
         self.number, self.active = number, self._all.get(number, self._none)
         if axis.power.running and not axis.power.halted:
             self.active.start(now)

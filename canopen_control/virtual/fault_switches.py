@@ -22,6 +22,7 @@ __all__ = ["FaultSwitches", "second_node"]
 
 _FLOOD_NS = 1_000_000
 _OTHER_SERIAL = 1000
+_DEVICES = {"axis": "a drive", "program": "one whose program can be loaded (0x1F51)"}
 
 
 class FaultSwitches:
@@ -55,7 +56,7 @@ class FaultSwitches:
         """Raise ConfigError for a fault that this kind of node cannot show."""
         node = self._node
         if not fault.fits(node):
-            which = "a drive" if fault.acts == "axis" else f"no drive, of a profile with {fault.acts}s"
+            which = _DEVICES.get(fault.acts) or f"no drive, of a profile with {fault.acts}s"
             raise ConfigError(
                 f"{fault.name} is a fault of a device that is {which}; node {node.node_id} is {node.name}"
             )

@@ -28,7 +28,10 @@ __all__ = ["FAULTS", "Fault", "find_fault", "parse_fault"]
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One row; `acts` is ``wire``, ``node``, ``axis``, ``input`` or ``output``; the last two are of no drives."""
+    """One row; `acts` is ``wire``, ``node``, ``axis``, ``program``, ``input`` or ``output``; the last two of no drives.
+
+    Those of a ``program`` are of nodes whose program can be loaded over CANopen.
+    """
 
     row: int
     name: str
@@ -47,7 +50,8 @@ class Fault:
         function = node.function
         if self.acts == "output":
             return function is not None and any(each.output for each in function.describe())
-        return {"input": function is not None, "axis": bool(node.drives)}.get(self.acts, True)
+        parts = {"input": function is not None, "axis": bool(node.drives), "program": node.program is not None}
+        return parts.get(self.acts, True)
 
     def listing(self, *, on: bool = False) -> FaultListing:
         """Return what people are told of it."""
@@ -132,6 +136,10 @@ _ROWS = (
     Fault(0, "input_noise", "input", "its analogue inputs are noisy, by 2 % of the full scale (a device that is no drive)", "goes on", switched=device.inputs("noise")),
     Fault(0, "input_jump", "input", "its analogue inputs are off by a quarter of the full scale (a device that is no drive)", "shows it; a limit in who uses it stops", switched=device.inputs("jump")),
     Fault(0, "output_overload", "output", "its outputs are overloaded: it switches them off and reports 0x2310, which lasts (a device that is no drive)", "shows it; what stands commanded stays", switched=device.output_overload),
+    Fault(0, "program_lost", "program", "has lost its program: it resets, and its boot-loader runs (a node with 0x1F51)", "stops all axes, does not take the boot-loader for the drive; `firmware` loads a program without its EDS", switched=device.program_lost),
+    Fault(0, "program_damaged", "program", "changes a bit of a program on its way into the flash (a node with 0x1F51)", "says that the sum is wrong and starts nothing; the same command begins anew", switched=device.program_damaged),
+    Fault(0, "flash_fails", "program", "its flash fails after 1024 bytes of a program (a node with 0x1F51)", "says so and starts nothing; the same command begins anew", switched=device.flash_failing),
+    Fault(0, "flash_slow", "program", "takes twelve seconds to clear its program (a node with 0x1F51)", "waits as long as the flash says that it is busy", switched=device.flash_slow),
     Fault(0, "following_error", "axis", "following error: FAULT 0x8611, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.following_error),
 )  # fmt: skip
 FAULTS: dict[str, Fault] = {fault.name: fault for fault in _ROWS}

@@ -7,7 +7,6 @@ demand; `bits` gives bits 10, 12 and 13 of the statusword.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canopen_control.cia402 import objects as o
@@ -28,17 +27,23 @@ REACHED, BIT_12, BIT_13 = 1 << 10, 1 << 12, 1 << 13
 NEW_SET_POINT = 1 << 4  # of the controlword; HM and IP use the bit as well
 
 
-@dataclass(frozen=True, slots=True)
 class Axis:
     """The parts of one axis that a mode works with."""
 
-    objects: AxisObjects
-    mover: Mover
-    power: PowerMachine
-    limits: AxisLimits
-    outbox: NodeOutbox
-    clock: Clock
-    meter: SetPointMeter
+    __slots__ = ("clock", "limits", "meter", "mover", "objects", "outbox", "power")
+
+    def __init__(
+        self,
+        objects: AxisObjects,
+        mover: Mover,
+        power: PowerMachine,
+        limits: AxisLimits,
+        outbox: NodeOutbox,
+        clock: Clock,
+        meter: SetPointMeter,
+    ) -> None:
+        self.objects, self.mover, self.power, self.limits = objects, mover, power, limits
+        self.outbox, self.clock, self.meter = outbox, clock, meter
 
 
 class Mode:
@@ -122,12 +127,19 @@ class FollowingMode(Mode):
     def reset(self) -> None:
         """Forget the last target."""
         self._inputs: object = None
+        self._looked: tuple[int, float] | None = None  # at which version of the values, and with which zero
 
     def start(self, now: int) -> None:
         """Go on to the target from the present motion."""
         self._inputs = None
         if self.power.live:
             self.update(now)
+
+    def looks_anew(self) -> bool:
+        """Whether a value may be another one than when it was asked last; a limit switch may be anywhere."""
+        looked = None if self.mover.switches.wired else (self.objects.store.version, self.units.zero)
+        before, self._looked = self._looked, looked
+        return looked is None or looked != before or self._inputs is None
 
     def changed(self, inputs: object) -> bool:
         """Whether `inputs`, the target and what limits it, differ from the last ones; keeps them."""

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Protocol
 from canopen_control.virtual.plant import CoupledPlant
 from canopen_control.virtual.switches import Switches
 from canopen_control.virtual.trajectory import Trajectory, hold
+from canopen_control.virtual.velocity_loop import VelocityLoop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.virtual.plant import Plant
+    from canopen_control.virtual.plant import Plant, ServoGains
 
 __all__ = ["Mover", "Reactions"]
 
@@ -64,7 +65,10 @@ class Mover:
         self.torque: Trajectory | None = None  # set: the plant is pushed, not led
         self.powered = False
         self.now: int | None = None  # None: not started
-        self.torque_limit = math.inf  # per mille; heeded by a coupled plant
+        self.torque_limit = math.inf  # per mille; heeded by a coupled plant and by the loop
+        self.loop: VelocityLoop | None = None  # with gains of its own, else the plant follows as it can
+        self.gains: ServoGains | None = None
+        self.velocity_mode = False  # a velocity is commanded, and loops with gains or in a world hold no position
         self._fed = (0.0, 0.0)
         self.timers: dict[str, tuple[int, Callable[[int], None]]] = {}
         self._coupled = plant if isinstance(plant, CoupledPlant) else None
@@ -84,18 +88,24 @@ class Mover:
 
     def advance(self, now: int) -> None:
         """Bring the axis to `now`, each event in between at its own time."""
-        while self.timers:
+        while self._rings(now):
             name, (due, callback) = min(self.timers.items(), key=_due)
-            if due > now:
-                break
             del self.timers[name]
             self._move(due)
             callback(due)
-        self._move(now)
+        if now != self.now:
+            self._move(now)
+
+    def _rings(self, now: int) -> bool:
+        """Whether a timer is due."""
+        for due, _ in self.timers.values():  # noqa: SIM110 - most often there are none or one
+            if due <= now:
+                return True
+        return False
 
     def next_event(self) -> int | None:
         """Return the time of the next timer, None: there is none."""
-        return min((due for due, _ in self.timers.values()), default=None)
+        return min([due for due, _ in self.timers.values()]) if self.timers else None
 
     def next_deadline(self) -> int | None:
         """Return when somebody has to look, None: nothing happens by itself.
@@ -107,15 +117,31 @@ class Mover:
         return min((due for name, (due, _) in self.timers.items() if name != "follow"), default=None)
 
     def _move(self, now: int) -> None:
-        start, self.now = self.now, max(now, self.now or 0)
+        start = self.now
         if start is None or now <= start:
+            self.now = max(now, start or 0)
             return
+        self.now = now
         if not self.powered:
             self.plant.release(start, now)
         elif self.torque is not None:
             self.plant.push(self.torque, start, now)
+        elif self.loop is not None:
+            limit, only = self.torque_limit, self.velocity_mode
+            self.loop.follow(self.plant, self.demand, start, now, limit, velocity_only=only)
         else:
             self.plant.follow(self.demand, start, now)
+
+    def set_loop(self, gains: ServoGains | None, now: int) -> None:
+        """Give the loop other gains, or none: from now on, and from the present torque. A coupled plant has its own."""
+        self._move(now)
+        self.gains = gains
+        if gains is None or self._coupled is not None:
+            self.loop = None
+        elif self.loop is None:
+            self.loop = VelocityLoop(gains)
+        else:
+            self.loop.gains = gains
 
     @property
     def time(self) -> int:
@@ -133,7 +159,13 @@ class Mover:
         """Return position and velocity from which a new demand goes on."""
         if self.torque is not None or not self.powered:
             return self.plant.position, self.plant.velocity
-        return self.demand.at(now)
+        position, velocity = self.demand.at(now)
+        return (self.plant.position if self._drifts else position), velocity
+
+    @property
+    def _drifts(self) -> bool:
+        """Whether the plant is not held at the demand's position, but at its velocity alone."""
+        return self.velocity_mode and (self.loop is not None or self._coupled is not None)
 
     def power(self, on: bool, now: int) -> None:
         """Switch the power stage; both ways the demand is where the plant is."""
@@ -142,6 +174,8 @@ class Mover:
         self.powered, self.torque, self._fed = on, None, (0.0, 0.0)
         if not on:
             self.plant.release(now, now)
+        if self.loop is not None:
+            self.loop.rest()
         self.demand = hold(now, self.plant.position)
 
     def displace(self, way: float, now: int) -> None:
@@ -155,8 +189,11 @@ class Mover:
     def run(self, demand: Trajectory, now: int) -> None:
         """Follow `demand` from now on; its end is told, at once where it has none."""
         self._move(now)
+        if self.loop is not None and self.torque is not None:
+            self.loop.rest(self.torque.at(now)[1])
         self.torque, self.demand = None, demand
-        self.plant.follow(demand, now, now)
+        if self.loop is None:
+            self.plant.follow(demand, now, now)
         self._watch(now)
         if demand.end_ns > now:
             self.at("arrive", demand.end_ns, self.owner.arrived)
@@ -168,6 +205,8 @@ class Mover:
         """Give the plant's loops something beside the demand from now on, in counts/s and per mille."""
         if (velocity, torque) != self._fed and self.powered:
             self._fed = velocity, torque
+            if self.loop is not None:
+                self.loop.fed = velocity, torque
             self.plant.feed_forward(velocity, torque)
 
     def push(self, torque: Trajectory, now: int) -> None:
@@ -181,7 +220,7 @@ class Mover:
     def _watch(self, now: int) -> None:
         if self._coupled is not None:
             self._judge_again(self._coupled, now)
-        elif not self.plant.stiff and self.torque is None:
+        elif (self.loop is not None or not self.plant.stiff) and self.torque is None:
             self.at("follow", now + FOLLOW_NS, self._follow)
         hit = self.switches.next_hit(self.demand, now) if self.torque is None else None
         if hit is None:
@@ -212,8 +251,9 @@ class Mover:
         if not self.powered or self.torque is not None:
             return
         position, velocity = self.demand.at(now)
-        error = position - self.plant.position
-        self.owner.judge_following_error(error, now)
+        error = 0.0 if self._drifts else position - self.plant.position
+        if not self._drifts:
+            self.owner.judge_following_error(error, now)
         if velocity or now < self.demand.end_ns or abs(error) >= 0.5 or not self.standing:
             self.at("follow", now + FOLLOW_NS, self._follow)
 
@@ -225,7 +265,7 @@ class Mover:
     def _judge(self, plant: CoupledPlant, now: int) -> None:
         if not self.powered:
             return
-        if self.torque is None:
+        if self.torque is None and not self._drifts:
             self.owner.judge_following_error(self.demand.at(now)[0] - plant.position, now)
         self.owner.judge_load(plant.torque, now)
         if self.powered:

@@ -149,6 +149,18 @@ class NodeHost:
             if node.routes_version != self._versions[node]:
                 self._reroute()
                 break
+        if len(self.nodes) > 1:
+            self._send(self._collect(touched))
+        elif touched:
+            self._send(self.nodes[0].frames())
+        for node in touched:
+            for event in node.events():
+                self.on_event(node, event)
+            self._deadlines[node] = node.next_deadline()
+        self._set_timer()
+
+    def _collect(self, touched: dict[VirtualNode, None]) -> list[CanFrame]:
+        """Return what the nodes have to say; the others of them hear it, and may answer."""
         outgoing: list[CanFrame] = []
         waiting = list(touched)
         echoes = 0
@@ -156,19 +168,14 @@ class NodeHost:
             node = waiting.pop(0)
             frames = node.frames()
             outgoing += frames
-            if len(self.nodes) > 1 and frames and echoes < _ECHOES:
+            if frames and echoes < _ECHOES:
                 heard: dict[VirtualNode, None] = {}
                 for frame in frames:
                     self._deliver(frame, self.reactor.now(), heard, node)
                 echoes += len(heard)
                 waiting += heard
                 touched.update(heard)
-        self._send(outgoing)
-        for node in touched:
-            for event in node.events():
-                self.on_event(node, event)
-            self._deadlines[node] = node.next_deadline()
-        self._set_timer()
+        return outgoing
 
     def _send(self, frames: list[CanFrame]) -> None:
         if not frames or self._off:

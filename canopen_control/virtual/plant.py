@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from canopen_control.rpc.messages.drive import WorldAct, WorldState
 
@@ -29,6 +29,7 @@ __all__ = [
     "LoadedPlant",
     "PlainWorld",
     "Plant",
+    "ServoGains",
     "SharedWorld",
     "TellingWorld",
     "World",
@@ -56,6 +57,15 @@ class Plant(Protocol):
         """Take what the loops get beside the demand from now on: 0x60B1 in counts/s and 0x60B2 in per mille."""
 
 
+class ServoGains(NamedTuple):
+    """`velocity_p` in per mille s/count, `velocity_i` in per mille/count, `position_p` in 1/s, a share fed forward."""
+
+    velocity_p: float
+    velocity_i: float
+    position_p: float
+    feed_forward: float
+
+
 class Leader(Protocol):
     """The axis of a drive, as a plant sees it that is moved together with others: what it wants now, and its timers."""
 
@@ -63,6 +73,8 @@ class Leader(Protocol):
     torque: Trajectory | None  # set: pushed, in per mille; else led along `demand`
     demand: Trajectory
     torque_limit: float  # per mille of the rated torque that the drive lets its motor have
+    velocity_mode: bool  # the loops follow the velocity of the demand alone
+    gains: ServoGains | None  # of the drive's loops, None: they are tuned by themselves
 
     def advance(self, now: int) -> None:
         """Bring the axis to `now`, each of its timers at its own time."""
@@ -210,7 +222,7 @@ class LoadedPlant:
         for clock in self._steps(start_ns, end_ns):
             position, velocity = demand.at(clock)
             known = self.fed_velocity or velocity * self.velocity_feed_forward
-            wanted = known + self.position_gain * (position - self.position)
+            wanted = known + self._correction(position - self.position)
             effort = (wanted - self.velocity) / self.velocity_time_constant + demand.acceleration_at(clock)
             need = effort * self._mass() + self.viscosity * self.velocity - self.external + self.fed_torque
             need += math.copysign(self.friction, wanted) if wanted else 0.0
@@ -235,6 +247,14 @@ class LoadedPlant:
         """Return the ends of the steps within a time: a grid of its own, whoever looks when."""
         step = self._STEP_NS
         return range((start_ns // step + 1) * step, end_ns + 1, step)
+
+    def _correction(self, error: float) -> float:
+        """Return the velocity that takes a position error away, no more than the torque limit can stop in time.
+
+        Without that bound a motor that is weak for its load swings between both torque limits for ever.
+        """
+        braked = math.sqrt(self.torque_limit / self._mass() * abs(error))  # at half of the limit
+        return max(-braked, min(braked, self.position_gain * error))
 
     def _mass(self) -> float:
         """Torque in per mille for each count/s^2."""

@@ -115,13 +115,20 @@ class Encoder(SensorDevice):
 class Inclinometer(SensorDevice):
     """Two angles."""
 
-    twins: Mapping[int, tuple[int, ...]] = {0x6010: (0x6110,), 0x6020: (0x6120,), 0x6110: (0x6010,), 0x6120: (0x6020,)}
+    same_values: Mapping[int, tuple[int, ...]] = {
+        0x6010: (0x6110,),
+        0x6020: (0x6120,),
+        0x6110: (0x6010,),
+        0x6120: (0x6020,),
+    }
     _INVERT, _SCALE = 0x01, 0x02  # of 0x6x11
 
     def __init__(self, store: ObjectStore, outbox: NodeOutbox, clock: Clock, signals: Iterable[Signal]) -> None:
         super().__init__(store, outbox, clock, signals)
         axes = [
-            index & 0xFFF0 for signal in self.signals.values() for index in (signal.index, *self.twins[signal.index])
+            index & 0xFFF0
+            for signal in self.signals.values()
+            for index in (signal.index, *self.same_values[signal.index])
         ]
         store.on_write([axis + place for axis in axes for place in (1, 4)], self._scale_written)
         store.on_write([axis + 2 for axis in axes], self._preset_written)

@@ -1,13 +1,13 @@
 """The power state machine of one axis: states, transitions, and how each stops the motor (CiA 402-2, 6.3).
 
 A command is what the table of `cia402.state` makes of the controlword in the present state. What a transition does is a
-row of `_PERFORM`; how a stop is made is what the option code says. The motor has power in OPERATION_ENABLED,
+row of `_acts`; how a stop is made is what the option code says. The motor has power in OPERATION_ENABLED,
 QUICK_STOP_ACTIVE and FAULT_REACTION_ACTIVE only, and the first begins only while the node is OPERATIONAL.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.cia301.emcy_codes import ErrorRegister
 from canopen_control.cia301.nmt import NmtState
@@ -57,14 +57,16 @@ class Motor(Protocol):
 class PowerMachine:
     """The state of one drive's power stage.
 
-    `controlword` is the one last acted on, `stop_target` the state that a ramp under way ends in, `halted` whether the
-    halt bit holds the motor, `causes` those of faults that cannot be reset yet. Seams: `voltage`, whether the power
-    stage has supply; `transition_delay_ns`, of every transition; `reset_deaf`; `fault_on_enable`, a code.
+    `bits` are those of the statusword that are the state, `controlword` is the one last acted on, `stop_target` the
+    state that a ramp under way ends in, `halted` whether the halt bit holds the motor, `causes` those of faults that
+    cannot be reset yet. Seams: `voltage`, whether the power stage has supply; `transition_delay_ns`, of every
+    transition; `reset_deaf`; `fault_on_enable`, a code.
     """
 
     def __init__(self, objects: AxisObjects, mover: Mover, outbox: NodeOutbox, nmt: NmtSlave, motor: Motor) -> None:
         self._objects, self._mover, self._outbox, self._nmt, self._motor = objects, mover, outbox, nmt, motor
         self.state = State.NOT_READY_TO_SWITCH_ON
+        self.bits: int = self.state.value
         self.controlword = 0
         self.stop_target: State | None = None
         self.halted = False
@@ -74,6 +76,15 @@ class PowerMachine:
         self.transition_delay_ns: Seam[int] = Seam(0)
         self.reset_deaf: Seam[bool] = Seam(False)
         self.fault_on_enable: Seam[int] = Seam(0)
+        # transition number to what it does; the others only change the state
+        self._acts: dict[int, Callable[[Transition, int], None]] = {
+            4: self._enable,
+            5: self._leave,
+            8: self._leave,
+            11: self._quick_stop,
+            15: self._reset_fault,
+            16: self._enable_again,
+        }
 
     @property
     def running(self) -> bool:
@@ -97,6 +108,8 @@ class PowerMachine:
 
     def obey(self, command: Command, now: int) -> None:
         """Do what a command asks for in the present state; nothing where the table knows no transition."""
+        if command is Command.ENABLE_OPERATION and self.running:
+            return  # as in every cycle
         if "transition" in self._mover.timers and command is not Command.DISABLE_VOLTAGE:
             return  # under way; the controlword is looked at again when it is done
         transition = transition_of(self.state, command)
@@ -130,7 +143,7 @@ class PowerMachine:
         before = self.state
         if before not in transition.sources:
             return  # something else happened during its delay
-        self._PERFORM.get(transition.number, PowerMachine._plain)(self, transition, now)
+        self._acts.get(transition.number, self._plain)(transition, now)
         # A command that was held during a delay, or 0x0F in READY_TO_SWITCH_ON, goes on from here.
         command = command_of(self.controlword, self.controlword)
         if self.state is not before and self.state is State.SWITCHED_ON and command is Command.ENABLE_OPERATION:
@@ -192,7 +205,7 @@ class PowerMachine:
 
     def enter(self, state: State, now: int) -> None:
         """Be in `state`; what leaves the powered ones takes the power away."""
-        previous, self.state = self.state, state
+        previous, self.state, self.bits = self.state, state, state.value
         if previous in POWERED_STATES and state not in POWERED_STATES:
             self.power_off(now)
         if previous is not state:
@@ -270,13 +283,3 @@ class PowerMachine:
             self.obey(action, now)
         elif action is not None:
             self.enter_fault(code, now)
-
-    _PERFORM: ClassVar[dict[int, Callable[[PowerMachine, Transition, int], None]]] = {
-        4: _enable,
-        5: _leave,
-        8: _leave,
-        11: _quick_stop,
-        15: _reset_fault,
-        16: _enable_again,
-    }
-    """Transition number to what it does; the others only change the state."""

@@ -25,9 +25,13 @@ class ProfileVelocity(FollowingMode):
         """Forget the target."""
         super().reset()
         self._target = 0.0
+        self._windows_of = -1  # which version of the values they are from
+        self._reached_within = self._slow_within = 0.0
 
     def update(self, now: int) -> None:
         """Take target and ramps; a position limit ahead is where the motion ends."""
+        if not self.looks_anew():
+            return
         target = self.limits.target_velocity()
         ramps = self.objects.ramp(o.PROFILE_ACCELERATION), self.deceleration()
         if self.changed((target, *ramps, *self.limits.bounds())):
@@ -36,11 +40,18 @@ class ProfileVelocity(FollowingMode):
 
     def bits(self) -> int:
         """Return bit 10 within 0x606D of the target, bit 12 below 0x606F."""
-        velocity = self.mover.plant.velocity
-        reached = self.mover.demand.end_ns <= self.mover.time and not self.limits.active
-        reached = reached and abs(velocity - self._target) <= max(self.objects.speed(o.VELOCITY_WINDOW), 0.5)
-        slow = abs(velocity) <= max(self.objects.speed(o.VELOCITY_THRESHOLD), 0.5)
-        return (REACHED if reached else 0) | (BIT_12 if slow else 0)
+        mover, velocity = self.mover, self.mover.plant.velocity
+        if self._windows_of != self.objects.store.version:
+            self._read_windows()
+        bits = BIT_12 if abs(velocity) <= self._slow_within else 0
+        if mover.demand.end_ns > (mover.now or 0) or self.limits.active:
+            return bits
+        return bits | REACHED if abs(velocity - self._target) <= self._reached_within else bits
+
+    def _read_windows(self) -> None:
+        self._windows_of = self.objects.store.version
+        self._reached_within = max(self.objects.speed(o.VELOCITY_WINDOW), 0.5)
+        self._slow_within = max(self.objects.speed(o.VELOCITY_THRESHOLD), 0.5)
 
     def deceleration(self) -> float:
         """Return 0x6084, or 0x6083 on drives that have one ramp for both."""

@@ -1,4 +1,4 @@
-"""The program area of a virtual device and its boot-loader: program download of CiA 302-3 (0x1F50, 51, 56, 57).
+"""The program area of a virtual device and its boot-loader: program download of CiA 302-3 (0x1F50, 51, 52, 56, 57).
 
 A device whose EDS has 0x1F51 can be given a new program. The law:
 
@@ -8,13 +8,16 @@ A device whose EDS has 0x1F51 can be given a new program. The law:
 - While the program does not run, the boot-loader does: another 0x1000 and product code, no object but its own, no PDO.
   It takes over, and hands over, with a reset after the answer has left; at power-on a whole program starts by itself.
 - 0x1F57 bit 0 is set while the flash is busy; then bits 1 to 7 say what went wrong. 0x1F56 is that CRC-32, 0 for none.
+- 0x1F52 is the date of the program, where it has one: before the CRC "1F52", days since 1984, ms after midnight.
 """
 
 from __future__ import annotations
 
 import enum
+import struct
 import zlib
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.abort import AbortCode
@@ -30,11 +33,16 @@ if TYPE_CHECKING:
 
 __all__ = ["FACTORY_PROGRAM", "FlashError", "ProgramArea", "ProgramState", "whole_program"]
 
-DATA, CONTROL, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F56, 0x1F57
-_LOADER_OBJECTS: Final = frozenset((0x1000, 0x1001, 0x1008, 0x1017, 0x1018, DATA, CONTROL, IDENTIFICATION, FLASH))
+DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
+_LOADER_OBJECTS: Final = frozenset(
+    (0x1000, 0x1001, 0x1008, 0x1017, 0x1018, DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH)
+)
 _LOADER_PRODUCT: Final = 0xB007_0000
 _CRC_BYTES: Final = 4
+_DATE: Final = struct.Struct("<4sII")  # its mark, 0x1F52:01 and :02
+_DATE_MARK: Final = b"1F52"
 _RESET_NS: Final = 10_000_000  # after the answer to stop and start
+_FLASH_BYTES: Final = 1 << 30
 ERASE_NS, WRITE_NS = 400_000_000, 100_000_000
 
 
@@ -56,9 +64,10 @@ class FlashError(enum.IntEnum):
     WRITE = 5
 
 
-def whole_program(content: bytes) -> bytes:
-    """Return a program that the device takes: the content and its CRC-32."""
-    return content + zlib.crc32(content).to_bytes(_CRC_BYTES, "little")
+def whole_program(content: bytes, *, days: int = 0, milliseconds: int = 0) -> bytes:
+    """Return a program that the device takes: the content, a date for 0x1F52 if there is one, and the CRC-32 of it."""
+    whole = content + _DATE.pack(_DATE_MARK, days, milliseconds) if days else content
+    return whole + zlib.crc32(whole).to_bytes(_CRC_BYTES, "little")
 
 
 FACTORY_PROGRAM: Final = whole_program(b"canopen_control factory program")
@@ -67,14 +76,17 @@ FACTORY_PROGRAM: Final = whole_program(b"canopen_control factory program")
 class ProgramArea:
     """The one program of a node, at the first subindex of 0x1F51; `image` is what is in the flash, whole or not.
 
-    `erase_ns` and `write_ns` are how long the flash is busy. Seam `fails_at`: bytes after which the flash fails, None:
-    it does not. `reset_at` is when the node has to reset itself.
+    `write_ns` is how long the flash is busy when it has been written. Seams: `erase_ns`, how long it takes to clear it;
+    `fails_at`, bytes after which the flash fails; `damages`, whether what is written is changed on
+    its way. `reset_at` is when the node has to reset itself.
     """
 
     def __init__(self, od: ObjectDictionary, store: ObjectStore, nmt: NmtSlave, clock: Clock) -> None:
         self.image, self.state, self.error = FACTORY_PROGRAM, ProgramState.RUNNING, FlashError.NONE
-        self.erase_ns, self.write_ns = ERASE_NS, WRITE_NS
-        self.fails_at: Seam[int | None] = Seam(None)
+        self.write_ns = WRITE_NS
+        self.erase_ns: Seam[int] = Seam(ERASE_NS)
+        self.fails_at: Seam[int] = Seam(_FLASH_BYTES)
+        self.damages: Seam[bool] = Seam(False)
         self.reset_at: int | None = None
         self._od, self._store, self._nmt, self._clock = od, store, nmt, clock
         self._busy_until = 0
@@ -85,6 +97,8 @@ class ProgramArea:
         store.on_read(CONTROL, self.number, lambda: int(self.state))
         store.on_read(IDENTIFICATION, self.number, lambda: self.identification)
         store.on_read(FLASH, self.number, lambda: 1 if self._busy else self.error << 1)
+        for subindex in od.subindices(SOFTWARE_DATE)[1:3]:
+            store.on_read(SOFTWARE_DATE, subindex, partial(self._part_of_date, subindex - 1))
         store.on_read(0x1000, 0, lambda: store.values[0x1000, 0] if self.runs else 0)
         store.on_read(0x1018, 2, lambda: store.values[0x1018, 2] if self.runs else _LOADER_PRODUCT)
 
@@ -103,6 +117,27 @@ class ProgramArea:
     def identification(self) -> int:
         """The CRC-32 that the program ends in, 0 where there is none that is whole; over both it is always the same."""
         return int.from_bytes(self.image[-_CRC_BYTES:], "little") if self.is_whole else 0
+
+    @property
+    def date(self) -> tuple[int, int]:
+        """Days since 1984-01-01 and milliseconds after midnight; zeros of a program that tells none."""
+        end = len(self.image) - _CRC_BYTES
+        if not self.is_whole or end < _DATE.size:
+            return 0, 0
+        mark, days, milliseconds = _DATE.unpack_from(self.image, end - _DATE.size)
+        return (days, milliseconds) if mark == _DATE_MARK else (0, 0)
+
+    def _part_of_date(self, part: int) -> int:
+        return self.date[part]
+
+    def lose(self) -> None:
+        """Have no program any more; the boot-loader runs from the next reset on."""
+        self.image, self.error = b"", FlashError.NO_PROGRAM
+
+    def mend(self) -> None:
+        """Have the maker's program again where there is none that is whole; it runs from the next reset on."""
+        if not self.is_whole:
+            self.image, self.error = FACTORY_PROGRAM, FlashError.NONE
 
     def next_deadline(self) -> int | None:
         """Return when the node has to reset itself."""
@@ -145,7 +180,7 @@ class ProgramArea:
     def _clear(self) -> None:
         self._require(self.state is ProgramState.STOPPED)
         self.image, self.state, self.error = b"", ProgramState.CLEARED, FlashError.NONE
-        self._busy_until = self._clock.now + self.erase_ns
+        self._busy_until = self._clock.now + self.erase_ns.value
 
     def _take(self, entry: Entry, value: Value) -> Value:
         """Write the flash; what it fails at is in there in part, and its error is told by 0x1F57."""
@@ -155,8 +190,10 @@ class ProgramArea:
             self.error = FlashError.NOT_CLEARED
         self._require(self.state is ProgramState.CLEARED and not self._busy)
         data = value if isinstance(value, bytes) else b""
-        fails_at, self.state = self.fails_at.value, ProgramState.STOPPED
-        self.image = data if fails_at is None else data[:fails_at]
+        if self.damages.value and data:
+            data = bytes((data[0] ^ 1,)) + data[1:]
+        self.state = ProgramState.STOPPED
+        self.image = data[: self.fails_at.value]
         if len(self.image) < len(data):
             self.error = FlashError.WRITE
             raise SdoServerAbort(AbortCode.HARDWARE_ERROR)

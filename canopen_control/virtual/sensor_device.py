@@ -34,7 +34,7 @@ class SensorDevice:
 
     moving: Mapping[str, str] = {}  # name to unit
     begins_with: Mapping[str, float] = {}
-    twins: Mapping[int, tuple[int, ...]] = {}  # object to those that show the same in another format
+    same_values: Mapping[int, tuple[int, ...]] = {}  # object to those that show the same in another format
     step_ns = 10_000_000  # between two looks at what changes by time
 
     def __init__(self, store: ObjectStore, outbox: NodeOutbox, clock: Clock, signals: Iterable[Signal]) -> None:
@@ -112,7 +112,7 @@ class SensorDevice:
 
     def _show(self, signal: Signal, value: float) -> None:
         gain = self.gain(signal)
-        for index in (signal.index, *self.twins.get(signal.index, ())):
+        for index in (signal.index, *self.same_values.get(signal.index, ())):
             entry = self.store.od.get(index, signal.subindex)
             if entry is None:
                 continue
@@ -199,7 +199,7 @@ class SensorDevice:
 class MeasuringDevice(SensorDevice):
     """Measured values with status bits (CiA 404)."""
 
-    twins: Mapping[int, tuple[int, ...]] = {
+    same_values: Mapping[int, tuple[int, ...]] = {
         first: tuple(other for other in (0x6130, 0x7130, 0x9130) if other != first)
         for first in (0x6130, 0x7130, 0x9130)
     }  # fmt: skip

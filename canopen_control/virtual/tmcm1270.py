@@ -52,6 +52,7 @@ TMCM1270 = DeviceModel(
     unset_ramp=0.0,
     unset_velocity=0.0,
     velocity_ramp_both_ways=True,
+    ramps_positions=True,
     single_set_point=True,
     homing_methods=frozenset((0, 17, 18, 19, 21, 35)),
     homing_halts=False,

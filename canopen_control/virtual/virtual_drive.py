@@ -14,6 +14,7 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.emcy_codes import ErrorRegister
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia402 import objects as o
+from canopen_control.cia402.loop_gains import LoopGain, gain_objects
 from canopen_control.cia402.modes import mode_name, supported_modes
 from canopen_control.cia402.options import OPTION_CODES, Reaction
 from canopen_control.cia402.state import HALT_BIT, State, command_of
@@ -26,7 +27,7 @@ from canopen_control.virtual.drive_modes import MODES, DriveModes, possible_mode
 from canopen_control.virtual.mode_base import Axis
 from canopen_control.virtual.mover import Mover
 from canopen_control.virtual.overload import OVERLOAD, TORQUE_LIMITS, OverloadGuard
-from canopen_control.virtual.plant import IdealPlant, Plant
+from canopen_control.virtual.plant import IdealPlant, Plant, ServoGains
 from canopen_control.virtual.power_machine import PowerMachine
 from canopen_control.virtual.set_point_meter import SetPointMeter
 from canopen_control.virtual.touch_probes import TouchProbes
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.cia301.nmt import NmtSlave
+    from canopen_control.cia402.loop_gains import GainObject
     from canopen_control.od.model import DataType, Entry, Value
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
     from canopen_control.virtual.object_store import ObjectStore
@@ -78,6 +80,7 @@ class VirtualDrive:
         self.probes = TouchProbes(objects, mover, outbox)
         self._mode_address = (o.MODES_OF_OPERATION + objects.offset, 0)
         self._values = store.values
+        self._gains = gain_objects(store.od, axis)
         self._attach()
 
     @property
@@ -115,14 +118,15 @@ class VirtualDrive:
         modes = store.od.get(o.SUPPORTED_DRIVE_MODES + shift)
         if modes is not None and not modes.value:  # a real drive knows what its maker did not write down
             store.preset(*modes.address, possible_modes(self.objects) & modes.data_type.maximum)
-        store.guard([o.MODES_OF_OPERATION + shift], self._check_mode)
-        store.guard([index + shift for index in _OPTIONS], self._check_option)
+        store.guard([o.MODES_OF_OPERATION + shift], self._check_mode, by_values=True)
+        store.guard([index + shift for index in _OPTIONS], self._check_option, by_values=True)
         controlword, objects = o.CONTROLWORD + shift, self.objects
         store.on_write([index + shift for index in UNIT_OBJECTS], lambda _entry, _value: objects.units.update(objects))
         store.on_write([o.TOUCH_PROBE_FUNCTION + shift], lambda _entry, _value: self.probes.update(self._clock.now))
         store.on_write([controlword], lambda _entry, _value: self.refresh(self._clock.now, controlword=True))
         store.on_write([index + shift for index in TORQUE_LIMITS], lambda _entry, _value: self._limit_torque())
         store.on_write([o.INTERPOLATION_DATA + shift], self._record_written)
+        store.on_write({each.index for each in self._gains.values()}, lambda _entry, _value: self._tune())
         mine = {entry.index for entry in store.od if 0x6000 <= entry.index - shift < 0x6800} - {controlword}
         store.on_write(mine, lambda _entry, _value: self.refresh(self._clock.now))
 
@@ -168,6 +172,7 @@ class VirtualDrive:
         self.probes.reset()
         objects.units.update(objects)
         self._limit_torque()
+        self._tune()
         self.modes.clear()
         power.enter(State.NOT_READY_TO_SWITCH_ON, now)
         power.enter(State.SWITCH_ON_DISABLED, now)
@@ -209,6 +214,23 @@ class VirtualDrive:
         """Let the loops have the torque that 0x6072 and 0x6073 allow; 0 is no limit."""
         limits = [float(limit) for index in TORQUE_LIMITS if (limit := self.objects.number(index)) > 0]
         self.mover.torque_limit = min(limits, default=math.inf)
+
+    def _tune(self) -> None:
+        """Give the loops the gains that the objects hold; without a P of velocity the drive has tuned itself."""
+        values = {gain: self._gain(each) for gain, each in self._gains.items()}
+        speed = self.objects.units.length
+        proportional = values.get(LoopGain.VELOCITY_P, 0.0) / speed
+        gains = ServoGains(
+            proportional,
+            values.get(LoopGain.VELOCITY_I, 0.0) / speed,
+            values.get(LoopGain.POSITION_P, 0.0),
+            values.get(LoopGain.VELOCITY_FEED_FORWARD, 0.0),
+        )
+        self.mover.set_loop(gains if proportional else None, self._clock.now)
+
+    def _gain(self, place: GainObject) -> float:
+        value = self._values.get((place.index, place.subindex), 0)
+        return value * place.scale if isinstance(value, (int, float)) else 0.0
 
     def _record_written(self, entry: Entry, _value: Value) -> None:
         interpolated = self.modes.interpolated

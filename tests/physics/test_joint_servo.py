@@ -5,6 +5,7 @@ import pytest
 from canopen_control.physics.joint_servo import ServoLoop
 from canopen_control.physics.motor_estimate import Motor
 from canopen_control.physics.physics_file import AxisSettings
+from canopen_control.virtual.plant import ServoGains
 
 PERIOD = 1e-3
 
@@ -70,3 +71,28 @@ def test_rest_forgets_the_load():
     moved(servo, 1.0, load=-0.7)
     servo.rest()
     assert abs(servo.torque(1.0, 1.0, 0.0, 5.0)) < 0.2
+
+
+def test_a_velocity_alone_does_not_make_up_for_way_that_was_lost():
+    servo = loop()
+    for _ in range(500):  # blocked
+        assert servo.velocity_torque(0.0, 5.0, 0.3) <= 0.3
+    angle = velocity = 0.0
+    for _ in range(2000):
+        velocity += servo.velocity_torque(angle, 5.0, 0.3) / 0.01 * PERIOD
+        angle += velocity * PERIOD
+    assert velocity == pytest.approx(5.0, rel=0.02)
+    assert angle == pytest.approx(10.0, abs=0.6)
+
+
+def test_the_gains_of_the_drive_are_taken_and_given_back():
+    servo = loop()
+    mine = moved(servo, 1.0, load=-0.7)
+    servo = loop()
+    servo.tune(ServoGains(1e-6, 0.0, 5.0, 0.0), counts=1e5, per_mille=0.001)
+    soft = moved(servo, 1.0, load=-0.7)
+    assert soft[0] < 0.9  # without an integral a load is an error
+    servo = loop()
+    servo.tune(ServoGains(1e-6, 0.0, 5.0, 0.0), counts=1e5, per_mille=0.001)
+    servo.tune()
+    assert moved(servo, 1.0, load=-0.7) == mine

@@ -54,6 +54,7 @@ def test_where_nobody_knows_what_a_turn_is_counts_are_right_and_all_else_is_refu
 
 def test_people_read_turns_where_these_are_known_and_counts_elsewhere():
     assert (TOLD.velocity_words(math.tau), TOLD.position_words(math.pi)) == ("6.28 rad/s (60.0 rpm)", "180.0 deg")
+    assert TOLD.velocity_words(-1e-9) == "0.00 rad/s (0.0 rpm)"
     assert (GUESSED.velocity_words(math.tau), GUESSED.position_words(math.pi)) == ("4096 pps", "2048 counts")
 
 

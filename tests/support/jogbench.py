@@ -20,7 +20,11 @@ class JogBench:
 
     def jog(self, *words, node=NODE_ID, eds=None):
         """Run the verb and return its exit code."""
-        return main(["jog", str(node), "--can", self.bus.channel, "--eds", eds or self.eds, *words])
+        return self.verb("jog", *words, node=node, eds=eds)
+
+    def verb(self, verb, *words, node=NODE_ID, eds=None):
+        """Run another one."""
+        return main([verb, str(node), "--can", self.bus.channel, "--eds", eds or self.eds, *words])
 
     def get(self, index, subindex=0):
         """Return what an object of the drive holds, on the drive's own thread."""
@@ -33,6 +37,6 @@ class JogBench:
 
 
 @contextlib.contextmanager
-def jog_bench(eds=GENERIC, channel="memory:jog"):
-    with OnBus(channel, {NODE_ID: eds}) as bus:
+def jog_bench(eds=GENERIC, channel="memory:jog", plant=None):
+    with OnBus(channel, {NODE_ID: eds}, plant=plant) as bus:
         yield JogBench(bus, eds)

@@ -92,7 +92,7 @@ def test_it_says_who_it_is(controlled):
 def test_it_lists_all_faults_with_what_a_good_master_makes_of_them(controlled):
     listed = controlled().call("faults")
     assert [each["name"] for each in listed] == [
-        name for name, each in FAULTS.items() if each.acts not in ("input", "output")
+        name for name, each in FAULTS.items() if each.acts not in ("input", "output", "program")
     ]
     assert all(set(each) == {"name", "row", "acts", "does", "reaction", "once", "on"} for each in listed)
     assert all(each["does"] and each["reaction"] for each in listed)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 
 import pytest
 from support.devices import put, virtual
 from support.faulty import Faulty, bench, fault
+from support.programs import program_od
 from support.setpoints import StreamBench
 from support.virtualbench import tmcm
 
 from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.errors import ConfigError
+from canopen_control.virtual.device import make_device
 from canopen_control.virtual.fault_switches import FaultSwitches
+from canopen_control.virtual.program_area import whole_program
 
 
 @pytest.mark.parametrize(
@@ -320,3 +325,67 @@ def test_outputs_that_are_overloaded_are_off_at_the_terminals_and_told():
 def test_outputs_are_overloaded_where_there_are_some():
     with pytest.raises(ConfigError, match="a device that is no drive, of a profile with outputs"):
         FaultSwitches(virtual(406).node).set("output_overload", True, 0)
+
+
+NEW = whole_program(b"a new program" * 200)
+
+
+@pytest.fixture
+def programmed():
+    return Faulty(make_device(program_od(), 5))
+
+
+def cleared(b):
+    for command in (0, 3):
+        b.write(0x1F51, command, 1, size=1)
+        b.on(0.5)
+    return b
+
+
+def flash(b):
+    return int.from_bytes(b.read(0x1F57, 1), "little")
+
+
+def test_a_program_that_is_lost_leaves_the_boot_loader_and_comes_back(programmed):
+    programmed.set(fault("program_lost"))
+    programmed.on(0.1)
+    assert (programmed.read(0x1000), programmed.read(0x1F51, 1), flash(programmed)) == (bytes(4), b"\0", 1 << 1)
+    programmed.set("program_lost", False)
+    programmed.on(0.1)
+    assert (programmed.read(0x1000)[:2], programmed.read(0x1F51, 1)) == (b"\x92\1", b"\1")
+
+
+def test_a_program_that_was_loaded_meanwhile_is_kept(programmed):
+    programmed.set("program_lost")
+    programmed.on(0.1)
+    cleared(programmed).node.store.download(0x1F50, 1, NEW)
+    programmed.set("program_lost", False)
+    programmed.on(0.1)
+    assert (programmed.node.program.runs, programmed.node.program.image) == (True, NEW)
+
+
+@pytest.mark.parametrize(("name", "status"), [(fault("program_damaged"), 3 << 1), (fault("flash_fails"), 5 << 1)])
+def test_a_program_that_is_not_written_as_it_is_never_runs(programmed, name, status):
+    programmed.set(name)
+    with contextlib.suppress(SdoServerAbort):
+        cleared(programmed).node.store.download(0x1F50, 1, NEW)
+    programmed.on(0.2)
+    assert (flash(programmed), programmed.read(0x1F56, 1)) == (status, bytes(4))
+    programmed.set(name, False)
+    cleared(programmed).node.store.download(0x1F50, 1, NEW)
+    programmed.on(0.2)
+    assert flash(programmed) == 0
+
+
+def test_a_flash_that_is_slow_is_busy_for_long(programmed):
+    programmed.set(fault("flash_slow"))
+    assert flash(cleared(programmed)) == 1
+    programmed.on(11.0)
+    assert flash(programmed) == 1
+    programmed.on(1.0)
+    assert flash(programmed) == 0
+
+
+def test_a_drive_without_a_program_area_has_no_such_faults():
+    with pytest.raises(ConfigError, match=r"of a device that is one whose program can be loaded \(0x1F51\)"):
+        bench().set("flash_slow")

@@ -18,7 +18,7 @@ def test_every_row_of_the_catalogue_that_acts_in_the_drive_has_a_switch():
 
 def test_every_fault_says_what_it_does_and_what_a_good_master_makes_of_it():
     for fault in FAULTS.values():
-        assert fault.acts in ("wire", "node", "axis", "input", "output")
+        assert fault.acts in ("wire", "node", "axis", "program", "input", "output")
         assert len(fault.does) > 10
         assert fault.reaction
         assert fault.switched or fault.incoming or fault.outgoing or fault.floods or fault.second_node

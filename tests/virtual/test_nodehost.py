@@ -193,6 +193,7 @@ def frame_by_frame(node):
     return taken
 
 
+@pytest.mark.sources
 def test_the_segments_of_a_block_download_are_taken_at_once_and_what_comes_between_them_is_heard(world):
     w = world(generic(5), generic(6))
     initiate, segments, data = block_download(800)
@@ -211,6 +212,7 @@ def test_the_segments_of_a_block_download_are_taken_at_once_and_what_comes_betwe
     assert w.host.nodes[0].store.upload(0x2000, 0) == data
 
 
+@pytest.mark.sources
 @pytest.mark.parametrize("why", ["stopped", "a second listener", "a node of the same id", "a filter"])
 def test_where_a_frame_is_more_than_the_servers_each_comes_by_itself(world, why):
     w = world(generic(5), *([generic(5)] if why == "a node of the same id" else []))

@@ -95,6 +95,13 @@ def test_a_torque_limit_and_an_inertia_leave_it_behind():
     assert abs(weak.torque) <= 500.0
 
 
+def test_a_motor_that_is_weak_for_its_load_comes_to_rest_at_the_velocity_it_was_asked_for():
+    demand = trajectory.ramp_to(0, 0.0, 0.0, 32_750.0, math.inf, math.inf)
+    weak = run_loaded(LoadedPlant(inertia=2.0, friction=30.0), demand, 0.16)
+    assert weak.velocity == pytest.approx(32_750.0, rel=0.01)
+    assert abs(weak.torque) < 100.0
+
+
 def test_gravity_moves_it_without_power_and_friction_holds_it():
     falling, held = LoadedPlant(external=-300.0), LoadedPlant(external=-10.0, friction=20.0)
     for plant in (falling, held):

@@ -250,6 +250,7 @@ def test_a_node_id_given_by_lss_renames_its_control_socket(reactor):
     assert any("node 9: LSS: node id 9" in line for line in lines)
 
 
+@pytest.mark.sources
 def test_a_timeline_and_a_world_that_wants_to_know_its_axes_are_served(reactor):
     bus = MemoryBus("process")
     node, asked = servo(5), []

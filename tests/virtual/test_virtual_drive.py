@@ -5,7 +5,12 @@ from support.virtualbench import MS, Bench, S, ready_tmcm, servo, tmcm
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia402.state import State, decode_statusword
+from canopen_control.data_files import data_path
+from canopen_control.virtual.device import make_device
 from canopen_control.virtual.node_events import DriveStateChanged
+from canopen_control.virtual.plant import LoadedPlant
+
+GENERIC_EDS = data_path("eds", "generic_cia402.eds")
 
 
 def states(bench):
@@ -344,3 +349,68 @@ def test_the_result_does_not_depend_on_how_often_it_is_looked_at():
 def test_state_changes_are_told():
     bench = Bench(servo()).enable(3)
     assert states(bench) == ["SWITCH_ON_DISABLED", "READY_TO_SWITCH_ON", "SWITCHED_ON", "OPERATION_ENABLED"]
+
+
+def tuned(plant=None, **gains):
+    """A servo of the bundled EDS, enabled in PV, with gains."""
+    bench = Bench(make_device(GENERIC_EDS, 5, plant=lambda _axis: plant or LoadedPlant(friction=0.0)))
+    for index in (0x6083, 0x6084, 0x6085):
+        bench.write(index, 100_000)
+    for (index, sub), value in {(0x60F9, 1): gains.get("p", 0), (0x60F9, 2): gains.get("i", 0)}.items():
+        bench.write(index, value, sub)
+    return bench.enable(3)
+
+
+def test_gains_of_its_objects_make_its_loops_harder_or_softer():
+    overshoots = []
+    for p, i in ((0, 0), (5_000, 300_000)):
+        bench = tuned(p=p, i=i)
+        bench.write(0x60FF, 20_000)
+        overshoots.append(max(bench.on(0.005).velocity for _ in range(200)) / 20_000)
+    assert overshoots[0] == pytest.approx(1.0, abs=0.01)
+    assert overshoots[1] > 1.05
+
+
+def test_gains_may_change_while_it_moves_and_go_with_a_reset():
+    bench = tuned(p=50_000, i=500_000)
+    bench.write(0x60FF, 20_000)
+    bench.on(1.0)
+    bench.write(0x60F9, 0, 1)
+    before = bench.velocity
+    assert bench.on(0.05).velocity == pytest.approx(before, rel=0.02)
+    bench.write(0x60F9, 50_000, 1)
+    assert bench.on(0.5).velocity == pytest.approx(20_000, rel=0.02)
+    bench.nmt(NmtCommand.RESET_NODE)
+    bench.on(0.1)
+    assert bench.number(0x60F9, 1) == 0
+
+
+def test_a_velocity_mode_goes_on_from_where_the_shaft_is():
+    """What the velocity loop did not make up for is no jump for the position mode that comes after it."""
+    plant = LoadedPlant(friction=0.0)
+    bench = tuned(plant, p=50_000, i=500_000)
+    plant.stalled = True
+    bench.write(0x60FF, 2_000)
+    bench.on(0.5)
+    bench.write(0x60FF, 0)
+    plant.stalled = False
+    bench.on(1.0)
+    place = bench.position
+    assert abs(place) < 400
+    bench.write(0x6060, 8)
+    bench.write(0x607A, place)
+    assert bench.on(0.5).position == pytest.approx(place, abs=20)
+
+
+def test_a_soft_position_loop_is_a_following_error():
+    bench = tuned(p=50_000, i=0)
+    bench.write(0x6065, 100)
+    bench.write(0x60FB, 1_000, 1)
+    bench.write(0x60FB, 0, 2)
+    bench.write(0x6060, 1)
+    bench.write(0x6081, 20_000)
+    bench.write(0x607A, 50_000)
+    bench.control(0x1F)
+    bench.on(0.5)
+    assert bench.state == "FAULT"
+    assert bench.number(0x603F) == 0x8611

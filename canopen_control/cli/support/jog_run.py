@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from canopen_control.service.jog_motion import JogLimits
     from canopen_control.service.jog_units import JogScale
 
-__all__ = ["JogRun", "reset_fault"]
+__all__ = ["ENABLE_S", "RENEWED_S", "SIGNALS", "DriveCurrent", "JogRun", "axis_reading", "choose_mode", "ended_words",
+           "reset_fault", "stop_drive"]  # fmt: skip
 
 PERIOD_S: Final = 0.02
 RENEWED_S: Final = 0.1
@@ -40,7 +41,7 @@ CURRENTS: Final = ((0x6078, 0), (0x6077, 0))
 """What tells the current in per mille of the rated one: the current, else the torque."""
 _SOURCE: Final = "jog"
 _RATE_HZ: Final = 50.0
-_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def reset_fault(drive: JogDrive) -> str:
@@ -64,6 +65,53 @@ def choose_mode(client: RobotClient, request: AxisRequest) -> None:
             return
 
 
+class DriveCurrent:
+    """The current of a drive in per mille of the rated one, read by SDO a few times a second; None: it tells none."""
+
+    def __init__(self, drive: JogDrive) -> None:
+        self.value: float | None = None
+        self._drive = drive
+        self._currents = [*CURRENTS]
+        self._asked_ns = 0
+
+    def ask(self, client: RobotClient) -> None:
+        """Read it if it is time to."""
+        now = time.monotonic_ns()
+        if not self._currents or now - self._asked_ns < CURRENT_S * 1e9:
+            return
+        self._asked_ns = now
+        index, subindex = self._currents[0]
+        try:
+            data = client.ask(SdoRead(node=self._drive.node, index=index, subindex=subindex), 1.0).data
+            self.value = float(int.from_bytes(data[:2], "little", signed=True))
+        except RemoteError as error:
+            if error.kind == "BusClosed":
+                raise
+            del self._currents[0]
+
+
+def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | None:
+    """Return what a sample says of the axis; None where it says nothing."""
+    node = None if sample is None else sample.nodes.get(drive.node)
+    axes = () if node is None else node.axes
+    return next((each for each in axes if each.joint == drive.joint), None)
+
+
+def stop_drive(client: RobotClient, drive: JogDrive) -> None:
+    """Stop along the ramp and disable; who is gone or has stopped already is left alone."""
+    with contextlib.suppress(RemoteError):
+        client.ask(AxisRequest(action="disable", node=drive.node, joint=drive.joint), ENABLE_S)
+
+
+def ended_words(sample: StateSample | None, drive: JogDrive) -> str:
+    """Say what became of a drive that is no longer enabled."""
+    axis = axis_reading(sample, drive)
+    if axis is None:
+        return "the drive shows no state any more"
+    error = f": {axis.error}" if axis.error else ""
+    return f"the drive is {(axis.state or 'nowhere').replace('_', ' ')}{error}; nothing is reset by itself"
+
+
 class JogRun:
     """One jog of a drive; `run` returns the exit code."""
 
@@ -74,9 +122,7 @@ class JogRun:
         self._value, self._limits, self._seconds = value, limits, seconds
         self._sent, self._sent_ns = math.nan, 0
         self._sample: StateSample | None = None
-        self._current: float | None = None
-        self._currents = [*CURRENTS]
-        self._asked_ns = 0
+        self._current = DriveCurrent(drive)
         self._gone = False
 
     def run(self) -> int:
@@ -85,16 +131,16 @@ class JogRun:
             client = stack.enter_context(RobotClient.connect(self._drive.robot))
             keyboard = stack.enter_context(Keyboard()) if sys.stdin.isatty() else None
             if keyboard is None:
-                stack.enter_context(on_signals(_SIGNALS, self._leave))
+                stack.enter_context(on_signals(SIGNALS, self._leave))
             try:
                 motion = self._begin(client)
                 self._move(client, keyboard, motion)
             finally:
-                self._stop(client)
+                stop_drive(client, self._drive)
         with contextlib.suppress(OSError, ValueError):  # the terminal may be what is gone
             print(f"\n{motion.ended.value}: stopped and disabled", flush=True)
         if motion.ended is JogEnd.STATE:
-            raise CanopenError(f"{self._drive.joint}: {self._reason()}")
+            raise CanopenError(f"{self._drive.joint}: {ended_words(self._sample, self._drive)}")
         return 1 if motion.ended.failed else 0
 
     def _leave(self) -> None:
@@ -139,37 +185,17 @@ class JogRun:
         for message in client.messages(0):
             if isinstance(message, StateSample):
                 self._sample = message
-        self._ask_current(client)
+        self._current.ask(client)
         if self._sample is not None:
             joint = self._sample.joints.get(self._drive.joint)
-            axis = self._axis()
+            axis = axis_reading(self._sample, self._drive)
             enabled = axis is None or axis.state == "OPERATION_ENABLED"
             motion.see(
                 None if joint is None else joint.position,
                 None if joint is None else joint.velocity,
-                self._current,
+                self._current.value,
                 enabled=enabled,
             )
-
-    def _ask_current(self, client: RobotClient) -> None:
-        now = time.monotonic_ns()
-        if not self._currents or now - self._asked_ns < CURRENT_S * 1e9:
-            return
-        self._asked_ns = now
-        index, subindex = self._currents[0]
-        try:
-            data = client.ask(SdoRead(node=self._drive.node, index=index, subindex=subindex), 1.0).data
-            self._current = float(int.from_bytes(data[:2], "little", signed=True))
-        except RemoteError as error:
-            if error.kind == "BusClosed":
-                raise
-            del self._currents[0]
-
-    def _axis(self) -> AxisReading | None:
-        nodes = {} if self._sample is None else self._sample.nodes
-        node = nodes.get(self._drive.node)
-        axes = () if node is None else node.axes
-        return next((each for each in axes if each.joint == self._drive.joint), None)
 
     def _command(self, client: RobotClient, motion: JogMotion) -> None:
         """Send what is commanded when it changes, and again while it holds."""
@@ -187,27 +213,15 @@ class JogRun:
             motion.end(JogEnd.STATE)
         self._sent, self._sent_ns = value, now
 
-    def _stop(self, client: RobotClient) -> None:
-        """Stop along the ramp and disable; who is gone or has stopped already is left alone."""
-        with contextlib.suppress(RemoteError):
-            client.ask(AxisRequest(action="disable", node=self._drive.node, joint=self._drive.joint), ENABLE_S)
-
-    def _reason(self) -> str:
-        axis = self._axis()
-        if axis is None:
-            return "the drive shows no state any more"
-        error = f": {axis.error}" if axis.error else ""
-        return f"the drive is {(axis.state or 'nowhere').replace('_', ' ')}{error}; nothing is reset by itself"
-
     def _words(self, motion: JogMotion) -> str:
-        axis = self._axis()
+        axis = axis_reading(self._sample, self._drive)
         joint = None if self._sample is None else self._sample.joints.get(self._drive.joint)
         words = [(axis.state if axis is not None and axis.state else "no state").replace("_", " ")]
         if joint is not None and joint.velocity is not None:
             words.append(self._scale.velocity_words(joint.velocity))
         if not math.isnan(motion.travelled):
             words.append(f"at {self._scale.position_words(motion.travelled)}")
-        words.append("current not told" if self._current is None else f"current {self._current / 10:.1f} %")
+        words.append("current not told" if self._current.value is None else f"current {self._current.value / 10:.1f} %")
         errors = axis.error if axis is not None and axis.error else "no error"
         return ", ".join([*words, errors]) + (f": {motion.note}" if motion.note else "")
 

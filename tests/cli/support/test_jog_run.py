@@ -2,7 +2,7 @@ import pytest
 
 from canopen_control.cli.support import jog_run
 from canopen_control.cli.support.jog_robot import JogDrive
-from canopen_control.cli.support.jog_run import CURRENTS, JogRun, choose_mode, reset_fault
+from canopen_control.cli.support.jog_run import CURRENTS, DriveCurrent, JogRun, choose_mode, ended_words, reset_fault
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import AxisRequest, CommandController, SdoData, SdoRead
@@ -77,9 +77,14 @@ def test_a_drive_that_is_off_ends_the_jog_and_any_other_refusal_is_told():
 
 
 def test_the_current_is_read_where_the_drive_tells_it_and_else_its_torque():
-    client, run = FakeClient(("SdoAbort", "no such object"), answers={SdoRead: SdoData(b"\xce\xff")}), jog()
+    client = FakeClient(("SdoAbort", "no such object"), answers={SdoRead: SdoData(b"\xce\xff")})
+    current = DriveCurrent(DRIVE)
     for _ in range(2):
-        run._asked_ns = -(10**12)
-        run._ask_current(client)
+        current._asked_ns = -(10**12)
+        current.ask(client)
     assert [each.index for each in client.asked] == [index for index, _ in CURRENTS]
-    assert run._current == -50.0
+    assert current.value == -50.0
+
+
+def test_a_drive_of_which_nothing_is_known_is_told_as_such():
+    assert ended_words(None, DRIVE) == "the drive shows no state any more"

@@ -1,0 +1,92 @@
+"""What `tune --apply`, `--gain` and `--revert` do with the gains of a drive, and what they say of it."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402.loop_gains import GainObject, LoopGain, gain_objects
+from canopen_control.cli.support.kept_parameters import KeptParameters
+from canopen_control.errors import ConfigError
+from canopen_control.service.gain_setting import gain_values, revert_gains, set_gains
+from canopen_control.service.read_parameters import device_identity
+from canopen_control.service.restore import store
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from canopen_control.service.gain_setting import GainChange
+    from canopen_control.service.loop_design import LoopGains
+    from canopen_control.service.node_session import NodeSession
+
+__all__ = ["GAIN_NAMES", "applied", "parse_gain", "reverted", "settable_gains"]
+
+GAIN_NAMES: Final = {gain.name.lower(): gain for gain in LoopGain}
+_GAIN: Final = re.compile(r"(\w+)=0x([0-9a-f]{1,4}):([0-9a-f]{1,2})\*(.+)", re.IGNORECASE)
+_OF_SHAFT: Final = (LoopGain.VELOCITY_P, LoopGain.VELOCITY_I)
+
+
+def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
+    """Read `velocity_p=0x3210:01*0.001`; ConfigError. The scale is of the units in which a proposal is printed."""
+    match = _GAIN.fullmatch(text.strip())
+    if match is None or match[1].lower() not in GAIN_NAMES:
+        raise ConfigError(
+            f"--gain {text}: say which object holds which gain and what 1 in it is worth, as in "
+            f"velocity_p=0x3210:01*0.001; the gains are {', '.join(GAIN_NAMES)}"
+        )
+    try:
+        scale = float(match[4])
+    except ValueError:
+        scale = 0.0
+    if not 0.0 < scale < float("inf"):
+        raise ConfigError(f"--gain {text}: {match[4]!r} is no scale; give a number above 0")
+    return GAIN_NAMES[match[1].lower()], GainObject(int(match[2], 16), int(match[3], 16), scale)
+
+
+def settable_gains(
+    session: NodeSession, axis: int, named: Iterable[str], units_per_rad: float
+) -> Mapping[LoopGain, GainObject]:
+    """Return where a drive holds its gains: as named, else as known of it; ConfigError where nobody can tell.
+
+    What is named is worth what it says at the shaft, of which `units_per_rad` user units make a rad.
+    """
+    od = session.dictionary
+    objects = gain_objects(od, axis)
+    for gain, place in map(parse_gain, named):
+        if (place.index, place.subindex) not in od:
+            raise ConfigError(f"--gain: {session} has no 0x{place.index:04X}:{place.subindex:02X} in its EDS")
+        scale = place.scale / units_per_rad if gain in _OF_SHAFT else place.scale
+        objects[gain] = GainObject(place.index, place.subindex, scale)
+    if missing := [gain.name.lower() for gain in _OF_SHAFT if gain not in objects]:
+        raise ConfigError(
+            f"{session}: nobody knows which of its objects hold {' and '.join(missing)} "
+            "or what their numbers are worth, if it has such loops (a stepper has none); leave --apply away, or name "
+            "them: --gain velocity_p=0x3210:01*0.001"
+        )
+    return objects
+
+
+def applied(session: NodeSession, gains: LoopGains, units_per_rad: float, args: argparse.Namespace) -> Iterator[str]:
+    """Set gains; yield what changed and how to take it back."""
+    objects = settable_gains(session, args.axis, args.gain, units_per_rad)
+    values = gain_values(session.dictionary, objects, gains, units_per_rad)
+    yield from _told(session, set_gains(session, values, _kept(session, args)), args)
+    where = f"--can {args.can} --eds {args.eds}" if args.can else f"--name {args.name}" if args.name else ""
+    yield f"taken back by: canopen-control tune {args.node} {where} --revert".replace("  ", " ")
+
+
+def reverted(session: NodeSession, args: argparse.Namespace) -> Iterator[str]:
+    """Take gains back; yield what changed."""
+    yield from _told(session, revert_gains(session, _kept(session, args)), args)
+
+
+def _kept(session: NodeSession, args: argparse.Namespace) -> KeptParameters:
+    return KeptParameters("gains", session, device_identity(session), args.can or "")
+
+
+def _told(session: NodeSession, changes: Iterable[GainChange], args: argparse.Namespace) -> Iterator[str]:
+    yield from map(str, changes)
+    if args.store:
+        store(session)
+    yield f"{session}: {'stored' if args.store else 'not stored: a power cycle undoes it (--store)'}"

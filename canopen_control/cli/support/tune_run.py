@@ -1,0 +1,226 @@
+"""The loop of a tuning run: an excitation to commands, cycle by cycle, and what the drive showed to a record.
+
+The law of this file is that of `jog_run`: each command dies with this connection, and every way out of `run` asks for
+the stop and waits until the drive is disabled. Samples carry the number of their cycle, so what was lost is counted.
+"""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402.modes import OperationMode, supported_modes
+from canopen_control.cia402.objects import (
+    ERROR_CODE,
+    MODES_OF_OPERATION_DISPLAY,
+    POSITION_ACTUAL,
+    STATUSWORD,
+    SUPPORTED_DRIVE_MODES,
+    TORQUE_ACTUAL,
+    VELOCITY_ACTUAL,
+)
+from canopen_control.cli.support.jog_robot import choose_jog
+from canopen_control.cli.support.jog_run import (
+    ENABLE_S,
+    RENEWED_S,
+    DriveCurrent,
+    axis_reading,
+    choose_mode,
+    ended_words,
+    stop_drive,
+)
+from canopen_control.client import RobotClient
+from canopen_control.errors import DriveError, RemoteError
+from canopen_control.host.signals import on_signals
+from canopen_control.rpc.messages.robot import AxisRequest, CommandController, Subscribe
+from canopen_control.rpc.messages.state import StateSample
+from canopen_control.service.jog_motion import JogEnd, JogKind
+from canopen_control.service.tune_motion import TuneMotion, TuneRecord, TuneSample
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.cli.support.jog_robot import JogDrive
+    from canopen_control.rpc.messages.robot import RobotPush
+    from canopen_control.scaffold.drive_choice import DriveChoice
+    from canopen_control.scaffold.new_robot import Device, NewRobot
+    from canopen_control.service.excitation import Excitation
+    from canopen_control.service.jog_motion import JogLimits
+
+__all__ = ["TuneRun", "choose_tuned"]
+
+_SOURCE: Final = "tune"
+_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_CYCLIC: Final = {OperationMode.PV: OperationMode.CSV, OperationMode.TQ: OperationMode.CST}
+"""What commands the same without a ramp of the drive's own."""
+_REMEDIES: Final = {
+    JogEnd.CURRENT: "; excite it less, or raise --max-current, if it is safe",
+    JogEnd.SPEED: "; excite it less, or raise --max-speed, if it is safe",
+    JogEnd.TRAVEL: "; make it shorter (--for), or raise --max-travel, if it is safe",
+}
+_WITH_SYNC: Final = 1
+_WAIT_S: Final = 1.0  # for the first sample
+_SILENCE_S: Final = 0.3  # without a sample, after which nothing is commanded any more
+_FEEDBACK: Final = (MODES_OF_OPERATION_DISPLAY, POSITION_ACTUAL, VELOCITY_ACTUAL, TORQUE_ACTUAL, ERROR_CODE)
+
+
+def choose_tuned(device: Device, kind: JogKind, period_us: int, *, allow_unsupervised: bool) -> NewRobot:
+    """Choose how a drive is excited: as for a jog, but in a cyclic mode where it has one, and with its torque told."""
+    robot = choose_jog(device, kind.value, allow_unsupervised=allow_unsupervised)
+    nodes = tuple(
+        node if node.drive is None else replace(node, drive=_cyclic(device, node.drive)) for node in robot.nodes
+    )
+    nodes = tuple(
+        node
+        if node.drive is None
+        else replace(
+            node,
+            joints=tuple(replace(joint, axis=axis) for joint, axis in zip(node.joints, node.drive.axes, strict=True)),
+        )
+        for node in nodes
+    )
+    return replace(robot, nodes=nodes, sync_us=period_us)
+
+
+def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:
+    from canopen_control.scaffold.pdo_choice import PdoWish, choose_pdos
+
+    listed = device.od.get(SUPPORTED_DRIVE_MODES, 0)
+    modes = supported_modes(listed.value) if listed is not None and isinstance(listed.value, int) else ()
+    axes = tuple(
+        replace(axis, mode=_CYCLIC[axis.mode]) if _CYCLIC.get(axis.mode) in modes else axis for axis in drive.axes
+    )
+
+    def each(*indices: int) -> tuple[tuple[int, int], ...]:
+        return tuple((axis.index(index), 0) for axis in axes for index in indices)
+
+    tpdos, _ = choose_pdos(device.od, PdoWish(False, each(STATUSWORD), each(*_FEEDBACK)))
+    rpdos = drive.rpdos
+    if axes != drive.axes:
+        rpdos = tuple(replace(use, transmission=_WITH_SYNC) if use.transmission else use for use in rpdos)
+    return replace(drive, axes=axes, rpdos=rpdos, tpdos=tpdos)
+
+
+def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
+    """Yield what comes next within a time, and what is there behind it."""
+    for message in client.messages(timeout):
+        yield message
+        break
+    yield from client.messages(0)
+
+
+class TuneRun:
+    """One excitation of a drive; `run` returns the record, or raises DriveError with what ended it.
+
+    `effort_unit` is how many per mille of the rated torque the unit of its effort is, None where nobody knows.
+    """
+
+    def __init__(
+        self,
+        drive: JogDrive,
+        kind: JogKind,
+        excitation: Excitation,
+        limits: JogLimits,
+        *,
+        deceleration: float,
+        effort_unit: float | None,
+    ) -> None:
+        self._drive, self._kind, self._excitation = drive, kind, excitation
+        self._limits, self._deceleration, self._effort_unit = limits, deceleration, effort_unit
+        self._current = DriveCurrent(drive)
+        self._sent, self._sent_ns = math.nan, 0
+        self._sample: StateSample | None = None
+        self._gone = self._told = False
+
+    def run(self) -> TuneRecord:
+        """Enable, excite, stop and disable."""
+        with RobotClient.connect(self._drive.robot) as client, on_signals(_SIGNALS, self._leave):
+            try:
+                motion, record = self._begin(client)
+                self._move(client, motion, record)
+            finally:
+                stop_drive(client, self._drive)
+        if motion.ended is JogEnd.STATE:
+            raise DriveError(f"{self._drive.joint}: {ended_words(self._sample, self._drive)}")
+        if motion.ended is not JogEnd.OVER:
+            raise DriveError(
+                f"{motion.ended.value}: stopped and disabled; nothing is concluded of half a run"
+                f"{_REMEDIES.get(motion.ended, '')}"
+            )
+        return record
+
+    def _leave(self) -> None:
+        self._gone = True
+
+    def _begin(self, client: RobotClient) -> tuple[TuneMotion, TuneRecord]:
+        """Choose the mode, enable, and return the motion, which begins now."""
+        node, joint = self._drive.node, self._drive.joint
+        if self._drive.mode:
+            choose_mode(client, AxisRequest(action="mode", node=node, joint=joint, mode=self._drive.mode))
+        client.ask(Subscribe(state_rate=1000.0))  # every cycle
+        period = self._first(client)
+        client.ask(AxisRequest(action="enable", node=node, joint=joint), ENABLE_S)
+        for _ in client.messages(0):  # of the time before
+            pass
+        now = time.monotonic_ns()
+        motion = TuneMotion(self._kind, self._excitation, self._limits, now=now, deceleration=self._deceleration)
+        return motion, TuneRecord(period)
+
+    def _first(self, client: RobotClient) -> float:
+        """Return the period of the cycle, which the first sample tells."""
+        deadline = time.monotonic() + _WAIT_S
+        while time.monotonic() < deadline:
+            for message in client.messages(_WAIT_S):
+                if isinstance(message, StateSample) and message.cycle.period_s:
+                    return message.cycle.period_s
+        raise DriveError(f"{self._drive.joint}: its robot tells nothing of its cycles")
+
+    def _move(self, client: RobotClient, motion: TuneMotion, record: TuneRecord) -> None:
+        heard = time.monotonic()
+        while motion.ended is JogEnd.NONE:
+            for message in _newest(client, record.period):
+                if isinstance(message, StateSample):
+                    heard = time.monotonic()
+                    self._take(message, motion, record)
+            motion.tick(time.monotonic_ns())
+            if time.monotonic() - heard > _SILENCE_S:
+                motion.end(JogEnd.STATE)
+            if self._gone:
+                motion.end(JogEnd.ASKED)
+            self._command(client, motion)
+
+    def _take(self, sample: StateSample, motion: TuneMotion, record: TuneRecord) -> None:
+        """Judge a sample and keep it."""
+        self._sample = sample
+        joint, axis = sample.joints.get(self._drive.joint), axis_reading(sample, self._drive)
+        enabled = axis is None or axis.state == "OPERATION_ENABLED"
+        if joint is None:
+            motion.see(None, None, None, enabled=enabled)
+            return
+        unit = self._effort_unit
+        effort = None if joint.effort is None or unit is None else joint.effort * unit
+        motion.see(joint.position, joint.velocity, self._current.value if effort is None else effort, enabled=enabled)
+        cycle = sample.cycle.count + sample.cycle.missed
+        record.put(TuneSample(cycle, joint.command or 0.0, joint.position, joint.velocity, effort))
+        self._told = effort is not None
+
+    def _command(self, client: RobotClient, motion: TuneMotion) -> None:
+        """Send what is commanded when it changes, and again while it holds."""
+        if not self._told:
+            self._current.ask(client)
+        value, now = motion.command, time.monotonic_ns()
+        if value == self._sent and (not value or now - self._sent_ns < RENEWED_S * 1e9):
+            return
+        request = CommandController(
+            controller=self._drive.controller, values=[value], source=_SOURCE, dead_man=True, interface=self._kind.value
+        )
+        try:
+            client.ask(request, 1.0)
+        except RemoteError as error:
+            if error.kind not in ("NotEnabled", "NotYetEnabled"):
+                raise
+            motion.end(JogEnd.STATE)
+        self._sent, self._sent_ns = value, now

@@ -1,0 +1,249 @@
+"""`tune`: measure how a drive follows, identify what hangs on it, propose gains for its loops.
+
+--step asks for a velocity at once and measures rise, overshoot, settling and error; --bode lets a sine get faster (or
+a pseudo-random sequence, prbs) and gives gain and phase of the velocity loop; --identify pushes with a torque both ways
+and gives inertia, friction and PI gains for --crossover and --phase-margin. The drive is excited as `jog` moves it: on
+a bare bus (--can, --eds) or through a robot without controllers, within limits of speed, travel and current that you
+confirm first (--yes says so beforehand). Ctrl-C, a limit, a fault, a lost terminal end it: it stops and is disabled.
+This is no emergency stop (ISO 13850): have one in reach, and the shaft free.
+
+Exit codes: 0 good; 1 the run ended early, or tells nothing; 2 wrong usage, not confirmed, no such mode.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cli.support.arguments import number, seconds, whole_number
+from canopen_control.cli.support.jog_robot import dead_man_words, own_robot
+from canopen_control.cli.support.one_drive import axis_of, look_at_drive, running_drive, tell_event, with_counts
+from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.cli.support.target import parse_node_id, robot_on
+from canopen_control.cli.support.tune_gains import GAIN_NAMES, applied, parse_gain, reverted, settable_gains
+from canopen_control.cli.support.tune_report import identified, proposed, report
+from canopen_control.cli.support.tune_run import TuneRun, choose_tuned
+from canopen_control.errors import ConfigError
+from canopen_control.service.jog_motion import JogKind, JogLimits
+from canopen_control.service.jog_units import JogScale, parse_quantity
+from canopen_control.service.tune_motion import PEAK_S
+from canopen_control.service.tune_request import TuneRequest, TuneTest
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterator
+
+    from canopen_control.cli.support.jog_robot import JogDrive
+
+__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+EXAMPLE = """canopen-control tune 5 --can can0 --eds my_drive.eds --step 30rpm
+         canopen-control tune 5 --can can0 --eds my_drive.eds --identify 150 --crossover 20 --phase-margin 60 --apply
+         canopen-control tune 5 --can can0 --eds my_drive.eds --revert
+         canopen-control tune 5 --can can0 --eds my_drive.eds --bode -o bode.csv"""
+
+_MAX_SPEED = math.tau  # rad/s
+_MAX_TRAVEL = 10.0 * math.tau  # rad
+_MAX_CURRENT = 1000.0  # per mille of the rated one
+_TORQUE = 300.0  # per mille, the most that a shaft is pushed with
+_EFFORT_UNIT: Final = 1000.0  # per mille: an effort is a part of the rated torque, unless bus.yml says otherwise
+_DECELERATION: Final = 20.0  # rad/s^2, what a drive without ramps of its own is given
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_session_arguments(parser)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--step", metavar="X[rad/s|rpm|pps]", help="ask for a velocity at once")
+    what.add_argument(
+        "--bode",
+        nargs="?",
+        const="chirp",
+        choices=("chirp", "prbs"),
+        help="gain and phase of the velocity loop (default: chirp)",
+    )
+    torque = number("torque in per mille of the rated one, above 0 to 300", lambda value: 0 < value <= _TORQUE)
+    what.add_argument(
+        "--identify", metavar="PERMILLE", type=torque, help="push with a torque: inertia, friction, gains"
+    )
+    what.add_argument("--revert", action="store_true", help="give the drive back the gains from before --apply")
+    positive = number("number above 0", lambda value: value > 0)
+    parser.add_argument("--for", dest="seconds", type=seconds, metavar="S", help="how long (default: 2, 8 and 8)")
+    parser.add_argument("--crossover", type=positive, default=20.0, metavar="HZ", help="of the proposal (default: 20)")
+    margin = number("phase margin in degrees: 20 to 85", lambda value: 20 <= value <= 85)
+    parser.add_argument("--phase-margin", type=margin, default=60.0, metavar="DEG", help="(default: 60)")
+    parser.add_argument(
+        "--loop-delay",
+        type=positive,
+        default=0.5,
+        metavar="MS",
+        help="dead time of the drive's own loop (default: 0.5)",
+    )
+    parser.add_argument("--apply", action="store_true", help="set the gains that --identify proposes")
+    parser.add_argument(
+        "--gain",
+        metavar="NAME=0xINDEX:SUB*SCALE",
+        action="append",
+        default=[],
+        help=f"which object holds a gain ({', '.join(GAIN_NAMES)}) and what 1 in it is worth (repeatable)",
+    )
+    parser.add_argument("--store", action="store_true", help="store in the drive (0x1010) what --apply or --revert set")
+    parser.add_argument("--max-speed", metavar="X[rad/s|rpm|pps]", help="limit of the speed (default: 60rpm)")
+    parser.add_argument("--max-travel", metavar="X[rad|deg|turns|counts]", help="each way (default: 10turns)")
+    parser.add_argument(
+        "--max-current", type=positive, default=_MAX_CURRENT, metavar="PERMILLE", help="(default: 1000)"
+    )
+    period = number("period in ms: 1 to 50", lambda value: 1 <= value <= 50)
+    parser.add_argument(
+        "--period", type=period, default=10.0, metavar="MS", help="of SYNC, on a bare bus (default: 10)"
+    )
+    parser.add_argument("--counts", type=positive, metavar="N", help="position counts of one turn, where nobody tells")
+    axis = whole_number("axis: 0 to 7", range(8))
+    parser.add_argument("--axis", type=axis, default=0, metavar="N", help="of a drive with several (default: 0)")
+    parser.add_argument("--allow-unsupervised", action="store_true", help="as of `jog`")
+    parser.add_argument("--yes", action="store_true", help="confirm limits and excitation without being asked")
+    parser.add_argument("-o", "--output", metavar="FILE", help="the record, or with --bode the response, as CSV")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    _check_gains(args)
+    if args.revert:
+        with open_session(args) as session:
+            print("\n".join(reverted(session, args)))
+        return 0
+    request = _request(args)
+    output = None if args.output is None else _output(args.output)
+    if not (args.yes or sys.stdin.isatty()):
+        raise ConfigError("nothing moves unless the limits are confirmed: say --yes, or ask at a terminal")
+    if args.apply:
+        _look_for_gains(args)
+    with contextlib.ExitStack() as stack:
+        owner = None if args.can is None else robot_on(args.can)
+        if args.can is None or owner is not None:
+            mode = "PV" if request.kind is JogKind.VELOCITY else "TQ"
+            drive, scale = running_drive(args, args.name if owner is None else owner[0], mode, stack)
+            limits = _limits(args, request, scale)
+            _confirm([*_plan(request, scale, limits)], args)
+            effort_unit = None
+        else:
+            drive, scale, limits = stack.enter_context(_own(args, request))
+            effort_unit = _EFFORT_UNIT
+        excitation = request.excitation(scale)
+        tune = TuneRun(drive, request.kind, excitation, limits, deceleration=_DECELERATION, effort_unit=effort_unit)
+        record = tune.run()
+    if record.lost:
+        print(
+            f"canopen-control: {record.lost} of {record.lost + len(record.samples)} cycles were lost", file=sys.stderr
+        )
+    print("\n".join(report(record, request, scale, output)))
+    if args.apply:
+        gains = proposed(identified(record), request)
+        with open_session(args) as session:
+            print("\n".join(applied(session, gains, scale.counts / math.tau, args)))
+    return 0
+
+
+def _check_gains(args: argparse.Namespace) -> None:
+    """Refuse options that have nothing to do with each other; ConfigError."""
+    if args.apply and args.identify is None:
+        raise ConfigError("--apply sets the gains that --identify proposes; the other tests propose none")
+    if args.store and not (args.apply or args.revert):
+        raise ConfigError("--store: nothing is set without --apply or --revert")
+    if args.gain and not args.apply:
+        raise ConfigError("--gain says which objects --apply sets; leave it away, or say --apply")
+    for each in args.gain:
+        parse_gain(each)
+
+
+def _look_for_gains(args: argparse.Namespace) -> None:
+    """Look where the drive holds its gains, before anything moves; ConfigError where nobody can tell."""
+    with open_session(args) as session:
+        if session.robot and args.counts is None:
+            raise ConfigError(
+                f"{session}: --apply through a running robot needs --counts N, the user units of 0x6064 of one turn of "
+                "its joint, since gains are in these"
+            )
+        settable_gains(session, args.axis, args.gain, 1.0)
+
+
+def _request(args: argparse.Namespace) -> TuneRequest:
+    """Read what is asked for; ConfigError."""
+    speed = parse_quantity(args.step, "velocity") if args.step is not None else None
+    if speed is not None and not speed.value:
+        raise ConfigError(f"--step {speed}: that moves nothing")
+    test = TuneTest.STEP if speed is not None else TuneTest.BODE if args.bode else TuneTest.IDENTIFY
+    return TuneRequest(
+        test=test,
+        speed=speed,
+        torque=args.identify or 0.0,
+        signal=args.bode or "prbs",
+        seconds=args.seconds or test.seconds,
+        period=args.period / 1e3,
+        crossover=args.crossover * math.tau,
+        margin=math.radians(args.phase_margin),
+        loop_delay=args.loop_delay / 1e3,
+    )
+
+
+def _output(name: str) -> Path:
+    path = Path(name).expanduser()
+    if path.suffix != ".csv" or not path.parent.is_dir():
+        raise ConfigError(f"-o {name}: give NAME.csv in a folder that is there")
+    return path
+
+
+def _limits(args: argparse.Namespace, request: TuneRequest, scale: JogScale) -> JogLimits:
+    """Return the limits; ConfigError for an excitation that is beyond them."""
+    speed = None if args.max_speed is None else parse_quantity(args.max_speed, "velocity")
+    travel = None if args.max_travel is None else parse_quantity(args.max_travel, "position")
+    limits = JogLimits(
+        _MAX_SPEED if speed is None else abs(scale.si(speed)),
+        _MAX_TRAVEL if travel is None else abs(scale.si(travel)),
+        args.max_current,
+    )
+    request.check(limits, scale)
+    return limits
+
+
+@contextlib.contextmanager
+def _own(args: argparse.Namespace, request: TuneRequest) -> Iterator[tuple[JogDrive, JogScale, JogLimits]]:
+    """Look at the drive on its bare bus, have the limits confirmed, then boot a robot of it alone."""
+    if args.eds is None:
+        raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
+    parse_node_id(args.node)
+    device = look_at_drive(args)
+    period_us = round(args.period * 1e3)
+    robot = choose_tuned(device, request.kind, period_us, allow_unsupervised=args.allow_unsupervised)
+    axis = axis_of(robot, args)
+    scale = JogScale(args.counts or axis.counts, told=args.counts is not None or axis.told)
+    limits = _limits(args, request, scale)
+    node = robot.nodes[0]
+    lines = [f"node {node.device.node_id}: {axis.interface} in {axis.mode.name}, a sample every {args.period:g} ms"]
+    _confirm([*lines, *_plan(request, scale, limits), f"dead-man: {dead_man_words(node.supervision)}"], args)
+    robot = with_counts(robot, args.counts)
+    with own_robot(robot, axis_of(robot, args), args.can, limits.speed, tell_event) as drive:
+        yield drive, scale, limits
+
+
+def _plan(request: TuneRequest, scale: JogScale, limits: JogLimits) -> Iterator[str]:
+    """Yield what the user confirms."""
+    yield f"excitation: {request.words(scale)}"
+    yield f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} each way,"
+    yield f"        current {limits.current / 10:g} % of the rated one, more for {PEAK_S:g} s at most"
+
+
+def _confirm(lines: list[str], args: argparse.Namespace) -> None:
+    """Say what will move how far, and have it confirmed; ConfigError where it is not."""
+    print("\n".join(lines), flush=True)
+    if args.yes:
+        return
+    try:
+        answer = input("the shaft is free, and it may move so? [y/N] ")
+    except (EOFError, KeyboardInterrupt):
+        answer = ""
+    if answer.strip().lower() not in ("y", "yes"):
+        raise ConfigError("not confirmed; nothing moved")

@@ -1,0 +1,152 @@
+"""Frequency response by spectral estimation: gain, phase, coherence; as table, CSV and text plot.
+
+H is the cross spectrum of input and output divided by the spectrum of the input, each the mean over a band of
+neighbouring frequencies (Daniell's smoothing). The record is taken whole: an excitation that begins and ends at rest
+needs no windows, whose ends would show as a response. Where the coherence is below `TRUSTED` noise or friction makes
+the estimate, and it is left out. It is the response of the sampled system: the input held for a cycle, the output as
+it is at the cycle's edge.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from canopen_control.errors import DriveError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+__all__ = ["Bode", "BodePoint", "bode_csv", "bode_lines", "filled", "frequency_response"]
+
+TRUSTED: Final = 0.9
+HIGHEST: Final = 1.0 / 3.0  # of the sampling rate
+_FEWEST: Final = 100  # samples
+_BINS: Final = 5  # of a band, at least
+_SHARE: Final = 0.06  # of its frequency, a band
+_ROWS: Final = 16
+_BAR: Final = 40
+_LEAST_SPAN: Final = 3.0  # dB, of the bars: what noise does to a flat response is no picture
+
+
+@dataclass(frozen=True, slots=True)
+class BodePoint:
+    """`frequency` in Hz, `gain` in dB, `phase` in degrees (unwrapped), `coherence` from 0 to 1."""
+
+    frequency: float
+    gain: float
+    phase: float
+    coherence: float
+
+
+@dataclass(frozen=True, slots=True)
+class Bode:
+    """The points that can be trusted, by rising frequency."""
+
+    points: tuple[BodePoint, ...]
+
+    def bandwidth(self) -> float | None:
+        """Return where the gain is 3 dB below that of the lowest frequency, in Hz; None: beyond the points."""
+        level = self.points[0].gain - 3.0
+        for before, after in pairwise(self.points):
+            if after.gain <= level:
+                share = (before.gain - level) / (before.gain - after.gain)
+                return before.frequency * math.pow(after.frequency / before.frequency, share)
+        return None
+
+
+def filled(cycles: Sequence[int], values: Sequence[float]) -> list[float]:
+    """Return a value for each cycle from the first to the last; one that is not there is between its neighbours."""
+    if not cycles:
+        return []
+    return [float(value) for value in np.interp(range(cycles[0], cycles[-1] + 1), cycles, values)]
+
+
+def frequency_response(
+    inputs: Sequence[float], outputs: Sequence[float], period: float, *, low: float = 0.0, high: float = math.inf
+) -> Bode:
+    """Estimate the response between two frequencies in Hz; DriveError where nothing of it can be trusted."""
+    u, y = np.asarray(inputs, float), np.asarray(outputs, float)
+    if len(u) < _FEWEST:
+        raise DriveError(f"{len(u)} samples are too few for a frequency response; excite it longer: --for S")
+    length = len(u) + len(u) // 8  # what comes late is not what came first
+    first, second = np.fft.rfft(u, length), np.fft.rfft(y, length)
+    frequencies = np.fft.rfftfreq(length, period)
+    top = min(high, HIGHEST / period)
+    points = []
+    for begin, end in _bands(frequencies, max(low, float(frequencies[1])), top):
+        auto, answer, cross = (
+            float((np.abs(first[begin:end]) ** 2).sum()),
+            float((np.abs(second[begin:end]) ** 2).sum()),
+            complex((np.conj(first[begin:end]) * second[begin:end]).sum()),
+        )
+        if not auto or not answer or abs(cross) ** 2 < TRUSTED * auto * answer:
+            continue
+        place = float((frequencies[begin:end] * np.abs(first[begin:end]) ** 2).sum()) / auto
+        gain, phase = 20.0 * math.log10(abs(cross) / auto), math.degrees(cmath.phase(cross))
+        points.append(BodePoint(place, gain, phase, min(1.0, abs(cross) ** 2 / (auto * answer))))
+    if not points:
+        raise DriveError(
+            "nothing of the frequency response can be trusted (the coherence is below "
+            f"{TRUSTED:g} everywhere): excite it more, or longer; keep it turning one way"
+        )
+    return Bode(tuple(_unwrapped(points)))
+
+
+def _bands(frequencies: NDArray[np.floating], low: float, high: float) -> Iterator[tuple[int, int]]:
+    """Yield bands of bins one after the other, the wider the higher."""
+    begin = int(np.searchsorted(frequencies, low))
+    last = int(np.searchsorted(frequencies, high, side="right"))
+    while begin < last:
+        width = max(_BINS, round(_SHARE * begin))
+        end = min(begin + width, last)
+        if end - begin > _BINS // 2:
+            yield begin, end
+        begin = end
+
+
+def _unwrapped(points: Sequence[BodePoint]) -> Iterator[BodePoint]:
+    """Yield points whose phase goes on by less than half a turn from one to the next."""
+    last = points[0].phase
+    for point in points:
+        last += (point.phase - last + 180.0) % 360.0 - 180.0
+        yield replace(point, phase=last)
+
+
+def _thinned(bode: Bode, rows: int) -> list[BodePoint]:
+    """Return points at about equal ratios of frequency, `rows` at most."""
+    points = bode.points
+    low, high = points[0].frequency, points[-1].frequency
+    if len(points) <= rows:
+        return list(points)
+    found: dict[float, BodePoint] = {}
+    for row in range(rows):
+        place = low * (high / low) ** (row / (rows - 1))
+        nearest = min(points, key=lambda point: abs(math.log(point.frequency / place)))
+        found[nearest.frequency] = nearest
+    return list(found.values())
+
+
+def bode_lines(bode: Bode, rows: int = _ROWS) -> list[str]:
+    """Return a table with a bar for each gain."""
+    points = _thinned(bode, rows)
+    top, bottom = max(point.gain for point in points), min(point.gain for point in points)
+    span = max(top - bottom, _LEAST_SPAN)
+    lines = [f"{'Hz':>8}  {'dB':>7}  {'degrees':>8}  coherence"]
+    for point in points:
+        bar = "#" * (_BAR - round((_BAR - 1) * (top - point.gain) / span))
+        lines.append(f"{point.frequency:8.2f}  {point.gain:7.2f}  {point.phase:8.1f}  {point.coherence:9.2f}  {bar}")
+    return lines
+
+
+def bode_csv(bode: Bode) -> str:
+    """Return all points as CSV."""
+    rows = [f"{p.frequency:.6g},{p.gain:.6g},{p.phase:.6g},{p.coherence:.6g}" for p in bode.points]
+    return "\n".join(["frequency_hz,gain_db,phase_deg,coherence", *rows]) + "\n"

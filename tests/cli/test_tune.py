@@ -1,0 +1,140 @@
+import math
+import os
+import sys
+
+import pytest
+from support.jogbench import jog_bench
+from support.onbus import GENERIC, TMCM
+from support.tuneplant import COULOMB, INERTIA, loaded
+
+from canopen_control.cia402.state import State
+from canopen_control.cli.main import main
+
+TURN = 65536
+
+
+@pytest.fixture
+def bench(private_folders):
+    with jog_bench(channel="memory:tune", plant=lambda _axis: loaded()) as bench:
+        yield bench
+
+
+@pytest.fixture
+def no_terminal(monkeypatch):
+    with open(os.devnull) as nothing:
+        monkeypatch.setattr(sys, "stdin", nothing)
+        yield
+
+
+def value_of(said, words):
+    line = next(line for line in said.splitlines() if line.startswith(words))
+    return float(line.removeprefix(words).split()[0])
+
+
+def test_a_step_is_measured_and_leaves_the_drive_off(bench, no_terminal, capsys, tmp_path):
+    file = tmp_path / "step.csv"
+    assert bench.verb("tune", "--step", "30rpm", "--for", "1", "--yes", "-o", str(file)) == 0
+    said = capsys.readouterr().out
+    assert "velocity in CSV, a sample every 10 ms" in said
+    assert "excitation: a step to 3.14 rad/s (30.0 rpm) for 1 s" in said
+    assert 0 <= value_of(said, "rise (10 to 90 %)") < 200
+    assert "settled to 2 %" in said
+    assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
+    rows = file.read_text().splitlines()
+    assert rows[0] == "time_s,command,position_rad,velocity_rad_s,torque_permille"
+    assert len(rows) > 100
+
+
+def test_inertia_and_friction_are_identified_and_gains_proposed(bench, no_terminal, capsys):
+    assert bench.verb("tune", "--identify", "190", "--for", "4", "--yes", "--crossover", "10") == 0
+    said = capsys.readouterr().out
+    assert value_of(said, "inertia") == pytest.approx(INERTIA, rel=0.1)
+    assert value_of(said, "Coulomb friction") == pytest.approx(COULOMB, rel=0.1)
+    assert "for a crossover of 10 Hz and a phase margin of 60 degrees" in said
+    assert value_of(said, "position P") == pytest.approx(15.71, rel=0.01)
+
+
+def test_a_frequency_response_is_a_table_and_a_file(bench, no_terminal, capsys, tmp_path):
+    file = tmp_path / "bode.csv"
+    assert bench.verb("tune", "--bode", "--for", "2", "--yes", "-o", str(file)) == 0
+    assert "bandwidth (-3 dB): " in capsys.readouterr().out
+    first = file.read_text().splitlines()[1].split(",")
+    assert float(first[1]) == pytest.approx(0.0, abs=1.0)  # dB: a slow velocity is followed
+
+
+@pytest.mark.parametrize(
+    ("words", "why", "degrees"),
+    [
+        (("--max-travel", "20deg"), "the travel limit is reached: stopped and disabled; nothing is concluded", 30),
+        # a tenth of a second at 180 degrees in a second, and the ramp of 14 degrees from that
+        (("--max-current", "5"), "of half a run; excite it less, or raise --max-current, if it is safe", 60),
+    ],
+)
+def test_a_limit_ends_it_within_the_limit(bench, no_terminal, capsys, words, why, degrees):
+    assert bench.verb("tune", "--step", "30rpm", "--yes", *words) == 1
+    assert why in capsys.readouterr().err
+    assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
+    assert abs(bench.get(0x6064)) < TURN * degrees / 360
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("--step", "30rpm"), "nothing moves unless the limits are confirmed: say --yes"),
+        (("--step", "90rpm", "--yes"), "is beyond the limit of 6.28 rad/s"),
+        (("--step", "0", "--yes"), "that moves nothing"),
+        (("--identify", "200", "--max-current", "100", "--yes"), "beyond --max-current 100"),
+        (("--step", "30rpm", "--yes", "-o", "step.txt"), "give NAME.csv"),
+        (("--step", "30rpm", "--yes", "--axis", "2"), "node 5 has no axis 2"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_moves(bench, no_terminal, capsys, words, why):
+    assert bench.verb("tune", *words) == 2
+    assert why in capsys.readouterr().err
+    assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
+
+
+def test_an_answer_that_is_no_yes_moves_nothing(bench, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("builtins.input", lambda _prompt: "n")
+    assert bench.verb("tune", "--step", "30rpm") == 2
+    assert "not confirmed; nothing moved" in capsys.readouterr().err
+
+
+def test_a_drive_without_a_torque_mode_is_told(private_folders, no_terminal, capsys):
+    with jog_bench(TMCM, "memory:tune_stepper") as bench:
+        assert bench.verb("tune", "--identify", "100", "--yes") == 2
+    assert "its modes are PP, PV, HM, CSP (0x6502)" in capsys.readouterr().err
+    assert main(["tune", "5", "--can", "local:nobody", "--eds", GENERIC, "--step", "30rpm", "--yes"]) == 2
+
+
+def test_proposed_gains_are_set_and_taken_back(bench, no_terminal, capsys):
+    words = ("--identify", "190", "--for", "2", "--yes", "--crossover", "10", "--apply")
+    before = [bench.get(0x60F9, 1), bench.get(0x60F9, 2), bench.get(0x60FB, 1)]
+    assert bench.verb("tune", *words) == 0
+    said = capsys.readouterr().out
+    assert f"tune 5 --can {bench.bus.channel} --eds {bench.eds} --revert" in said
+    p = value_of(said, "velocity P")
+    assert bench.get(0x60F9, 1) * 1e-5 * TURN / math.tau == pytest.approx(p, rel=1e-3)
+    assert bench.get(0x60FB, 1) == pytest.approx(15_708, abs=2)
+    assert bench.verb("tune", "--revert") == 0
+    assert "0x60F9:01 Velocity loop proportional gain: " in capsys.readouterr().out
+    assert [bench.get(0x60F9, 1), bench.get(0x60F9, 2), bench.get(0x60FB, 1)] == before
+    assert bench.verb("tune", "--revert") == 1
+    assert "nothing to take back" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("--step", "30rpm", "--apply"), "--apply sets the gains that --identify proposes"),
+        (("--step", "30rpm", "--store"), "nothing is set without --apply or --revert"),
+        (("--step", "30rpm", "--gain", "velocity_p=0x3210:01*1"), "say --apply"),
+        (("--identify", "100", "--apply", "--gain", "p=1"), "say which object holds which gain"),
+        (("--identify", "100", "--apply", "--gain", "velocity_p=0x3210:01*1"), "has no 0x3210:01 in its EDS"),
+    ],
+)
+def test_gains_that_cannot_be_set_are_told_before_anything_moves(bench, no_terminal, capsys, words, why):
+    assert bench.verb("tune", *words, "--yes") == 2
+    assert why in capsys.readouterr().err
+    assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
