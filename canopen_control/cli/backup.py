@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.parameter_sides import read_all
+from canopen_control.cli.support.restore_journal import unfinished_words
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.files import write_whole
 from canopen_control.rpc.messages.declare import Document
@@ -59,6 +60,8 @@ def run(args: argparse.Namespace) -> int:
     if path.is_dir() or not path.parent.is_dir():
         raise ConfigError(f"{args.output} cannot be written: {'it is a folder' if path.is_dir() else 'no such folder'}")
     with open_session(args) as session:
+        if unfinished := unfinished_words(session, args):
+            print(f"canopen-control: {unfinished}", file=sys.stderr)
         side = read_all(session)
         name = session.name
     if not side.parameters.values:

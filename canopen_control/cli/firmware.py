@@ -1,16 +1,18 @@
 """`firmware`: load a program into a node over CANopen (CiA 302-3), start it, and check that it runs.
 
 The program is stopped and cleared (0x1F51), sent (0x1F50, by block transfer) and started; the flash is asked what went
-wrong (0x1F57), and the program what it is (0x1F56). A transfer that breaks off is begun anew from the first byte, and
-after a loss of power the same command finds the boot-loader and begins anew. The file is sent as it is: what it has to
-be is the maker's affair. Refused are a node that moves, one that a running robot controls, another product than that of
-the EDS, and a node without these objects: its maker's tool may have another way.
+wrong (0x1F57), and the program what it is (0x1F56) and of which date (0x1F52). A transfer that breaks off is begun anew
+from the first byte, and after a loss of power the same command finds the boot-loader and begins anew. The file is sent
+as it is: what it has to be is the maker's affair. Refused are a node that moves, one that a running robot controls,
+another product than that of the EDS, and a node without these objects: its maker's tool may have another way.
 
 Exit codes: 0 the new program runs; 1 it does not; 2 wrong usage, wrong file or wrong product.
 """
 
 from __future__ import annotations
 
+import argparse
+import datetime
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,31 +23,32 @@ from canopen_control.cli.support.output import Progress, json_text, watched
 from canopen_control.cli.support.restoring import quiet_node
 from canopen_control.errors import CanopenError, ConfigError, DriveError
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.service.program_download import DownloadProgress, DownloadStep, ProgramOptions
+from canopen_control.service.program_download import DownloadProgress, DownloadStep, ProgramDate, ProgramOptions
 from canopen_control.service.program_session import boot_check, download, is_loader, refuse_stranger
 from canopen_control.service.read_parameters import device_identity
 
 if TYPE_CHECKING:
-    import argparse
-
     from canopen_control.service.node_session import NodeSession
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control firmware 3 drive-1.4.bin --can can0
-         canopen-control firmware 3 drive-1.4.bin --can can0 --eds drive.eds --expect 0x1A2B3C4D"""
+         canopen-control firmware 3 drive-1.4.bin --can can0 --eds drive.eds --expect 0x1A2B3C4D
+         canopen-control firmware 3 drive-1.4.bin --can can0 --expect-date 2026-11-21"""
 
 _UNTOUCHED = (DownloadStep.ASKING, DownloadStep.DONE)
 
 
 class FirmwareDocument(Document, frozen=True, kw_only=True):
-    """What `firmware --json` prints; `old` and `new` are 0x1F56, null where the node has none."""
+    """What `firmware --json` prints; `old` and `new` are 0x1F56, the dates 0x1F52, null where the node tells none."""
 
     node_id: int
     program: int
     bytes: int
     old: int | None
     new: int | None
+    old_date: str | None
+    new_date: str | None
     tries: int
     notes: list[str]
 
@@ -62,6 +65,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="which program of the node (default: 1)",
     )
     parser.add_argument("--expect", type=whole, metavar="ID", help="what 0x1F56 has to be, before it is started")
+    parser.add_argument(
+        "--expect-date",
+        type=_date,
+        metavar="DAY[TTIME]",
+        help="what 0x1F52 has to be, once it runs: 2026-11-21, or 2026-11-21T14:30:00",
+    )
     parser.add_argument("--confirm", action="store_true", help="make a program on trial permanent (0x80, as Zephyr's)")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
@@ -71,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     image = _file(args.file)
     if args.timeout is None and args.can is not None:
         args.timeout = 1.0
-    options = ProgramOptions(args.program, args.expect, confirm=args.confirm)
+    options = ProgramOptions(args.program, args.expect, args.expect_date, confirm=args.confirm)
     progress = DownloadProgress()
     with open_session(args) as session:
         identity = device_identity(session)
@@ -87,6 +96,8 @@ def run(args: argparse.Namespace) -> int:
         bytes=len(image),
         old=progress.old,
         new=progress.new,
+        old_date=_text(progress.old_date),
+        new_date=_text(progress.new_date),
         tries=progress.tries,
         notes=progress.notes,
     )
@@ -95,7 +106,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for note in progress.notes:
         print(f"{session}: {note}")
-    print(f"{session}: program {args.program} of {len(image)} bytes runs: {_id(progress.old)} -> {_id(progress.new)}")
+    old, new = _program(progress.old, progress.old_date), _program(progress.new, progress.new_date)
+    print(f"{session}: program {args.program} of {len(image)} bytes runs: {old} -> {new}")
     return 0
 
 
@@ -119,10 +131,29 @@ def _download(session: NodeSession, image: bytes, options: ProgramOptions, progr
         if progress.step in _UNTOUCHED:
             raise
         reason = str(error) or "interrupted"
-        raise DriveError(
-            f"{session}: {progress.step.value}: {reason}; the old program may be gone: the same command begins anew"
-        ) from error
+        gone = "" if isinstance(error, DriveError) else "the old program may be gone: "
+        raise DriveError(f"{session}: {progress.step.value}: {reason}; {gone}the same command begins anew") from error
 
 
-def _id(number: int | None) -> str:
-    return "unknown" if number is None else f"0x{number:08X}"
+def _date(text: str) -> ProgramDate:
+    """Read a day, or a day and a time, of an argument."""
+    day, _, time = text.partition("T")
+    try:
+        of_day = datetime.time.fromisoformat(time) if time else None
+        milliseconds = None if of_day is None else _milliseconds(of_day)
+        return ProgramDate(datetime.date.fromisoformat(day), milliseconds)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no date: 2026-11-21, or 2026-11-21T14:30:00") from None
+
+
+def _milliseconds(time: datetime.time) -> int:
+    return ((time.hour * 60 + time.minute) * 60 + time.second) * 1000 + time.microsecond // 1000
+
+
+def _program(number: int | None, date: ProgramDate | None) -> str:
+    known = "unknown" if number is None else f"0x{number:08X}"
+    return known if date is None else f"{known} of {date}"
+
+
+def _text(date: ProgramDate | None) -> str | None:
+    return None if date is None else str(date)

@@ -3,7 +3,8 @@
 What the node holds is read first and only what differs is written, in an order that devices take: PDOs are invalid
 while they are changed, resolutions come before values, limits before what they bound. All is read back. What the node
 refuses is told with the reason, and then everything is put back, unless --keep says otherwise. Nothing is stored
-without --store.
+without --store. What the node held is kept on the disk before anything is written: after a restore that was killed
+half-way the same command goes on, and the next one says how to put back what there was.
 
 Refused are another product, an axis with torque, a node that a running robot controls, and a drive that has another
 node id and another serial number than the file (--any-node). Node id and bit rate are never written, and the

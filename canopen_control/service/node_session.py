@@ -43,6 +43,9 @@ class Transfers(Protocol):
     def nmt_state(self) -> NmtState | None:
         """Return the state that the node showed last; None where nobody has heard it."""
 
+    def taken_out(self) -> bool:
+        """Whether no running robot does anything with the node by itself; True on a bare bus."""
+
     def progress(self) -> tuple[int, int | None]:
         """Return how many bytes of the transfer under way are over, and of how many; from another thread."""
 

@@ -8,6 +8,7 @@ transfer that breaks off is begun anew with a fresh clear, from the first byte: 
 
 from __future__ import annotations
 
+import datetime
 import enum
 import zlib
 from collections.abc import Generator
@@ -23,18 +24,23 @@ __all__ = [
     "DownloadProgress",
     "DownloadStep",
     "Outcome",
+    "ProgramDate",
     "ProgramOptions",
     "flash_text",
     "program_download",
 ]
 
-DATA, CONTROL, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F56, 0x1F57
+DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
 STOP, START, CLEAR, CONFIRM = 0, 1, 3, 0x80
 _STOPPED: Final = (STOP, CLEAR)
 _BUSY_S: Final = 30.0  # what erasing or writing a flash may take
 _POLL_S: Final = 0.1
+_SOON_S: Final = 0.01  # before the first look at a flash, each further one twice as late
 _UNTOLD_S: Final = 1.0  # for a flash that does not tell when it is done
 _SILENCE_S: Final = 1.0  # what a missing answer has cost
+_EPOCH: Final = datetime.date(1984, 1, 1)  # of 0x1F52, as of 0x1020
+_MOST_DAYS: Final = 0xFFFF
+_DAY_MS: Final = 86_400_000
 _SILENT: Final = -1  # instead of a number; as 0x1F57 it is busy
 _ERRORS: Final = {
     1: "no valid program",
@@ -90,11 +96,35 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
+class ProgramDate:
+    """When a program was made, as 0x1F52 tells it: `day` and milliseconds after midnight (None: the day alone)."""
+
+    day: datetime.date
+    milliseconds: int | None = None
+
+    def __str__(self) -> str:
+        if self.milliseconds is None:
+            return self.day.isoformat()
+        midnight = datetime.datetime.combine(self.day, datetime.time())
+        return (midnight + datetime.timedelta(milliseconds=self.milliseconds)).isoformat(" ", "seconds")
+
+    def fits(self, other: ProgramDate | None) -> bool:
+        """Whether another date is this one, as far as this one tells it."""
+        if other is None or other.day != self.day:
+            return False
+        return self.milliseconds is None or self.milliseconds == other.milliseconds
+
+
+@dataclass(frozen=True, slots=True)
 class ProgramOptions:
-    """How to download: `number` of the program, what 0x1F56 is `expected` to be afterwards, and how long to try."""
+    """How to download: `number` of the program, what 0x1F56 is `expected` to be afterwards, and how long to try.
+
+    `expected_date` is what 0x1F52 has to tell; it may name the day alone.
+    """
 
     number: int = 1
     expected: int | None = None
+    expected_date: ProgramDate | None = None
     tries: int = 2
     start_s: float = 30.0
     confirm: bool = False
@@ -102,11 +132,13 @@ class ProgramOptions:
 
 @dataclass(slots=True)
 class DownloadProgress:
-    """How far a download is: its step, and 0x1F56 before and after (None: the node has none)."""
+    """How far a download is: its step, and 0x1F56 and 0x1F52 before and after (None: the node tells none)."""
 
     step: DownloadStep = DownloadStep.ASKING
     old: int | None = None
     new: int | None = None
+    old_date: ProgramDate | None = None
+    new_date: ProgramDate | None = None
     tries: int = 0
     notes: list[str] = field(default_factory=list)
 
@@ -140,20 +172,23 @@ def program_download(image: bytes, options: ProgramOptions, progress: DownloadPr
         yield from _prepare(number, progress, options)
         progress.step = DownloadStep.SENDING
         outcome = yield Order(Act.WRITE, DATA, number, image)
-        why = "" if outcome.error is None else reason_of(outcome.error)
         progress.step = DownloadStep.CHECKING
-        if not why:
+        if outcome.error is None:
             why = yield from _flash(number)
+        else:
+            why = reason_of(outcome.error)
+            if is_abort(outcome.error) and (status := (yield from _number(FLASH, number))) and status != _SILENT:
+                why += f", flash: {flash_text(status)}"
         if not why:
             break
         if progress.tries >= options.tries:
             raise DriveError(
-                f"the program was not taken: {why}; the node has no program now and waits in its boot-loader: "
-                "the same command begins anew"
+                f"the program was not taken: {why}; the node has no program now and waits in its boot-loader"
             )
         progress.notes.append(f"begun anew: {why}")
     yield from _verify(image, number, options, progress)
     yield from _run(number, options, progress)
+    yield from _verify_date(options, progress)
     progress.step = DownloadStep.DONE
 
 
@@ -168,6 +203,7 @@ def _ask(number: int, progress: DownloadProgress) -> Sequence:
             f"{reason_of(outcome.error)}; its maker's tool may have another way"
         )
     progress.old = yield from _number(IDENTIFICATION, number)
+    progress.old_date = yield from _date()
 
 
 def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -> Sequence:
@@ -202,7 +238,7 @@ def _command(number: int, command: int, wanted: tuple[int, ...], seconds: float,
 
 def _flash(number: int) -> Generator[Order, Outcome, str]:
     """Wait until the flash is not busy; return what it says is wrong. A node without 0x1F57 says nothing."""
-    seconds = _BUSY_S
+    seconds, pause = _BUSY_S, _SOON_S
     while seconds > 0.0:
         status = yield from _number(FLASH, number)
         if status is None:
@@ -210,8 +246,9 @@ def _flash(number: int) -> Generator[Order, Outcome, str]:
             return ""
         if not status & 1:
             return flash_text(status)
-        yield Order(Act.PAUSE, seconds=_POLL_S)
-        seconds -= _POLL_S + (_SILENCE_S if status == _SILENT else 0.0)
+        yield Order(Act.PAUSE, seconds=pause)
+        seconds -= pause + (_SILENCE_S if status == _SILENT else 0.0)
+        pause = min(2.0 * pause, _POLL_S)
     return "the flash stays busy, or the node is silent"
 
 
@@ -235,6 +272,25 @@ def _run(number: int, options: ProgramOptions, progress: DownloadProgress) -> Se
         progress.step = DownloadStep.CONFIRMING
         yield Order(Act.PRE_OPERATIONAL)
         yield from _command(number, CONFIRM, (START,), options.start_s, "become permanent")
+
+
+def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequence:
+    """Read the date of the program that runs now: a boot-loader need not know it."""
+    progress.new_date = yield from _date()
+    wanted = options.expected_date
+    if wanted is not None and not wanted.fits(progress.new_date):
+        shown = "no date" if progress.new_date is None else str(progress.new_date)
+        raise DriveError(f"the program runs, and tells {shown} (0x1F52); expected was {wanted}")
+
+
+def _date() -> Generator[Order, Outcome, ProgramDate | None]:
+    """Read 0x1F52; None for no date, or none that can be."""
+    days = yield from _number(SOFTWARE_DATE, 1)
+    if not days or not 0 < days <= _MOST_DAYS:
+        return None
+    milliseconds = yield from _number(SOFTWARE_DATE, 2)
+    known = milliseconds is not None and 0 <= milliseconds < _DAY_MS
+    return ProgramDate(_EPOCH + datetime.timedelta(days=days), milliseconds if known else None)
 
 
 def _number(index: int, subindex: int) -> Numbers:

@@ -68,14 +68,16 @@ def refuse_moving(session: NodeSession) -> None:
 class Restore:
     """One restore of `wanted` into the node of `session`, whose objects have the types of `od`.
 
-    `run` may end with an error of the bus or the node in the middle; `step`, `written` and `planned` then say how far
-    it was. `verified` are the parameters that were proven to be as wanted, `undone`: all that was written is as before.
+    `keep_held` is called with what the node holds before the first write, and may refuse. `run` may end with an error
+    of the bus or the node in the middle; `step`, `written` and `planned` then say how far it was. `verified` are the
+    parameters that were proven to be as wanted, `undone`: all that was written is as before.
     """
 
     session: NodeSession
     od: ObjectDictionary
     wanted: Mapping[Address, Value]
     told: Told | None = None
+    keep_held: Callable[[Mapping[Address, Value]], None] | None = None
     step: RestoreStep = RestoreStep.READING
     held: dict[Address, Value] = field(default_factory=dict)
     planned: int = 0
@@ -92,8 +94,11 @@ class Restore:
         if self.refused and not keep:
             self.undone, self.step = True, RestoreStep.DONE  # nothing was written yet
             return False
+        groups = restore_groups(self.od, self.wanted, self.held)
+        if groups and self.keep_held is not None:
+            self.keep_held(self.held)
         self.step = RestoreStep.WRITING
-        failed = self._write(restore_groups(self.od, self.wanted, self.held))
+        failed = self._write(groups)
         self._prove({group.name: why for group, why in failed})
         if self.refused and not keep and self.written:
             self._undo()

@@ -8,21 +8,22 @@ import zlib
 import canopen
 import pytest
 from support.onbus import TMCM, OnBus
-from support.programs import write_program_eds
+from support.programs import PROGRAM_EDS
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cli.main import main
+from canopen_control.data_files import data_path
+from canopen_control.virtual.fault_switches import FaultSwitches
 from canopen_control.virtual.program_area import whole_program
 
 NEW = whole_program(b"version two " * 400)
 
 
 @pytest.fixture
-def bus(private_folders, tmp_path):
-    eds = write_program_eds(tmp_path / "drive.eds")
-    with OnBus("memory:firmware", {3: eds, 4: TMCM}) as devices:
+def bus(private_folders):
+    with OnBus("memory:firmware", {3: PROGRAM_EDS, 4: TMCM}) as devices:
         devices.options = ["--can", "memory:firmware"]
-        devices.eds = eds
+        devices.eds = PROGRAM_EDS
         yield devices
 
 
@@ -48,7 +49,37 @@ def test_without_an_eds_and_in_the_loader_too(bus, program, capsys):
     assert code == 0, capsys.readouterr().err
     told = json.loads(capsys.readouterr().out)
     assert (told["program"], told["bytes"], told["tries"], told["notes"]) == (1, len(NEW), 1, [])
+    assert (told["old_date"], told["new_date"]) == (None, None)
     assert bus.nodes[3].program.image == NEW
+
+
+@pytest.mark.parametrize(("expected", "code"), [("2025-01-25T12:00:00", 0), ("2025-01-26", 1)])
+def test_the_date_of_a_program_is_told_and_compared(bus, tmp_path, capsys, expected, code):
+    path = tmp_path / "dated.bin"
+    path.write_bytes(whole_program(b"dated", days=15_000, milliseconds=43_200_000))
+    assert main(["firmware", "3", str(path), *bus.options, "--eds", bus.eds, "--expect-date", expected]) == code
+    said = capsys.readouterr()
+    if code:
+        assert "the program runs, and tells 2025-01-25 12:00:00 (0x1F52); expected was 2025-01-26" in said.err
+    else:
+        assert said.out.endswith(" of 2025-01-25 12:00:00\n")
+    assert bus.nodes[3].program.runs
+
+
+@pytest.mark.parametrize("text", ["yesterday", "2025-13-01", "2025-01-25T25:00"])
+def test_what_is_no_date_is_told(program, capsys, text):
+    with pytest.raises(SystemExit):
+        main(["firmware", "3", program, "--expect-date", text])
+    assert "is no date: 2026-11-21" in capsys.readouterr().err
+
+
+def test_a_flash_that_fails_is_told_and_the_same_command_mends_it(bus, program, capsys):
+    switches = FaultSwitches(bus.nodes[3])
+    bus.call(lambda: switches.set("flash_fails", True, time.monotonic_ns()))
+    assert main(["firmware", "3", program, *bus.options, "--eds", bus.eds]) == 1
+    assert "flash write error" in capsys.readouterr().err
+    bus.call(lambda: switches.set("flash_fails", False, time.monotonic_ns()))
+    assert main(["firmware", "3", program, *bus.options, "--eds", bus.eds]) == 0
 
 
 def test_a_node_without_program_download_is_told(bus, program, capsys):
@@ -84,11 +115,10 @@ def test_a_damaged_file_is_told_and_the_right_one_mends_it(bus, program, tmp_pat
 
 
 @pytest.mark.process
-def test_a_plain_client_of_another_library_loads_a_program_too(private_folders, tmp_path):
+def test_a_plain_client_of_another_library_loads_a_program_too(private_folders):
     """The sequence of Zephyr's runner: stop, clear, poll the flash, download by blocks, poll, start."""
-    eds = write_program_eds(tmp_path / "drive.eds")
-    with OnBus("local:plain", {3: eds}) as bus:
-        load_as_zephyr_does("plain", eds)
+    with OnBus("local:plain", {3: PROGRAM_EDS}) as bus:
+        load_as_zephyr_does("plain", str(data_path("eds", PROGRAM_EDS)))
         assert (bus.nodes[3].program.runs, bus.nodes[3].program.image) == (True, NEW)
 
 

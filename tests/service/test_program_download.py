@@ -1,4 +1,5 @@
 import contextlib
+import datetime
 import zlib
 
 import pytest
@@ -14,6 +15,7 @@ from canopen_control.service.program_download import (
     DownloadProgress,
     DownloadStep,
     Outcome,
+    ProgramDate,
     ProgramOptions,
     flash_text,
     program_download,
@@ -203,3 +205,40 @@ def test_after_any_loss_the_next_attempt_succeeds(at, kind, fails_at):
 )
 def test_the_flash_status_is_told_in_words(status, text):
     assert flash_text(status) == text
+
+
+def test_a_flash_that_is_quick_is_not_waited_for():
+    bench = Bench()
+    area = bench.device.program
+    area.erase_ns.break_with(5 * MS)
+    area.write_ns = 5 * MS
+    bench.run()
+    assert sum(order.seconds for order in bench.orders) < 0.4
+
+
+def test_a_date_is_compared_as_far_as_it_is_told():
+    day = datetime.date(2025, 1, 25)
+    noon = ProgramDate(day, 43_200_000)
+    assert (str(noon), str(ProgramDate(day))) == ("2025-01-25 12:00:00", "2025-01-25")
+    assert ProgramDate(day).fits(noon)
+    assert noon.fits(noon)
+    for wanted in (ProgramDate(day, 0), ProgramDate(day.replace(day=26))):
+        assert not wanted.fits(noon)
+    assert not noon.fits(None)
+
+
+@given(days=st.integers(0, 2**32 - 1), milliseconds=st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_any_number_is_a_date_or_none(days, milliseconds):
+    parts = {1: days, 2: milliseconds}
+
+    def disturb(_number, order):
+        if (order.act, order.index) == (Act.READ, 0x1F52):
+            return Outcome(parts[order.subindex].to_bytes(4, "little"))
+        return None
+
+    told = Bench().run(disturb=disturb).new_date
+    assert (told is None) == (days == 0 or days > 0xFFFF)
+    if told is not None:
+        assert (told.day - datetime.date(1984, 1, 1)).days == days
+        assert told.milliseconds == (milliseconds if milliseconds < 86_400_000 else None)

@@ -18,7 +18,7 @@ class DeviceTransfers:
 
     def __init__(self, device):
         self.device, self.written, self.commands = device, [], []
-        self.silent_from, self.lacking = None, set()
+        self.silent_from, self.lacking, self.robot_leaves_it = None, set(), True
         device.tick(BOOTED)
         device.frames()
 
@@ -49,6 +49,9 @@ class DeviceTransfers:
 
     def nmt_state(self):
         return self.device.nmt.state
+
+    def taken_out(self):
+        return self.robot_leaves_it
 
     def progress(self):
         return 0, None

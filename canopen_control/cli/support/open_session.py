@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from canopen_control.cia301.nmt import NmtCommand
     from canopen_control.cli.support.target import Target, TargetNode
+    from canopen_control.rpc.messages.state import NodeReading
 
 __all__ = ["add_session_arguments", "open_session", "open_sessions"]
 
@@ -36,6 +37,7 @@ _HEARTBEATS = 2.5  # of its own heartbeat times, a node is listened to
 _LONGEST_S = 3.0
 _HEARTBEAT = (0x1017, 0)
 _NMT_S, _RESET_S = 0.3, 3.0  # what a node may take to show a state
+_MUTE_S = 0.02  # for one that sends no heartbeat: it shows nothing, and takes the next request after the command
 
 
 def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True) -> None:
@@ -90,6 +92,7 @@ class TargetTransfers(Transfers):
 
     def __init__(self, target: Target, node: TargetNode) -> None:
         self._target, self._node = target, node
+        self._mute = False  # it was seen to send no heartbeat
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Upload an object."""
@@ -107,7 +110,8 @@ class TargetTransfers(Transfers):
         """Send an NMT command to the node of a bare bus and wait until a heartbeat shows it, if it sends any."""
         assert isinstance(self._target, BusTarget)
         bus = self._target.bus
-        for result in bus.command(command, self._node.node_id, _RESET_S if command in RESETS else _NMT_S):
+        seconds = _RESET_S if command in RESETS else _MUTE_S if self._mute else _NMT_S
+        for result in bus.command(command, self._node.node_id, seconds):
             if isinstance(result, NmtUnconfirmed) and result.state is not None:
                 raise DriveError(
                     f"{self._node} is {result.state.text} after NMT {command.name.replace('_', ' ').lower()}"
@@ -116,9 +120,8 @@ class TargetTransfers(Transfers):
     def nmt_state(self) -> NmtState | None:
         """Return what the robot knows of the node; on a bare bus listen for its next heartbeat, if it sends any."""
         if isinstance(self._target, RobotTarget):
-            nodes = self._target.robot.ask(GetStatus()).nodes
-            state = next((each.nmt_state for each in nodes.values() if each.node_id == self._node.node_id), None)
-            return NmtState.__members__.get(state or "")
+            reading = self._reading(self._target)
+            return NmtState.__members__.get("" if reading is None else reading.nmt_state or "")
         assert isinstance(self._target, BusTarget)
         bus, node_id = self._target.bus, self._node.node_id
         bus.heard.pop(node_id, None)
@@ -126,6 +129,18 @@ class TargetTransfers(Transfers):
             period_ms = int.from_bytes(self.read(*_HEARTBEAT)[:2], "little")
         except CanopenError:
             period_ms = 0
+        self._mute = not period_ms
         if period_ms and bus.heard.get(node_id) is None:
             bus.serve([], lambda: bus.heard.get(node_id) is not None, min(_LONGEST_S, _HEARTBEATS * period_ms / 1e3))
         return bus.heard.get(node_id)
+
+    def taken_out(self) -> bool:
+        """Return what the robot says, which boots a node again and again otherwise; True on a bare bus."""
+        if not isinstance(self._target, RobotTarget):
+            return True
+        reading = self._reading(self._target)
+        return reading is not None and reading.taken_out
+
+    def _reading(self, target: RobotTarget) -> NodeReading | None:
+        nodes = target.robot.ask(GetStatus()).nodes
+        return next((each for each in nodes.values() if each.node_id == self._node.node_id), None)

@@ -9,10 +9,13 @@ from __future__ import annotations
 import contextlib
 import fnmatch
 import sys
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cli.support.output import Progress, json_text
+from canopen_control.cli.support.restore_journal import RestoreJournal
 from canopen_control.errors import CanopenError, ConfigError, DriveError
 from canopen_control.rpc.messages.declare import Document
 from canopen_control.service.backup_choice import protection_of
@@ -92,7 +95,7 @@ def quiet_node(session: NodeSession, *, starts_again: bool = True) -> Iterator[N
     state = session.nmt_state()
     again = state if starts_again else None
     if session.robot:
-        if state is not NmtState.PRE_OPERATIONAL:
+        if state is not NmtState.PRE_OPERATIONAL or not session.transfers.taken_out():
             raise DriveError(
                 f"{session} is controlled by the running robot {session.robot}; nothing was written: end the robot "
                 f"with `shutdown` and use --can, or take the node out: `nmt preop {session.name or session.node_id}`"
@@ -123,10 +126,16 @@ def restore_into(session: NodeSession, source: ParameterSet, args: argparse.Name
     wanted = source.for_node(session.node_id)
     od = source.od.for_node(session.node_id)
     left = protected(od, iter(wanted), args.protect, same_device=same_device or args.include_protected)
+    journal = RestoreJournal(session, identity, args)
+    if journal.unfinished and Path(source.where) != journal.path:
+        print(f"canopen-control: {journal.unfinished}", file=sys.stderr)
     restore = Restore(session, od, {address: value for address, value in wanted.items() if address not in left})
+    restore.keep_held = partial(journal.begin, od)
     stored = False
-    with quiet_node(session), _told(restore):
-        if restore.run(keep=args.keep) and args.store:
+    with quiet_node(session), _told(restore, journal):
+        good = restore.run(keep=args.keep)
+        journal.end(restore)
+        if good and args.store:
             store(session)
             stored = True
     document = RestoreDocument(
@@ -144,7 +153,7 @@ def restore_into(session: NodeSession, source: ParameterSet, args: argparse.Name
 
 
 @contextlib.contextmanager
-def _told(restore: Restore) -> Iterator[None]:
+def _told(restore: Restore, journal: RestoreJournal) -> Iterator[None]:
     """Tell the progress of a restore, and what it has written where it is interrupted."""
     with Progress(f"writing {restore.session}", "groups") as progress:
         restore.told = progress.at
@@ -154,16 +163,16 @@ def _told(restore: Restore) -> Iterator[None]:
             if restore.step in (RestoreStep.READING, RestoreStep.DONE):
                 raise
             progress.end()
-            raise DriveError(_interrupted(restore, error)) from error
+            raise DriveError(_interrupted(restore, journal, error)) from error
 
 
-def _interrupted(restore: Restore, error: BaseException) -> str:
+def _interrupted(restore: Restore, journal: RestoreJournal, error: BaseException) -> str:
     names = ", ".join(restore.written[:_SHOWN]) + (", ..." if len(restore.written) > _SHOWN else "")
     what = f"{len(restore.written)} of {restore.planned} were written{f' ({names})' if names else ''}"
     reason = str(error) or "interrupted"
     return (
         f"{restore.session}: the restore ended while {restore.step.value}: {reason}; {what}, nothing was stored; "
-        "the same command again writes what is missing"
+        f"the same command again writes what is missing, {journal.undo_words} what the node held"
     )
 
 

@@ -72,6 +72,20 @@ def test_the_nmt_state_of_a_node_is_that_of_its_heartbeat(alone):
         assert node.nmt_state() is NmtState.PRE_OPERATIONAL
 
 
+def test_a_node_that_sends_no_heartbeat_is_not_waited_for(alone, monkeypatch):
+    with open_session(arguments("5", "--can", "memory:session", "--eds", TMCM)) as node:
+        bus, waited = node.transfers._target.bus, []
+        monkeypatch.setattr(bus, "command", lambda command, node_id, seconds: waited.append(seconds) or [])
+        node.transfers.command(NmtCommand.START)
+        assert node.nmt_state() is None
+        node.transfers.command(NmtCommand.START)
+        node.transfers.command(NmtCommand.RESET_NODE)
+        node.write(0x1017, 0, (50).to_bytes(2, "little"))
+        node.nmt_state()
+        node.transfers.command(NmtCommand.START)
+    assert waited == [0.3, 0.02, 3.0, 0.3]
+
+
 def test_another_device_than_the_eds_describes_is_seen(private_folders):
     other = OnBus("memory:other", {5: GENERIC})
     with other, open_session(arguments("5", "--can", "memory:other", "--eds", TMCM)) as node:
@@ -83,6 +97,7 @@ def test_a_node_of_a_running_robot_is_reached_through_it(robby):
         assert (node.node_id, node.name, node.robot) == (3, "left", "robby")
         assert node.nmt_state() is NmtState.OPERATIONAL
         assert node.read(0x1008) == b"\1\2"
+        assert not node.transfers.taken_out()
 
 
 def test_a_channel_of_a_running_robot_leads_to_it(robby):
@@ -94,6 +109,7 @@ def test_a_channel_of_a_running_robot_leads_to_it(robby):
 
 def test_a_node_of_a_bare_bus_takes_nmt_commands(alone):
     with open_session(arguments("5", "--can", "memory:session", "--eds", TMCM)) as node:
+        assert node.transfers.taken_out()
         node.transfers.command(NmtCommand.START)
         assert alone.nodes[5].nmt.state is NmtState.OPERATIONAL
         alone.call(lambda: alone.nodes[5].store.download(0x1017, 0, (20).to_bytes(2, "little")))

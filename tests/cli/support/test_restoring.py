@@ -15,6 +15,11 @@ TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 PRE_OPERATIONAL, START = NmtCommand.ENTER_PRE_OPERATIONAL, NmtCommand.START
 
 
+@pytest.fixture(autouse=True)
+def _folders(private_folders):
+    """Keep the journals out of the user's folder."""
+
+
 def arguments(**changes):
     plain = {"protect": [], "include_protected": False, "keep": False, "store": False, "json": False}
     return argparse.Namespace(**{**plain, **changes})
@@ -46,6 +51,10 @@ def test_a_node_that_a_robot_controls_is_refused_unless_it_was_taken_out():
     ):
         pass
     session.transfers.command(PRE_OPERATIONAL)
+    session.transfers.robot_leaves_it = False  # it is booted again and again
+    with pytest.raises(DriveError, match="nothing was written"), quiet_node(session):
+        pass
+    session.transfers.robot_leaves_it = True
     session.transfers.commands.clear()
     with quiet_node(session):
         pass
