@@ -14,19 +14,21 @@ commands, switches and troubles (--faults); --scenario FILE says them instead:
       - {at: 6s, do: stall, target: master, for: 300ms}
 
 --seeds N runs N seeds instead, each with a schedule of its own (20 s, all faults, unless said otherwise), in --jobs
-processes, or on the Dask cluster at --dask. What a breach takes is shrunk to the smallest schedule and written to
+processes, or on the Dask cluster at --dask. --aim M adds M schedules that strike in states in which no fault of its
+kind has hit yet. What a breach takes is shrunk to the smallest schedule and written to
 --out, as a scenario with the command that replays it and a recording of its frames, beside a summary as JUnit and HTML.
 
 --recording FILE plays what was recorded of a robot instead: its commands, and what went wrong on its buses, as a
 scenario, which --out FILE.yml keeps. It is a flight recording, or the frames of the robot's only bus (faults alone).
 --record FILE.zip writes such a recording of a simulation, for `report`, `trace` and `replay --page`.
 
---physics has the virtual drives move the robot on a floor, as in a run (extra [physics]).
+--physics has the virtual drives move the robot on a floor, as in a run (extra [physics]), with what --world FILE puts
+on it; --world FILE alone simulates the robots that the file names, in one world and one virtual time.
 
 --speed 1 is a run without processes, for a debugger. Ctrl-C ends it and keeps what there is. --json prints one object
 at the end, with the SHA-256 of every frame and event with its time.
 
-Exit codes: 0 good, 1 something happened that must not, 2 usage or configuration.
+Exit codes: 0 good, 1 something happened that must not, 2 usage or configuration, 130 seeds interrupted.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.run import add_file_arguments, find_files
+from canopen_control.cli.run import add_file_arguments, find_files, names_robot
 from canopen_control.cli.support.arguments import number, whole_number
 from canopen_control.errors import ConfigError, nearest
 
@@ -102,8 +104,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--recording", metavar="FILE", help="what happens as it was recorded: .zip, or .log, .asc, ...")
     parser.add_argument("--record", metavar="FILE.zip", help="write a flight recording of it")
     parser.add_argument("--physics", action="store_true", help="the drives move the robot on a floor")
+    parser.add_argument(
+        "--world", metavar="FILE", help="with --physics: what is on the floor; without CONFIG: the robots in it"
+    )
     parser.add_argument("--faults", metavar="all|LIST|none", help="what goes wrong (default: none, with --seeds all)")
     parser.add_argument("--seeds", type=_count, metavar="N", help="a campaign of N seeds, from --seed on")
+    parser.add_argument(
+        "--aim", type=_count, metavar="N", help="with --seeds: N more, at states in which faults were not met yet"
+    )
     parser.add_argument("--jobs", type=_jobs, metavar="J", help="with --seeds: in J processes (default: 1)")
     parser.add_argument("--dask", metavar="ADDRESS", help="with --seeds: on this Dask cluster, as tcp://host:8786")
     parser.add_argument(
@@ -118,6 +126,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate; 0 good, 1 with a breach."""
     try:
+        if args.world is not None and not names_robot(args):
+            return _run_world(args)
         return _run_one(args) if args.seeds is None else _run_campaign(args)
     finally:
         gc.unfreeze()
@@ -125,18 +135,20 @@ def run(args: argparse.Namespace) -> int:
 
 def _run_one(args: argparse.Namespace) -> int:
     out = None if args.recording is not None else args.out
-    for option, given in (("--jobs", args.jobs), ("--out", out), ("--dask", args.dask)):
+    for option, given in (("--jobs", args.jobs), ("--aim", args.aim), ("--out", out), ("--dask", args.dask)):
         if given is not None:
             raise ConfigError(f"{option} is for a campaign; give the number of its seeds, as --seeds 100")
+    from canopen_control.simulation.simulated_robot import SimulatedRobot
     from canopen_control.simulation.simulation_run import SimulationRun
 
+    world = _world(args)
     if args.record is not None:
         from canopen_control.cli.support.simulation_recording import check_recording_name
 
         check_recording_name(Path(args.record))
     setup = _setup(args)
     acts, seed, duration_ns = _schedule(args, setup)
-    simulation = SimulationRun(setup, seed, acts, speed=args.speed)
+    simulation = SimulationRun(setup, seed, acts, speed=args.speed, robot=SimulatedRobot(setup, seed, world=world))
     try:
         _watch(simulation, duration_ns, args.record, quiet=args.json)
         outcome = simulation.outcome
@@ -145,6 +157,23 @@ def _run_one(args: argparse.Namespace) -> int:
         simulation.close()
     _tell(outcome, failure, as_json=args.json)
     return 1 if outcome.breaches else 0
+
+
+def _run_world(args: argparse.Namespace) -> int:
+    """Run the robots of a world."""
+    from canopen_control.cli.support.simulation_world import simulate_world
+    from canopen_control.simulation.drawn_schedule import known_faults
+
+    drawn = known_faults(physics=True)
+    faults = drawn if args.faults == "all" else _faults(args.faults or "none", known_faults())
+    return simulate_world(args, args.length or DEFAULT_NS, faults)
+
+
+def _world(args: argparse.Namespace) -> Path | None:
+    """Return the file of the world that a robot alone is in."""
+    if args.world is not None and not args.physics:
+        raise ConfigError("--world is of a robot with physics; give --physics too")
+    return None if args.world is None else Path(args.world).resolve()
 
 
 def _setup(args: argparse.Namespace) -> RobotSetup:
@@ -177,7 +206,7 @@ def _run_campaign(args: argparse.Namespace) -> int:
     from canopen_control.simulation.drawn_schedule import known_faults
 
     singles = ("--scenario", args.scenario), ("--recording", args.recording), ("--record", args.record)
-    for option, given in (*singles, ("--speed", args.speed)):
+    for option, given in (*singles, ("--speed", args.speed), ("--world", args.world)):
         if given is not None:
             raise ConfigError(f"{option} is for one simulation; --seeds draws schedules, as fast as it can")
     if args.dask is not None and args.jobs is not None:
@@ -193,7 +222,15 @@ def _run_campaign(args: argparse.Namespace) -> int:
     seeds = range(args.seed or 0, (args.seed or 0) + args.seeds)
     folder = None if args.out is None else Path(args.out)
     order = CampaignOrder(
-        seeds, args.length or DEFAULT_NS // 3, faults, words, args.jobs or 1, folder, args.json, args.dask
+        seeds,
+        args.length or DEFAULT_NS // 3,
+        faults,
+        words,
+        args.jobs or 1,
+        folder,
+        args.json,
+        args.dask,
+        args.aim or 0,
     )
     return run_campaign(setup, order, folder or Path(f"simulate-{setup.name}"))
 

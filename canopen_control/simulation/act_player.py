@@ -7,6 +7,7 @@ counted. Times in ns from the start.
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -17,6 +18,9 @@ from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame
 from canopen_control.hardware.axis_power import Action
 from canopen_control.rpc.messages.drive import SetPlant, SwitchFault
+from canopen_control.simulation.acts import KINDS
+from canopen_control.simulation.fault_coverage import is_met, kind_of
+from canopen_control.simulation.simulated_clients import SimulatedClients
 from canopen_control.simulation.simulated_robot import MASTER
 
 if TYPE_CHECKING:
@@ -32,14 +36,15 @@ __all__ = ["SOURCE", "ActPlayer"]
 
 SOURCE: Final = "simulate"
 PUBLISH_NS: Final = 100_000_000
-_TROUBLES: Final = ("fault", "power", "stall", "kill", "cut", "bus_off", "lose", "double", "disturb", "frame")
+_LOOK_NS: Final = 1_000_000  # how often an act that waits for a state looks
 _BRIEFLY_NS: Final = 100_000_000
 
 
 class ActPlayer:
     """Plays acts from now on; `played` are those that have begun, `refused` counts what the robot refused.
 
-    `troubles` counts what went wrong, with the state that the robot was in; `on_asked` hears what clients ask for.
+    `troubles` counts what went wrong, with the state that the robot was in; `on_asked` hears what clients ask for,
+    `on_played` each act that begins, both with its time.
     """
 
     def __init__(self, robot: SimulatedRobot) -> None:
@@ -48,6 +53,8 @@ class ActPlayer:
         self.refused = 0
         self.troubles: Counter[tuple[str, str]] = Counter()
         self.on_asked: Callable[[int, Act], object] = lambda _now, _act: None
+        self.on_played: Callable[[int, Act], object] = lambda _now, _act: None
+        self.clients = SimulatedClients(robot)
         self._publishing: dict[str, int] = {}  # controller -> whose turn it is to command it
         self._down = False
 
@@ -58,10 +65,14 @@ class ActPlayer:
             self.robot.time.at(start + act.at_ns, partial(self.play, act))
 
     def play(self, act: Act) -> None:
-        """Begin an act now."""
+        """Begin an act now, or as soon as the state is there that it waits for."""
+        if not is_met(self.robot, act):
+            self._later(_LOOK_NS, partial(self.play, act))
+            return
         self.played.append(act)
-        if act.kind in _TROUBLES:
-            self.troubles[act.name or act.kind, self.robot.core.state.value] += 1
+        self.on_played(self.robot.now_ns, act)
+        if KINDS[act.kind].breaks:
+            self.troubles[kind_of(act), self.robot.core.state.value] += 1
         _PLAY[act.kind](self, act)
 
     # -- drives
@@ -180,6 +191,30 @@ class ActPlayer:
             points = [Point(act.values, stands, time=act.for_ns or PUBLISH_NS)]
         self._ask(act, lambda core: core.send_goal(act.target, Goal(JointTrajectory(joints, points)), SOURCE))
 
+    # -- clients of its socket
+
+    def connect(self, act: Act) -> None:
+        """Let clients come that hang, or that ask; a robot that is down has no socket."""
+        if self._down or not self.robot.up:
+            return
+        if act.kind == "silent":
+            self.clients.silent(int(act.values[0]) if act.values else 1, act.for_ns)
+        elif act.kind == "deaf":
+            self.clients.deaf(act.for_ns)
+        else:
+            self.clients.ask(act.for_ns)
+
+    def dead_man(self, act: Act) -> None:
+        """Command as a client with whom the command ends, and leave."""
+        if self._down or not self.robot.up:
+            return
+        self.on_asked(self.robot.now_ns, replace(act, kind="command", name=act.kind))
+        left = partial(self._left, act)
+        self.clients.dead_man(act.target, act.values, act.for_ns or _BRIEFLY_NS, left)
+
+    def _left(self, act: Act) -> None:
+        self.on_asked(self.robot.now_ns, replace(act, kind="leave"))
+
     def stop(self, act: Act) -> None:
         """Stop."""
         self._ask(act, lambda core: core.stop(_ignore, by=SOURCE))
@@ -246,6 +281,10 @@ _PLAY: Final[dict[str, Callable[[ActPlayer, Act], None]]] = {
     "frame": ActPlayer.frame,
     "command": ActPlayer.command,
     "trajectory": ActPlayer.trajectory,
+    "silent": ActPlayer.connect,
+    "deaf": ActPlayer.connect,
+    "ask": ActPlayer.connect,
+    "dead_man": ActPlayer.dead_man,
     "stop": ActPlayer.stop,
     "latch": ActPlayer.latch,
     "release": ActPlayer.release,

@@ -12,31 +12,48 @@ __all__ = ["KINDS", "Act", "Kind"]
 
 
 class Kind(NamedTuple):
-    """What an act is about: whom it takes (`node`, `member`, `controller` or nobody), and what it does in words."""
+    """What an act is about: whom it takes (`node`, `member`, `controller` or nobody), and what it does in words.
+
+    `breaks`: it is a trouble, which is counted by the states that it hits.
+    """
 
     target: str
     does: str
     lasts: bool = False
     values: bool = False
+    breaks: bool = False
 
 
 KINDS: Final = {
-    "fault": Kind("node", "switches a fault of a virtual drive on, and off after `for`", lasts=True),
+    "fault": Kind("node", "switches a fault of a virtual drive on, and off after `for`", lasts=True, breaks=True),
     "heal": Kind("node", "switches a fault of a virtual drive off"),
     "plant": Kind("node", "sets numbers of what hangs on an axis"),
-    "power": Kind("node", "takes the supply of a drive away, for good or for a while", lasts=True),
-    "stall": Kind("member", "lets a process do nothing for a while: `master`, or a drive's node id", lasts=True),
-    "kill": Kind("", "kills the robot's process; it starts again after `for`", lasts=True),
-    "cut": Kind("member", "cuts the cable of `master`, or of a drive, for a while", lasts=True),
-    "bus_off": Kind("member", "sends a CAN controller off the bus", lasts=True),
-    "lose": Kind("member", "loses some frames of a member, or of all", lasts=True, values=True),
-    "double": Kind("member", "doubles some frames of a member, or of all", lasts=True, values=True),
-    "disturb": Kind("member", "disturbs some frames, which are sent again", lasts=True, values=True),
-    "frame": Kind("", "puts a frame onto the bus that nobody expects: identifier, then bytes", values=True),
+    "power": Kind("node", "takes the supply of a drive away, for good or for a while", lasts=True, breaks=True),
+    "stall": Kind(
+        "member", "lets a process do nothing for a while: `master`, or a drive's node id", lasts=True, breaks=True
+    ),
+    "kill": Kind("", "kills the robot's process; it starts again after `for`", lasts=True, breaks=True),
+    "cut": Kind("member", "cuts the cable of `master`, or of a drive, for a while", lasts=True, breaks=True),
+    "bus_off": Kind("member", "sends a CAN controller off the bus", lasts=True, breaks=True),
+    "lose": Kind("member", "loses some frames of a member, or of all", lasts=True, values=True, breaks=True),
+    "double": Kind("member", "doubles some frames of a member, or of all", lasts=True, values=True, breaks=True),
+    "disturb": Kind("member", "disturbs some frames, which are sent again", lasts=True, values=True, breaks=True),
+    "frame": Kind(
+        "", "puts a frame onto the bus that nobody expects: identifier, then bytes", values=True, breaks=True
+    ),
     "command": Kind("controller", "commands values, ten times a second", lasts=True, values=True),
     "trajectory": Kind(
         "controller",
         "sends a trajectory to positions, there after `for`, or by way of several at `times`",
+        lasts=True,
+        values=True,
+    ),
+    "silent": Kind("", "connects clients that say nothing: how many, 1 without a value", lasts=True, values=True),
+    "deaf": Kind("", "connects a client that watches everything, asks on and on, and reads nothing", lasts=True),
+    "ask": Kind("", "asks for the status as a client that waits for each answer", lasts=True),
+    "dead_man": Kind(
+        "controller",
+        "commands values once, as a client with whose connection the command ends, and leaves after `for`",
         lasts=True,
         values=True,
     ),
@@ -54,7 +71,8 @@ class Act:
     """One act `at_ns` after the start, of a kind of KINDS; `for_ns` is how long it lasts, None: for good, or at once.
 
     `target` is a node id, `master`, or a controller; `name` that of a fault or of an action. `times` are those of the
-    points of a trajectory in s, whose values come one after the other; none: it has one point.
+    points of a trajectory in s, whose values come one after the other; none: it has one point. `when` is a machine and
+    its state, as "axis power BRAKING", which it waits for from its time on: that of its node, or of any.
     """
 
     at_ns: int
@@ -66,6 +84,7 @@ class Act:
     plant: tuple[tuple[str, float], ...] = ()
     axis: int = 0
     times: tuple[float, ...] = ()
+    when: str = ""
 
     @property
     def words(self) -> str:
@@ -73,4 +92,5 @@ class Act:
         what = " ".join(each for each in (self.kind, self.target, self.name) if each)
         values = " ".join(f"{each:g}" for each in self.values)
         lasts = f" for {self.for_ns / 1e9:g} s" if self.for_ns is not None else ""
-        return f"{self.at_ns / 1e9:.3f} s: {what}{f' {values}' if values else ''}{lasts}"
+        when = f", as soon as {self.when}" if self.when else ""
+        return f"{self.at_ns / 1e9:.3f} s: {what}{f' {values}' if values else ''}{lasts}{when}"

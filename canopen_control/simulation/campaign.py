@@ -14,16 +14,18 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.simulation.aimed_schedule import AIMED_NS, aimed_schedule, cells_to_aim_at
 from canopen_control.simulation.drawn_schedule import draw_schedule
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.shrink import MOST_TRIES, Shrinker
 from canopen_control.simulation.simulation_run import SimulationRun
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Container, Iterator, Sequence
 
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.acts import Act
+    from canopen_control.simulation.fault_coverage import Cell
     from canopen_control.simulation.invariants import Breach
     from canopen_control.simulation.motions import Motion
     from canopen_control.simulation.state_coverage import Edge
@@ -37,7 +39,7 @@ _AFTER_NS: Final = 3_000_000_000  # what a shrunk schedule runs on after its las
 class SeedResult:
     """What came of one seed; `troubles` counts what went wrong by its kind, and the state that the robot was in.
 
-    `edges` counts those of the state machines that were walked.
+    `edges` counts those of the state machines that were walked, `cells` kinds of trouble by the states they hit.
     """
 
     seed: int
@@ -49,6 +51,7 @@ class SeedResult:
     breaches: tuple[Breach, ...]
     troubles: dict[tuple[str, str], int]
     edges: dict[Edge, int] = field(default_factory=dict)
+    cells: dict[Cell, int] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -92,6 +95,14 @@ class Totals:
             found.update(each.edges)
         return found
 
+    @property
+    def cells(self) -> Counter[Cell]:
+        """How often each kind of trouble hit in each state of each machine."""
+        found: Counter[Cell] = Counter()
+        for _, each in sorted(self.results.items()):
+            found.update(each.cells)
+        return found
+
 
 class Campaign:
     """Runs seeds of `duration_ns` each on a robot, with the faults that are named; a breach is shrunk in `tries`."""
@@ -100,10 +111,19 @@ class Campaign:
         self._tries = tries
         self._setup, self._duration_ns, self._faults = setup, duration_ns, list(faults)
         self._motions: Sequence[Motion] = motions_of(setup)
+        self._aims: dict[int, Cell] = {}
         self._nodes = [node.node_id for bus in setup.buses.values() for node in bus.nodes.values()]
 
+    def aim(self, seeds: Sequence[int], hit: Container[Cell]) -> list[int]:
+        """Aim seeds at cells that were not hit; return those of them that there is a cell for."""
+        cells = cells_to_aim_at(hit, self._faults, len(seeds))
+        self._aims.update(zip(seeds, cells, strict=False))
+        return list(seeds[: len(cells)])
+
     def schedule(self, seed: int) -> tuple[Act, ...]:
-        """Return what a seed draws."""
+        """Return what a seed draws, or how it aims."""
+        if seed in self._aims:
+            return aimed_schedule(seed, self._aims[seed], self._motions, self._nodes)
         return draw_schedule(seed, self._duration_ns, self._motions, self._nodes, self._faults)
 
     def run(self, seeds: Sequence[int], jobs: int) -> Iterator[SeedResult]:
@@ -123,7 +143,8 @@ class Campaign:
 
     def run_seed(self, seed: int) -> SeedResult:
         """Run one seed to its end."""
-        return self._result(seed, self.schedule(seed), self._duration_ns)
+        least = AIMED_NS if seed in self._aims else 0
+        return self._result(seed, self.schedule(seed), max(self._duration_ns, least))
 
     def shrink(self, result: SeedResult, hear: Callable[[int], object] = lambda _tries: None) -> tuple[Act, ...]:
         """Return the smallest schedule that breaks the first rule that a seed broke; `hear` is told each try."""
@@ -162,6 +183,7 @@ class Campaign:
                 tuple(run.invariants.breaches),
                 dict(run.player.troubles),
                 run.invariants.coverage.walked,
+                dict(run.invariants.troubled.cells),
             )
         finally:
             run.close()

@@ -12,6 +12,7 @@ from xml.sax.saxutils import quoteattr
 from canopen_control.bus.recordings import RecordingWriter
 from canopen_control.frame import frames_of
 from canopen_control.host.files import failed
+from canopen_control.simulation.fault_coverage import STATES
 from canopen_control.simulation.scenario_steps import scenario_text
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.state_coverage import coverage_words, left_out
@@ -105,6 +106,8 @@ def html_summary(robot: str, totals: Totals) -> str:
 <h2>What went wrong, by the state of the robot</h2>
 <table><tr>{head}</tr>
 {rows}</table>
+<h2>What went wrong, by the states of the nodes that it hit</h2>
+{_cell_tables(totals)}
 <h2>Edges of the state machines</h2>
 <p>{escape(coverage_words(edges))}</p>
 <table><tr><th>machine</th><th>state</th><th>trigger, or the state after</th><th>walked</th></tr>
@@ -112,8 +115,23 @@ def html_summary(robot: str, totals: Totals) -> str:
 """
 
 
+def _cell_tables(totals: Totals) -> str:
+    """Return a table for each machine: kinds of trouble by its states, those included that were not met."""
+    cells = totals.cells
+    kinds = sorted({kind for _, _, kind in cells})
+    found = ""
+    for machine, states in STATES.items():
+        head = "".join(f"<th>{escape(each)}</th>" for each in (machine, *states))
+        rows = "".join(f"<tr>{_counts(kind, [cells[machine, each, kind] for each in states])}</tr>\n" for kind in kinds)
+        found += f"<table><tr>{head}</tr>\n{rows}</table>\n"
+    return found
+
+
 def _cells(kind: str, states: Sequence[str], totals: Totals) -> str:
-    counts = [totals.troubles[kind, state] for state in states]
+    return _counts(kind, [totals.troubles[kind, state] for state in states])
+
+
+def _counts(kind: str, counts: Sequence[int]) -> str:
     return "".join(f"<td>{each}</td>" for each in (escape(kind), *(each or "" for each in counts)))
 
 

@@ -41,7 +41,9 @@ _LOSSES: Final = (
 )
 """Faults of drives that supervision has to notice: a third of those that are drawn."""
 _OF_ENCODERS: Final = ("position_jump", "position_wrap", "hand_moved")  # after which a drive's loops pull its shaft
-_OF_DEVICES: Final = ("input", "output")  # that are no drives
+_OF_DEVICES: Final = ("input", "output", "program")  # that are no drives, or drives with a boot-loader
+_HANGING: Final = 0.4  # of the seeds: clients hang
+_HANGS: Final = ("silent", "deaf", "dead_man")
 _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 
 
@@ -58,7 +60,7 @@ class DrawnSchedule:
     def __init__(
         self, seed: int, duration_ns: int, motions: Sequence[Motion], nodes: Sequence[int], faults: Sequence[str]
     ) -> None:
-        self._random = Random(f"{seed}/schedule").random
+        self._seed, self._random = seed, Random(f"{seed}/schedule").random
         self._duration = duration_ns
         self._motions, self._nodes, self._faults = list(motions), list(nodes), list(faults)
         self._acts: list[Act] = []
@@ -77,6 +79,8 @@ class DrawnSchedule:
                 now = self._client(now)
             else:
                 now = self._move(now)
+        if self._faults:
+            self._hang()
         return tuple(sorted((each for each in self._acts if each.at_ns < self._duration), key=lambda each: each.at_ns))
 
     # -- numbers
@@ -136,6 +140,23 @@ class DrawnSchedule:
         if self._active is not None and self._random() < 0.5:
             self._add(now + 600 * _MS, "activate", self._active.controller)
         return now + 900 * _MS
+
+    def _hang(self) -> None:
+        """Let clients of some seeds hang; what else a seed draws does not change with them."""
+        self._random = Random(f"{self._seed}/clients").random
+        if self._random() >= _HANGING:
+            return
+        kind, at = self._one(_HANGS), self._between(_BOOTED_NS, max(_BOOTED_NS, self._duration // 3))
+        commanded = [each for each in self._motions if each.kind == "command" and each.starts]
+        if kind != "dead_man":
+            count = (float(self._one((1, 20, 80))),) if kind == "silent" else ()
+            lasts = self._between(_S, self._duration) if kind == "silent" else None
+            self._add(at, kind, values=count, for_ns=lasts)
+            self._add(at + 10 * _MS, "ask", for_ns=self._between(_S, 3 * _S))
+        elif commanded:
+            motion = self._one(commanded)
+            values = tuple(round(low + (high - low) * self._random(), 3) for low, high in motion.ranges)
+            self._add(at, kind, motion.controller, values=values, for_ns=self._between(50 * _MS, 400 * _MS))
 
     # -- troubles
 

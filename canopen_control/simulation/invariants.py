@@ -11,8 +11,13 @@ import importlib.metadata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.simulation.client_rules import ClientRules
+from canopen_control.simulation.disturbed_nodes import DisturbedNodes
+from canopen_control.simulation.face_rules import FaceRules
+from canopen_control.simulation.fault_coverage import FaultCoverage
 from canopen_control.simulation.motion_rules import MotionRules
 from canopen_control.simulation.state_coverage import StateCoverage
+from canopen_control.simulation.target_rules import TargetRules
 from canopen_control.simulation.told_rules import ToldRules
 from canopen_control.simulation.wire_rules import WireRules
 from canopen_control.simulation.wire_view import WireView
@@ -21,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.simulation.act_player import ActPlayer
+    from canopen_control.simulation.acts import Act
     from canopen_control.simulation.motions import Motion
     from canopen_control.simulation.simulated_robot import SimulatedRobot
 
@@ -59,7 +65,10 @@ def _entry_points() -> tuple[importlib.metadata.EntryPoint, ...]:
 
 
 class Invariants:
-    """Watches a robot from now on; `breaches` grows, up to a hundred, `coverage` counts the edges that it walks."""
+    """Watches a robot from now on; `breaches` grows, up to a hundred, `coverage` counts the edges that it walks.
+
+    `troubled` counts the troubles by the states that they hit.
+    """
 
     def __init__(
         self,
@@ -72,24 +81,41 @@ class Invariants:
         self._robot, self._began = robot, robot.now_ns
         views = {name: WireView(bus) for name, bus in robot.setup.buses.items()}
         self._motion = MotionRules(robot, views, motions, self._tell)
+        self._disturbed = DisturbedNodes(robot)
+        self._targets = TargetRules(robot, views, motions, self._disturbed, self._tell)
         self._told = ToldRules(robot, views, self._tell)
+        self._faces = FaceRules(robot, views, self._disturbed, self._tell)
+        self._clients = ClientRules(robot, player.clients, self._tell)
         self._wires = [WireRules(robot, robot.wires[name], view, self._tell) for name, view in views.items()]
-        self.coverage = StateCoverage(robot, views.values())
+        self.coverage, self.troubled = StateCoverage(robot, views.values()), FaultCoverage(robot)
         self._rules = list(rules)
         self._broken: set[str] = set()
         for (name, view), wire in zip(views.items(), self._wires, strict=True):
-            robot.wires[name].heard += [view.hear, wire.heard]
-        player.on_asked = self._motion.asked
+            robot.wires[name].observe(view.hear, view.wants)
+            robot.wires[name].observe(wire.heard, wire.wants)
+        player.on_asked, player.on_played = self._asked, self._played
         robot.time.later(_LOOK_NS, self._look)
 
     def _tell(self, rule: str, text: str) -> None:
         if len(self.breaches) < _MOST:
             self.breaches.append(Breach((self._robot.now_ns - self._began) / 1e9, rule, text))
 
+    def _asked(self, now: int, act: Act) -> None:
+        self._motion.asked(now, act)
+        self._targets.asked(now, act)
+
+    def _played(self, now: int, act: Act) -> None:
+        self._disturbed.troubled(now, act)
+        self.troubled.troubled(act)
+
     def _look(self) -> None:
         now = self._robot.now_ns
+        self._disturbed.sampled(now)
         self._motion.sampled(now)
+        self._targets.sampled(now)
         self._told.sampled(now)
+        self._faces.sampled(now)
+        self._clients.sampled(now)
         self.coverage.sampled()
         for wire in self._wires:
             wire.sampled(now)

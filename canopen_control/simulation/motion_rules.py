@@ -66,6 +66,7 @@ class MotionRules:
         self._nodes = [node for view in views.values() for node in view.nodes.values()]
         self._lives = {each.controller: each.life_ns or PLACE_NS for each in motions}
         self._fresh: dict[str, int] = {}  # controller -> until when its command counts
+        self._held: dict[str, bool] = {}  # controller -> whether its newest command ends with who gave it
         self._enabled_ns = robot.now_ns
         self._followed_ns = 0  # when a drive was first seen to be enabled since then
         self._stop: _Stop | None = None
@@ -76,6 +77,8 @@ class MotionRules:
         self._moving: set[int] = set()  # nodes whose motion was told
         self._judged: dict[int, int] = {}  # node -> when it was commanded to enable, judged already
         self._excused: dict[int, int] = {}
+        self._alone_since: dict[int, int] = {}  # node -> since when the robot does not reach it
+        self._alone_until: dict[int, int] = {}  # and until when it does not know
         self._kept: set[int] = set()  # nodes that a stop left enabled, which was told
         self._facts: dict[int, list[AxisFacts]] = {node.node_id: [] for node in self._nodes}
         for facts in axis_facts(robot.setup):
@@ -90,6 +93,8 @@ class MotionRules:
             self._latched = act.kind == "latch"
         if what in _ENABLES and not self._latched:
             self._enabled_ns, self._stop = heard, None
+            if self._all_stand():
+                self._fresh.clear()  # a command must be newer
         elif what in _STOPS:
             self._stop_by(heard, f"{what} was asked", heard)
         elif act.kind == "activate":
@@ -99,8 +104,27 @@ class MotionRules:
         elif act.kind == "command":
             life = self._lives.get(act.target, PLACE_NS)
             self._fresh[act.target] = heard + (life if any(act.values) or life == PLACE_NS else 0)
+            self._held[act.target] = bool(act.name)
+        elif act.kind == "leave" and self._held.get(act.target):  # it ends with its client
+            self._fresh[act.target] = min(self._fresh.get(act.target, 0), heard)
         elif act.kind == "trajectory":
             self._fresh[act.target] = heard + (act.for_ns or 0) + 2000 * _MS
+
+    def _all_stand(self) -> bool:
+        """Whether no shaft turns; nobody can tell on a floor, where the loops of a robot that rocks pull its shafts."""
+        return self._robot.floor is None and all(
+            self._speed(node.node_id) <= self._standing(node.node_id) for node in self._nodes
+        )
+
+    def _speed(self, node_id: int) -> float:
+        """Return how fast the shaft of a node turns, in counts/s."""
+        device = self._robot.drives[node_id].device
+        axis = None if device is None else next(iter(device.drives.values()), None)
+        return 0.0 if axis is None else abs(axis.mover.plant.velocity)
+
+    def _standing(self, node_id: int) -> float:
+        """Return below which speed a shaft counts as standing."""
+        return _STANDING * self._fastest.get(node_id, self._least.get(node_id, _LEAST))
 
     def sampled(self, now: int) -> None:
         """Judge what the shafts do now."""
@@ -110,6 +134,7 @@ class MotionRules:
         for stop in self._reasons(now):
             self._stop_by(stop.since, stop.why, stop.until)
         for node in self._nodes:
+            self._judge_reach(node, now)
             self._judge_enable(node)
             self._judge_shaft(node, now)
         self._judge_power(now)
@@ -130,19 +155,18 @@ class MotionRules:
             return
         since = self._followed_ns
         for view in self._views.values():
-            master = view.config.master
+            watched = view.config.master.heartbeat_producer * _MS * 5
+            gone = watched > 0 and 0 < view.master_at < now - watched - GRACE_NS
             for node in view.nodes.values():
-                name = f"node {node.node_id}"
+                limit = node.timeout_ns
+                alive_at = node.alive_at if node.alive_at > since else since
                 if node.fault_at > since and node.in_fault:
-                    yield _Stop(node.fault_at, f"{name} is in fault", node.fault_at)
+                    yield _Stop(node.fault_at, f"node {node.node_id} is in fault", node.fault_at)
                 if node.booted_at > since:
-                    yield _Stop(node.booted_at, f"{name} has booted", node.booted_at)
-                limit = node.plan.heartbeat_timeout_ns
-                if limit and max(node.alive_at, since) < now - limit - GRACE_NS:
-                    silent = max(node.alive_at, since) + limit
-                    yield _Stop(silent, f"{name} is silent", silent)
-                watched = master.heartbeat_producer * _MS * 5
-                if watched and 0 < view.master_at < now - watched - GRACE_NS:
+                    yield _Stop(node.booted_at, f"node {node.node_id} has booted", node.booted_at)
+                if limit and alive_at < now - limit - GRACE_NS:
+                    yield _Stop(alive_at + limit, f"node {node.node_id} is silent", alive_at + limit)
+                if gone:
                     yield _Stop(view.master_at, f"{MASTER} is silent", view.master_at + watched)
 
     # -- verdicts
@@ -177,6 +201,16 @@ class MotionRules:
                 late = (now - stop.since) / 1e9
                 self._tell("enabled_still", f"node {node.node_id} is still enabled {late:.3f} s after {stop.why}")
 
+    def _judge_reach(self, node: NodeView, now: int) -> None:
+        """Note until when a drive that the robot does not reach may go on: until it misses the robot by itself."""
+        drive = self._robot.drives[node.node_id]
+        if not (drive.wire.silences(MASTER) or drive.wire.silences(drive.label)):
+            self._alone_since.pop(node.node_id, None)
+        elif node.node_id not in self._alone_since:
+            self._alone_since[node.node_id] = now
+            missed = max((each.master_s for each in self._facts[node.node_id]), default=0.0)
+            self._alone_until[node.node_id] = now + round(missed * 1e9)
+
     def _judge_shaft(self, node: NodeView, now: int) -> None:
         drive = self._robot.drives[node.node_id]
         device, actor = drive.device, drive.actor
@@ -188,8 +222,10 @@ class MotionRules:
         if self._robot.floor is not None and not axis.mover.powered:  # the floor turns it
             self._excused[node.node_id] = now + GRACE_NS
         speed = abs(axis.mover.plant.velocity)
-        least = self._least.get(node.node_id, _LEAST)
-        fastest = self._fastest[node.node_id] = max(self._fastest.get(node.node_id, least), speed)
+        fastest = self._fastest.get(node.node_id)
+        if fastest is None or speed > fastest:
+            fastest = max(self._least.get(node.node_id, _LEAST) if fastest is None else fastest, speed)
+            self._fastest[node.node_id] = fastest
         if speed <= _STANDING * fastest:
             self._moving.discard(node.node_id)
             return
@@ -197,10 +233,14 @@ class MotionRules:
             return
         ramp = self._ramp_ns(node.node_id)
         stop = self._stop
-        if stop is not None and now > stop.until + ramp + GRACE_NS:
+        if stop is not None and now > max(stop.until, self._alone_until.get(node.node_id, 0)) + ramp + GRACE_NS:
             self._breach(node, speed, f"{(now - stop.since) / 1e9:.3f} s after {stop.why}", "stop_late")
         elif now > (until := max(self._fresh.values(), default=0)) + ramp + GRACE_NS + CONTROL_RAMP_NS:
-            since = f"{(now - until) / 1e9:.3f} s after its last command ended" if until else "without any command"
+            since = (
+                f"{(now - until) / 1e9:.3f} s after its last command ended"
+                if until
+                else "without a command since its enable"
+            )
             self._breach(node, speed, since, "motion_uncommanded")
 
     def _breach(self, node: NodeView, speed: float, when: str, rule: str) -> None:

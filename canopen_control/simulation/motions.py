@@ -32,7 +32,7 @@ class Motion:
     """A controller that moves joints: how it is commanded (`command` or `trajectory`) and the range of each value.
 
     `starts`: it is active from the start. `life_ns` is that of a command, 0 for one without an end. `joints` are those
-    of a trajectory, in the controller's order.
+    of a trajectory, in the controller's order, `ends` the command interfaces that values go to one by one.
     """
 
     controller: str
@@ -41,6 +41,7 @@ class Motion:
     starts: bool
     life_ns: int = 0
     joints: tuple[str, ...] = ()
+    ends: tuple[str, ...] = ()
 
 
 def motions_of(setup: RobotSetup) -> tuple[Motion, ...]:
@@ -69,7 +70,10 @@ def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> Mo
     if controller.topic is None or "trajectory" in type_name:
         return _trajectory(controller, joints, starts=starts)
     ranges = [_range(joints.get(each.partition("/")[0]), each.rpartition("/")[2]) for each in names]
-    return Motion(name, "command", tuple(ranges), starts, life_ns) if ranges and None not in ranges else None  # type: ignore[arg-type]
+    known = tuple(each for each in ranges if each is not None)
+    if not known or len(known) != len(ranges):
+        return None
+    return Motion(name, "command", known, starts, life_ns, ends=tuple(names))
 
 
 def _trajectory(controller: Controller, joints: object, *, starts: bool) -> Motion | None:

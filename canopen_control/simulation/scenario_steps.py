@@ -9,7 +9,8 @@
       - {at: 6s, do: stall, target: master, for: 300ms}
 
 `for` is how long it is simulated, `seed` draws what the steps do not say: how late processes wake, and the oscillators.
-`do` is one of the kinds of `acts`, `target` the node id, `master` or controller that it takes. A scenario of `drive` is
+`do` is one of the kinds of `acts`, `target` the node id, `master` or controller that it takes. A step with `when`, as
+`when: axis power BRAKING`, waits from its time on until its node, or any, is in that state. A scenario of `drive` is
 one of these too.
 """
 
@@ -21,6 +22,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import nearest
 from canopen_control.simulation.acts import KINDS, Act
+from canopen_control.simulation.fault_coverage import STATES
 from canopen_control.simulation.simulated_robot import MASTER
 from canopen_control.virtual.fault_table import FAULTS
 from canopen_control.virtual.scenario import ScenarioError, seconds_of
@@ -39,6 +41,7 @@ __all__ = ["Scenario", "nanoseconds_of", "read_scenario_steps", "scenario_text"]
 
 _ACTIONS: Final = ("enable", "disable", "halt", "quick-stop", "fault-reset")
 _LONGEST_NS: Final = 10**15
+_MOMENTS: Final = [f"{machine} {state}" for machine, states in STATES.items() for state in states]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +68,7 @@ class SimulationStep:
     state: bool = True
     axis: int = setting(0, low=0, high=7)
     times: tuple[float, ...] = ()
+    when: str = ""
     plant: dict[str, float] = setting(factory=dict)  # noqa: RUF009 - makes a field
     here: Node = position()  # noqa: RUF009 - makes a field
 
@@ -142,8 +146,10 @@ class _Checked:
             step.here.error(f"values: of {kind} is one whole number n from 1 on, for every n-th frame")
         if step.times:
             self._check_times(kind)
-        numbers, plant = tuple(values), tuple(step.plant.items())
-        yield Act(_time(step.here, step.at), kind, target, name, numbers, lasts, plant, step.axis, tuple(step.times))
+        if step.when and step.when not in _MOMENTS:
+            step.here.error(f"when: {step.when} is no state{nearest(step.when, _MOMENTS)}")
+        numbers, plant, times = tuple(values), tuple(step.plant.items()), tuple(step.times)
+        yield Act(_time(step.here, step.at), kind, target, name, numbers, lasts, plant, step.axis, times, step.when)
 
     def _no(self, key: str, kind: str) -> tuple[float, ...]:
         self._step.here.error(f"{key}: does not go with {kind}")
@@ -210,6 +216,8 @@ def _line(act: Act) -> str:
         words["for"] = _seconds(act.for_ns)
     if act.plant:
         words["plant"] = f"{{{', '.join(f'{name}: {value!r}' for name, value in act.plant)}}}"
+    if act.when:
+        words["when"] = act.when
     if act.axis:
         words["axis"] = str(act.axis)
     return f"{{{', '.join(f'{key}: {value}' for key, value in words.items() if value != '')}}}"

@@ -1,4 +1,4 @@
-"""The floor under a robot in virtual time: the world in which virtual drives move it, as those of `run --physics` do.
+"""The floor under robots in virtual time: the world in which virtual drives move them, as those of `run --physics` do.
 
 The drives of one world have one clock, as drives of one process have. A drive without supply lets its joints go.
 """
@@ -9,7 +9,8 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.runtime.physics_plant import write_plant
+from canopen_control.runtime.physics_plant import write_buses, write_plant
+from canopen_control.virtual.bus_group import open_world, read_group
 from canopen_control.virtual.worldfile import read_world
 
 if TYPE_CHECKING:
@@ -19,29 +20,38 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.drive import WorldState
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.virtual_time import VirtualTime
-    from canopen_control.virtual.plant import Plant
+    from canopen_control.virtual.plant import Plant, SharedWorld, World
     from canopen_control.virtual.virtual_node import VirtualNode
 
-__all__ = ["SimulatedFloor"]
+__all__ = ["SimulatedFloor", "open_floor", "open_shared_floor"]
 
 _AWAKE_NS: Final = 20_000_000
+_PREFIX: Final = "canopen_control-"
+
+
+def open_floor(setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None) -> World:
+    """Return the world of a robot alone, with what a world file puts into it; RobotConfigError without joints."""
+    with tempfile.TemporaryDirectory(prefix=_PREFIX) as folder:
+        return read_world(write_plant(setup, joints, world, Path(folder)))
+
+
+def open_shared_floor(robots: Iterable[tuple[RobotSetup, Mapping[str, JointDrive]]], world: Path) -> SharedWorld:
+    """Return the world of several robots, in which each begins where the file says."""
+    with tempfile.TemporaryDirectory(prefix=_PREFIX) as name:
+        folder = Path(name)
+        plants = [(setup, write_plant(setup, joints, folder=folder / setup.name)) for setup, joints in robots]
+        file = write_buses(folder, plants, world.resolve())
+        return open_world(read_group(file), file)
 
 
 class SimulatedFloor:
-    """The world of a robot's drives, brought to the present now and then; RobotConfigError where it has no joints.
+    """The world of a robot's drives, or its part of one, brought to the present now and then.
 
     `awake` returns the devices that have supply and whose process is not held up.
     """
 
-    def __init__(
-        self,
-        setup: RobotSetup,
-        joints: Mapping[str, JointDrive],
-        time: VirtualTime,
-        awake: Callable[[], Iterable[VirtualNode]],
-    ) -> None:
-        with tempfile.TemporaryDirectory(prefix="canopen_control-") as folder:
-            self._world = read_world(write_plant(setup, joints, folder=Path(folder)))
+    def __init__(self, world: World, time: VirtualTime, awake: Callable[[], Iterable[VirtualNode]]) -> None:
+        self._world = world
         self._time, self._devices = time, awake
         time.later(_AWAKE_NS, self._keep_up)
 

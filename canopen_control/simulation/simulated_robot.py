@@ -19,7 +19,7 @@ from canopen_control.bus.memory import provide
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.simulation.event_digest import EventDigest
-from canopen_control.simulation.simulated_floor import SimulatedFloor
+from canopen_control.simulation.simulated_floor import SimulatedFloor, open_floor
 from canopen_control.simulation.simulated_wire import SimulatedWire
 from canopen_control.simulation.virtual_time import Actor, Timing, VirtualTime
 from canopen_control.virtual.control import NodeMethods
@@ -113,13 +113,22 @@ class SimulatedRobot:
 
     `core` is the runtime, `drives` those of the nodes by node id, `wires` the buses by name; `on_event`
     hears the robot's events; `started_ns` is when its process was started last, `up` whether it is
-    there, `errors` what its program did wrong, `floor` the world that the drives move it in, with physics.
+    there, `errors` what its program did wrong, `floor` the world that the drives move it in, with physics: that of the
+    file `world`. One that shares the `time` of others is put on a floor by whoever made that.
     """
 
-    def __init__(self, setup: RobotSetup, seed: int = 0, timings: Timings | None = None) -> None:
+    def __init__(
+        self,
+        setup: RobotSetup,
+        seed: int = 0,
+        timings: Timings | None = None,
+        *,
+        world: Path | None = None,
+        time: VirtualTime | None = None,
+    ) -> None:
         self.seed = seed
         self.timings = Timings() if timings is None else timings
-        self.time = VirtualTime()
+        self.time = VirtualTime() if time is None else time
         self.digest = EventDigest(str(path.parent) for path in setup.files.paths)
         self.errors: list[BaseException] = []
         self.started_ns = 0
@@ -141,8 +150,8 @@ class SimulatedRobot:
         self._times = 0
         self._boot()
         self.floor: SimulatedFloor | None = None
-        if setup.physics:
-            self.floor = SimulatedFloor(setup, self.core.joints, self.time, self._awake)
+        if setup.physics and time is None:
+            self.floor = SimulatedFloor(open_floor(setup, self.core.joints, world), self.time, self.awake)
 
     # -- its life
 
@@ -199,7 +208,8 @@ class SimulatedRobot:
         actor.reactor.on_error = self.errors.append
         return actor
 
-    def _awake(self) -> Iterator[VirtualNode]:
+    def awake(self) -> Iterator[VirtualNode]:
+        """Yield the devices that have supply and whose process is not held up."""
         now = self.time.now_ns
         for drive in self.drives.values():
             if drive.device is not None and drive.actor is not None and now >= drive.actor.stalled_until:

@@ -40,6 +40,7 @@ class SimulationRun:
     """Runs a schedule on a robot from its start; `outcome` is what has come of it so far.
 
     `speed` is how much faster than real time it may be, None: as fast as it can. `began_ns` is its virtual time 0.
+    `robot` is one that was made already.
     """
 
     def __init__(
@@ -50,9 +51,10 @@ class SimulationRun:
         *,
         speed: float | None = None,
         motions: Sequence[Motion] | None = None,
+        robot: SimulatedRobot | None = None,
     ) -> None:
         self.seed, self.speed = seed, speed
-        self.robot = SimulatedRobot(setup, seed)
+        self.robot = SimulatedRobot(setup, seed) if robot is None else robot
         self.player = ActPlayer(self.robot)
         self.invariants = Invariants(
             self.robot, self.player, motions_of(setup) if motions is None else motions, user_rules()

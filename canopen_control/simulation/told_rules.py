@@ -32,7 +32,8 @@ class ToldRules:
     def __init__(self, robot: SimulatedRobot, views: Mapping[str, WireView], tell: Callable[[str, str], None]) -> None:
         self._robot, self._tell = robot, tell
         self._nodes = [node for view in views.values() for node in view.nodes.values()]
-        self._wrong_since: dict[str, int] = {}
+        self._wrong_since: dict[tuple[str, str], int] = {}  # what of whom
+        self._names = {node.node_id: f"node {node.node_id}" for node in self._nodes}
         self._errors = 0
         self._blocks: int | None = None
         self._weigh_at = robot.now_ns + _MEMORY_NS
@@ -48,37 +49,40 @@ class ToldRules:
         if not robot.up or now < robot.host.stalled_until:
             self._wrong_since.clear()
             return
-        state = robot.core.state
         for node in self._nodes:
-            self._judge_state(state, node, now)
+            self._judge_state(node, now)
             self._judge_axes(node, now)
 
-    def _judge_state(self, state: RobotState, node: NodeView, now: int) -> None:
+    def _judge_state(self, node: NodeView, now: int) -> None:
         """Judge that RUNNING means that every node is there and no drive is in fault."""
-        name = f"node {node.node_id}"
-        limit = node.plan.heartbeat_timeout_ns
-        running = state is RobotState.RUNNING
-        silent = bool(limit) and node.alive_at > 0 and now - node.alive_at > limit
+        limit = node.timeout_ns
+        silent = limit > 0 and node.alive_at > 0 and now - node.alive_at > limit
         fault = node.in_fault and now - node.status_at < _FRESH_NS
-        self._hold(f"running, and {name} is silent", running and silent, now)
-        self._hold(f"running, and {name} is in fault", running and fault, now)
+        if not (silent or fault or self._wrong_since):
+            return
+        name, running = self._names[node.node_id], self._robot.core.state is RobotState.RUNNING
+        self._hold("running, and {} is silent", name, running and silent, now)
+        self._hold("running, and {} is in fault", name, running and fault, now)
 
     def _judge_axes(self, node: NodeView, now: int) -> None:
         """Judge that an axis told as enabled shows it on the wire."""
+        wrong = now - node.status_at < _FRESH_NS and not node.enabled
+        if not (wrong or self._wrong_since):
+            return
         for joint in self._robot.core.joints.values():
-            if joint.node.node_id != node.node_id:
-                continue
-            fresh = now - node.status_at < _FRESH_NS
-            enabled = fresh and joint.enabled and not node.enabled
-            self._hold(f"{joint.joint} is told enabled, and its statusword says no", enabled, now)
+            if joint.node.node_id == node.node_id:
+                told = wrong and joint.enabled
+                self._hold("{} is told enabled, and its statusword says no", joint.joint, told, now)
 
-    def _hold(self, what: str, wrong: bool, now: int) -> None:
+    def _hold(self, text: str, who: str, wrong: bool, now: int) -> None:
         """Tell what has been wrong for longer than it takes to be told."""
+        since, what = self._wrong_since, (text, who)
         if not wrong:
-            self._wrong_since.pop(what, None)
-        elif now - self._wrong_since.setdefault(what, now) > _SOON_NS and self._wrong_since[what] >= 0:
-            self._wrong_since[what] = 1 << 62  # once
-            self._tell("state_told", what)
+            if since:
+                since.pop(what, None)
+        elif now - since.setdefault(what, now) > _SOON_NS and since[what] >= 0:
+            since[what] = 1 << 62  # once
+            self._tell("state_told", text.format(who))
 
     def _weigh(self, now: int) -> None:
         blocks = sys.getallocatedblocks()

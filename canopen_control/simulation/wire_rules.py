@@ -51,6 +51,10 @@ class WireRules:
 
     # -- frames
 
+    def wants(self, can_id: int) -> bool:
+        """Whether `heard` looks at frames with this identifier."""
+        return can_id in (0x80, self._heartbeat_id) or 0x580 < can_id < 0x600 or 0x600 < can_id < 0x680
+
     def heard(self, now: int, label: str, record: bytes) -> None:
         """Take a frame that has passed."""
         can_id, length, data = RECORD.unpack(record)
@@ -116,6 +120,7 @@ class WireRules:
 
     def _excused(self, now: int) -> int:
         """Return until when the master may have been late: it was stalled, started, or could not send."""
-        if self._wire.silences(MASTER) or self._wire.tampered or now < self._robot.host.stalled_until:
+        stalled_until = self._robot.host.stalled_until
+        if now < stalled_until or self._wire.tampered:  # a cable that is cut, too
             self._quiet_until = now + _SECOND
-        return max(self._quiet_until, self._robot.host.stalled_until + 100 * _MS, self._last_start + _SECOND)
+        return max(self._quiet_until, stalled_until + 100 * _MS, self._robot.started_ns + _SECOND)

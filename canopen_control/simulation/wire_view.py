@@ -5,41 +5,50 @@ Decoded by the layout of the PDOs in bus.yml, and by the requests and answers of
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects as o
 from canopen_control.frame import RECORD
+from canopen_control.runtime.cyclic_axes import axis_number, node_of
 from canopen_control.simulation.simulated_robot import MASTER
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Container, Iterable, Iterator, Sequence
 
     from canopen_control.cia301.pdo import MappedObject
     from canopen_control.master.config import BusConfig
+    from canopen_control.master.keys import NodeConfig
     from canopen_control.master.plan import NodePlan
     from canopen_control.master.plan_builder import PdoLayout
+    from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["NodeView", "WireView"]
+__all__ = ["NodeView", "WireView", "watched_joints"]
 
 _SDO_DOWNLOAD: Final = (0x22, 0x2B, 0x27, 0x23, 0x2F)
 _ENABLED: Final = 0x0F  # of a controlword: switch on, voltage, no quick stop, enable operation
 _FAULT_RESET: Final = 0x80
+_KEPT: Final = 64  # values of a target that are looked back at
 _STATE: Final = 0x6F  # bits of a statusword that are the state
 
 
 class NodeView:
     """What was heard of a node: `controlword` and `targets` (by object) sent to it, `statusword` of it.
 
+    `timeout_ns` is how long it may be silent, 0: for ever.
     `told_at` is when a controlword was sent last, `alive_at` its last sign of life, `booted_at` its last boot-up,
     `status_at` when the statusword came, `fault_at` when it began to show a fault; `enabled_at` when a controlword
     began to enable it, `shown_enabled_at` when it last showed that it is. 0: never. `drive_edges` and `nmt_edges` count
-    the pairs of statuswords (their bits of the state) and of NMT states that followed each other.
+    the pairs of statuswords (their bits of the state) and of NMT states that followed each other; `recent` the newest
+    values of each target with when they came.
     """
 
     def __init__(self, plan: NodePlan) -> None:
         self.plan, self.node_id = plan, plan.node_id
+        self.timeout_ns = plan.heartbeat_timeout_ns
         self.controlword = self.statusword = 0
         self.targets: dict[int, int] = {}
+        self.recent: dict[int, deque[tuple[int, int]]] = {}
         self.target_changed_at = self.told_at = 0
         self.alive_at = self.booted_at = self.status_at = self.enabled_at = self.shown_enabled_at = 0
         self.fault_at = 0
@@ -82,6 +91,16 @@ class NodeView:
         elif self.targets.get(index) != value:
             self.targets[index] = value
             self.target_changed_at = now
+            self.recent.setdefault(index, deque(maxlen=_KEPT)).append((now, value))
+
+    def targets_since(self, index: int, since: int) -> list[int]:
+        """Return the values that a target has had since a time, the newest last; none where it has had none."""
+        found: list[int] = []
+        for at, value in reversed(self.recent.get(index, ())):
+            found.append(value)
+            if at <= since:
+                break
+        return found[::-1]
 
     def tells(self, index: int, value: int, now: int) -> None:
         """Take an object that the node has sent."""
@@ -116,7 +135,13 @@ class WireView:
     def _map(self, view: NodeView, layouts: Sequence[PdoLayout], *, to_node: bool) -> None:
         for layout in layouts:
             bits = sum(mapped.bits for mapped in layout.objects)
-            self._pdos[layout.cob_id] = (view, to_node, bits, tuple(_fields(layout.objects)))
+            if fields := tuple(_fields(layout.objects)):
+                self._pdos[layout.cob_id] = (view, to_node, bits, fields)
+
+    def wants(self, can_id: int) -> bool:
+        """Whether `hear` looks at frames with this identifier."""
+        known: tuple[Container[int], ...] = (self._pdos, self._alive, self._requests, (0x80, self._master))
+        return any(can_id in each for each in known)
 
     def hear(self, now: int, label: str, record: bytes) -> None:
         """Take a frame; what a stranger sends is heard as the robot hears it."""
@@ -149,6 +174,16 @@ class WireView:
                 view.told(index, value, now)
             else:
                 view.tells(index, value, now)
+
+
+def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
+    """Yield each joint behind the first axis of a drive, whose words a listener knows, with its node in bus.yml."""
+    for config in setup.buses.values():
+        for joint in (each for tag in setup.description.hardware for each in tag.joints):
+            node = node_of(config, joint)
+            plan = None if node is None or axis_number(joint) else config.plans.get(node.name)
+            if node is not None and plan is not None and plan.axes:
+                yield joint.name, node
 
 
 def _fields(objects: Iterable[MappedObject]) -> Iterable[tuple[int, int, int, bool]]:

@@ -109,3 +109,16 @@ def test_a_trajectory_arrives():
     assert [joint.states["position"].value for joint in joints] == pytest.approx([0.3] * 6, abs=1e-3)
     assert played.player.refused == 0
     played.close()
+
+
+def test_an_act_that_waits_for_a_state_begins_in_it(played):
+    played.do("power", 3, 0.2, when="axis power DISABLING").run(0.5)
+    assert played.robot.drives[3].device is not None
+    played.do("stop")
+    begun = []
+    played.player.on_played = lambda now, act: begun.append((act.kind, now))
+    told = played.robot.now_ns
+    played.run(0.5)
+    [(kind, at)] = begun
+    assert kind == "power"
+    assert 0 < at - told < 300_000_000

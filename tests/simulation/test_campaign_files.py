@@ -17,10 +17,12 @@ LATE = Breach(1.5, "late", "SYNC came <late>")
 
 EDGES = {("NMT", "PRE_OPERATIONAL", "OPERATIONAL"): 2}
 
+CELLS = {("boot", "BOOTING", "cut"): 3}
+
 
 def result(seed, *breaches):
     return SeedResult(
-        seed, 3600.0, 2.0, 100, 5, "0" * 64, breaches, {("silent", "running"): 2, ("cut", "fault"): 1}, EDGES
+        seed, 3600.0, 2.0, 100, 5, "0" * 64, breaches, {("silent", "running"): 2, ("cut", "fault"): 1}, EDGES, CELLS
     )
 
 
@@ -45,6 +47,8 @@ def test_the_summary_as_a_page_tells_how_much_what_and_in_which_state(totals):
     assert "seed 2: 1.500 s: late: SYNC came &lt;late&gt;" in page
     assert "<td>silent</td><td></td><td>4</td>" in page
     assert "NMT 1 of 10" in page
+    assert "<tr><th>boot</th><th>WAITING</th><th>BOOTING</th><th>READY</th></tr>" in page
+    assert "<tr><td>cut</td><td></td><td>6</td><td></td></tr>" in page
     assert "<td>NMT</td><td>PRE_OPERATIONAL</td><td>OPERATIONAL</td><td>4</td>" in page
     assert "<td>axis power</td><td>OFF</td><td>ENABLE</td><td>not walked</td>" in page
 

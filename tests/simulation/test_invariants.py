@@ -26,6 +26,20 @@ CAUGHT = {
     "slow_heartbeats": (0, "stop_late"),
     "trouble_stops_nobody": (1, "enabled_still"),
     "others_go_on": (1, "enabled_still"),
+    "targets_too_great": (0, "target_wrong"),
+    "targets_of_one_joint_held": (0, "target_wrong"),
+    "shafts_overshoot": (0, "target_missed"),
+    "shafts_stay_behind": (0, "target_missed"),
+    "commands_outlast_an_enable": (6, "motion_uncommanded"),
+    "joint_states_stand": (0, "shown_wrong"),
+    "states_told_as_they_were": (1, "shown_wrong"),
+    "velocities_told_reversed": (0, "shown_wrong"),
+    "troubles_without_an_event": (1, "event_missing"),
+    "lost_nodes_told_as_ready": (1, "shown_wrong"),
+    "gone_clients_hold_commands": (24, "motion_uncommanded"),
+    "deaf_clients_are_waited_for": (4, "client_blocks"),
+    "deaf_clients_are_kept": (4, "client_kept"),
+    "silent_clients_keep_all_places": (34, "client_waits"),
 }
 
 
@@ -47,7 +61,7 @@ def breaches_of(seed, seconds=20):
 
 def test_there_are_enough_mutants_and_each_is_looked_for():
     assert CAUGHT.keys() == MUTANTS.keys()
-    assert len(MUTANTS) >= 16
+    assert len(MUTANTS) >= 30
     assert all(seed < 100 for seed, _ in CAUGHT.values())
 
 

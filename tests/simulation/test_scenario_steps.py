@@ -116,3 +116,13 @@ def test_what_is_written_reads_as_the_same(tmp_path_factory, seed):
     text = scenario_text(acts, seed=seed, duration_ns=30 * S, note="of a test")
     scenario = read(tmp_path_factory.mktemp("scenario"), text)
     assert (scenario.acts, scenario.seed, scenario.duration_ns) == (acts, seed, 30 * S)
+
+
+def test_a_step_waits_for_a_state_that_there_is(tmp_path):
+    read_steps = read(tmp_path, "steps:\n  - {at: 1s, do: stall, target: 3, when: axis power BRAKING}\n")
+    assert [act.when for act in read_steps.acts] == ["axis power BRAKING"]
+    text = scenario_text(read_steps.acts, seed=0, duration_ns=S)
+    assert "when: axis power BRAKING" in text
+    assert read(tmp_path, text).acts == read_steps.acts
+    with pytest.raises(ScenarioError, match=r"when: NMT STOPED is no state, did you mean 'NMT STOPPED'"):
+        read(tmp_path, "steps:\n  - {at: 1s, do: kill, when: NMT STOPED}\n")

@@ -46,3 +46,18 @@ def test_what_the_floor_turns_is_no_motion_of_a_drive():
     run = simulated(seconds=0.5, name="forklift")  # it settles before its drives are enabled
     assert run.breaches == ()
     run.close()
+
+
+@pytest.mark.parametrize("twist", [(0.3, 0.15), (0.5, 0.3), (-0.3, 0.2)])
+def test_wheels_that_strain_against_each_other_relax(twist):
+    """A forklift that begins to turn while its steered wheel is still on the way strains its two driven wheels."""
+    command = Act(1 * S, "command", "forklift_base_controller", values=twist, for_ns=5 * S)
+    run = simulated(command, seconds=5.5, name="forklift")
+    axes = [node.device.drives[0] for node in run.robot.drives.values()]
+    heading = pose(run).heading
+    states = {axis.state.name for axis in axes}
+    torques = [abs(axis.mover.plant.torque) for axis in axes]
+    run.close()
+    assert states == {"OPERATION_ENABLED"}
+    assert max(torques) < 500.0  # of 1000, and falling
+    assert heading == pytest.approx(twist[1] * 4.4, abs=0.15)

@@ -1,16 +1,25 @@
 """Runtimes with a mistake each, for the tests of the invariants."""
 
+from msgspec import structs
+
 from canopen_control.cia301.heartbeat import HeartbeatEventKind
 from canopen_control.controllers.command_life import CommandLife
+from canopen_control.controllers.joint_state import JointStateBroadcaster
 from canopen_control.controllers.manager import ControllerManager
+from canopen_control.controllers.running import RunningControllers
+from canopen_control.hardware.interfaces import OK
 from canopen_control.hardware.joint import JointDrive
+from canopen_control.hardware.mode_targets import VelocityTarget
 from canopen_control.hardware.recovery import Recovery
 from canopen_control.hardware.system import CanopenSystem
+from canopen_control.host.lineserver import Connection, LineServer
 from canopen_control.master.network import Network
 from canopen_control.master.remote_node import RemoteNode
+from canopen_control.runtime import status
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.latch import StopLatch
 from canopen_control.runtime.pacer import Pacer
+from canopen_control.virtual.axis_limits import AxisLimits
 
 
 def stop_is_late(patch):
@@ -135,6 +144,99 @@ def others_go_on(patch):
     patch.setattr(CanopenSystem, "_stop_group", stop)
 
 
+def targets_too_great(patch):
+    real = VelocityTarget._factor
+    patch.setattr(VelocityTarget, "_factor", lambda self: 1.5 * real(self))
+
+
+def targets_of_one_joint_held(patch):
+    real = VelocityTarget.follow
+
+    def follow(self, value, now, period):
+        if self._axis.scale.vel_to_dev > 0 or not self.output.value:
+            real(self, value, now, period)
+
+    patch.setattr(VelocityTarget, "follow", follow)
+
+
+def shafts_overshoot(patch):
+    real = AxisLimits.lead
+    patch.setattr(AxisLimits, "lead", lambda self, target, *how: real(self, 1.2 * target, *how))
+
+
+def shafts_stay_behind(patch):
+    real = AxisLimits.lead
+    patch.setattr(AxisLimits, "lead", lambda self, target, up, *how: real(self, target, 0.2 * up, *how))
+
+
+def commands_outlast_an_enable(patch):
+    patch.setattr(RunningControllers, "_power_changed", lambda self, slot, part, now: None)
+
+
+def joint_states_stand(patch):
+    real = JointStateBroadcaster.update
+
+    def update(self, now, period):
+        self.updates = getattr(self, "updates", 0) + 1
+        return real(self, now, period) if self.updates < 75 else OK
+
+    patch.setattr(JointStateBroadcaster, "update", update)
+
+
+def states_told_as_they_were(patch):
+    real, first = status._axis, {}
+    patch.setattr(status, "_axis", lambda joint: first.setdefault(joint, real(joint)))
+
+
+def velocities_told_reversed(patch):
+    real = status._joints
+
+    def joints(robot):
+        return {name: structs.replace(each, velocity=-(each.velocity or 0.0)) for name, each in real(robot).items()}
+
+    patch.setattr(status, "_joints", joints)
+
+
+def troubles_without_an_event(patch):
+    real = RobotCore.report
+    patch.setattr(RobotCore, "report", lambda self, event: None if event.node else real(self, event))
+
+
+def lost_nodes_told_as_ready(patch):
+    real = status._nodes
+
+    def nodes(robot):
+        return {name: structs.replace(each, ready=True) for name, each in real(robot).items()}
+
+    patch.setattr(status, "_nodes", nodes)
+
+
+def gone_clients_hold_commands(patch):
+    patch.setattr(RobotCore, "let_go", lambda self, *who: None)
+
+
+def deaf_clients_are_waited_for(patch):
+    def write(self, data):
+        self._socket.sendall(data)
+        return len(data)
+
+    patch.setattr(Connection, "_write", write)
+
+
+def deaf_clients_are_kept(patch):
+    real = LineServer.__init__
+
+    def init(self, *args, **how):
+        real(self, *args, **how)
+        self.limit = 1 << 40
+
+    patch.setattr(LineServer, "__init__", init)
+
+
+def silent_clients_keep_all_places(patch):
+    patch.setattr(LineServer, "_make_room", lambda self: False)
+
+
 MUTANTS = {
     each.__name__: each
     for each in (
@@ -154,5 +256,19 @@ MUTANTS = {
         slow_heartbeats,
         trouble_stops_nobody,
         others_go_on,
+        targets_too_great,
+        targets_of_one_joint_held,
+        shafts_overshoot,
+        shafts_stay_behind,
+        commands_outlast_an_enable,
+        joint_states_stand,
+        states_told_as_they_were,
+        velocities_told_reversed,
+        troubles_without_an_event,
+        lost_nodes_told_as_ready,
+        gone_clients_hold_commands,
+        deaf_clients_are_waited_for,
+        deaf_clients_are_kept,
+        silent_clients_keep_all_places,
     )
 }

@@ -6,7 +6,9 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.act_player import ActPlayer
 from canopen_control.simulation.acts import Act
+from canopen_control.simulation.disturbed_nodes import DisturbedNodes
 from canopen_control.simulation.simulated_robot import SimulatedRobot
+from canopen_control.simulation.wire_view import WireView
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -51,3 +53,35 @@ class Played:
 
     def close(self):
         self.robot.close()
+
+
+class Judged(Played):
+    """A simulated robot with one kind of rules alone: `told` are its breaches, each the rule and what it says.
+
+    `make(judged, views, tell)` makes the rules; they see every 20 ms of `run`, and what is asked and played.
+    """
+
+    def __init__(self, make, name="robby"):
+        self.rules = None
+        super().__init__(name)
+        self.told = []
+        self.disturbed = DisturbedNodes(self.robot)
+        views = {name: WireView(bus) for name, bus in self.robot.setup.buses.items()}
+        for name, view in views.items():
+            self.robot.wires[name].heard.append(view.hear)
+        self.rules = make(self, views, lambda rule, text: self.told.append((rule, text)))
+        self.player.on_asked = getattr(self.rules, "asked", self.player.on_asked)
+        self.player.on_played = self.disturbed.troubled
+        self.run(0.2)
+
+    @property
+    def broken(self):
+        return [rule for rule, _ in self.told]
+
+    def run(self, seconds):
+        for _ in range(round(seconds / 0.02)):
+            self.robot.run_for(20 * MS)
+            if self.rules is not None:
+                self.disturbed.sampled(self.robot.now_ns)
+                self.rules.sampled(self.robot.now_ns)
+        return self

@@ -70,6 +70,7 @@ def test_a_breach_is_shrunk_written_and_exits_with_1(short, tmp_path, monkeypatc
 
 def results():
     found = Results("c0de", PLANS, [RobotResults(3, 18.0, 0.5, 1000, 7, "ab" * 32, [], Counter({("cut", "fault"): 2}))])
+    found.robots[0].cells["NMT", "STOPPED", "cut"] = 1234
     found.robots[1].breaches.append("seed 4: 1.000 s: late: SYNC")
     return found
 
@@ -83,6 +84,8 @@ def test_the_page_is_that_of_the_results_that_were_written(tmp_path, capsys):
     assert "| robby | 3 | 3 | 1 | 0.01 | 36 | 1,000 | 0 | `abababababab` |" in page
     assert "- arm6, seed 4: 1.000 s: late: SYNC" in page
     assert "| `cut` | 2 |" in page
+    assert "| NMT | INITIALISING | STOPPED | OPERATIONAL | PRE_OPERATIONAL |" in page
+    assert "| `cut` |  | 1,234 |  |  |" in page
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"robots": [{"robot": 3}]}'])

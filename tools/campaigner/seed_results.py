@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import ConfigError
+from canopen_control.simulation.fault_coverage import STATES, Cell
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -41,7 +42,8 @@ class Plan:
 class RobotResults:
     """What came of the first `seeds` seeds of a robot.
 
-    `sha256` is that of the digests of all seeds in their order, `troubles` counts what went wrong in which state.
+    `sha256` is that of the digests of all seeds in their order, `troubles` counts what went wrong in which state of the
+    robot, `cells` in which of each node that it hit.
     """
 
     seeds: int = 0
@@ -52,6 +54,7 @@ class RobotResults:
     sha256: str = ""
     breaches: list[str] = field(default_factory=list)
     troubles: Counter[tuple[str, str]] = field(default_factory=Counter)
+    cells: Counter[Cell] = field(default_factory=Counter)
 
     def add(self, result: SeedResult) -> None:
         """Take the next seed."""
@@ -63,6 +66,7 @@ class RobotResults:
         self.sha256 = hashlib.sha256(f"{self.sha256}{result.sha256}".encode()).hexdigest()
         self.breaches += [f"seed {result.seed}: {breach.sentence}" for breach in result.breaches]
         self.troubles.update(result.troubles)
+        self.cells.update(result.cells)
 
 
 @dataclass(slots=True)
@@ -116,6 +120,7 @@ def write_results(path: Path, results: Results) -> None:
                 "sha256": each.sha256,
                 "breaches": each.breaches,
                 "troubles": [[kind, state, count] for (kind, state), count in sorted(each.troubles.items())],
+                "cells": [[*cell, count] for cell, count in sorted(each.cells.items())],
             }
             for plan, each in zip(results.plans, results.robots, strict=True)
         ],
@@ -140,7 +145,8 @@ def read_results(path: Path) -> Results:
 def _robot_of(row: dict[str, Any]) -> RobotResults:
     troubles = Counter({(kind, state): count for kind, state, count in row["troubles"]})
     names = ("seeds", "robot_s", "real_s", "frames", "events", "sha256", "breaches")
-    return RobotResults(**{name: row[name] for name in names}, troubles=troubles)
+    cells = Counter({(machine, state, kind): count for machine, state, kind, count in row.get("cells", ())})
+    return RobotResults(**{name: row[name] for name in names}, troubles=troubles, cells=cells)
 
 
 # -- the page
@@ -186,6 +192,26 @@ def _parts(results: Results) -> Iterator[str]:
     for kind in sorted({kind for kind, _ in troubles}):
         counts = [f"{troubles[kind, state]:,}" if troubles[kind, state] else "" for state in states]
         yield f"| `{kind}` | {' | '.join(counts)} |\n"
+    if cells := sum((each.cells for each in results.robots), Counter[Cell]()):
+        yield from _cell_tables(cells)
+
+
+_CELLS: Final = """
+## What went wrong, by the states of the nodes that it hit
+
+How often each kind of trouble hit a node in a state of axis power, CiA 402, NMT and boot; a trouble of a bus or of the
+robot's process hits all its nodes. What is empty was not met.
+"""
+
+
+def _cell_tables(cells: Counter[Cell]) -> Iterator[str]:
+    yield _CELLS
+    kinds = sorted({kind for _, _, kind in cells})
+    for machine, states in STATES.items():
+        yield f"\n| {machine} | {' | '.join(states)} |\n|{'---|' * (len(states) + 1)}\n"
+        for kind in kinds:
+            counts = (cells[machine, state, kind] for state in states)
+            yield f"| `{kind}` | {' | '.join(f'{each:,}' if each else '' for each in counts)} |\n"
 
 
 def _breaches(texts: Sequence[str]) -> Iterator[str]:

@@ -13,6 +13,7 @@ from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.simulation.campaign import Campaign, Totals
 from canopen_control.simulation.campaign_files import html_summary, junit_summary, write_breach, write_text
+from canopen_control.simulation.fault_coverage import cells_words
 from canopen_control.simulation.state_coverage import coverage_words
 
 if TYPE_CHECKING:
@@ -25,13 +26,15 @@ if TYPE_CHECKING:
 __all__ = ["CampaignDocument", "CampaignOrder", "run_campaign"]
 
 _SHRUNK: Final = 5  # breaches of a campaign that are shrunk: each takes a hundred simulations
+_INTERRUPTED: Final = 130  # as a shell has it for Ctrl-C
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignOrder:
     """What to run: seeds of `duration_ns` each in `jobs` processes; `words` of the command line say which robot.
 
-    `dask` is the address of a cluster that runs them instead.
+    `dask` is the address of a cluster that runs them instead. `aim` is how many further seeds aim at what these did not
+    meet.
 
     Breaches and the summary go to `folder`; None: to one of the robot's name, if there are breaches.
     """
@@ -44,6 +47,7 @@ class CampaignOrder:
     folder: Path | None = None
     as_json: bool = False
     dask: str | None = None
+    aim: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +63,14 @@ class CampaignDocument:
 
 
 def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
-    """Run seeds, shrink what breaks, and tell; 0 good, 1 with a breach. Ctrl-C keeps what there is."""
+    """Run seeds, shrink what breaks, and tell; 0 good, 1 with a breach. Ctrl-C keeps what there is; then 130."""
     began = time.perf_counter()
     campaign = Campaign(setup, order.duration_ns, order.faults)
-    totals, problem = _run(campaign, order)
+    totals = Totals()
+    code, problem = _run(campaign, order.seeds, order, totals)
+    if order.aim and code == 0:
+        further = range(order.seeds.stop, order.seeds.stop + order.aim)
+        code, problem = _run(campaign, campaign.aim(further, totals.cells), order, totals)
     scenarios = _shrink(campaign, setup, totals, order, folder)
     if totals.broken or order.folder is not None:
         write_text(folder / "junit.xml", junit_summary(setup.name, totals))
@@ -70,32 +78,35 @@ def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
     _sum_up(totals, scenarios, time.perf_counter() - began, order)
     if problem:
         print(f"canopen-control: {problem}", file=sys.stderr)
-    return 1 if totals.broken or problem else 0
+    return 1 if totals.broken else code
 
 
-def _run(campaign: Campaign, order: CampaignOrder) -> tuple[Totals, str]:
-    """Return what came of the seeds, and what ended them before their time."""
-    totals = Totals()
-    with contextlib.suppress(KeyboardInterrupt), Progress("seeds", stream=sys.stderr) as progress:
+def _run(campaign: Campaign, seeds: Sequence[int], order: CampaignOrder, totals: Totals) -> tuple[int, str]:
+    """Add up what comes of the seeds; return the exit code, and what ended them before their time."""
+    with Progress("seeds", stream=sys.stderr) as progress:
         try:
-            for result in _results(campaign, order, progress):
+            for result in _results(campaign, seeds, order, progress):
                 totals.add(result)
-                progress.at(len(totals.results), len(order.seeds))
+                progress.at(len(totals.results), len(order.seeds) + order.aim)
                 for breach in result.breaches:
                     _say(f"seed {result.seed}: {breach.sentence}", progress, order)
         except ConfigError:
             raise
         except CanopenError as error:
-            return totals, str(error)
-    return totals, ""
+            return 1, str(error)
+        except KeyboardInterrupt:
+            return _INTERRUPTED, f"interrupted: {len(totals.results)} of {len(order.seeds) + order.aim} seeds were run"
+    return 0, ""
 
 
-def _results(campaign: Campaign, order: CampaignOrder, progress: Progress) -> Iterator[SeedResult]:
+def _results(
+    campaign: Campaign, seeds: Sequence[int], order: CampaignOrder, progress: Progress
+) -> Iterator[SeedResult]:
     if order.dask is None:
-        return campaign.run(order.seeds, order.jobs)
+        return campaign.run(seeds, order.jobs)
     from canopen_control.simulation.cluster import run_on_cluster
 
-    return run_on_cluster(campaign, order.seeds, order.dask, lambda text: _note(text, progress))
+    return run_on_cluster(campaign, seeds, order.dask, lambda text: _note(text, progress))
 
 
 def _note(text: str, progress: Progress) -> None:
@@ -139,3 +150,5 @@ def _sum_up(totals: Totals, scenarios: tuple[str, ...], real_s: float, order: Ca
         f"{len(totals.broken)} with breaches"
     )
     print(f"edges walked: {coverage_words(totals.edges)}")
+    if order.faults:
+        print(f"kinds of trouble by state: {cells_words(totals.cells, order.faults)}")

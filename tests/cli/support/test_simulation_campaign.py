@@ -23,6 +23,20 @@ def test_seeds_without_a_breach_write_nothing_unless_a_folder_is_named(tmp_path,
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"junit.xml", "summary.html"}
 
 
+def test_an_interrupted_campaign_says_how_far_it_was_and_is_no_success(tmp_path, capsys, monkeypatch):
+    run = Campaign.run
+
+    def one(self, seeds, jobs):
+        yield from run(self, seeds[:1], jobs)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Campaign, "run", one)
+    assert run_campaign(setup_of(), order(), tmp_path / "out") == 130
+    told = capsys.readouterr()
+    assert told.out.startswith("1 seeds, ")
+    assert "canopen-control: interrupted: 1 of 2 seeds were run" in told.err
+
+
 @pytest.mark.sources
 def test_a_breach_is_told_shrunk_and_written(tmp_path, capsys, monkeypatch):
     MUTANTS["reset_chains_into_enable"](monkeypatch)

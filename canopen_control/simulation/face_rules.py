@@ -1,0 +1,225 @@
+"""Invariants of what a robot shows: `status`, the stream of its state, its events and `/joint_states` tell the truth.
+
+Each is asked as a client gets it and held against the drives themselves: which states of NMT and CiA 402 they are in,
+in which mode, where their shafts are and how fast they turn, within the time in which each is told. What nobody could
+know (a drive that is disturbed, a bus that loses frames) is not judged; that a drive without supply is gone, and that a
+fault which everybody could see has an event, is. Times in ns.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402.modes import mode_name
+from canopen_control.rpc.messages.samples import JointStatesSample
+from canopen_control.runtime.status import state_sample, status_message
+from canopen_control.simulation.wire_view import watched_joints
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from canopen_control.rpc.messages.samples import Values
+    from canopen_control.rpc.messages.state import NodeReading, RobotEvent, Snapshot
+    from canopen_control.simulation.disturbed_nodes import DisturbedNodes
+    from canopen_control.simulation.simulated_robot import SimulatedRobot
+    from canopen_control.simulation.wire_view import NodeView, WireView
+
+__all__ = ["FaceRules"]
+
+_MS: Final = 1_000_000
+_EVERY_NS: Final = 100 * _MS  # how often the faces are asked
+_SOON_NS: Final = 400 * _MS  # in which a state that has changed is told
+_LAG_NS: Final = 120 * _MS  # in which values are told: some cycles
+_CALM_NS: Final = 1000 * _MS  # since a node was disturbed
+_SLACK: Final = 0.02
+_LEAST: Final = 1e-3  # rad, rad/s, m or m/s
+_MARGIN_S: Final = 0.3  # by which an event may be before what a listener saw
+_FACES: Final = ("status", "sample")
+_POSITION, _VELOCITY = 1, 2
+Truth = tuple[int, float, float]  # time, position, velocity in SI
+
+
+class _Shaft:
+    """A joint behind the first axis of a node, and where its shaft was in the last cycles.
+
+    A drive that boots anew counts from 0, and a robot goes on from where it saw it last: `offset` is by how much they
+    differ, None until the next place that is told.
+    """
+
+    def __init__(self, joint: str, view: NodeView, units: Mapping[str, float]) -> None:
+        self.joint, self.view, self._units = joint, view, units
+        self.truth: deque[Truth] = deque()
+        self.offset: float | None = 0.0
+        self._blur = 0.0  # of the offset, which was taken while it turned
+        self._zero = 0.0
+
+    def take(self, robot: SimulatedRobot, now: int) -> None:
+        """Note where it is."""
+        device = robot.drives[self.view.node_id].device
+        if device is None:
+            self.truth.clear()
+            return
+        plant, units = device.drives[0].mover.plant, device.drives[0].objects.units
+        if units.zero != self._zero:
+            self.truth.clear()
+            self.offset, self._zero = None, units.zero
+        position = units.user(plant.position) * self._units["pos_from_dev"]
+        self.truth.append((now, position, plant.velocity / units.velocity * self._units["vel_from_dev"]))
+        while self.truth[0][0] < now - _LAG_NS:
+            self.truth.popleft()
+
+    def agrees(self, which: int, value: float | None) -> bool:
+        """Whether a position or a velocity is one of the last cycles."""
+        if value is None or not self.truth:
+            return True
+        seen = [each[which] for each in self.truth]
+        low, high = min(seen), max(seen)
+        if which == _POSITION and self.offset is None:
+            self.offset, self._blur = value - self.truth[-1][_POSITION], high - low
+        if which == _POSITION:
+            offset = self.offset or 0.0
+            low, high = low + offset - self._blur, high + offset + self._blur
+        slack = _LEAST + (high - low) + _SLACK * abs(self.truth[-1][2])
+        return low - slack <= value <= high + slack
+
+
+class FaceRules:
+    """Judges what a robot shows; `tell(rule, text)` takes breaches. `sampled` is called as time passes."""
+
+    def __init__(
+        self,
+        robot: SimulatedRobot,
+        views: Mapping[str, WireView],
+        disturbed: DisturbedNodes,
+        tell: Callable[[str, str], None],
+    ) -> None:
+        self._robot, self._disturbed, self._tell = robot, disturbed, tell
+        self._nodes = {
+            name: view.nodes[plan.node_id] for view in views.values() for name, plan in view.config.plans.items()
+        }
+        self._shafts = [
+            _Shaft(joint, self._nodes[node.name], node.units.of_axis(0)) for joint, node in watched_joints(robot.setup)
+        ]
+        self._due = robot.now_ns + _EVERY_NS
+        self._wrong_since: dict[str, int] = {}
+        self._gone: dict[str, tuple[int, bool]] = {}  # node without supply -> since when, whether it was told ready
+        self._ready: dict[str, bool] = {}
+        self._told_faults: dict[str, int] = {}
+
+    def sampled(self, now: int) -> None:
+        """Judge what is shown now."""
+        robot = self._robot
+        for shaft in self._shafts:
+            shaft.take(robot, now)
+        if now < self._due:
+            return
+        self._due = now + _EVERY_NS
+        if not robot.up or now < robot.host.stalled_until or not robot.running:
+            self._wrong_since.clear()
+            self._gone.clear()
+            return
+        status, sample = status_message(robot.core), state_sample(robot.core)
+        for face, shown in zip(_FACES, (status, sample), strict=True):
+            for name, view in self._nodes.items():
+                self._judge_node(face, shown.nodes[name], view, now)
+            self._judge_joints(face, shown)
+        for each in sample.samples.values():
+            if isinstance(each, JointStatesSample):
+                self._judge_published(each, now)
+        for name, view in self._nodes.items():
+            self._judge_supply(name, status.nodes[name], status.events, now)
+            self._judge_fault(name, view, status.events, now)
+
+    def _calm(self, view: NodeView, now: int) -> bool:
+        """Whether a node was left alone for a while and is on its bus."""
+        since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
+        return since < now - _CALM_NS and self._robot.drives[view.node_id].device is not None
+
+    # -- states
+
+    def _judge_node(self, face: str, told: NodeReading, view: NodeView, now: int) -> None:
+        """Hold the states told of a node, and of its axes, against those that it is in."""
+        device, calm = self._robot.drives[view.node_id].device, self._calm(view, now)
+        claims: list[tuple[str, object, object]] = []
+        if device is not None:
+            claims = [("NMT", told.nmt_state, device.nmt.state.name)]
+            for axis in told.axes:
+                drive = device.drives[axis.axis]
+                claims.append(("CiA 402", axis.state, drive.state.name))
+                claims.append(("mode", axis.mode, mode_name(drive.modes.number)))
+        for what, claim, truth in claims:
+            wrong = calm and claim is not None and claim != truth
+            self._hold(
+                f"{face} {told.name} {what}", f"{face}: {told.name} is told as {claim}, it is {truth}", wrong, now
+            )
+
+    def _judge_joints(self, face: str, shown: Snapshot) -> None:
+        now = self._robot.now_ns
+        for shaft in self._shafts:
+            told = shown.joints[shaft.joint]
+            self._judge_values(face, shaft, told.position, told.velocity, now)
+
+    def _judge_values(self, face: str, shaft: _Shaft, position: float | None, velocity: float | None, now: int) -> None:
+        calm = self._calm(shaft.view, now)
+        if not calm and self._disturbed.last(shaft.view.node_id):
+            shaft.offset = None
+        for what, which, value in (("position", _POSITION, position), ("velocity", _VELOCITY, velocity)):
+            wrong = calm and not shaft.agrees(which, value)
+            true = shaft.truth[-1][which] if shaft.truth else 0.0
+            text = f"{face}: the {what} of {shaft.joint} is told as {value}, it is {true:.4f}"
+            self._hold(f"{face} {shaft.joint} {what}", text, wrong, now, _EVERY_NS)
+
+    def _judge_published(self, sample: JointStatesSample, now: int) -> None:
+        """Judge what ROS publishes as `/joint_states`, and its stamp."""
+        by_joint: dict[str, Values] = sample.joints
+        for shaft in self._shafts:
+            values = by_joint.get(shaft.joint, {})
+            self._judge_values("joint_states", shaft, values.get("position"), values.get("velocity"), now)
+        late = now - round(sample.time * 1e9) > _LAG_NS + self._robot.setup.cycle_ns
+        calm = self._disturbed.hidden_at < now - _CALM_NS and self._robot.started_ns < now - 2 * _CALM_NS
+        text = f"joint_states: stamped {now / 1e9 - sample.time:.3f} s ago, each cycle brings new ones"
+        self._hold("joint_states stamp", text, late and calm, now)
+
+    def _hold(self, key: str, text: str, wrong: bool, now: int, soon: int = _SOON_NS) -> None:
+        """Tell once what has been wrong for longer than it takes to be told."""
+        if not wrong:
+            self._wrong_since.pop(key, None)
+        elif self._wrong_since.setdefault(key, now) >= 0 and now - self._wrong_since[key] > soon:
+            self._wrong_since[key] = 1 << 62
+            self._tell("shown_wrong", text)
+
+    # -- what must be told
+
+    def _judge_supply(self, name: str, told: NodeReading, events: list[RobotEvent], now: int) -> None:
+        """Hold that a node without supply is told as gone within its heartbeat time, with an event."""
+        view = self._nodes[name]
+        if self._robot.drives[view.node_id].device is not None:
+            self._gone.pop(name, None)
+            self._ready[name] = told.ready
+            return
+        since, was_ready = self._gone.setdefault(name, (now, self._ready.get(name, False)))
+        limit = view.plan.heartbeat_timeout_ns
+        if not limit or now < max(since, self._disturbed.hidden_at) + limit + _SOON_NS:
+            return
+        if told.ready:
+            self._tell_once(name, since, "shown_wrong", f"status: {name} is told as ready and has no supply")
+        elif was_ready and not _has_event(events, name, since):
+            self._tell_once(name, since, "event_missing", f"{name} was lost, and no event says so")
+
+    def _judge_fault(self, name: str, view: NodeView, events: list[RobotEvent], now: int) -> None:
+        """Hold that a fault which is seen on the wire has an event."""
+        hidden = max(self._disturbed.hidden_at, self._robot.started_ns)
+        seen = view.in_fault and now - view.status_at < _EVERY_NS
+        if seen and hidden + _CALM_NS < view.fault_at < now - _SOON_NS and not _has_event(events, name, view.fault_at):
+            self._tell_once(name, view.fault_at, "event_missing", f"{name} is in fault, and no event says so")
+
+    def _tell_once(self, name: str, since: int, rule: str, text: str) -> None:
+        if self._told_faults.get(name) != since:
+            self._told_faults[name] = since
+            self._tell(rule, text)
+
+
+def _has_event(events: list[RobotEvent], node: str, since: int) -> bool:
+    """Whether something was told of a node since about then."""
+    return any(event.node == node and event.time > since / 1e9 - _MARGIN_S for event in events)

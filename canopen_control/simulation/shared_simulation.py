@@ -1,0 +1,109 @@
+"""Several robots of one world in one virtual time: each with its runtime, buses and drives, its schedule, its observer.
+
+They push each other and their range finders see each other, as in `run --world FILE`. The seed of each robot is that of
+the whole and its number in the file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time as real_time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.simulation.drawn_schedule import draw_schedule
+from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.simulated_floor import SimulatedFloor, open_shared_floor
+from canopen_control.simulation.simulated_robot import SimulatedRobot
+from canopen_control.simulation.simulation_run import Outcome, SimulationRun
+from canopen_control.simulation.virtual_time import VirtualTime
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from canopen_control.runtime.setup import RobotSetup
+
+__all__ = ["SharedOutcome", "SharedSimulation"]
+
+_SLICE_NS: Final = 100_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class SharedOutcome:
+    """What came of a simulation of several robots: together as of one, and of each in `robots`."""
+
+    seed: int
+    robot_s: float
+    real_s: float
+    frames: int
+    events: int
+    sha256: str
+    breaches: tuple[str, ...]
+    robots: dict[str, Outcome]
+
+
+class SharedSimulation:
+    """Robots in the world of a file, each with what its seed draws for `duration_ns`, these `faults` among it.
+
+    `runs` are those of the robots by name. ConfigError for what the world refuses.
+    """
+
+    def __init__(
+        self, setups: Sequence[RobotSetup], world: Path, seed: int, duration_ns: int, faults: Sequence[str]
+    ) -> None:
+        self.seed, self._duration_ns = seed, duration_ns
+        self.time = VirtualTime()
+        robots = [SimulatedRobot(setup, seed + number, time=self.time) for number, setup in enumerate(setups)]
+        joints = (robot.core.joints for robot in robots)
+        floor = open_shared_floor(zip(setups, joints, strict=True), world)
+        self.runs: dict[str, SimulationRun] = {}
+        for robot in robots:
+            setup = robot.setup
+            robot.floor = SimulatedFloor(floor.side(setup.name), self.time, robot.awake)
+            motions = motions_of(setup)
+            acts = draw_schedule(robot.seed, duration_ns, motions, list(robot.drives), faults)
+            self.runs[setup.name] = SimulationRun(setup, robot.seed, acts, motions=motions, robot=robot)
+        self._began, self._began_ns = real_time.perf_counter(), self.time.now_ns
+
+    def run(self, progress: Callable[[float], object] = lambda _robot_s: None, speed: float | None = None) -> None:
+        """Start all and run to the end; `progress` hears how far it is now and then, in s of the robots."""
+        self._began = real_time.perf_counter()
+        for run in self.runs.values():
+            run.robot.start()
+        end = self._began_ns + self._duration_ns
+        while (now := self.time.now_ns) < end:
+            self.time.run_until(min(end, now + _SLICE_NS))
+            progress(self.robot_s)
+            if speed is not None and (ahead := self.robot_s / speed - self.real_s) > 0:
+                real_time.sleep(ahead)
+
+    @property
+    def robot_s(self) -> float:
+        """How long the robots have run, in s."""
+        return (self.time.now_ns - self._began_ns) / 1e9
+
+    @property
+    def real_s(self) -> float:
+        """How long that has taken, in s."""
+        return real_time.perf_counter() - self._began
+
+    @property
+    def outcome(self) -> SharedOutcome:
+        """What has come of it so far."""
+        found = {name: run.outcome for name, run in self.runs.items()}
+        return SharedOutcome(
+            self.seed,
+            self.robot_s,
+            round(self.real_s, 3),
+            sum(each.frames for each in found.values()),
+            sum(each.events for each in found.values()),
+            hashlib.sha256("".join(each.sha256 for each in found.values()).encode()).hexdigest(),
+            tuple(f"{name}: {breach}" for name, each in found.items() for breach in each.breaches),
+            found,
+        )
+
+    def close(self) -> None:
+        """Give everything back."""
+        for run in self.runs.values():
+            run.close()

@@ -1,0 +1,248 @@
+"""Clients of a robot's socket in virtual time, those that hang among them: the server is the robot's own.
+
+A client connects and says nothing; watches everything and reads nothing; commands, with its connection as what the
+command lives by, and leaves; or asks for the status and waits for each answer. What a client does not read stays in a
+kernel's buffer of a few KiB; a server that waited for it to read would hold up the robot, which is noted in `blocked`.
+Times in ns.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from typing import TYPE_CHECKING, Any, Final, cast
+
+from canopen_control.host.lines import LineBuffer
+from canopen_control.rpc import wire
+from canopen_control.rpc.messages.robot import ROBOT, CommandController, GetStatus, Subscribe
+from canopen_control.runtime.api import ApiServer
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.runtime.core import RobotCore
+    from canopen_control.simulation.simulated_robot import SimulatedRobot
+    from canopen_control.simulation.virtual_time import Actor
+
+__all__ = ["SimulatedClient", "SimulatedClients"]
+
+_MS: Final = 1_000_000
+EVERY_NS: Final = 100 * _MS  # how often a client asks that reads
+_DEAF_NS: Final = 20 * _MS  # and one that does not
+_ROOM: Final = 4096  # bytes that a kernel keeps for who does not read
+_BLOCKED_NS: Final = 1000 * _MS  # what a server loses that waits for such a client
+_STATE_RATE: Final = 50.0
+
+
+class _ServerEnd:
+    """The server's end of a connection, as a socket that does not block."""
+
+    def __init__(self, client: SimulatedClient, actor: Actor) -> None:
+        self._client, self._actor = client, actor
+        self._fileno = actor.selector.allot()
+        self.inbox = bytearray()
+        self.open = True
+
+    def fileno(self) -> int:
+        """Return its number, -1 once it is closed."""
+        return self._fileno if self.open else -1
+
+    def setblocking(self, _on: bool) -> None:
+        """Do nothing: it never blocks."""
+
+    def getsockopt(self, _level: int, _option: int, _size: int = 0) -> bytes:
+        """Return whose process is at the other end: this user's, with the same number in each simulation."""
+        return struct.pack("3i", self._fileno, os.getuid(), os.getgid())
+
+    def arrived(self) -> None:
+        """Have the server look: something has come, or the client has left."""
+        self._actor.selector.mark(self._fileno)
+        self._actor.arrived()
+
+    def recv(self, most: int) -> bytes:
+        """Return what the client has said; nothing once it has left."""
+        data = bytes(self.inbox[:most])
+        del self.inbox[:most]
+        if not self.inbox and self._client.here:
+            self._actor.selector.unmark(self._fileno)
+        if not data and self._client.here:
+            raise BlockingIOError
+        return data
+
+    def send(self, data: bytes) -> int:
+        """Hand over what the client takes; BlockingIOError where it takes nothing."""
+        if not self._client.here:
+            raise BrokenPipeError
+        taken = self._client.take(data)
+        if not taken:
+            raise BlockingIOError
+        return taken
+
+    def sendall(self, data: bytes) -> None:
+        """Wait until a client has taken everything, which holds up the robot for one that does not read."""
+        if self._client.take(data) < len(data):
+            self._client.block()
+
+    def close(self) -> None:
+        """End the connection."""
+        self._actor.selector.unmark(self._fileno)
+        self.open = False
+
+
+class _Listener:
+    """What clients connect to; see `socket.socket`."""
+
+    def __init__(self, actor: Actor) -> None:
+        self._actor = actor
+        self._fileno = actor.selector.allot()
+        self._waiting: list[_ServerEnd] = []
+
+    def fileno(self) -> int:
+        """Return its number."""
+        return self._fileno
+
+    def add(self, end: _ServerEnd) -> None:
+        """Let somebody wait for the server to accept him."""
+        self._waiting.append(end)
+        self._actor.selector.mark(self._fileno)
+        self._actor.arrived()
+
+    def accept(self) -> tuple[_ServerEnd, str]:
+        """Return who has waited longest; BlockingIOError where nobody does."""
+        if not self._waiting:
+            self._actor.selector.unmark(self._fileno)
+            raise BlockingIOError
+        return self._waiting.pop(0), ""
+
+
+class SimulatedClient:
+    """One client; `reads` what it gets. `here` until it leaves, `dropped` once the robot has ended the connection.
+
+    `waits_since` is when it asked what has no answer yet, `came_ns` when it connected, `asks` whether it ever did.
+    """
+
+    def __init__(self, clients: SimulatedClients, actor: Actor, *, reads: bool) -> None:
+        self._clients, self.reads = clients, reads
+        self.here = True
+        self.came_ns = clients.robot.now_ns
+        self.waits_since: int | None = None
+        self.answers = 0
+        self.end = _ServerEnd(self, actor)
+        self._lines, self._unread, self._number = LineBuffer(), 0, 0
+
+    @property
+    def dropped(self) -> bool:
+        """Whether the robot has ended it."""
+        return not self.end.open
+
+    def ask(self, request: Request[Any]) -> None:
+        """Send a request."""
+        self._number += 1
+        if self.waits_since is None:
+            self.waits_since = self._clients.robot.now_ns
+        self.end.inbox += wire.request_line(self._number, ROBOT.of(type(request)).name, request)
+        self.end.arrived()
+
+    @property
+    def asks(self) -> bool:
+        """Whether it has asked something."""
+        return self._number > 0
+
+    def take(self, data: bytes) -> int:
+        """Take what the server sends, as much as there is room for; return how much."""
+        if not self.reads:
+            taken = min(len(data), _ROOM - self._unread)
+            self._unread += taken
+            return taken
+        self._lines.feed(bytes(data))
+        while (line := self._lines.next_line()) is not None:
+            if b'"id":' in line[:8]:
+                self.answers, self.waits_since = self.answers + 1, None
+        return len(data)
+
+    def leave(self) -> None:
+        """Close the connection."""
+        self.here = False
+        self.end.arrived()
+
+    def block(self) -> None:
+        """Hold up a server that waits for it."""
+        self._clients.blocked += 1
+        self._clients.robot.host.stall(_BLOCKED_NS)
+
+
+class SimulatedClients:
+    """The clients of a robot, as they come; `blocked` counts when it waited for one, `all` are those of its process."""
+
+    def __init__(self, robot: SimulatedRobot) -> None:
+        self.robot = robot
+        self.blocked = 0
+        self.all: list[SimulatedClient] = []
+        self._core: RobotCore | None = None
+        self._listener: _Listener
+        self._server: ApiServer
+
+    def connect(self, *, reads: bool) -> SimulatedClient:
+        """Come as a new client; the robot serves from the first one on."""
+        robot = self.robot
+        if robot.core is not self._core:
+            self._core, self.all = robot.core, []
+            self._listener = _Listener(robot.host)
+            self._server = ApiServer(robot.core, cast("socket.socket", self._listener))
+        client = SimulatedClient(self, robot.host, reads=reads)
+        self.all.append(client)
+        self._listener.add(client.end)
+        return client
+
+    # -- what they do
+
+    def silent(self, count: int, for_ns: int | None) -> None:
+        """Connect and say nothing."""
+        for _ in range(count):
+            self._leave_later(self.connect(reads=False), for_ns)
+
+    def deaf(self, for_ns: int | None) -> None:
+        """Watch everything, ask on and on, and read nothing."""
+        client = self.connect(reads=False)
+        client.ask(Subscribe(state_rate=_STATE_RATE, events=True, pdos=True, requests=True))
+        self._leave_later(client, for_ns)
+        self._ask_on(client, None)
+
+    def ask(self, for_ns: int | None) -> None:
+        """Ask for the status ten times a second, each time once the last answer is there."""
+        client = self.connect(reads=True)
+        client.ask(GetStatus())
+        until = None if for_ns is None else self.robot.now_ns + for_ns
+        self._leave_later(client, for_ns)
+        self._ask_on(client, until)
+
+    def dead_man(self, controller: str, values: Sequence[float], for_ns: int, left: Callable[[], object]) -> None:
+        """Command once, and leave; `left` is called then, where the robot's process is still the same."""
+        client = self.connect(reads=True)
+        client.ask(CommandController(controller=controller, values=list(values), dead_man=True))
+        self._leave_later(client, for_ns, left)
+
+    def _ask_on(self, client: SimulatedClient, until: int | None) -> None:
+        now = self.robot.now_ns
+        if not client.here or client.dropped or not self._serves(client) or (until is not None and now >= until):
+            return
+        if not client.reads or client.waits_since is None:
+            client.ask(GetStatus())
+        self.robot.time.later(EVERY_NS if client.reads else _DEAF_NS, lambda: self._ask_on(client, until))
+
+    def _leave_later(
+        self, client: SimulatedClient, for_ns: int | None, left: Callable[[], object] = lambda: None
+    ) -> None:
+        def leave() -> None:
+            if self._serves(client):
+                client.leave()
+                left()
+
+        if for_ns is not None:
+            self.robot.time.later(for_ns, leave)
+
+    def _serves(self, client: SimulatedClient) -> bool:
+        """Whether the process is still there that a client has connected to."""
+        return self.robot.up and self.robot.core is self._core and client in self.all

@@ -1,0 +1,87 @@
+import pytest
+from support.mutants import MUTANTS
+from support.simulated import Judged
+
+from canopen_control.simulation.face_rules import FaceRules
+
+
+@pytest.fixture
+def made():
+    robots = []
+
+    def make():
+        robots.append(Judged(lambda judged, views, tell: FaceRules(judged.robot, views, judged.disturbed, tell)))
+        return robots[-1]
+
+    yield make
+    robots[-1].close()
+
+
+@pytest.fixture
+def judged(made):
+    return made()
+
+
+def test_what_is_shown_as_it_is_is_no_news(judged):
+    judged.drive(5.0, -5.0, seconds=1.0).run(2.0).do("stop").run(1.0).do("axis", name="enable").run(1.0)
+    judged.do("fault", 3, 0.5, name="drive_fault").run(1.0).do("power", 2, 1.0).run(4.0)
+    judged.do("axis", name="fault-reset").run(0.3).do("axis", name="enable").run(0.5).drive(3.0, 3.0).run(2.5)
+    judged.do("kill", seconds=0.5).run(3.0)
+    assert judged.told == []
+
+
+@pytest.mark.sources
+def test_joint_states_that_stand_are_told_by_their_stamp_and_by_their_values(judged, monkeypatch):
+    MUTANTS["joint_states_stand"](monkeypatch)
+    judged.run(2.5)
+    assert [text.split(" stamped")[0] for _, text in judged.told] == ["joint_states:"]
+    judged.drive(5.0, 5.0, seconds=1.0).run(1.5)
+    assert {text.split(" of ")[0] for _, text in judged.told[1:]} == {
+        "joint_states: the position",
+        "joint_states: the velocity",
+    }
+
+
+@pytest.mark.sources
+def test_a_velocity_with_the_wrong_sign_is_told_of_each_face_once(judged, monkeypatch):
+    judged.run(1.0)
+    MUTANTS["velocities_told_reversed"](monkeypatch)
+    judged.drive(5.0, 0.0, seconds=1.0).run(0.9)
+    assert [(rule, text.split(" is told")[0]) for rule, text in judged.told] == [
+        ("shown_wrong", "status: the velocity of left_wheel_joint"),
+        ("shown_wrong", "sample: the velocity of left_wheel_joint"),
+    ]
+
+
+@pytest.mark.sources
+def test_a_state_from_before_is_told(judged, monkeypatch):
+    judged.run(1.0)
+    MUTANTS["states_told_as_they_were"](monkeypatch)
+    judged.run(0.2).do("stop").run(1.5)
+    wanted = "left_drive is told as OPERATION_ENABLED, it is SWITCH_ON_DISABLED"
+    assert {text for _, text in judged.told} >= {f"status: {wanted}", f"sample: {wanted}"}
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize("act", [("fault", 3, 0.8, {"name": "drive_fault"}), ("power", 3, 2.0, {})])
+def test_a_trouble_without_an_event_is_told_once(made, monkeypatch, act):
+    kind, node, lasts, more = act
+    MUTANTS["troubles_without_an_event"](monkeypatch)
+    judged = made()
+    judged.run(1.0).do(kind, node, lasts, **more).run(1.9)
+    assert [(rule, text.split(",")[0]) for rule, text in judged.told] == [
+        ("event_missing", "left_drive was lost" if kind == "power" else "left_drive is in fault")
+    ]
+
+
+@pytest.mark.sources
+def test_a_drive_without_supply_that_is_told_as_ready_is_told(judged, monkeypatch):
+    MUTANTS["lost_nodes_told_as_ready"](monkeypatch)
+    judged.run(0.5).do("power", 2, 2.0).run(1.9)
+    assert judged.told == [("shown_wrong", "status: right_drive is told as ready and has no supply")]
+
+
+def test_a_drive_that_counts_anew_goes_on_where_it_was_seen_last(judged):
+    judged.drive(5.0, 5.0, seconds=1.0).run(1.5).do("power", 2, 0.5).run(4.0)
+    judged.do("axis", name="enable").run(0.5).drive(5.0, 5.0, seconds=1.0).run(1.5)
+    assert judged.told == []
