@@ -23,7 +23,7 @@ MESSAGES = "rpc.messages"  # of every socket: pure, for every room
 MAY_IMPORT = {
     "errors": (set(), PURE),
     "frame": (set(), PURE),
-    "version": (set(), PURE),
+    "version": (set(), PURE | {"importlib"}),
     "data_files": (set(), PURE),
     "host": (set(), STDLIB),
     "rpc": ({"host"}, STDLIB | {"msgspec"}),
@@ -67,7 +67,7 @@ MAY_IMPORT = {
         | {"cia301", "cia402", "data_files"},
         STDLIB | {"distributed", "cloudpickle"},
     ),
-    "service": ({"od", "cia301", "cia402", "profiles", "client"}, STDLIB),
+    "service": ({"od", "cia301", "cia402", "profiles", "client"}, STDLIB | {"numpy"}),
     "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.verbs import VERBS, parser_of
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.version import __version__
+from canopen_control.version import __version__, build
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -115,7 +115,7 @@ def _top_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         usage="canopen-control VERB [OPTIONS]",
     )
-    parser.add_argument("--version", action="version", version=f"canopen-control {__version__}")
+    parser.add_argument("--version", action="version", version=f"canopen-control {__version__} ({build()})")
     parser.add_argument("verb", nargs="?", choices=list(VERBS), metavar="VERB", help="one of the verbs below")
     return parser
 

@@ -166,14 +166,15 @@ def add_kind_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    if args.world is not None and not _names_robot(args):
+    if args.world is not None and not names_robot(args):
         from canopen_control.cli.support.shared_robots import run_shared
 
         return run_shared(args)
     return run_robot(args)
 
 
-def _names_robot(args: argparse.Namespace) -> bool:
+def names_robot(args: argparse.Namespace) -> bool:
+    """Whether a robot is named, by its folder or its files."""
     return any(each is not None for each in (args.config, args.launch, args.bus, args.controllers, args.description))
 
 

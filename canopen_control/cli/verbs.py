@@ -49,6 +49,7 @@ VERBS = {
     "nmt": "start, stop or reset nodes",
     "preflight": "before the first run on real drives: look, jog slowly, try STOP",
     "jog": "turn one drive by hand, with its EDS alone: arrow keys, limits, a dead-man",
+    "tune": "how a drive follows, what hangs on it, gains for its loops: step, Bode, identification",
     "init": "a new robot from EDS files, or from who is on a bus",
     "scan": "who is on a bus, which EDS fits, what bus.yml expects",
     "lss": "give node ids and bit rates to nodes",

@@ -9,7 +9,7 @@ import pytest
 
 from canopen_control.cli.main import main
 from canopen_control.cli.verbs import VERBS
-from canopen_control.version import __version__
+from canopen_control.version import __version__, build
 
 
 def test_help_names_every_verb(capsys):
@@ -44,7 +44,7 @@ def test_nothing_at_all_prints_the_help_and_is_a_usage_error(capsys):
 def test_the_version_is_the_packages(capsys):
     with pytest.raises(SystemExit):
         main(["--version"])
-    assert __version__ in capsys.readouterr().out
+    assert capsys.readouterr().out == f"canopen-control {__version__} ({build()})\n"
 
 
 def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys):

@@ -59,7 +59,9 @@ def rolling(request):
 
 
 OF_DRIVES = sorted(
-    name for name, each in FAULTS.items() if each.acts not in ("input", "output") and not name.startswith("clock")
+    name
+    for name, each in FAULTS.items()
+    if each.acts not in ("input", "output", "program") and not name.startswith("clock")
 )
 
 

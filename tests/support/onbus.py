@@ -22,17 +22,22 @@ TMCM, GENERIC = "TMCM-1270.eds", "generic_cia402.eds"
 class OnBus:
     """`devices` (EDS names by node id) and `cores` (sans-IO) on `channel`, as long as the `with` block lasts.
 
-    `seen` holds every frame that reached the cores. The constructor has opened the port: whoever joins afterwards is
-    heard. `nodes` are the virtual devices by node id.
+    `plant` makes the plant of an axis. `seen` holds every frame that reached the cores. The constructor has opened the
+    port: whoever joins afterwards is heard. `nodes` are the virtual devices by node id.
     """
 
-    def __init__(self, channel: str, devices: Mapping[int, str] | None = None, cores: tuple[Any, ...] = ()) -> None:
+    def __init__(
+        self, channel: str, devices: Mapping[int, str] | None = None, cores: tuple[Any, ...] = (), plant: Any = None
+    ) -> None:
         self.channel = channel
         self.reactor = Reactor()
         self.errors: list[BaseException] = []
         self.reactor.on_error = self.errors.append
         self.cores, self.seen = cores, list[CanFrame]()
-        self.nodes = {node_id: make_device(data_path("eds", eds), node_id) for node_id, eds in (devices or {}).items()}
+        more = {} if plant is None else {"plant": plant}
+        self.nodes = {
+            node_id: make_device(data_path("eds", eds), node_id, **more) for node_id, eds in (devices or {}).items()
+        }
         self._ports = []
         if self.nodes:
             self._ports.append(open_port(channel, label="devices"))

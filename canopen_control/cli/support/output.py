@@ -65,6 +65,8 @@ class Progress:
         self._live, self._rate = self._stream.isatty(), rate
         self._quiet = quiet
         self._begin = clock()
+        self._rated_from = self._begin, 0  # time and amount of the last look before anything was over
+        self._last: tuple[int, int | None] = 0, None
         self._due = self._begin + (SOON_S if self._live else PLAIN_S)
         self._shown = False
 
@@ -77,10 +79,14 @@ class Progress:
     def at(self, done: int, total: int | None = None) -> None:
         """Tell that `done` of `total` are over, if it is time to."""
         now = self._clock()
+        if not done or done < self._last[0] or total != self._last[1]:  # another transfer
+            self._rated_from = now, done
+        self._last = done, total
         if self._quiet or now < self._due:
             return
         self._due = now + (REDRAW_S if self._live else PLAIN_S)
-        rate = _rate(done, total, now - self._begin, self._unit) if self._rate else ""
+        since, before = self._rated_from
+        rate = _rate(done, total, done - before, now - since, self._unit) if self._rate else ""
         self._say(f"{self._what}{_amount(done, total, self._unit)}, {now - self._begin:.0f} s{rate}")
 
     def end(self) -> None:
@@ -105,11 +111,11 @@ def _amount(done: int, total: int | None, unit: str) -> str:
     return f": {done:,}{unit}" if done else ""
 
 
-def _rate(done: int, total: int | None, elapsed: float, unit: str) -> str:
+def _rate(done: int, total: int | None, gained: int, elapsed: float, unit: str) -> str:
     """Return how fast it goes and how long the rest takes, nothing before there is something to judge by."""
-    if not done or not total or elapsed <= 0.0:
+    if gained <= 0 or not total or elapsed <= 0.0:
         return ""
-    return f", {done / elapsed:,.0f}{unit}/s, {(total - done) * elapsed / done:.0f} s left"
+    return f", {gained / elapsed:,.0f}{unit}/s, {(total - done) * elapsed / gained:.0f} s left"
 
 
 @contextlib.contextmanager

@@ -200,5 +200,13 @@ def test_progress_may_tell_speed_and_the_time_that_is_left():
     progress.at(1000, 4000)
     assert stream.getvalue().splitlines() == [
         "loading: 0 of 4,000 bytes (0 %), 10 s",
-        "loading: 1,000 of 4,000 bytes (25 %), 20 s, 50 bytes/s, 60 s left",
+        "loading: 1,000 of 4,000 bytes (25 %), 20 s, 100 bytes/s, 30 s left",
     ]
+
+
+def test_the_speed_is_that_of_the_transfer_under_way():
+    now, stream = [0.0], io.StringIO()
+    progress = Progress("loading", "bytes", stream=stream, clock=lambda: now[0], rate=True)
+    for now[0], done in ((1.0, 0), (2.0, 3000), (3.0, 500), (10.0, 2250)):  # it broke off, and was begun anew
+        progress.at(done, 4000)
+    assert stream.getvalue().splitlines()[-1].endswith("10 s, 250 bytes/s, 7 s left")
