@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import pty
 import subprocess
@@ -41,11 +42,15 @@ def in_background(work, on_failure=lambda: None):
         raise failed[0]
 
 
+_numbers = itertools.count(1)
+
+
 class Tmux:
     """A tmux server of its own with one window; `keys` types, `screen` is what stands there."""
 
     def __init__(self, folder, width=120, height=40):
-        self._socket = str(folder / "tmux")
+        # a socket of its own too: a server that was told to end takes clients until it has
+        self._socket = str(folder / f"tmux{next(_numbers)}")
         size = ["-x", str(width), "-y", str(height)]
         self._run("-f", "/dev/null", "new-session", "-d", "-s", "test", *size, "env", "PS1=$ ", "bash", "--norc")
         self._run("set-option", "-g", "focus-events", "on")
