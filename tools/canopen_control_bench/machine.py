@@ -10,7 +10,6 @@ import contextlib
 import datetime
 import os
 import platform
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -106,7 +105,6 @@ def describe() -> dict[str, str | int | float | None]:
         "machine": f"{os.cpu_count()} x {_processor()}",
         "kernel": f"{platform.system()} {platform.release()}",
         "python": f"{platform.python_implementation()} {platform.python_version()}",
-        "executable": sys.executable,
         "package": build(),
         "nice": os.getpriority(os.PRIO_PROCESS, 0),
         "load": round(os.getloadavg()[0], 2),
