@@ -1,9 +1,10 @@
-"""A virtual drive on a bus inside this process, and `jog` on it as a user types it."""
+"""A virtual drive on a bus inside this process, and `jog` on it as a user types it: all of it in virtual time."""
 
 from __future__ import annotations
 
 import contextlib
 
+from support.lockstep import lockstep
 from support.onbus import GENERIC, OnBus
 
 from canopen_control.cli.main import main
@@ -38,5 +39,5 @@ class JogBench:
 
 @contextlib.contextmanager
 def jog_bench(eds=GENERIC, channel="memory:jog", plant=None):
-    with OnBus(channel, {NODE_ID: eds}, plant=plant) as bus:
+    with lockstep(), OnBus(channel, {NODE_ID: eds}, plant=plant) as bus:
         yield JogBench(bus, eds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import itertools
 import os
 import pty
@@ -11,12 +12,26 @@ import sys
 import threading
 import time
 
+from support.lockstep import typed_into
+
+
+class _Typist(io.FileIO):
+    """The end of a pseudo-terminal that is typed into; `screen_side` is the other one."""
+
+    screen_side = -1
+
+    def write(self, keys):
+        count = super().write(keys)
+        typed_into(self.screen_side)
+        return count
+
 
 @contextlib.contextmanager
 def typed(monkeypatch):
     """Make a pseudo-terminal standard input; yield its other end, to type into. Closing it hangs up."""
     master, slave = pty.openpty()
-    with os.fdopen(slave, "r") as stdin, os.fdopen(master, "wb", buffering=0) as typist:
+    with os.fdopen(slave, "r") as stdin, _Typist(master, "wb") as typist:
+        typist.screen_side = slave
         monkeypatch.setattr(sys, "stdin", stdin)
         yield typist
 

@@ -1,7 +1,10 @@
-"""The jog of a pre-flight on virtual drives that are as they should be, and on some that are not."""
+"""The jog of a pre-flight on virtual drives that are as they should be, and on some that are not; in virtual time."""
+
+import contextlib
 
 import pytest
-from support.onbus import GENERIC, OnBus
+from support.lockstep import lockstep
+from support.onbus import GENERIC, TMCM, OnBus
 from support.robots import copy_robby
 
 from canopen_control.cli.support.preflight_jog import Jog, jog_interfaces
@@ -9,23 +12,25 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 
 
+@contextlib.contextmanager
+def drives_on(channel, devices):
+    with lockstep(), OnBus(channel, devices) as drives:
+        yield drives
+
+
 def results(found):
     return [(step.name, step.passed) for step in found]
 
 
-@pytest.mark.process
-def test_the_jog_measures_velocity_way_and_stop(stage):
-    for node_id in (3, 2):
-        stage.drive("jogged", node_id)
-    setup = read_robot(find_robot("robby"), can=["local:jogged"])
+def test_the_jog_measures_velocity_way_and_stop(private_folders):
+    setup = read_robot(find_robot("robby"), can=["memory:jogged"])
     assert jog_interfaces(setup) == {"left_wheel_joint": "velocity", "right_wheel_joint": "velocity"}
-    with Jog(setup, 0.5) as jog:
+    with drives_on("memory:jogged", dict.fromkeys((3, 2), TMCM)), Jog(setup, 0.5) as jog:
         found = [*map(jog.turn, jog.joints), jog.stop()]
     assert results(found) == [("jog", True), ("jog", True), ("STOP", True)], found
     assert jog.turned == ["left_wheel_joint", "right_wheel_joint"]
 
 
-@pytest.mark.process
 @pytest.mark.parametrize(
     ("edits", "words"),
     [
@@ -38,21 +43,18 @@ def test_the_jog_measures_velocity_way_and_stop(stage):
     ],
     ids=["sign", "velocity scale", "position scale"],
 )
-def test_a_wrong_scale_is_found_before_it_hurts(stage, tmp_path, edits, words):
-    for node_id in (3, 2):
-        stage.drive("scales", node_id)
-    setup = read_robot(find_robot(str(copy_robby(tmp_path, bus=edits))), can=["local:scales"])
-    with Jog(setup, 0.5) as jog:
+def test_a_wrong_scale_is_found_before_it_hurts(private_folders, tmp_path, edits, words):
+    setup = read_robot(find_robot(str(copy_robby(tmp_path, bus=edits))), can=["memory:scales"])
+    with drives_on("memory:scales", dict.fromkeys((3, 2), TMCM)), Jog(setup, 0.5) as jog:
         step = jog.turn("left_wheel_joint")
     assert (step.passed, jog.turned) == (False, [])
     assert words in step.text
 
 
-@pytest.mark.alone  # six drives and a robot in real time, in one process
 def test_a_joint_that_has_a_position_only_is_led_by_it_and_back_for_stop(private_folders):
     setup = read_robot(find_robot("arm6"), can=["memory:jogged-arm"])
     assert set(jog_interfaces(setup).values()) == {"position"}
-    with OnBus("memory:jogged-arm", dict.fromkeys(range(2, 8), GENERIC)) as drives, Jog(setup, 0.5) as jog:
+    with drives_on("memory:jogged-arm", dict.fromkeys(range(2, 8), GENERIC)) as drives, Jog(setup, 0.5) as jog:
         assert jog.no_room("joint_1") is None
         step = jog.turn("joint_1")
         assert step.passed, step
@@ -67,7 +69,7 @@ def test_a_joint_that_has_a_position_only_is_led_by_it_and_back_for_stop(private
 
 def test_a_joint_without_room_before_its_limit_is_said_and_not_turned(private_folders):
     setup = read_robot(find_robot("arm6"), can=["memory:narrow-arm"])
-    with OnBus("memory:narrow-arm", dict.fromkeys(range(2, 8), GENERIC)), Jog(setup, 1.0) as jog:
+    with drives_on("memory:narrow-arm", dict.fromkeys(range(2, 8), GENERIC)), Jog(setup, 1.0) as jog:
         assert jog.no_room("joint_2") is None, "2 rad are enough for two seconds"
         jog.speed = 1.2
         assert jog.no_room("joint_2") == ("it is at 0.000, 2.000 before its limit, and a jog at 1.2 rad/s needs 2.400")
