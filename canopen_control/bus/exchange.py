@@ -3,7 +3,8 @@
 Rule 1: a frame reaches everybody but its sender, and frames of one sender stay in order. Rule 2: nobody waits for
 anybody: a reader whose queue is full loses its own frames, and finds an error frame with their number where they are
 missing. Rule 3: bytes come in any split; only whole records go out. Rule 4: without faults and bit rate there is no
-work per frame, only per chunk.
+work per frame, only per chunk: who has said what he wants to hear is left in peace by chunks that hold nothing of that,
+and gets any other as a whole.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import heapq
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.arbitration import PacedWire
-from canopen_control.bus.error_frames import bus_off_frame, overrun_frame, restarted_frame
+from canopen_control.bus.error_frames import bus_off_frame, has_error_frames, overrun_frame, restarted_frame
+from canopen_control.bus.wanted import MARK, Wanted
 from canopen_control.bus.wire_faults import WireFaults
 from canopen_control.frame import ERROR_FLAG, RECORD, RECORD_SIZE, CanFrame, pack_records
 
@@ -32,7 +34,7 @@ DELAY_LIMIT = 65536
 class Member:
     """One opened end; counters are in frames and from its own point of view."""
 
-    __slots__ = ("label", "lost", "missed", "number", "outbox", "partial", "pid", "rx", "silent", "tx")
+    __slots__ = ("label", "lost", "missed", "number", "outbox", "partial", "pid", "rx", "silent", "tx", "wanted")
 
     def __init__(self, number: int, label: str, pid: int) -> None:
         self.number, self.label, self.pid = number, label, pid
@@ -41,6 +43,7 @@ class Member:
         self.silent = False
         self.partial = b""
         self.outbox = bytearray()
+        self.wanted = Wanted()
 
 
 class Exchange:
@@ -98,6 +101,8 @@ class Exchange:
         if excess := len(data) % RECORD_SIZE:
             member.partial = data[-excess:]
             data = data[:-excess]
+        if MARK in data:
+            data = member.wanted.take(data)
         if not data:
             return
         member.tx += len(data) // RECORD_SIZE
@@ -143,9 +148,17 @@ class Exchange:
 
     def _deliver(self, sender: int, records: bytes) -> None:
         self.frames += len(records) // RECORD_SIZE
+        can_ids: list[int] | None = None
         for number, member in self.members.items():
-            if number != sender and not member.silent:
-                self._put(member, records)
+            if number == sender or member.silent:
+                continue
+            wanted = member.wanted.ids
+            if wanted is not None:
+                if can_ids is None:
+                    can_ids = _plain_ids(records)
+                if can_ids and wanted.isdisjoint(can_ids):
+                    continue
+            self._put(member, records)
 
     def _put(self, member: Member, records: bytes) -> None:
         outbox = member.outbox
@@ -251,6 +264,11 @@ class Exchange:
     def _refresh(self) -> None:
         for member in self.members.values():
             member.silent = self.faults.silences(member.label)
+
+
+def _plain_ids(records: bytes) -> list[int]:
+    """Return the identifiers of records; none where one has a flag: it may be an error frame, which everybody gets."""
+    return [] if has_error_frames(records) else memoryview(records).cast("I")[:: RECORD_SIZE // 4].tolist()
 
 
 def _split_reports(records: bytes) -> tuple[bytes, bytes]:

@@ -1,8 +1,8 @@
 """How an opener and the hub of a ``local:`` bus greet each other: 64 bytes each way, then only records.
 
-The opener says who it is; the hub answers with its own process and the label it gave, made unique. A version that
-differs is refused with a sentence instead of garbage later. The hub's side is `HelloServer`: who connects and says
-nothing keeps nobody waiting, and makes way for who comes.
+The opener says who it is; the hub answers with its own process, the label it gave, made unique, and what it can do. A
+version that differs is refused with a sentence instead of garbage later. The hub's side is `HelloServer`: who connects
+and says nothing keeps nobody waiting, and makes way for who comes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["HELLO_SIZE", "LABEL_SIZE", "MAGIC", "VERSION", "Hello", "HelloServer
 MAGIC: Final = b"CANlocal"
 VERSION: Final = 1
 LABEL_SIZE: Final = 48
-_HELLO: Final = struct.Struct("<8sHHI48s")  # magic, version, reserved, pid, label
+_HELLO: Final = struct.Struct("<8sHHI48s")  # magic, version, abilities, pid, label
 HELLO_SIZE: Final = _HELLO.size
 _GREETING_NS: Final = 5_000_000_000
 _RETRY_NS: Final = 50_000_000
@@ -40,11 +40,12 @@ class Hello(NamedTuple):
     version: int
     pid: int
     label: str
+    abilities: int = 0  # of a hub: `wanted.TAKES_WANTED`
 
 
-def pack_hello(pid: int, label: str, version: int = VERSION) -> bytes:
+def pack_hello(pid: int, label: str, version: int = VERSION, abilities: int = 0) -> bytes:
     """Make a greeting; a label longer than 48 bytes of UTF-8 is cut."""
-    return _HELLO.pack(MAGIC, version, 0, pid, _cut(label))
+    return _HELLO.pack(MAGIC, version, abilities, pid, _cut(label))
 
 
 def _cut(label: str) -> bytes:
@@ -55,10 +56,10 @@ def parse_hello(data: bytes) -> Hello | None:
     """Take a greeting of `HELLO_SIZE` bytes apart; None if it is none."""
     if len(data) != HELLO_SIZE:
         return None
-    magic, version, _reserved, pid, label = _HELLO.unpack(data)
+    magic, version, abilities, pid, label = _HELLO.unpack(data)
     if magic != MAGIC:
         return None
-    return Hello(version, pid, label.rstrip(b"\0").decode(errors="replace"))
+    return Hello(version, pid, label.rstrip(b"\0").decode(errors="replace"), abilities)
 
 
 class _Newcomer:

@@ -17,11 +17,13 @@ from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.hello import HELLO_SIZE, VERSION, Hello, pack_hello, parse_hello
 from canopen_control.bus.port import BusEventKind, PortStats, Records, whole_records
 from canopen_control.bus.port_parts import EventLog, SendQueue
+from canopen_control.bus.wanted import TAKES_WANTED, pack_wanted
 from canopen_control.errors import BusClosed, BusError, BusNotOpen, CanopenError, ConfigError, RemoteError
 from canopen_control.frame import RECORD_SIZE
 from canopen_control.host.sockets import connect, list_sockets, lock, peer_pid, socket_path
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from canopen_control.rpc.messages.declare import Request
@@ -40,13 +42,17 @@ _HUB_GONE: Final = "the hub process is gone; open the channel again, which start
 
 
 class LocalPort:
-    """One end of a ``local:`` bus; see `canopen_control.bus.port.Port`. `label` is the one that the hub gave."""
+    """One end of a ``local:`` bus; see `canopen_control.bus.port.Port`.
 
-    def __init__(self, name: str, sock: socket.socket, label: str) -> None:
+    `label` is the one that the hub gave, `abilities` what it can do.
+    """
+
+    def __init__(self, name: str, sock: socket.socket, label: str, abilities: int = 0) -> None:
         self.channel = f"local:{name}"
         self.label = label
         self.stats = PortStats()
         self._socket = sock
+        self._abilities = abilities
         self._partial = b""
         self._queue = SendQueue()
         self._events = EventLog()
@@ -116,6 +122,14 @@ class LocalPort:
             self._events.add(BusEventKind.OVERRUN, f"bus {self.channel}: the hub does not keep up, frames are dropped")
         self._dropping = dropped > 0
 
+    def set_filter(self, can_ids: Iterable[int]) -> None:
+        """Ask the hub for these identifiers only: it leaves out what holds none of them, and others may come too."""
+        if self._abilities & TAKES_WANTED:
+            asked = pack_wanted(can_ids)
+            with contextlib.suppress(BusClosed):  # who receives or sends next is told
+                self.send(asked)
+                self.stats.tx -= len(asked) // RECORD_SIZE
+
     def flush(self) -> None:
         """Hand queued records to the kernel as far as it takes them; raise `BusClosed` when the hub is gone."""
         if self._queue.data:
@@ -157,7 +171,7 @@ def greet(sock: socket.socket, name: str, label: str) -> LocalPort | None:
     except OSError:
         answer = None
     if answer is not None and answer.version == VERSION:
-        return LocalPort(name, sock, answer.label)
+        return LocalPort(name, sock, answer.label, answer.abilities)
     sock.close()
     if answer is None:
         return None

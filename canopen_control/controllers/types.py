@@ -7,7 +7,6 @@ the entry point group `canopen_control.controllers` of any installed package.
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 from typing import Final
 
 from canopen_control.controllers.base import Controller
@@ -98,5 +97,7 @@ def _class_of(type_name: str) -> object:
 
 
 def _entry_point(type_name: str) -> str | None:
-    found = importlib.metadata.entry_points(group=GROUP, name=type_name)
+    from importlib.metadata import entry_points  # seldom needed, and it loads half of the library
+
+    found = entry_points(group=GROUP, name=type_name)
     return next((each.value for each in found), None)

@@ -161,7 +161,7 @@ def _get(texts: Mapping[str, str], wanted: str) -> str:
 
 
 def _section(title: str, texts: Mapping[str, str]) -> Section:
-    return Section(title.lower(), title, 0, {key.lower(): (key, value, 0) for key, value in texts.items()})
+    return Section(title.lower(), title, 0, {key.lower(): value for key, value in texts.items()}, dict(texts))
 
 
 # --- The device ---
@@ -285,7 +285,7 @@ def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
     keys = _entry_keys(entry, told, code, od.node_id or 0)
     lines: _Lines = {}
     for key, (text, same) in keys.items():
-        if same and key in section.pairs:
+        if same and key in section.values:
             lines[_SPELLING[key]] = section.get(key)
         elif not same and text:
             lines[_SPELLING[key]] = text

@@ -8,7 +8,7 @@ back as it was. The work is proportional to the lines and entries of the file.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from canopen_control.errors import EdsError
@@ -161,7 +161,7 @@ class _Reader:
         return code
 
     def _compact_count(self, section: Section, *, quiet: bool = False) -> int:
-        if "compactsubobj" not in section.pairs:
+        if "compactsubobj" not in section.values:
             return 0
         report = Report(self.report.path) if quiet else self.report
         count = read_number(section, "compactsubobj", 0, report)
@@ -198,14 +198,15 @@ class _Reader:
         )
         names = self._compact_pairs(f"{index:04x}name", count)
         values = self._compact_pairs(f"{index:04x}value", count)
+        values_section = self.sections.get(f"{index:04x}value")
         model = self.entry_reader.read(section, index, 1, label, ObjectCode.VAR)
         for subindex in range(1, count + 1):
             name = names[subindex].value if subindex in names else f"{label}{subindex}"
-            entry = replace(model, subindex=subindex, name=name, texts={})
-            if subindex in values:
-                values_section = self.sections[f"{index:04x}value"]
-                entry = self.entry_reader.with_default(entry, values_section, values[subindex].key)
-            entries[index, subindex] = entry
+            pair = values.get(subindex)
+            if pair is None:
+                entries[index, subindex] = self.entry_reader.like(model, subindex, name)
+            else:
+                entries[index, subindex] = self.entry_reader.like(model, subindex, name, values_section, pair.key)
 
     def _compact_pairs(self, name: str, count: int) -> dict[int, Pair]:
         """Return by subindex what a [xxxxName] or [xxxxValue] section says of it."""

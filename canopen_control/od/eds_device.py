@@ -79,7 +79,7 @@ def _device_info(section: Section, report: Report) -> DeviceInfo:
     fields |= {field: read_number(section, key, 0, report) != 0 for key, field in DEVICE_FLAGS.items()}
     for key, field in DEVICE_COUNTS.items():
         fields[field] = read_number(section, key, _COUNT_DEFAULTS.get(key, 0), report)
-    rates = [(key, match) for key in section.pairs if (match := _BIT_RATE.fullmatch(key)) is not None]
+    rates = [(key, match) for key in section.values if (match := _BIT_RATE.fullmatch(key)) is not None]
     fields["bit_rates"] = frozenset(
         int(match[1]) * 1000 for key, match in rates if read_number(section, key, 0, report)
     )
@@ -89,14 +89,14 @@ def _device_info(section: Section, report: Report) -> DeviceInfo:
 def _dummies(section: Section | None, report: Report) -> list[int]:
     if section is None:
         return []
-    matches = [(key, match) for key in section.pairs if (match := _DUMMY.fullmatch(key)) is not None]
+    matches = [(key, match) for key in section.values if (match := _DUMMY.fullmatch(key)) is not None]
     return [int(match[1], 16) for key, match in matches if read_number(section, key, 0, report)]
 
 
 def _comments(section: Section | None) -> tuple[str, ...]:
     if section is None:
         return ()
-    lines = [(int(match[1]), key) for key in section.pairs if (match := _COMMENT.fullmatch(key)) is not None]
+    lines = [(int(match[1]), key) for key in section.values if (match := _COMMENT.fullmatch(key)) is not None]
     return tuple(section.get(key) for _, key in sorted(lines))
 
 

@@ -7,16 +7,15 @@ hold is left out; its text stays in the entry's `texts`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.od.eds_sections import clip, optional_number, read_number
-from canopen_control.od.eds_values import parse_value
+from canopen_control.od.eds_values import Parsed, parse_value
 from canopen_control.od.model import ACCESS_TYPES, DataType, Entry, ObjectCode
 
 if TYPE_CHECKING:
     from canopen_control.od.eds_sections import Section
-    from canopen_control.od.eds_values import Parsed
     from canopen_control.od.issues import Report
 
 __all__ = ["EntryReader"]
@@ -40,60 +39,119 @@ class _Limit(NamedTuple):
     relative: bool = False
 
 
+class _Traits(NamedTuple):
+    """What entries with the same keys have in common; `defaults` are texts of values that were read without a doubt."""
+
+    data_type: DataType
+    known: bool
+    access: str
+    pdo_mappable: bool
+    low: _Limit
+    high: _Limit
+    obj_flags: int
+    defaults: dict[str, Parsed]
+
+
 _NO_LIMIT = _Limit()
+_NO_VALUE = Parsed(None)
 
 
 @dataclass(frozen=True, slots=True)
 class EntryReader:
-    """Reads entries; `node_id` is what $NODEID stands for, None where that is not known yet."""
+    """Reads the entries of a file; `node_id` is what $NODEID stands for, None where that is not known yet.
+
+    A file with thousands of entries describes them by the same few texts, so that what was read of those without an
+    issue is kept.
+    """
 
     node_id: int | None
     report: Report
+    kept: dict[tuple[str | int | None, ...], _Traits] = field(default_factory=dict)
 
     def read(self, section: Section, index: int, subindex: int, name: str, code: int) -> Entry:
         """Return the entry that `section` describes; `code` is its object code."""
-        data_type, known = self._data_type(section, code)
-        default = self._parsed(section, "defaultvalue", data_type) if known else None
-        parameter = self._parsed(section, "parametervalue", data_type) if known else None
-        low, high = self._limits(section, data_type)
+        traits = self._traits(section, code)
+        data_type, known, access, pdo_mappable, low, high, obj_flags, _ = traits
+        default = self._parsed(section, "defaultvalue", traits) if known else _NO_VALUE
+        parameter = self._parsed(section, "parametervalue", traits) if known else _NO_VALUE
         return Entry(
-            index=index,
-            subindex=subindex,
-            name=name,
-            data_type=data_type,
-            access=self._access(section),
-            pdo_mappable=read_number(section, "pdomapping", 0, self.report) != 0,
-            default=None if default is None else default.value,
-            low=low.value,
-            high=high.value,
-            relative=default is not None and default.relative,
-            low_relative=low.relative,
-            high_relative=high.relative,
-            parameter_value=None if parameter is None else parameter.value,
-            parameter_relative=parameter is not None and parameter.relative,
-            obj_flags=read_number(section, "objflags", 0, self.report),
-            line=section.line,
-            texts=section.texts(),
+            index,
+            subindex,
+            name,
+            data_type,
+            access,
+            pdo_mappable,
+            default.value,
+            low.value,
+            high.value,
+            default.relative,
+            low.relative,
+            high.relative,
+            parameter.value,
+            parameter.relative,
+            obj_flags,
+            section.line,
+            section.texts(),
         )
 
-    def with_default(self, entry: Entry, section: Section, key: str) -> Entry:
-        """Return `entry` with the default that a [xxxxValue] section gives it."""
-        parsed = self._parsed(section, key, entry.data_type)
-        if parsed is None:
-            return entry
-        return replace(entry, default=parsed.value, relative=parsed.relative)
+    def like(self, model: Entry, subindex: int, name: str, values: Section | None = None, key: str = "") -> Entry:
+        """Return `model` as another subindex, with the default that a [xxxxValue] section has for it, if any."""
+        parsed = _NO_VALUE if values is None else self._read_value(values, key, model.data_type)
+        default, relative, _ = Parsed(model.default, model.relative) if parsed is _NO_VALUE else parsed
+        return Entry(
+            model.index,
+            subindex,
+            name,
+            model.data_type,
+            model.access,
+            model.pdo_mappable,
+            default,
+            model.low,
+            model.high,
+            relative,
+            model.low_relative,
+            model.high_relative,
+            model.parameter_value,
+            model.parameter_relative,
+            model.obj_flags,
+            model.line,
+        )
+
+    def _traits(self, section: Section, code: int) -> _Traits:
+        text = section.values.get
+        told = (
+            code,
+            text("datatype"),
+            text("accesstype"),
+            text("pdomapping"),
+            text("lowlimit"),
+            text("highlimit"),
+            text("objflags"),
+        )
+        traits = self.kept.get(told)
+        if traits is not None:
+            return traits
+        issues = len(self.report.issues)
+        data_type, known = self._data_type(section, code)
+        low, high = self._limits(section, data_type)
+        access = self._access(section)
+        pdo_mappable = read_number(section, "pdomapping", 0, self.report) != 0
+        obj_flags = read_number(section, "objflags", 0, self.report)
+        traits = _Traits(data_type, known, access, pdo_mappable, low, high, obj_flags, {})
+        if len(self.report.issues) == issues:
+            self.kept[told] = traits
+        return traits
 
     def _data_type(self, section: Section, code: int) -> tuple[DataType, bool]:
-        pair = section.pair("datatype")
-        if pair is None and code == ObjectCode.DOMAIN:
+        if "datatype" not in section.values and code == ObjectCode.DOMAIN:
             return DataType.DOMAIN, True
         number = optional_number(section, "datatype", self.report)
         data_type = _TYPES.get(number) if number is not None else None
         if data_type is not None:
             return data_type, True
         what = (
-            f"DataType={clip(pair.value)} is no basic type"
-            if pair is not None
+            f"DataType={clip(section.get('datatype'))} is no basic type"
+            if "datatype" in section.values
             else f"[{section.title}] has no DataType"
         )
         kept = " and its values kept as text" if any(section.get(key) for key in _VALUE_KEYS) else ""
@@ -109,25 +167,37 @@ class EntryReader:
             self.report.warning(section.line_of("accesstype"), "access-type", f"{what}; taken as {access}")
         return access
 
-    def _parsed(self, section: Section, key: str, data_type: DataType) -> Parsed | None:
-        pair = section.pairs.get(key)
-        if pair is None or not pair[1]:
-            return None  # an empty DefaultValue= is how many tools say that there is none
-        written, text, line = pair
+    def _parsed(self, section: Section, key: str, traits: _Traits) -> Parsed:
+        text = section.values.get(key)
+        if not text:
+            return _NO_VALUE  # an empty DefaultValue= is how many tools say that there is none
+        parsed = traits.defaults.get(text)
+        if parsed is None:
+            parsed = self._read_value(section, key, traits.data_type)
+            if parsed.issue is None and parsed is not _NO_VALUE:
+                traits.defaults[text] = parsed
+        return parsed
+
+    def _read_value(self, section: Section, key: str, data_type: DataType) -> Parsed:
+        text = section.get(key)
+        if not text:
+            return _NO_VALUE
         try:
             parsed = parse_value(text, data_type, self.node_id)
         except ValueError as problem:
-            reason = f"{written}={clip(text)} is no {data_type.name} ({problem}); the entry is left without"
-            self.report.error(line, "value-form", reason)
-            return None
+            reason = (
+                f"{section.spelled(key)}={clip(text)} is no {data_type.name} ({problem}); the entry is left without"
+            )
+            self.report.error(section.line_of(key), "value-form", reason)
+            return _NO_VALUE
         if parsed.issue is not None:
             issue = parsed.issue
-            self.report.add(line, issue.code, issue.severity, f"{written}={clip(text)}: {issue.text}")
+            told = f"{section.spelled(key)}={clip(text)}: {issue.text}"
+            self.report.add(section.line_of(key), issue.code, issue.severity, told)
         return parsed
 
     def _limits(self, section: Section, data_type: DataType) -> tuple[_Limit, _Limit]:
-        pairs = section.pairs
-        if "lowlimit" not in pairs and "highlimit" not in pairs:
+        if "lowlimit" not in section.values and "highlimit" not in section.values:
             return _NO_LIMIT, _NO_LIMIT
         low, high = self._limit(section, "lowlimit", data_type), self._limit(section, "highlimit", data_type)
         if low.value is not None and high.value is not None and low.value > high.value:
@@ -137,13 +207,13 @@ class EntryReader:
         return low, high
 
     def _limit(self, section: Section, key: str, data_type: DataType) -> _Limit:
-        pair = section.pair(key)
-        if pair is None or not pair.value or data_type.bits is None:
+        text = section.get(key)
+        if not text or data_type.bits is None:
             return _NO_LIMIT
         try:
-            parsed = parse_value(pair.value, data_type, self.node_id)
+            parsed = parse_value(text, data_type, self.node_id)
         except ValueError as problem:
-            text = f"{pair.key}={clip(pair.value)} is no {data_type.name} ({problem}); ignored"
-            self.report.warning(pair.line, "limit-form", text)
+            told = f"{section.spelled(key)}={clip(text)} is no {data_type.name} ({problem}); ignored"
+            self.report.warning(section.line_of(key), "limit-form", told)
             return _NO_LIMIT
         return _Limit(parsed.value, parsed.relative) if isinstance(parsed.value, int | float) else _NO_LIMIT

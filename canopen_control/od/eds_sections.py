@@ -1,12 +1,17 @@
 """The lines of an EDS or DCF file as sections of keys (CiA 306-1, 4.2), forgiving what editors do to files.
 
 UTF-8, UTF-16 and Windows-1252; CR, LF and CRLF, also mixed; an end-of-file character of DOS; any case of sections and
-keys. Of two sections or keys with one name the first counts, and the second is an issue. Every line is looked at once.
+keys. Of two sections or keys with one name the first counts, and the second is an issue.
+
+Large files have hundreds of thousands of lines, nearly all of them plain: a section of nothing but different keys is
+read as a whole, by a few calls that go over all its lines; any other goes line by line. Lines are counted where
+somebody asks for the number of one.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from operator import methodcaller
 from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.errors import EdsError
@@ -19,6 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Pair", "Section", "Sections", "clip", "decode_text", "optional_number", "read_number", "split_sections"]
 
+_COMMENT = ";#"
 _BLANK = " \t\r\n\x00\x1a\ufeff"
 _NOT_CANOPEN = (  # what the file begins with, and what it is then
     ("<", "is XML, a device description of CiA 311 (XDD or XDC), and no EDS; ask the vendor for the EDS"),
@@ -37,35 +43,62 @@ class Pair(NamedTuple):
 
 @dataclass(slots=True)
 class Section:
-    """One section; `pairs` by lower-case key, plain tuples because there are thousands of them."""
+    """One section; `values` by lower-case key, `written` by the key as written, both in the order of the file."""
 
     name: str  # lower case
     title: str  # as written
     line: int
-    pairs: dict[str, tuple[str, str, int]] = field(default_factory=dict)  # each the fields of a Pair
+    values: dict[str, str] = field(default_factory=dict)
+    written: dict[str, str] = field(default_factory=dict)
+    body: str = ""  # what follows the line of the section, where `lines` is still to be made of it
+    lines: dict[str, int] | None = None  # by lower-case key
 
     def get(self, key: str) -> str:
         """Return the text of a lower-case key, empty where it is absent."""
-        pair = self.pairs.get(key)
-        return pair[1] if pair is not None else ""
+        return self.values.get(key, "")
 
     def pair(self, key: str) -> Pair | None:
         """Return the line of a lower-case key, or None."""
-        pair = self.pairs.get(key)
-        return Pair(*pair) if pair is not None else None
+        return Pair(self.spelled(key), self.values[key], self.line_of(key)) if key in self.values else None
+
+    def spelled(self, key: str) -> str:
+        """Return a lower-case key that is there as it is written."""
+        return next(written for lower, written in zip(self.values, self.written, strict=True) if lower == key)
 
     def line_of(self, key: str) -> int:
         """Return the line of a key, or the section's where it is absent."""
-        pair = self.pairs.get(key)
-        return pair[2] if pair is not None else self.line
+        return self.line_numbers().get(key, self.line)
+
+    def line_numbers(self) -> dict[str, int]:
+        """Return the line of each key, by lower-case key."""
+        if self.lines is None:
+            self.lines = _lines_of_keys(self.body, self.line)
+        return self.lines
 
     def texts(self) -> dict[str, str]:
         """Return the section as written."""
-        return {key: value for key, value, _ in self.pairs.values()}
+        return self.written
 
     def numbered(self) -> Iterator[Pair]:
         """Yield the pairs whose key is a number, as in the object lists."""
-        return (Pair(*pair) for key, pair in self.pairs.items() if key.isascii() and key.isdigit())
+        pairs = zip(self.values, self.written.items(), strict=True)
+        return (
+            Pair(written, value, self.line_of(key))
+            for key, (written, value) in pairs
+            if key.isascii() and key.isdigit()
+        )
+
+
+def _lines_of_keys(body: str, line: int) -> dict[str, int]:
+    """Return the line of each key of a section that is read as a whole, which begins in `line`."""
+    numbered = enumerate(body.split("\n"), line + 1)
+    return {raw.partition("=")[0].strip().lower(): number for number, raw in numbered if _says(raw)}
+
+
+def _says(raw: str) -> bool:
+    """Whether a line is neither blank nor a comment."""
+    line = raw.lstrip()
+    return bool(line) and line[0] not in _COMMENT
 
 
 Sections = dict[str, Section]
@@ -87,7 +120,7 @@ def decode_text(data: bytes) -> tuple[str, str]:
 
 def read_number(section: Section, key: str, default: int, report: Report) -> int:
     """Return the number of a lower-case key, or `default`; a text that is empty or no number is reported."""
-    if key not in section.pairs:
+    if key not in section.values:
         return default
     number = _number(section, key, report, default)
     return default if number is None else number
@@ -95,19 +128,21 @@ def read_number(section: Section, key: str, default: int, report: Report) -> int
 
 def optional_number(section: Section, key: str, report: Report) -> int | None:
     """Return the number of a lower-case key, or None; a text that is empty or no number is reported."""
-    return _number(section, key, report) if key in section.pairs else None
+    return _number(section, key, report) if key in section.values else None
 
 
 def _number(section: Section, key: str, report: Report, default: int | None = None) -> int | None:
-    written, text, line = section.pairs[key]
+    text = section.values[key]
     try:
         number, _, issue = parse_number(text)
     except ValueError as problem:
+        written, line = section.spelled(key), section.line_of(key)
         what = f"{clip(text)} is {problem}" if text else "is empty"
         instead = "absent" if default is None else default
         report.warning(line, "key-number", f"{clip(written)} {what}; taken as {instead}")
         return None
     if issue is not None:
+        written, line = section.spelled(key), section.line_of(key)
         report.add(line, issue.code, issue.severity, f"{clip(written)}={clip(text)}: {issue.text}")
     return number
 
@@ -120,33 +155,20 @@ def clip(text: str) -> str:
 def split_sections(text: str, report: Report) -> Sections:
     """Split the text of a file; EdsError where it holds no section at all."""
     splitter = _Splitter(report)
-    pairs: dict[str, tuple[str, str, int]] | None = None  # of the current section
-    for number, raw in enumerate(_lines(text), 1):
-        line = raw.strip()
-        if not line or line[0] in ";#":
-            continue
-        if line[0] == "[":
-            pairs = splitter.open(line, number)
-            continue
-        key, equals, value = line.partition("=")
-        if not equals or pairs is None:
-            splitter.stray(line, number)
-            continue
-        key = key.rstrip()
-        pair = (key, value.lstrip(), number)
-        first = pairs.setdefault(key.lower(), pair)
-        if first is not pair:
-            splitter.repeated(Pair(*pair), Pair(*first))
+    before, *sections = f"\n{_with_plain_ends(text)}".split("\n[")
+    number = splitter.read_lines(None, before.split("\n"), 0)
+    for section in sections:
+        number = splitter.read_section(section, number)
     if not splitter.sections:
         raise EdsError(report.path, 1, _what_else(text.strip(_BLANK)))
     return splitter.sections
 
 
-def _lines(text: str) -> list[str]:
-    """Split at CR, LF and CRLF; the end-of-file character of DOS and padding zeros are blanks."""
+def _with_plain_ends(text: str) -> str:
+    """Return the text with its lines ended by LF; the end-of-file character of DOS and padding zeros are blanks."""
     for odd, plain in (("\r\n", "\n"), ("\r", "\n"), ("\x1a", " "), ("\0", " "), ("\ufeff", " ")):
         text = text.replace(odd, plain)
-    return text.split("\n")
+    return text
 
 
 def _what_else(text: str) -> str:
@@ -160,26 +182,100 @@ def _what_else(text: str) -> str:
     return "has no sections, so it is no EDS"
 
 
+_at_equals = methodcaller("split", "=", 1)
+
+
+class _Keys(dict[str, str]):
+    """Keys without blanks, by what stands before the equals sign; a file uses few of them thousands of times."""
+
+    def __missing__(self, raw: str) -> str:
+        key = raw.strip()
+        if key[:1] in ("[", ";", "#"):
+            raise ValueError("no key")
+        self[raw] = key
+        return key
+
+
+class _LowerKeys(dict[str, str]):
+    """Keys in lower case, by the key as written."""
+
+    def __missing__(self, key: str) -> str:
+        self[key] = lower = key.lower()
+        return lower
+
+
 class _Splitter:
     """The sections so far, and what to do at the lines that are no plain ``key=value``."""
 
     def __init__(self, report: Report) -> None:
         self.report = report
         self.sections: Sections = {}
+        self._keys, self._lower_keys = _Keys(), _LowerKeys()
 
-    def open(self, line: str, number: int) -> dict[str, tuple[str, str, int]]:
-        """Open a section and return where its keys go; a repeated one's go nowhere."""
+    def read_section(self, text: str, number: int) -> int:
+        """Read what begins behind the bracket of a section in line `number`; return the number of the line after it."""
+        head, newline, body = text.partition("\n")
+        section = self.open(f"[{head.rstrip()}", number)
+        lines = body.split("\n") if newline else []
+        if not self._read_whole(section, body, lines):
+            return self.read_lines(section, lines, number + 1)
+        return number + 1 + len(lines)
+
+    def _read_whole(self, section: Section, body: str, lines: list[str]) -> bool:
+        """Read the lines of a section at once; return false, with nothing done, where one of them is not plain."""
+        if ";" in body or "#" in body:
+            lines = [line for line in lines if line[:1] not in (";", "#")]
+        try:
+            raw_keys, raw_values = zip(*map(_at_equals, filter(None, lines)), strict=True)
+            keys = tuple(map(self._keys.__getitem__, raw_keys))
+        except ValueError:  # no equals sign, a comment after blanks, or no lines at all
+            return False
+        values = tuple(map(str.strip, raw_values))
+        by_lower = dict(zip(map(self._lower_keys.__getitem__, keys), values, strict=True))
+        if len(by_lower) < len(keys):
+            return False
+        section.values, section.written = by_lower, dict(zip(keys, values, strict=True))
+        section.body, section.lines = body, None
+        return True
+
+    def read_lines(self, section: Section | None, lines: list[str], first: int) -> int:
+        """Read lines one by one, from number `first` on; return the number of the line after them."""
+        for number, raw in enumerate(lines, first):
+            line = raw.strip()
+            if not line or line[0] in _COMMENT:
+                continue
+            if line[0] == "[":
+                section = self.open(line, number)
+                continue
+            key, equals, value = line.partition("=")
+            if not equals or section is None:
+                self.stray(line, number)
+            else:
+                self._add(section, Pair(key.rstrip(), value.lstrip(), number))
+        return first + len(lines)
+
+    def _add(self, section: Section, pair: Pair) -> None:
+        lower = pair.key.lower()
+        first = section.pair(lower)
+        if first is not None:
+            self.repeated(pair, first)
+            return
+        section.values[lower] = section.written[pair.key] = pair.value
+        section.line_numbers()[lower] = pair.line
+
+    def open(self, line: str, number: int) -> Section:
+        """Open a section and return it; of a repeated one nothing is kept."""
         title, closed, rest = line[1:].partition("]")
         title, rest = title.strip(), rest.strip()
-        if not closed or (rest and rest[0] not in ";#"):
+        if not closed or (rest and rest[0] not in _COMMENT):
             text = f"section line {clip(line)!r} is malformed; read as [{clip(title)}]"
             self.report.warning(number, "section-form", text)
-        section = Section(title.lower(), title, number)
+        section = Section(title.lower(), title, number, lines={})
         first = self.sections.setdefault(section.name, section)
         if first is not section:
             text = f"section [{clip(title)}] is repeated; the one in line {first.line} counts, this one is ignored"
             self.report.warning(number, "section-repeated", text)
-        return section.pairs
+        return section
 
     def stray(self, line: str, number: int) -> None:
         """Report a line that says nothing."""

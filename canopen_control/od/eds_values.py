@@ -39,9 +39,9 @@ class ValueIssue(NamedTuple):
 
 
 class Parsed(NamedTuple):
-    """A value; `relative` where $NODEID was part of it."""
+    """A value, None of what says none; `relative` where $NODEID was part of it."""
 
-    value: Value
+    value: Value | None
     relative: bool = False
     issue: ValueIssue | None = None
 

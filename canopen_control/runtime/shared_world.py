@@ -24,7 +24,7 @@ from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.physics_plant import check_physics, write_buses, write_plant
 from canopen_control.runtime.robot_files import MAIN_BUS, find_robot
 from canopen_control.runtime.setup import read_robot
-from canopen_control.virtual.device import WORLD_NOTE
+from canopen_control.virtual.plant import WORLD_NOTE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

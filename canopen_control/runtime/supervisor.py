@@ -19,7 +19,7 @@ from canopen_control.host.environment import MODULE, lean_python
 from canopen_control.host.spawn import end_children, spawn, state_dir
 from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.physics_plant import write_buses
-from canopen_control.virtual.device import WORLD_NOTE
+from canopen_control.virtual.plant import WORLD_NOTE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.sensed_world import SensedWorld
-from canopen_control.physics.tag_sensors import INTERFACES, tag_sensors
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -38,6 +37,10 @@ def world_sensors(setup: RobotSetup) -> dict[str, SensorSettings]:
 def _sensors(setup: RobotSetup, tags: Iterable[Ros2ControlSystem]) -> dict[str, SensorSettings]:
     description = setup.description
     parts = [part for tag in tags for part in sensed_parts(setup, tag)]
+    if not parts:
+        return {}
+    from canopen_control.physics.tag_sensors import tag_sensors  # most robots are run without physics
+
     return tag_sensors(parts, description.links, description.model.root, description.path)
 
 
@@ -53,9 +56,7 @@ class SensedValues:
 
     def __init__(self, components: Sequence[SensedWorld], sensors: Mapping[str, SensorSettings]) -> None:
         self._components = components
-        self._names = {
-            name: [f"{name}/{interface}" for interface in INTERFACES[each.kind]] for name, each in sensors.items()
-        }
+        self._names = {name: _interfaces_of(name, each) for name, each in sensors.items()}
 
     @property
     def wanted(self) -> bool:
@@ -69,3 +70,9 @@ class SensedValues:
             values.update(zip(self._names.get(name, ()), numbers, strict=False))
         for component in self._components:
             component.take(values)
+
+
+def _interfaces_of(name: str, sensor: SensorSettings) -> list[str]:
+    from canopen_control.physics.tag_sensors import INTERFACES
+
+    return [f"{name}/{interface}" for interface in INTERFACES[sensor.kind]]

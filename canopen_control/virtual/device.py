@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.errors import ConfigError
@@ -17,7 +17,7 @@ from canopen_control.virtual.device_function import Follower
 from canopen_control.virtual.device_model import GENERIC, DeviceModel, vendor_model
 from canopen_control.virtual.fault_switches import FaultSwitches
 from canopen_control.virtual.parameter_file import ParameterFile
-from canopen_control.virtual.plant import PlainWorld, TellingWorld, World
+from canopen_control.virtual.plant import WORLD_NOTE, PlainWorld, TellingWorld, World
 from canopen_control.virtual.shaft import ShaftWorld
 from canopen_control.virtual.tmcm1270 import TMCM1270, is_tmcm1270
 from canopen_control.virtual.virtual_node import VirtualNode
@@ -29,10 +29,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.plant import Plant
     from canopen_control.virtual.scenario import Switching
 
-__all__ = ["WORLD_NOTE", "Devices", "device_model_of", "make_device", "make_devices"]
-
-WORLD_NOTE: Final = "world: "
-"""What a line begins with that tells what the world had to guess."""
+__all__ = ["Devices", "device_model_of", "make_device", "make_devices"]
 
 
 def device_model_of(od: ObjectDictionary) -> DeviceModel:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, runtime_checkable
 
 from canopen_control.rpc.messages.drive import WorldAct, WorldState
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.trajectory import Piece, Trajectory
 
 __all__ = [
+    "WORLD_NOTE",
     "ChangeableWorld",
     "CoupledPlant",
     "FurnishedWorld",
@@ -34,6 +35,9 @@ __all__ = [
     "TellingWorld",
     "World",
 ]
+
+WORLD_NOTE: Final = "world: "
+"""What a line of a process of drives begins with that tells what its world had to guess."""
 
 
 class Plant(Protocol):

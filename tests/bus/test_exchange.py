@@ -10,6 +10,7 @@ from canopen_control.bus import exchange as exchange_module
 from canopen_control.bus.error_frames import lost_frames, overrun_frame, protocol_error_frame
 from canopen_control.bus.exchange import BACKLOG_LIMIT, Exchange
 from canopen_control.bus.timing import duration_ns, frame_bits
+from canopen_control.bus.wanted import pack_wanted
 from canopen_control.bus.wire_faults import DropRule
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
@@ -287,3 +288,54 @@ def test_garbage_never_raises(data, paced):
     exchange.receive(sender, data, 0)
     exchange.tick(10**9)
     assert len(reader.outbox) == len(data) // RECORD_SIZE * RECORD_SIZE
+
+
+# --- Who has said what he wants ---
+
+
+def test_who_wants_something_is_left_in_peace_by_all_that_holds_nothing_of_it(exchange, trio):
+    master, left, right = trio
+    exchange.receive(left, pack_wanted([0x80, 0x202]), 0)
+    assert not master.outbox
+    assert not right.outbox
+    assert exchange.frames == left.tx == 0
+    exchange.receive(right, pack_records([frame(1, 0x183)]), 0)
+    assert not left.outbox
+    assert left.rx == 0
+    assert take(exchange, master) == [frame(1, 0x183)]
+
+
+def test_what_comes_together_with_something_wanted_comes_with_it(exchange, trio):
+    master, left, right = trio
+    exchange.receive(left, pack_wanted([0x80]), 0)
+    cycle = [CanFrame(0x80), frame(1, 0x203)]
+    exchange.receive(master, pack_records(cycle), 0)
+    assert take(exchange, left) == take(exchange, right) == cycle
+
+
+def test_frames_with_flags_are_left_to_who_gets_them(exchange, trio):
+    master, left, _ = trio
+    exchange.receive(left, pack_wanted([0x80]), 0)
+    for each in (protocol_error_frame(), CanFrame(0x80000080), CanFrame(0x40000702)):
+        exchange.receive(master, pack_records([each]), 0)
+        assert take(exchange, left) == [each]
+
+
+def test_what_is_wanted_may_come_in_any_split_between_frames(exchange, trio):
+    master, left, right = trio
+    stream = pack_records([frame(1)]) + pack_wanted(range(0x80, 0x85)) + pack_records([frame(2)])
+    for byte in stream:
+        exchange.receive(left, bytes([byte]), 0)
+    assert take(exchange, master) == [frame(1), frame(2)]
+    for can_id in (0x84, 0x85):
+        exchange.receive(right, pack_records([frame(can_id, can_id)]), 0)
+    assert take(exchange, left) == [frame(0x84, 0x84)]
+
+
+def test_a_paced_wire_knows_what_is_wanted(exchange, trio):
+    master, left, _ = trio
+    exchange.receive(left, pack_wanted([0x80]), 0)
+    exchange.pace(1_000_000, 0)
+    exchange.receive(master, pack_records([frame(1, 0x203), CanFrame(0x80)]), 0)
+    exchange.tick(MS)
+    assert take(exchange, left) == [CanFrame(0x80)]

@@ -58,7 +58,7 @@ class Bench:
         sock.sendall(pack_hello(os.getpid(), label))
         self.settle()
         hello = parse_hello(sock.recv(HELLO_SIZE))
-        port = LocalPort("bench", sock, hello.label)
+        port = LocalPort("bench", sock, hello.label, hello.abilities)
         self.open.append(port)
         return port
 
@@ -103,6 +103,37 @@ def test_a_cycle_goes_through_and_comes_out_in_one_piece(bench):
     bench.settle()
     assert sorted(received(master)) == [frame(1), frame(2)]
     assert received(left) == [frame(2)]
+
+
+def test_who_asks_for_some_frames_is_not_woken_for_others(bench):
+    master, left, right = (bench.join(label) for label in ("master", "left", "right"))
+    left.set_filter([0x80, 0x202])
+    right.send(pack_records([frame(1, 0x183)]))
+    bench.settle()
+    assert received(left) == []
+    assert received(master) == [frame(1, 0x183)]
+    left.set_filter({0x183: "anything"})
+    left.send(pack_records([frame(2)]))
+    right.send(pack_records([frame(3, 0x183)]))
+    bench.settle()
+    assert received(left) == [frame(3, 0x183)]
+    assert left.stats.tx == 1
+
+
+def test_a_hub_that_takes_no_such_wish_is_not_told(bench):
+    reader, left = (bench.join(label) for label in ("reader", "left"))
+    old = LocalPort("bench", left._socket, left.label)
+    old.set_filter([0x80])
+    bench.settle()
+    assert received(reader) == []
+
+
+def test_a_wish_to_a_hub_that_is_gone_does_no_harm(bench):
+    left = bench.join("left")
+    bench.hub.close()
+    left.set_filter([0x80])
+    with pytest.raises(CanopenError, match="hub process is gone"):
+        left.receive()
 
 
 def test_a_greeting_and_frames_may_come_in_any_pieces(bench):
@@ -228,7 +259,7 @@ def test_another_version_is_answered_with_ours(bench):
     sock = bench.connect()
     sock.sendall(pack_hello(1, "future", VERSION + 1))
     bench.settle()
-    assert parse_hello(sock.recv(HELLO_SIZE)) == (VERSION, os.getpid(), "")
+    assert parse_hello(sock.recv(HELLO_SIZE)) == (VERSION, os.getpid(), "", 0)
     assert sock.recv(1) == b""
 
 

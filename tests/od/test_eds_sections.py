@@ -1,8 +1,11 @@
 """Lines to sections, whatever the editor did."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from canopen_control.errors import EdsError
+from canopen_control.od import eds_sections
 from canopen_control.od.eds_sections import clip, decode_text, optional_number, read_number, split_sections
 from canopen_control.od.issues import Report, Severity
 
@@ -133,3 +136,61 @@ def test_numbers_that_cannot_be_read_are_replaced_and_reported():
 def test_messages_quote_no_more_than_fits():
     assert clip("short") == "short"
     assert len(clip("x" * 1000)) == 60
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "x=1\ny=2\n\n",
+        "x=1\n; x=3\n\ny=2",
+        "  x =1\n\n\t y =\t2 \n",
+        "no equals\nx=1\n\ny=2\n",
+        "X=1\n # a\ny=2\ny=2",
+    ],
+)
+def test_keys_know_their_lines_however_a_section_was_read(body):
+    sections, _ = split(f"\n[A]\n{body}\n[B]\nz=3")
+    lines = [line.strip().lower() for line in body.split("\n")]
+    at = {key: next(n for n, line in enumerate(lines, 3) if line.startswith(key)) for key in "xy"}
+    assert {key: sections["a"].line_of(key) for key in "xy"} == at
+    assert sections["a"].values == {"x": "1", "y": "2"}
+    assert sections["b"].line == body.count("\n") + 4
+    assert sections["b"].pair("z") == ("z", "3", body.count("\n") + 5)
+
+
+_PARTS = (
+    "x",
+    "Y",
+    "y",
+    "=",
+    "=",
+    "1",
+    "0x2",
+    ";",
+    "#",
+    "[",
+    "]",
+    "\n",
+    "\n",
+    "\r\n",
+    " ",
+    "\t",
+    "\xa0",
+    "\n[a]\n",
+    "\n [b]\n",
+)
+
+
+@given(st.lists(st.sampled_from(_PARTS), max_size=30).map(lambda parts: f"[A]\n{''.join(parts)}"))
+def test_a_section_that_is_read_as_a_whole_is_what_it_is_line_by_line(text):
+    def told(found):
+        sections, issues = found
+        return [
+            (each.name, each.title, each.line, each.values, each.written, list(map(each.line_of, each.values)))
+            for each in sections.values()
+        ], issues
+
+    at_once = told(split(text))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(eds_sections._Splitter, "_read_whole", lambda *_: False)
+        assert told(split(text)) == at_once

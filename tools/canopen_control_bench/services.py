@@ -5,16 +5,20 @@ process, all its threads; it has a processor for itself, bus and server the othe
 it brings where there is no CAN, ours `local:` between processes, canopen's python-can's `virtual` between threads. What
 is moved is compared with what came back first.
 
-A round moves a block once; segments, which take canopen seconds for 64 KiB, are moved in two rounds only.
+A round moves a block once; segments, which take canopen seconds for 64 KiB, are moved in two rounds only. EDS files are
+the drive's and large ones that are made up in the shapes of public ones: the two readers take turns with each of them,
+and judged are the median of the shapes' ratios and the largest, since who is slow for one shape is slow for somebody.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.local import ask_hub
@@ -22,6 +26,7 @@ from canopen_control.errors import CanopenError
 from canopen_control.interop.canopen import to_canopen
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.hub import GetHubStatus
+from canopen_control_bench.eds_files import DUMMIES, SHAPES, written
 from canopen_control_bench.figure import AT_LEAST, Figure, compared
 from canopen_control_bench.machine import apart
 from canopen_control_bench.peers.sdo_canopen import import_eds, their_client, their_virtual_client
@@ -32,14 +37,15 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from contextlib import AbstractContextManager
 
+    from canopen_control_bench.eds_files import Shape
     from canopen_control_bench.runner import Options
 
 __all__ = ["check", "measure"]
 
 CANOPEN = "canopen"
-CPU_LIMIT, EDS_LIMIT, BLOCK_LIMIT = 0.5, 0.5, 5.0
+CPU_LIMIT, EDS_LIMIT, LARGE_EDS_LIMIT, BLOCK_LIMIT = 0.5, 0.5, 0.35, 5.0
 TRIPS, QUICK_TRIPS = 1000, 400
-ROUNDS, BEST_OF, SEGMENTED_ROUNDS, LOADS = 9, 20, 2, 5
+ROUNDS, BEST_OF, SEGMENTED_ROUNDS, LOADS, LARGE_ROUNDS, QUICK_SHAPES = 9, 20, 2, 5, 3, 3
 
 Opener = Callable[[], "AbstractContextManager[Client]"]
 Work = Callable[[Client], object]
@@ -73,7 +79,7 @@ def measure(options: Options) -> list[Figure]:
             figures = [*_round_trips(trips), *_blocks(quick=options.quick)]
             if not options.quick:
                 figures += _segmented()
-    return [*figures, _eds()]
+    return [*figures, _eds(), *_large_eds(SHAPES[:QUICK_SHAPES] if options.quick else SHAPES)]
 
 
 def check(client: Client, payload: bytes) -> None:
@@ -163,14 +169,47 @@ def _eds() -> Figure:
     """Read the same EDS with both, which have to find the same dictionary."""
     if len(to_canopen(read_eds(EDS, NODE).od)) != len(import_eds(EDS, NODE)):
         raise CanopenError(f"{EDS}: the two readers do not find the same objects")
+    return compared("EDS load, TMCM-1270: CPU", "ms", _loads(EDS, ROUNDS, LOADS), peer_name=CANOPEN, limit=EDS_LIMIT)
+
+
+def _large_eds(shapes: Sequence[Shape]) -> list[Figure]:
+    """Have both read a file of each shape: the median, and the one that is least good."""
+    with tempfile.TemporaryDirectory() as folder:
+        figures = [_shape(shape, Path(folder, "large.eds")) for shape in shapes]
+    rounds = [(each.ours, each.peer or 0.0) for each in figures]
+    worst = max(figures, key=lambda each: each.judged)
+    ratios = {each.name: each.judged for each in figures}
+    return [
+        compared(
+            f"EDS load, {len(shapes)} large files: CPU",
+            "ms",
+            rounds,
+            peer_name=CANOPEN,
+            limit=LARGE_EDS_LIMIT,
+            absolutes=ratios,
+        ),
+        replace(worst, name=f"the least good of them ({worst.name})", limit=1.0),
+    ]
+
+
+def _shape(shape: Shape, path: Path) -> Figure:
+    path.write_bytes(written(shape))
+    ours, theirs = len(read_eds(path, NODE).od.objects), len(import_eds(str(path), NODE)) - DUMMIES
+    if ours != theirs:
+        raise CanopenError(f"{shape.name}: the two readers find {ours} and {theirs} objects")
+    return compared(shape.name, "ms", _loads(str(path), LARGE_ROUNDS, 1), peer_name=CANOPEN)
+
+
+def _loads(path: str, rounds: int, loads: int) -> list[tuple[float, float]]:
+    """Return the CPU in ms of one load, ours and theirs, of each round."""
 
     def milliseconds(load: Callable[[], object]) -> float:
         begin = time.process_time()
-        for _ in range(LOADS):
+        for _ in range(loads):
             load()
-        return 1e3 * (time.process_time() - begin) / LOADS
+        return 1e3 * (time.process_time() - begin) / loads
 
-    rounds = [
-        (milliseconds(lambda: read_eds(EDS, NODE)), milliseconds(lambda: import_eds(EDS, NODE))) for _ in range(ROUNDS)
+    return [
+        (milliseconds(lambda: read_eds(path, NODE)), milliseconds(lambda: import_eds(path, NODE)))
+        for _ in range(rounds)
     ]
-    return compared("EDS load, TMCM-1270: CPU", "ms", rounds, peer_name=CANOPEN, limit=EDS_LIMIT)
