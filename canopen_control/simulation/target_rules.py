@@ -139,9 +139,9 @@ class TargetRules:
         if not told:
             axis.rest()
         elif mode == _CSP:
-            low, high, reach = min(told), max(told), _reach(drive)
-            place, reach = float(units.user(plant.position)), high - low + reach
-            self._within(axis, place, told, 1.0, (low - reach, high + reach), "is at {} of its units")
+            least, most = min(told), max(told)
+            place, reach = float(units.user(plant.position)), most - least + _reach(drive)
+            self._within(axis, place, told, 1.0, (least - reach, most + reach), "is at {} of its units")
         else:
             limited, unit = drive.limits.velocity, units.velocity
             low = high = limited(told[0] * unit)
