@@ -86,12 +86,16 @@ def state_sample(robot: RobotCore) -> StateSample:
 
 def simulated_seconds(robot: RobotCore) -> float | None:
     """Return how long the simulation has run, for `/clock`; None if nothing is simulated."""
+    if robot.in_virtual_time:
+        return robot.reactor.now() / 1e9
     times = (each.simulated_ns for each in robot.registry.components)
     return next((each / 1e9 for each in times if each is not None), None)
 
 
 def simulated_epoch(robot: RobotCore) -> float | None:
     """Return the Unix seconds at which the simulation would have begun, had its time never stood; None as above."""
+    if robot.in_virtual_time:
+        return robot.wall_offset_ns / 1e9
     seconds, clock = simulated_seconds(robot), robot.cycle.clock
     if seconds is None or not clock.simulated:
         return None
