@@ -214,7 +214,7 @@ def _run_world(args: argparse.Namespace) -> int:
         if given:
             raise ConfigError(f"{option} is of one robot; give CONFIG, and --physics with --world")
     drawn = known_faults(physics=True)
-    faults = drawn if args.faults == "all" else _faults(args.faults or "none", known_faults())
+    faults = drawn if args.faults == "all" else _faults("none" if args.faults is None else args.faults, known_faults())
     return simulate_world(args, args.length or DEFAULT_NS, faults)
 
 
@@ -292,7 +292,7 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Act, .
     from canopen_control.simulation.motions import motions_of
     from canopen_control.simulation.scenario_steps import read_scenario_steps
 
-    faults = _faults(args.faults or "none", known_faults())
+    faults = _faults("none" if args.faults is None else args.faults, known_faults())
     if args.scenario is not None or args.recording is not None:
         option = "--scenario" if args.recording is None else "--recording"
         if faults:
@@ -331,6 +331,8 @@ def _faults(text: str, known: list[str]) -> list[str]:
         return known
     names = [each.strip() for each in text.split(",")]
     for name in names:
+        if not name:
+            raise ConfigError(f"--faults {text!r}: a name is empty; give names apart by commas, all, or none")
         if name not in known:
             raise ConfigError(f"--faults: no fault {name!r}{nearest(name, known)}; see: canopen-control fault list")
     return names
