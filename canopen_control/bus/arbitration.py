@@ -101,12 +101,17 @@ class PacedWire:
         It is None where it was disturbed, or none was there.
         """
         done = self._on_wire
-        if done is None:
-            return None
-        if self.disturbed is not _never and self.disturbed(done[1], done[3]):
+        if done is not None and self.disturbed is not _never and self.disturbed(done[1], done[3]):
             self._queues.setdefault(done[1], deque()).appendleft(done)
-            done = None
-        self._begin(self._done_ns)
+            self._begin(self._done_ns)
+            return None
+        return self.end()
+
+    def end(self) -> Waiting | None:
+        """End the frame on the wire, which nobody has disturbed, and begin the next; as `finish`."""
+        done = self._on_wire
+        if done is not None:
+            self._begin(self._done_ns)
         return done
 
     def advance(self, now: int) -> Iterator[tuple[int, bytes]]:

@@ -109,6 +109,15 @@ class RpdoConsumer:
         else:
             self._held = data
 
+    def hold(self, data: bytes) -> bool:
+        """Take data that do nothing but wait for the next SYNC; False: `receive` has to look at them."""
+        usual = self._waits and self.running and len(data) == self.length
+        if not usual or self.window_ns or self._timed_out or self.length_error is not None:
+            return False
+        self.received += 1
+        self._held = data
+        return True
+
     def sync(self, now: int) -> None:
         """Take a SYNC: held data count now."""
         self._sync_ns = now
@@ -139,6 +148,7 @@ class RpdoConsumer:
         self._immediate = is_event_driven(parameters.transmission_type)
         usable = parameters.enabled and (self._immediate or parameters.transmission_type <= LAST_CYCLIC)
         self._can_id = parameters.cob_id | (EXTENDED_FLAG if parameters.extended else 0) if usable else -1
+        self._waits = usable and not self._immediate and not self._event_ns
 
     def _clear(self) -> None:
         self._held = self._deadline_ns = None

@@ -25,8 +25,12 @@ scenario, which --out FILE.yml keeps. It is a flight recording, or the frames of
 --physics has the virtual drives move the robot on a floor, as in a run (extra [physics]), with what --world FILE puts
 on it; --world FILE alone simulates the robots that the file names, in one world and one virtual time.
 
---speed 1 is a run without processes, for a debugger. Ctrl-C ends it and keeps what there is. --json prints one object
-at the end, with the SHA-256 of every frame and event with its time.
+--speed 1 is a run without processes, for a debugger. With --serve programs reach the robot by its socket meanwhile, as
+one that runs (status, command, view, ...), and with --ros those of ROS by its topics and /clock; it goes as fast as
+real time then unless --speed says more, and nothing is drawn unless --seed, --faults or --scenario say so.
+
+Ctrl-C ends a simulation and keeps what there is. --json prints one object at the end, with the SHA-256 of every frame
+and event with its time.
 
 Exit codes: 0 good, 1 something happened that must not, 2 usage or configuration, 130 seeds interrupted.
 """
@@ -36,11 +40,12 @@ from __future__ import annotations
 import argparse
 import contextlib
 import gc
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.run import add_file_arguments, find_files, names_robot
+from canopen_control.cli.run import add_file_arguments, bridge_arguments, find_files, names_robot
 from canopen_control.cli.support.arguments import number, whole_number
 from canopen_control.errors import ConfigError, nearest
 
@@ -68,8 +73,8 @@ _jobs = whole_number("number of processes: 1 to 64", range(1, 65))
 _factor = number("speed: max, or a number above 0", lambda value: value > 0.0)
 
 
-def _speed(text: str) -> float | None:
-    return None if text == "max" else _factor(text)
+def _speed(text: str) -> float:
+    return math.inf if text == "max" else _factor(text)
 
 
 def _duration(text: str) -> int:
@@ -119,8 +124,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="with --seeds: where breaches and the summary go (simulate-ROBOT); with --recording: its scenario",
     )
-    parser.add_argument("--speed", type=_speed, metavar="max|F", help="times real time at most (default: max)")
+    parser.add_argument(
+        "--speed", type=_speed, metavar="max|F", help="times real time at most (default: max, with --serve 1)"
+    )
+    parser.add_argument("--name", metavar="NAME", help="of the robot, for who reaches it with --serve")
+    parser.add_argument(
+        "--serve", action="store_true", help="let programs reach the robot by its socket, as one that runs"
+    )
+    parser.add_argument("--ros", action="store_true", help="--serve, with the ROS 2 bridge, which publishes /clock")
+    parser.add_argument("--namespace", metavar="NS", help="with --ros: of all its ROS names and frames")
     parser.add_argument("--json", action="store_true", help="print one object at the end")
+    parser.add_argument(
+        "--ros-args",
+        nargs=argparse.REMAINDER,
+        metavar="...",
+        help="with --ros, comes last: parameters, remappings, files for the bridge, as for any ROS program",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -141,15 +160,18 @@ def _run_one(args: argparse.Namespace) -> int:
     from canopen_control.simulation.simulated_robot import SimulatedRobot
     from canopen_control.simulation.simulation_run import SimulationRun
 
-    world = _world(args)
+    world, bridge = _world(args), _bridge(args)
     if args.record is not None:
         from canopen_control.cli.support.simulation_recording import check_recording_name
 
         check_recording_name(Path(args.record))
     setup = _setup(args)
     acts, seed, duration_ns = _schedule(args, setup)
-    simulation = SimulationRun(setup, seed, acts, speed=args.speed, robot=SimulatedRobot(setup, seed, world=world))
+    speed = 1.0 if args.speed is None and bridge is not None else _at_most(args.speed)
+    simulation = SimulationRun(setup, seed, acts, speed=speed, robot=SimulatedRobot(setup, seed, world=world))
     try:
+        if bridge is not None:
+            _serve(simulation, bridge if args.ros else None)
         _watch(simulation, duration_ns, args.record, quiet=args.json)
         outcome = simulation.outcome
         failure = simulation.robot.core.failure
@@ -159,13 +181,40 @@ def _run_one(args: argparse.Namespace) -> int:
     return 1 if outcome.breaches else 0
 
 
+def _at_most(speed: float | None) -> float | None:
+    """Return how many times real time a simulation may go, None: as fast as it can."""
+    return None if speed == math.inf else speed
+
+
+def _bridge(args: argparse.Namespace) -> tuple[str, ...] | None:
+    """Return with what the ROS bridge is started where programs may reach the robot, else None."""
+    arguments = bridge_arguments(args)
+    if args.ros:
+        from canopen_control.ros.installation import require_ros
+
+        require_ros()
+    return arguments if args.ros or args.serve else None
+
+
+def _serve(simulation: SimulationRun, bridge: tuple[str, ...] | None) -> None:
+    """Let programs reach the robot, those of ROS too where there is to be a bridge."""
+    from canopen_control.simulation.served_simulation import ServedSimulation
+
+    simulation.served = ServedSimulation(simulation.player)
+    if bridge is not None:
+        simulation.served.start_bridge(bridge)
+
+
 def _run_world(args: argparse.Namespace) -> int:
     """Run the robots of a world."""
     from canopen_control.cli.support.simulation_world import simulate_world
     from canopen_control.simulation.drawn_schedule import known_faults
 
+    for option, given in (("--serve", args.serve), ("--ros", args.ros)):
+        if given:
+            raise ConfigError(f"{option} is of one robot; give CONFIG, and --physics with --world")
     drawn = known_faults(physics=True)
-    faults = drawn if args.faults == "all" else _faults(args.faults or "none", known_faults())
+    faults = drawn if args.faults == "all" else _faults("none" if args.faults is None else args.faults, known_faults())
     return simulate_world(args, args.length or DEFAULT_NS, faults)
 
 
@@ -183,6 +232,7 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
         raise ConfigError(f"--can {args.can[0]}: a simulation has buses of its own; leave the option away")
     setup = read_robot(
         find_files(args),
+        name=args.name,
         controllers=args.controller,
         strict=args.strict,
         peer_merge=args.peer_merge,
@@ -206,8 +256,9 @@ def _run_campaign(args: argparse.Namespace) -> int:
     from canopen_control.simulation.drawn_schedule import known_faults
 
     singles = ("--scenario", args.scenario), ("--recording", args.recording), ("--record", args.record)
-    for option, given in (*singles, ("--speed", args.speed), ("--world", args.world)):
-        if given is not None:
+    served = ("--serve", args.serve), ("--ros", args.ros)
+    for option, given in (*singles, *served, ("--speed", args.speed), ("--world", args.world)):
+        if given:
             raise ConfigError(f"{option} is for one simulation; --seeds draws schedules, as fast as it can")
     if args.dask is not None and args.jobs is not None:
         raise ConfigError("--jobs is for processes of this computer, --dask for those of a cluster: give one of both")
@@ -241,7 +292,7 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Act, .
     from canopen_control.simulation.motions import motions_of
     from canopen_control.simulation.scenario_steps import read_scenario_steps
 
-    faults = _faults(args.faults or "none", known_faults())
+    faults = _faults("none" if args.faults is None else args.faults, known_faults())
     if args.scenario is not None or args.recording is not None:
         option = "--scenario" if args.recording is None else "--recording"
         if faults:
@@ -253,6 +304,8 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Act, .
         last = max((act.at_ns + (act.for_ns or 0) for act in scenario.acts), default=0)
         return scenario.acts, seed, args.length or scenario.duration_ns or last + DEFAULT_NS // 6
     seed, duration_ns = args.seed or 0, args.length or DEFAULT_NS
+    if (args.serve or args.ros) and args.seed is None and not faults:
+        return (), seed, duration_ns  # the programs ask for what happens
     nodes = [node.node_id for bus in setup.buses.values() for node in bus.nodes.values()]
     return draw_schedule(seed, duration_ns, motions_of(setup), nodes, faults), seed, duration_ns
 
@@ -278,6 +331,8 @@ def _faults(text: str, known: list[str]) -> list[str]:
         return known
     names = [each.strip() for each in text.split(",")]
     for name in names:
+        if not name:
+            raise ConfigError(f"--faults {text!r}: a name is empty; give names apart by commas, all, or none")
         if name not in known:
             raise ConfigError(f"--faults: no fault {name!r}{nearest(name, known)}; see: canopen-control fault list")
     return names
@@ -286,6 +341,7 @@ def _faults(text: str, known: list[str]) -> list[str]:
 def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, quiet: bool) -> None:
     """Run it, tell its events and how far it is, and record it; Ctrl-C ends it."""
     from canopen_control.cli.support.output import Progress
+    from canopen_control.runtime.core import RobotState
 
     progress = Progress("robot time", "s", stream=sys.stderr)
     if not quiet:
@@ -296,7 +352,11 @@ def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, q
 
         recorder = SimulationRecorder(simulation)
     with contextlib.suppress(KeyboardInterrupt), progress:
-        simulation.run(duration_ns, lambda robot_s, _real: progress.at(int(robot_s), int(duration_ns / 1e9) or None))
+        simulation.run(
+            duration_ns,
+            lambda robot_s, _real: progress.at(int(robot_s), int(duration_ns / 1e9) or None),
+            lambda: simulation.robot.core.state is RobotState.STOPPED,
+        )
 
     if recorder is not None and record is not None:
         recorder.write(Path(record))

@@ -85,7 +85,12 @@ class MarkedSelector(selectors.BaseSelector):
     def poll(self, _timeout: float | None, _most: int) -> Sequence[tuple[int, int]]:
         """Return what is marked as epoll does, for a reactor; each is readable."""
         marked, keys = self._marked, self._keys
-        return [(number, _READABLE) for number in marked if number in keys] if marked else ()
+        if not marked:
+            return ()
+        if len(marked) == 1:
+            [number] = marked
+            return ((number, _READABLE),) if number in keys else ()
+        return [(number, _READABLE) for number in marked if number in keys]
 
     def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
         """Return what is watched."""

@@ -120,6 +120,8 @@ class TimerQueue:
     def pop_due(self, now: int) -> list[Timer]:
         """Take out the active timers that are due at `now`, in order; a later cancel of one of them still counts."""
         heap = self._heap
+        if not heap or heap[0][0] > now:
+            return []
         due: list[Timer] = []
         while heap and heap[0][0] <= now:
             timer = heapq.heappop(heap)[2]

@@ -33,6 +33,7 @@ from canopen_control.version import __version__
 
 if TYPE_CHECKING:
     import socket
+    from collections.abc import Callable
 
     from canopen_control.rpc.messages.robot import RobotPush
     from canopen_control.rpc.server import Call, Connection
@@ -65,10 +66,14 @@ class _Subscription:
 
 
 class ApiServer:
-    """Serves one robot; the socket exists from construction to `close`, unless a `listener` stands for it."""
+    """Serves one robot; the socket exists from construction to `close`, unless a `listener` stands for it.
+
+    `on_request` hears each request that was not refused at once, but of those that only read.
+    """
 
     def __init__(self, robot: RobotCore, listener: socket.socket | None = None) -> None:
         self._robot = robot
+        self.on_request: Callable[[messages.Asked], object] | None = None
         self._subscriptions: dict[Connection, _Subscription] = {}
         self._process_data = ProcessDataFeed(robot.nodes.values())
         self._server: Server[RobotHello, RobotPush] = Server(
@@ -164,6 +169,8 @@ class ApiServer:
             self._server.push(messages.ProcessData(self._unix_time(), changes), watchers)
 
     def _push_request(self, method: str, params: Raw) -> None:
+        if self.on_request is not None:
+            self.on_request(messages.Asked(self._unix_time(), method, params))
         watchers = [connection for connection, wanted in self._subscriptions.items() if wanted.requests]
         if watchers and len(bytes(params)) <= MAX_REQUEST:
             self._server.push(messages.Asked(self._unix_time(), method, params), watchers)

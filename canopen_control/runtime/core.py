@@ -79,6 +79,7 @@ class RobotCore:
     """Everything between the ports and the API; `failure` says why the run failed.
 
     `on_running` and `on_stopped` are called once each, `on_event` with every event, `after_cycle` after every cycle.
+    `in_virtual_time`: its clock is that of a simulation, which is told as such.
     """
 
     def __init__(self, setup: RobotSetup, reactor: Reactor) -> None:
@@ -89,7 +90,7 @@ class RobotCore:
         self.on_running: Callable[[], None] | None = None
         self.on_stopped: Callable[[], None] | None = None
         self.after_cycle: list[Callable[[int], None]] = []
-        self.wall_offset_ns = time.time_ns() - reactor.now()
+        self.wall_offset_ns, self.in_virtual_time = time.time_ns() - reactor.now(), False
         self.commander: str | None = None
         self.latch, self.truth = StopLatch(self.report), TruePoseTracker()
         self.pacer = Pacer(reactor, setup.cycle_ns)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from canopen_control.cia402.modes import mode_name
 from canopen_control.controllers.state_copy import finite
 from canopen_control.hardware.interfaces import POSITION
+from canopen_control.master.event_log import Level
 from canopen_control.master.pdo_layout import layout_of
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.robot import BusPlace, NodeIdentity, NodeListing, NodePlace
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 __all__ = ["event_message", "layout_message", "nodes_message", "state_sample", "status_message"]
 
 _MAX_EVENTS = 50
+_LEVELS = {level: level.name.lower() for level in Level}
 
 
 def status_message(robot: RobotCore) -> Status:
@@ -84,12 +86,16 @@ def state_sample(robot: RobotCore) -> StateSample:
 
 def simulated_seconds(robot: RobotCore) -> float | None:
     """Return how long the simulation has run, for `/clock`; None if nothing is simulated."""
+    if robot.in_virtual_time:
+        return robot.reactor.now() / 1e9
     times = (each.simulated_ns for each in robot.registry.components)
     return next((each / 1e9 for each in times if each is not None), None)
 
 
 def simulated_epoch(robot: RobotCore) -> float | None:
     """Return the Unix seconds at which the simulation would have begun, had its time never stood; None as above."""
+    if robot.in_virtual_time:
+        return robot.wall_offset_ns / 1e9
     seconds, clock = simulated_seconds(robot), robot.cycle.clock
     if seconds is None or not clock.simulated:
         return None
@@ -136,7 +142,7 @@ def event_message(robot: RobotCore, event: Event) -> RobotEvent:
         time=(event.time + robot.wall_offset_ns) / 1e9,
         kind=event.kind,
         node=event.node or None,
-        level=event.level.name.lower(),
+        level=_LEVELS[event.level],
         text=event.sentence,
         count=event.count if several else 1,
         since=(since + robot.wall_offset_ns) / 1e9 if several else None,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Final
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     from canopen_control.simulation.campaign import SeedResult, Totals
     from canopen_control.simulation.state_coverage import Edge
 
-__all__ = ["html_summary", "junit_summary", "write_breach", "write_text"]
+__all__ = ["html_summary", "junit_summary", "make_folder", "write_breach", "write_text"]
 
 
 _STYLE: Final = "body{font:14px sans-serif;margin:2em}td,th{padding:.1em .6em;text-align:right}"
@@ -55,6 +57,16 @@ def write_breach(
 def _record(writer: RecordingWriter, now: int, _label: str, record: bytes) -> None:
     for frame in frames_of(record):
         writer.write(now, frame)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder that files are to be written to, where it is not there yet; ConfigError where that cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except OSError as error:
+        raise failed(folder, error, "nothing was written") from error
 
 
 def write_text(path: Path, text: str) -> None:

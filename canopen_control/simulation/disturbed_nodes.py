@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.simulation.simulated_robot import MASTER
-
 if TYPE_CHECKING:
     from canopen_control.simulation.acts import Act
     from canopen_control.simulation.simulated_robot import SimulatedDrive, SimulatedRobot
@@ -49,7 +47,7 @@ class DisturbedNodes:
             self._disturb_all(now)
             return
         for node_id, drive in robot.drives.items():
-            if drive.wire.tampered or drive.wire.silences(MASTER):
+            if drive.wire.tampered:  # whoever is cut off, too
                 self.hidden_at = now
             if self.hidden_at == now or _is_disturbed(drive, now):
                 self._last[node_id] = now

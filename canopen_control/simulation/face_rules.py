@@ -37,6 +37,9 @@ _LEAST: Final = 1e-3  # rad, rad/s, m or m/s
 _MARGIN_S: Final = 0.3  # by which an event may be before what a listener saw
 _FACES: Final = ("status", "sample")
 _POSITION, _VELOCITY = 1, 2
+_VALUES: Final = {_POSITION: "position", _VELOCITY: "velocity"}
+_STAMP: Final = ("joint_states", "", "stamp")
+_TOLD: Final = 1 << 62
 Truth = tuple[int, float, float]  # time, position, velocity in SI
 
 
@@ -48,33 +51,41 @@ class _Shaft:
     """
 
     def __init__(self, joint: str, view: NodeView, units: Mapping[str, float]) -> None:
-        self.joint, self.view, self._units = joint, view, units
+        self.joint, self.view = joint, view
+        self._position, self._velocity = units["pos_from_dev"], units["vel_from_dev"]
         self.truth: deque[Truth] = deque()
         self.offset: float | None = 0.0
         self._blur = 0.0  # of the offset, which was taken while it turned
         self._zero = 0.0
+        self._bounds: dict[int, tuple[float, float]] = {}  # of each kind of value in the last cycles
 
     def take(self, robot: SimulatedRobot, now: int) -> None:
         """Note where it is."""
-        device = robot.drives[self.view.node_id].device
+        device, truth = robot.drives[self.view.node_id].device, self.truth
         if device is None:
-            self.truth.clear()
+            truth.clear()
             return
-        plant, units = device.drives[0].mover.plant, device.drives[0].objects.units
+        drive = device.drives[0]
+        plant, units = drive.mover.plant, drive.objects.units
         if units.zero != self._zero:
-            self.truth.clear()
+            truth.clear()
             self.offset, self._zero = None, units.zero
-        position = units.user(plant.position) * self._units["pos_from_dev"]
-        self.truth.append((now, position, plant.velocity / units.velocity * self._units["vel_from_dev"]))
-        while self.truth[0][0] < now - _LAG_NS:
-            self.truth.popleft()
+        position = units.user(plant.position) * self._position
+        truth.append((now, position, plant.velocity / units.velocity * self._velocity))
+        while truth[0][0] < now - _LAG_NS:
+            truth.popleft()
+        if self._bounds:
+            self._bounds = {}
 
     def agrees(self, which: int, value: float | None) -> bool:
         """Whether a position or a velocity is one of the last cycles."""
         if value is None or not self.truth:
             return True
-        seen = [each[which] for each in self.truth]
-        low, high = min(seen), max(seen)
+        bounds = self._bounds.get(which)
+        if bounds is None:
+            seen = [each[which] for each in self.truth]
+            bounds = self._bounds[which] = min(seen), max(seen)
+        low, high = bounds
         if which == _POSITION and self.offset is None:
             self.offset, self._blur = value - self.truth[-1][_POSITION], high - low
         if which == _POSITION:
@@ -102,7 +113,8 @@ class FaceRules:
             _Shaft(joint, self._nodes[node.name], node.units.of_axis(0)) for joint, node in watched_joints(robot.setup)
         ]
         self._due = robot.now_ns + _EVERY_NS
-        self._wrong_since: dict[str, int] = {}
+        self._calm: dict[int, bool] = {}  # whether a node was left alone for a while, and is on its bus
+        self._wrong_since: dict[tuple[str, str, str], int] = {}  # face, who and what
         self._gone: dict[str, tuple[int, bool]] = {}  # node without supply -> since when, whether it was told ready
         self._ready: dict[str, bool] = {}
         self._told_faults: dict[str, int] = {}
@@ -120,6 +132,7 @@ class FaceRules:
             self._gone.clear()
             return
         status, sample = status_message(robot.core), state_sample(robot.core)
+        self._calm = {view.node_id: self._is_calm(view, now) for view in self._nodes.values()}
         for face, shown in zip(_FACES, (status, sample), strict=True):
             for name, view in self._nodes.items():
                 self._judge_node(face, shown.nodes[name], view, now)
@@ -131,7 +144,7 @@ class FaceRules:
             self._judge_supply(name, status.nodes[name], status.events, now)
             self._judge_fault(name, view, status.events, now)
 
-    def _calm(self, view: NodeView, now: int) -> bool:
+    def _is_calm(self, view: NodeView, now: int) -> bool:
         """Whether a node was left alone for a while and is on its bus."""
         since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
         return since < now - _CALM_NS and self._robot.drives[view.node_id].device is not None
@@ -140,19 +153,21 @@ class FaceRules:
 
     def _judge_node(self, face: str, told: NodeReading, view: NodeView, now: int) -> None:
         """Hold the states told of a node, and of its axes, against those that it is in."""
-        device, calm = self._robot.drives[view.node_id].device, self._calm(view, now)
-        claims: list[tuple[str, object, object]] = []
-        if device is not None:
-            claims = [("NMT", told.nmt_state, device.nmt.state.name)]
-            for axis in told.axes:
-                drive = device.drives[axis.axis]
-                claims.append(("CiA 402", axis.state, drive.state.name))
-                claims.append(("mode", axis.mode, mode_name(drive.modes.number)))
-        for what, claim, truth in claims:
-            wrong = calm and claim is not None and claim != truth
-            self._hold(
-                f"{face} {told.name} {what}", f"{face}: {told.name} is told as {claim}, it is {truth}", wrong, now
-            )
+        device = self._robot.drives[view.node_id].device
+        if device is None:
+            return
+        calm = self._calm[view.node_id]
+        self._judge_claim(face, told.name, "NMT", told.nmt_state, device.nmt.state.name, calm, now)
+        for axis in told.axes:
+            drive = device.drives[axis.axis]
+            self._judge_claim(face, told.name, "CiA 402", axis.state, drive.state.name, calm, now)
+            self._judge_claim(face, told.name, "mode", axis.mode, mode_name(drive.modes.number), calm, now)
+
+    def _judge_claim(self, face: str, who: str, what: str, claim: str | None, truth: str, calm: bool, now: int) -> None:
+        if claim is None or claim == truth or not calm:
+            self._wrong_since.pop((face, who, what), None)
+        elif self._lasts((face, who, what), _SOON_NS, now):
+            self._tell("shown_wrong", f"{face}: {who} is told as {claim}, it is {truth}")
 
     def _judge_joints(self, face: str, shown: Snapshot) -> None:
         now = self._robot.now_ns
@@ -161,14 +176,19 @@ class FaceRules:
             self._judge_values(face, shaft, told.position, told.velocity, now)
 
     def _judge_values(self, face: str, shaft: _Shaft, position: float | None, velocity: float | None, now: int) -> None:
-        calm = self._calm(shaft.view, now)
+        calm = self._calm[shaft.view.node_id]
         if not calm and self._disturbed.last(shaft.view.node_id):
             shaft.offset = None
-        for what, which, value in (("position", _POSITION, position), ("velocity", _VELOCITY, velocity)):
-            wrong = calm and not shaft.agrees(which, value)
-            true = shaft.truth[-1][which] if shaft.truth else 0.0
-            text = f"{face}: the {what} of {shaft.joint} is told as {value}, it is {true:.4f}"
-            self._hold(f"{face} {shaft.joint} {what}", text, wrong, now, _EVERY_NS)
+        self._judge_value(face, shaft, _POSITION, position, calm, now)
+        self._judge_value(face, shaft, _VELOCITY, velocity, calm, now)
+
+    def _judge_value(self, face: str, shaft: _Shaft, which: int, value: float | None, calm: bool, now: int) -> None:
+        what = _VALUES[which]
+        if not calm or shaft.agrees(which, value):
+            self._wrong_since.pop((face, shaft.joint, what), None)
+        elif self._lasts((face, shaft.joint, what), _EVERY_NS, now):
+            true = shaft.truth[-1][which]
+            self._tell("shown_wrong", f"{face}: the {what} of {shaft.joint} is told as {value}, it is {true:.4f}")
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
         """Judge what ROS publishes as `/joint_states`, and its stamp."""
@@ -178,16 +198,19 @@ class FaceRules:
             self._judge_values("joint_states", shaft, values.get("position"), values.get("velocity"), now)
         late = now - round(sample.time * 1e9) > _LAG_NS + self._robot.setup.cycle_ns
         calm = self._disturbed.hidden_at < now - _CALM_NS and self._robot.started_ns < now - 2 * _CALM_NS
-        text = f"joint_states: stamped {now / 1e9 - sample.time:.3f} s ago, each cycle brings new ones"
-        self._hold("joint_states stamp", text, late and calm, now)
+        if not (late and calm):
+            self._wrong_since.pop(_STAMP, None)
+        elif self._lasts(_STAMP, _SOON_NS, now):
+            old = f"{now / 1e9 - sample.time:.3f} s"
+            self._tell("shown_wrong", f"joint_states: stamped {old} ago, each cycle brings new ones")
 
-    def _hold(self, key: str, text: str, wrong: bool, now: int, soon: int = _SOON_NS) -> None:
-        """Tell once what has been wrong for longer than it takes to be told."""
-        if not wrong:
-            self._wrong_since.pop(key, None)
-        elif self._wrong_since.setdefault(key, now) >= 0 and now - self._wrong_since[key] > soon:
-            self._wrong_since[key] = 1 << 62
-            self._tell("shown_wrong", text)
+    def _lasts(self, wrong: tuple[str, str, str], soon: int, now: int) -> bool:
+        """Whether something wrong, of a face, of somebody, has been so for longer than it takes to be told; once."""
+        since = self._wrong_since.setdefault(wrong, now)
+        if now - since <= soon:
+            return False
+        self._wrong_since[wrong] = _TOLD
+        return True
 
     # -- what must be told
 

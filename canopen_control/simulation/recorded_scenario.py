@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import RobotEvent
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["RecordedRobot", "scenario_of_recording"]
+__all__ = ["RecordedRobot", "RequestActs", "scenario_of_recording"]
 
 _MS: Final = 1_000_000
 _S: Final = 1_000_000_000
@@ -54,7 +54,7 @@ def scenario_of_recording(recorded: RecordedRobot, setup: RobotSetup) -> Scenari
         raise ConfigError(f"the recording holds {there}, the robot has the buses {', '.join(setup.buses)}")
     end = _end(recorded, known[-1][0])
     origin, early = _origin(recorded, known[0][0])
-    requests = _Requests(motions_of(setup))
+    requests = RequestActs(motions_of(setup))
     asked = [act for each in recorded.requests for act in requests.acts(each)]
     resets = [act.at_ns for act in asked if act.name == "fault-reset"]
     acts = [*_merged(asked), *(_initial(recorded, setup, origin) if early else ())]
@@ -113,7 +113,7 @@ def _merged(acts: Iterable[Act]) -> list[Act]:
     return merged
 
 
-class _Requests:
+class RequestActs:
     """Makes acts of the requests of clients; points of a trajectory that came ahead are kept for it."""
 
     def __init__(self, motions: Sequence[Motion]) -> None:

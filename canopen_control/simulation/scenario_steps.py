@@ -105,10 +105,27 @@ def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
         length = None if file.length is None else _time(file.here, file.length)
         if length == 0:
             file.here.error("for: 0 simulates nothing; give a time above 0, as 20s")
+        elif length is not None:
+            _check_ends(file, length)
         found.append(Scenario(tuple(sorted(acts, key=lambda act: act.at_ns)), length, file.seed))
 
     load(path, SimulationFile, error=ScenarioError, check=check)
     return found[0]
+
+
+def _check_ends(file: SimulationFile, length: int) -> None:
+    """Tell of steps that the end of the scenario comes before."""
+    for step in file.steps:
+        if (at := _instant(step.at)) > length:
+            step.here.error(f"at: {at / 1e9:g} s never comes, the scenario ends at {length / 1e9:g} s (for)")
+
+
+def _instant(text: float | str) -> int:
+    """Return a time in ns, 0 for one that is told as none."""
+    try:
+        return nanoseconds_of(text)
+    except ValueError:
+        return 0
 
 
 def _time(here: Node, value: float | str) -> int:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import struct
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
 
 from canopen_control.host.lines import LineBuffer
 from canopen_control.rpc import wire
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.robot import Asked
     from canopen_control.runtime.core import RobotCore
     from canopen_control.simulation.simulated_robot import SimulatedRobot
     from canopen_control.simulation.virtual_time import Actor
@@ -54,7 +55,7 @@ class _ServerEnd:
 
     def getsockopt(self, _level: int, _option: int, _size: int = 0) -> bytes:
         """Return whose process is at the other end: this user's, with the same number in each simulation."""
-        return struct.pack("3i", self._fileno, os.getuid(), os.getgid())
+        return struct.pack("3i", self._client.pid or self._fileno, os.getuid(), os.getgid())
 
     def arrived(self) -> None:
         """Have the server look: something has come, or the client has left."""
@@ -121,10 +122,11 @@ class SimulatedClient:
     """One client; `reads` what it gets. `here` until it leaves, `dropped` once the robot has ended the connection.
 
     `waits_since` is when it asked what has no answer yet, `came_ns` when it connected, `asks` whether it ever did.
+    `pid` is its process, 0 for one that is none.
     """
 
-    def __init__(self, clients: SimulatedClients, actor: Actor, *, reads: bool) -> None:
-        self._clients, self.reads = clients, reads
+    def __init__(self, clients: SimulatedClients, actor: Actor, *, reads: bool, pid: int = 0) -> None:
+        self._clients, self.reads, self.pid = clients, reads, pid
         self.here = True
         self.came_ns = clients.robot.now_ns
         self.waits_since: int | None = None
@@ -173,25 +175,36 @@ class SimulatedClient:
         self._clients.robot.host.stall(_BLOCKED_NS)
 
 
+C = TypeVar("C", bound=SimulatedClient)
+
+
 class SimulatedClients:
-    """The clients of a robot, as they come; `blocked` counts when it waited for one, `all` are those of its process."""
+    """The clients of a robot, as they come; `blocked` counts when it waited for one, `all` are those of its process.
+
+    `on_request` hears what they ask for, each in the robot's time.
+    """
 
     def __init__(self, robot: SimulatedRobot) -> None:
         self.robot = robot
         self.blocked = 0
         self.all: list[SimulatedClient] = []
+        self.on_request: Callable[[Asked], object] | None = None
         self._core: RobotCore | None = None
         self._listener: _Listener
         self._server: ApiServer
 
     def connect(self, *, reads: bool) -> SimulatedClient:
         """Come as a new client; the robot serves from the first one on."""
+        return self.admit(SimulatedClient(self, self.robot.host, reads=reads))
+
+    def admit(self, client: C) -> C:
+        """Let a client in that was made for the robot's process; return it."""
         robot = self.robot
         if robot.core is not self._core:
             self._core, self.all = robot.core, []
             self._listener = _Listener(robot.host)
             self._server = ApiServer(robot.core, cast("socket.socket", self._listener))
-        client = SimulatedClient(self, robot.host, reads=reads)
+            self._server.on_request = self.on_request
         self.all.append(client)
         self._listener.add(client.end)
         return client
@@ -226,7 +239,7 @@ class SimulatedClients:
 
     def _ask_on(self, client: SimulatedClient, until: int | None) -> None:
         now = self.robot.now_ns
-        if not client.here or client.dropped or not self._serves(client) or (until is not None and now >= until):
+        if not client.here or client.dropped or not self.serves(client) or (until is not None and now >= until):
             return
         if not client.reads or client.waits_since is None:
             client.ask(GetStatus())
@@ -236,13 +249,13 @@ class SimulatedClients:
         self, client: SimulatedClient, for_ns: int | None, left: Callable[[], object] = lambda: None
     ) -> None:
         def leave() -> None:
-            if self._serves(client):
+            if self.serves(client):
                 client.leave()
                 left()
 
         if for_ns is not None:
             self.robot.time.later(for_ns, leave)
 
-    def _serves(self, client: SimulatedClient) -> bool:
+    def serves(self, client: SimulatedClient) -> bool:
         """Whether the process is still there that a client has connected to."""
         return self.robot.up and self.robot.core is self._core and client in self.all

@@ -221,7 +221,7 @@ class SimulatedRobot:
         for wire in self.wires.values():
             wire.members[MASTER] = self.host
         self.core = RobotCore(self.setup, self.host.reactor)
-        self.core.wall_offset_ns = 0
+        self.core.wall_offset_ns, self.core.in_virtual_time = 0, True
         self.core.on_event = self._hear
 
     def _join(self) -> None:

@@ -59,6 +59,7 @@ class SimulatedWire:
         self._listeners: dict[bytes, Listeners] = {}  # by identifier, as records have it
         self._opened = 0
         self._planned = False  # whether it is on the clock when the frame on the wire ends
+        self._on_passed = self._passed
 
     @property
     def bits(self) -> int:
@@ -132,11 +133,11 @@ class SimulatedWire:
         due = self._wire.due_ns
         self._planned = due is not None
         if due is not None:
-            self._time.at(due, self._passed)
+            self._time.at(due, self._on_passed)
 
     def _passed(self) -> None:
         """Give a frame that has passed to those who listen."""
-        passed, self._planned = self._wire.finish(), False
+        passed, self._planned = self._wire.finish() if self.disturbed else self._wire.end(), False
         if passed is not None:
             _, number, _, record = passed
             port = self._ports.get(number)
@@ -146,8 +147,9 @@ class SimulatedWire:
                 self._judge(port, record)
             else:
                 self._carry(port.label, record, port)
-        if not self._planned:
-            self._plan()
+        if not self._planned and (due := self._wire.due_ns) is not None:  # `_plan`, for each frame
+            self._planned = True
+            self._time.at(due, self._on_passed)
 
     def _judge(self, port: SimulatedPort, record: bytes) -> None:
         """Lose or double a frame where a rule says so, else carry it."""
@@ -163,8 +165,6 @@ class SimulatedWire:
 
     def _is_disturbed(self, number: int, record: bytes) -> bool:
         """Whether a rule disturbs a frame; counts the error of its sender."""
-        if not self.disturbed:
-            return False
         port = self._ports.get(number)
         if port is None or self.silences(port.label):
             return False

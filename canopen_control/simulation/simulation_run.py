@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.acts import Act
     from canopen_control.simulation.motions import Motion
+    from canopen_control.simulation.served_simulation import ServedSimulation
 
 __all__ = ["Outcome", "SimulationRun"]
 
@@ -40,7 +41,7 @@ class SimulationRun:
     """Runs a schedule on a robot from its start; `outcome` is what has come of it so far.
 
     `speed` is how much faster than real time it may be, None: as fast as it can. `began_ns` is its virtual time 0.
-    `robot` is one that was made already.
+    `robot` is one that was made already. `served` lets programs outside take part.
     """
 
     def __init__(
@@ -60,6 +61,7 @@ class SimulationRun:
             self.robot, self.player, motions_of(setup) if motions is None else motions, user_rules()
         )
         self.player.plan(acts)
+        self.served: ServedSimulation | None = None
         self.began_ns = self.robot.now_ns
         self._began = time.perf_counter()
 
@@ -76,11 +78,19 @@ class SimulationRun:
         self._began = time.perf_counter()
         self.robot.start()
         end = self.began_ns + duration_ns
+        slice_ns = _SLICE_NS if self.served is None else self.served.slice_ns
         while (now := self.robot.now_ns) < end and not stop():
-            self.robot.time.run_until(min(end, now + _SLICE_NS))
+            self.robot.time.run_until(min(end, now + slice_ns))
             progress(self.robot_s, self.real_s)
-            if self.speed is not None and (ahead := self.robot_s / self.speed - self.real_s) > 0:
-                time.sleep(ahead)
+            self._keep_pace()
+
+    def _keep_pace(self) -> None:
+        """Let real time pass where the robot is ahead of it."""
+        ahead = 0.0 if self.speed is None else max(0.0, self.robot_s / self.speed - self.real_s)
+        if self.served is not None:
+            self.served.wait(ahead)
+        elif ahead:
+            time.sleep(ahead)
 
     @property
     def robot_s(self) -> float:
@@ -108,4 +118,6 @@ class SimulationRun:
 
     def close(self) -> None:
         """Give everything back."""
+        if self.served is not None:
+            self.served.close()
         self.robot.close()

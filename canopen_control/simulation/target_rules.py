@@ -33,8 +33,9 @@ _MS: Final = 1_000_000
 _LAG_NS: Final = 120 * _MS  # between a target on the wire and the shaft, or a command and its target; some cycles
 _SETTLED_NS: Final = 300 * _MS  # after an enable, or another controller
 _KEPT: Final = 64  # commands of a joint that are looked back at
-_HALT, _LIMIT_ACTIVE = 1 << 8, 1 << 11
-_VELOCITIES: Final = (OperationMode.PV, OperationMode.CSV)
+_COMMAND, _FOLLOWS = 0x18F, 0x0F  # of a controlword: operation enabled, no halt
+_SHOWN, _UNLIMITED = 0x86F, 0x27  # of a statusword: OPERATION ENABLED, no limit active (bit 11)
+_PV, _CSV, _CSP = int(OperationMode.PV), int(OperationMode.CSV), int(OperationMode.CSP)
 _SLACK: Final = 0.02  # of a target, by which it may be rounded or a clock be off
 _AT_ONCE: Final = 1e12  # counts/s^2
 _LEAST: Final = 5.0  # counts/s, or counts
@@ -48,6 +49,15 @@ class _Followed:
         self.low = self.high = 0.0
         self.at = 0  # when it was judged last, 0: not since its enable
         self.told = False
+        self._slope_of: tuple[VirtualDrive | None, int] = None, -1  # with which version of its values
+        self._slope = 0.0
+
+    def slope(self, drive: VirtualDrive) -> float:
+        """Return the slower one of the drive's two ramps, in counts/s^2; those of a stop count too."""
+        version = drive.objects.store.version
+        if self._slope_of[1] != version or self._slope_of[0] is not drive:
+            self._slope_of, self._slope = (drive, version), _slope(drive)
+        return self._slope
 
     def rest(self) -> None:
         """Begin anew with the next enable."""
@@ -114,32 +124,37 @@ class TargetRules:
 
     def _may_judge(self, view: NodeView, now: int) -> bool:
         """Whether an axis follows targets undisturbed since its enable."""
-        follows = view.commanded and view.enabled and not view.controlword & _HALT
-        limited = bool(view.statusword & _LIMIT_ACTIVE)
-        calm = self._disturbed.last(view.node_id) < view.enabled_at < now - _SETTLED_NS
-        return follows and calm and not limited
+        if view.controlword & _COMMAND != _FOLLOWS or view.statusword & _SHOWN != _UNLIMITED:
+            return False
+        return self._disturbed.last(view.node_id) < view.enabled_at < now - _SETTLED_NS
 
     # -- a shaft does what its drive is told
 
     def _judge_shaft(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
         mode, plant, units = drive.modes.number, drive.mover.plant, drive.objects.units
-        index = o.TARGET_POSITION if mode == OperationMode.CSP else o.TARGET_VELOCITY
-        told = axis.view.targets_since(index, now - _LAG_NS) if mode in (*_VELOCITIES, OperationMode.CSP) else []
+        if mode not in (_PV, _CSV, _CSP):
+            axis.rest()
+            return
+        told = axis.view.targets_since(o.TARGET_POSITION if mode == _CSP else o.TARGET_VELOCITY, now - _LAG_NS)
         if not told:
             axis.rest()
-        elif mode == OperationMode.CSP:
-            reach = max(told) - min(told) + _reach(drive)
-            place = float(units.user(plant.position))
-            self._within(axis, place, told, (min(told) - reach, max(told) + reach), "is at {} of its units")
+        elif mode == _CSP:
+            least, most = min(told), max(told)
+            place, reach = float(units.user(plant.position)), most - least + _reach(drive)
+            self._within(axis, place, told, 1.0, (least - reach, most + reach), "is at {} of its units")
         else:
-            targets = [drive.limits.velocity(each * units.velocity) for each in told]
-            slope = _slope(drive) if mode == OperationMode.PV else _AT_ONCE
-            axis.ramp(min(targets), max(targets), slope, now, plant.velocity)
-            self._within(axis, plant.velocity, targets, (axis.low, axis.high), "turns at {} counts/s")
+            limited, unit = drive.limits.velocity, units.velocity
+            low = high = limited(told[0] * unit)
+            if len(told) > 1:
+                ends = limited(min(told) * unit), limited(max(told) * unit)
+                low, high = min(ends), max(ends)
+            axis.ramp(low, high, axis.slope(drive) if mode == _PV else _AT_ONCE, now, plant.velocity)
+            self._within(axis, plant.velocity, told, unit, (axis.low, axis.high), "turns at {} counts/s")
 
     def _within(
-        self, axis: _Followed, value: float, told: Sequence[float], bounds: tuple[float, float], does: str
+        self, axis: _Followed, value: float, told: Sequence[int], unit: float, bounds: tuple[float, float], does: str
     ) -> None:
+        """Tell of a value that is not between bounds, and what the drive was told: targets in a unit."""
         low, high = bounds
         slack = _LEAST + _SLACK * max(abs(low), abs(high))
         if low - slack <= value <= high + slack:
@@ -147,7 +162,9 @@ class TargetRules:
         elif not axis.told:
             axis.told = True
             said = does.format(round(value))
-            text = f"the shaft of node {axis.view.node_id} {said}, told {', '.join(f'{each:.0f}' for each in told)}"
+            text = (
+                f"the shaft of node {axis.view.node_id} {said}, told {', '.join(f'{unit * each:.0f}' for each in told)}"
+            )
             self._tell("target_missed", text)
 
     # -- a drive is told what was commanded

@@ -30,6 +30,7 @@ _ENABLED: Final = 0x0F  # of a controlword: switch on, voltage, no quick stop, e
 _FAULT_RESET: Final = 0x80
 _KEPT: Final = 64  # values of a target that are looked back at
 _STATE: Final = 0x6F  # bits of a statusword that are the state
+_SHOWN_ENABLED: Final = 0x27  # of these: OPERATION ENABLED
 
 
 class NodeView:
@@ -79,15 +80,16 @@ class NodeView:
     @property
     def enabled(self) -> bool:
         """Whether the statusword shows OPERATION ENABLED."""
-        return self.statusword & 0x6F == 0x27
+        return self.statusword & _STATE == _SHOWN_ENABLED
 
     def told(self, index: int, value: int, now: int) -> None:
         """Take an object that the master has written, of any of its axes."""
         if index == o.CONTROLWORD:
             self.told_at = now
-            was, self.controlword = self.commanded, value
-            if self.commanded and not was:
-                self.enabled_at = now
+            if value != self.controlword:
+                was, self.controlword = self.commanded, value
+                if self.commanded and not was:
+                    self.enabled_at = now
         elif self.targets.get(index) != value:
             self.targets[index] = value
             self.target_changed_at = now
@@ -105,15 +107,21 @@ class NodeView:
     def tells(self, index: int, value: int, now: int) -> None:
         """Take an object that the node has sent."""
         if index == o.STATUSWORD:
-            before = self.statusword if self.status_at else value
-            if (before ^ value) & _STATE:
-                edge = before & _STATE, value & _STATE
-                self.drive_edges[edge] = self.drive_edges.get(edge, 0) + 1
-            faulty, self.statusword, self.status_at = self.in_fault, value, now
-            if self.in_fault and not faulty:
-                self.fault_at = now
-            if self.enabled:
+            if value != self.statusword:
+                self._shows(value, now)
+            self.status_at = now
+            if value & _STATE == _SHOWN_ENABLED:
                 self.shown_enabled_at = now
+
+    def _shows(self, value: int, now: int) -> None:
+        """Take another statusword than the last."""
+        before = self.statusword if self.status_at else value
+        if (before ^ value) & _STATE:
+            edge = before & _STATE, value & _STATE
+            self.drive_edges[edge] = self.drive_edges.get(edge, 0) + 1
+        faulty, self.statusword = self.in_fault, value
+        if self.in_fault and not faulty:
+            self.fault_at = now
 
 
 class WireView:

@@ -14,11 +14,12 @@ from canopen_control.simulation.act_player import ActPlayer
 from canopen_control.simulation.acts import Act
 from canopen_control.simulation.invariants import Invariants, user_rules
 from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.served_simulation import ServedSimulation
 from canopen_control.simulation.simulated_robot import SimulatedRobot
 from canopen_control.virtual.fault_table import find_fault
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.setup import RobotSetup
@@ -44,6 +45,8 @@ class TestedRobot:
         self.player = ActPlayer(self.simulated)
         self._invariants = Invariants(self.simulated, self.player, motions_of(setup), user_rules())
         self._began_ns = self.simulated.now_ns
+        self._served: ServedSimulation | None = None
+        self._speed = 1.0
         self.drives = TestedDrives(self)
         self.bus = TestedBus(self)
         self.clock = TestedClock(self)
@@ -54,9 +57,21 @@ class TestedRobot:
 
     def run(self, seconds: float) -> None:
         """Let time pass."""
-        self.simulated.run_for(round(seconds * _S))
+        if self._served is None:
+            self.simulated.run_for(round(seconds * _S))
+        else:
+            self._served.run(round(seconds * _S), self._speed)
         if self.simulated.errors:
             raise self.simulated.errors[0]
+
+    def serve(self, *, speed: float = 1.0, ros: Sequence[str] | None = None) -> None:
+        """Let programs outside reach the robot by its socket from now on, at `speed` times real time.
+
+        With `ros` those of ROS do, by a bridge with these arguments, which publishes `/clock`.
+        """
+        self._served, self._speed = ServedSimulation(self.player), speed
+        if ros is not None:
+            self._served.start_bridge(ros)
 
     def until(self, condition: Callable[[], object], timeout: float = 10.0) -> float:
         """Let time pass until `condition` is true, and return how long that took; AssertionError after `timeout`."""
@@ -173,6 +188,8 @@ class TestedRobot:
 
     def close(self) -> None:
         """Give everything back."""
+        if self._served is not None:
+            self._served.close()
         self.simulated.close()
 
 

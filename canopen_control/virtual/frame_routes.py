@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.node_pdos import ProcessData
 
     Receiver = Callable[[CanFrame, int], None]
+    Holder = Callable[[CanFrame, int], bool]
 
 __all__ = ["FrameRoutes", "merged"]
 
@@ -31,7 +32,10 @@ SYNC_LENGTH_ERROR = 0x8240
 
 
 class FrameRoutes:
-    """Receivers of one node by identifier, with linux/can.h's flags; `version` grows when the identifiers change."""
+    """Receivers of one node by identifier, with linux/can.h's flags; `version` grows when the identifiers change.
+
+    `holders` take what waits for SYNC without a consequence until then, and whose identifier has no other receiver.
+    """
 
     def __init__(
         self,
@@ -46,6 +50,7 @@ class FrameRoutes:
         advance_drives: Callable[[int], None],
     ) -> None:
         self.table: dict[int, Receiver] = {}
+        self.holders: dict[int, Holder] = {}
         self.version = 0
         self._nmt, self._sdo, self._consumer, self._guarding, self._sync = nmt, sdo, consumer, guarding, sync
         self._pdos, self._lss, self._outbox, self._advance_drives = pdos, lss, outbox, advance_drives
@@ -58,6 +63,7 @@ class FrameRoutes:
     def begin(self) -> None:
         """Leave LSS alone in the table: a node that initialises hears nothing else."""
         self.table = self._lss_routes()
+        self.holders = {}
         self.version += 1
 
     def rebuild(self) -> None:
@@ -75,6 +81,8 @@ class FrameRoutes:
             *((cob_id(Service.HEARTBEAT, node_id), consumer.receive) for node_id in consumer.watched()),
             *self._pdos.routes(),
         ]
+        identifiers = [can_id for can_id, _ in routes]
+        self.holders = {can_id: hold for can_id, hold in self._pdos.holders() if identifiers.count(can_id) == 1}
         table = merged(routes)
         if table.keys() != self.table.keys():
             self.version += 1

@@ -40,11 +40,15 @@ class Clock:
 
 
 class NodeOutbox:
-    """Collects what the services of one node say; bounded where nobody fetches it."""
+    """Collects what the services of one node say; bounded where nobody fetches it.
+
+    `happened` are the events that wait, for whoever only asks whether there are any.
+    """
 
     def __init__(self, emcy: EmcyProducer, clock: Clock) -> None:
         self._emcy, self._clock = emcy, clock
         self._events: Outbox[object] = Outbox(_MOST_WAITING)
+        self.happened = self._events.waiting
         self.outgoing: Outbox[CanFrame] = Outbox(_MOST_WAITING)  # frames that no service made
         self.changed = False
 

@@ -188,6 +188,27 @@ class ProcessData:
                 found += [(_can_id(producer.parameters) | REMOTE_FLAG, producer.receive)]
         return found
 
+    def holders(self) -> list[tuple[int, Callable[[CanFrame, int], bool]]]:
+        """Return by identifier who takes RPDOs that only wait for SYNC; False where a route has to look at one."""
+        parameters = [(rpdo, rpdo.consumer.parameters) for rpdo in self.rpdos.values()]
+        return [(_can_id(each), self._holder(rpdo)) for rpdo, each in parameters if each.enabled]
+
+    def _holder(self, rpdo: MappedRpdo) -> Callable[[CanFrame, int], bool]:
+        consumer, source = rpdo.consumer, self.input
+
+        def hold(frame: CanFrame, now: int) -> bool:
+            if rpdo.wrong or source.lost.value or source.delay_ns.value:
+                return False
+            waiting = consumer.holds
+            if not consumer.hold(frame.data):
+                return False
+            source.received += 1
+            if rpdo.set_points:
+                self._tell_set_points(rpdo, now, overwrites=waiting)
+            return True
+
+        return hold
+
     def _receiver(self, rpdo: MappedRpdo) -> Callable[[CanFrame, int], None]:
         consumer = rpdo.consumer
 

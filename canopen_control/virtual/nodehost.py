@@ -127,10 +127,10 @@ class NodeHost:
 
     def _deliver(self, frame: CanFrame, now: int, touched: dict[VirtualNode, None], sender: object = None) -> None:
         for node in self._routes.get(frame.can_id, ()):
-            if node is not sender:
+            if node is not sender and not node.hold(frame, now):
                 node.receive(frame, now)
                 touched[node] = None
-                if node.routes_version != self._versions[node]:
+                if node.routing.version != self._versions[node]:
                     self._reroute()
 
     def _on_timer(self) -> None:
@@ -146,16 +146,17 @@ class NodeHost:
     def _finish(self, touched: dict[VirtualNode, None]) -> None:
         """Route what the nodes listen to now, send what they have to say, tell what happened to them, set the timer."""
         for node in touched:
-            if node.routes_version != self._versions[node]:
+            if node.routing.version != self._versions[node]:
                 self._reroute()
                 break
         if len(self.nodes) > 1:
             self._send(self._collect(touched))
-        elif touched:
-            self._send(self.nodes[0].frames())
+        elif touched and (frames := self.nodes[0].frames()):
+            self._send(frames)
         for node in touched:
-            for event in node.events():
-                self.on_event(node, event)
+            if node.outbox.happened:
+                for event in node.events():
+                    self.on_event(node, event)
             self._deadlines[node] = node.next_deadline()
         self._set_timer()
 
@@ -182,12 +183,13 @@ class NodeHost:
             return
         try:
             self.port.send(pack_records(frames))
-            self._watch_writing()
+            if self.port.wants_write:
+                self._watch_writing()
         except BusClosed as error:
             self._lost(error)
 
     def _watch_writing(self) -> None:
-        if self.port.wants_write and not self._writing:
+        if not self._writing:
             self._writing = True
             self.reactor.add_writer(self.port, self._on_writable)
 
@@ -213,7 +215,7 @@ class NodeHost:
         self._finish(dict.fromkeys(self.nodes))
 
     def _reroute(self) -> None:
-        versions = {node: node.routes_version for node in self.nodes}
+        versions = {node: node.routing.version for node in self.nodes}
         if versions == self._versions:
             return
         self._versions = versions

@@ -23,22 +23,22 @@ __all__ = ["RpdoInput"]
 class RpdoInput:
     """Hands RPDO frames on. Seams: `delay_ns`, how late; `lost`, one of how many never is, 0: none is lost.
 
-    `delayed` are those that wait to be handed on, with the time of that.
+    `delayed` are those that wait to be handed on, with the time of that; `received` counts what came.
     """
 
     def __init__(self) -> None:
         self.delay_ns: Seam[int] = Seam(0)
         self.lost: Seam[int] = Seam(0)
-        self._received = 0
+        self.received = 0
         self.delayed: deque[tuple[int, Receive, CanFrame]] = deque()
 
     def receiver(self, receive: Receive) -> Receive:
         """Return what takes a frame from the wire for `receive`."""
 
         def take(frame: CanFrame, now: int) -> None:
-            self._received += 1
+            self.received += 1
             lost, delay = self.lost.value, self.delay_ns.value
-            if lost and self._received % lost == 0:
+            if lost and self.received % lost == 0:
                 return
             if delay:
                 self.delayed.append((now + delay, receive, frame))

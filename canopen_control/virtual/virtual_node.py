@@ -64,7 +64,8 @@ class VirtualNode:
     """One node; `serial` (default: the node id) fills 0x1018:04 where the file has none, `plant` makes an axis's plant.
 
     `filter` is the injected faults while one is on, `switches` those that can be. Seam `starts_itself`: OPERATIONAL
-    without a command, whatever the dictionary says.
+    without a command, whatever the dictionary says. `routing` is who takes which frames; its `version` grows when
+    `routes` changes.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class VirtualNode:
         self.lss: NodeLss | None = None
         if od.device.lss_supported:
             self.lss = NodeLss(store, node_id, outbox, assigned=self._power_up_with, stored=self._stored)
-        self._frames = FrameRoutes(
+        self.routing = FrameRoutes(
             self.nmt,
             self.sdo,
             self.consumer,
@@ -134,8 +135,9 @@ class VirtualNode:
         self._deadlines = tuple(part.next_deadline for part in (*self._cores, *movers, *others))
         first = (self.nmt.outgoing, self.emcy.outgoing, self.heartbeat.outgoing, self.guarding.outgoing)
         last = (outbox.outgoing,) if self.lss is None else (self.lss.slave.outgoing, outbox.outgoing)
-        self._first = tuple(box.waiting for box in first)  # what is sent before process data and answers, and after
-        self._last = tuple(box.waiting for box in last)
+        # what is sent before process data and answers, and after
+        self._first, self._last = tuple(box.waiting for box in first), tuple(box.waiting for box in last)
+        self._before_answers, self._process_data = self._first, self.pdos.outgoing
         self._happened = (self.nmt.happened.waiting, self.consumer.happened.waiting, self.guarding.happened.waiting)
 
     def _add_drive(self, axis: int, plant: Plant | None) -> None:
@@ -160,14 +162,22 @@ class VirtualNode:
             if heard is None:
                 return
             frame = heard
-        take = self._frames.table.get(frame.can_id)
+        take = self.routing.table.get(frame.can_id)
         if take is not None:
             take(frame, now)
             self._settle(now)
 
+    def hold(self, frame: CanFrame, now: int) -> bool:
+        """Take an RPDO that does nothing but wait for the next SYNC; False: `receive` has to look at the frame."""
+        hold = self.routing.holders.get(frame.can_id)
+        if hold is None or self.filter is not None:
+            return False
+        self._advance(now)
+        return hold(frame, now)
+
     def receive_records(self, records: bytes, start: int, now: int) -> int:
         """Take a run of segments as `SdoServer.receive_records` does; 0 too where a frame is more than the server's."""
-        alone = self.filter is None and self._frames.sdo_alone
+        alone = self.filter is None and self.routing.sdo_alone
         return self.sdo.receive_records(records, start, now) if alone and self.nmt.state is not NmtState.STOPPED else 0
 
     def tick(self, now: int) -> None:
@@ -202,7 +212,10 @@ class VirtualNode:
 
     def frames(self) -> list[CanFrame]:
         """Drain what to send."""
-        frames = drain_all((*self._first, *self.pdos.outgoing))
+        if self.pdos.outgoing is not self._process_data:
+            self._process_data = self.pdos.outgoing
+            self._before_answers = self._first + self._process_data
+        frames = drain_all(self._before_answers)
         frames += self.sdo.frames()
         frames += drain_all(self._last)
         return frames if self.filter is None else self.filter.outgoing(frames, self.clock.now)
@@ -213,12 +226,7 @@ class VirtualNode:
 
     def routes(self) -> Iterable[int]:
         """Return the identifiers, with linux/can.h's flags, that the node listens to."""
-        return self._frames.table.keys()
-
-    @property
-    def routes_version(self) -> int:
-        """A number that grows when `routes` changes."""
-        return self._frames.version
+        return self.routing.table.keys()
 
     # -- what others ask
 
@@ -374,7 +382,7 @@ class VirtualNode:
                 drive.power.communication_reset()
         self.heartbeat.state = self.guarding.state = NmtState.INITIALISING
         self.emcy.allowed = False
-        self._frames.begin()
+        self.routing.begin()
         delay = self.model.boot_ns if self._reset_delay_ns == 0 else self._reset_delay_ns
         self._boot_at = None if delay is None or self.node_id == UNCONFIGURED else now + delay
 
@@ -388,7 +396,7 @@ class VirtualNode:
         self.nmt.self_starting = self.starts_itself.value or by_dictionary
         self.nmt.boot()
         self.heartbeat.started(now)
-        self._frames.rebuild()
+        self.routing.rebuild()
 
     def _power_up_with(self, node_id: int, now: int) -> None:
         """Begin to live with a first node id, given by LSS."""
@@ -408,4 +416,4 @@ class VirtualNode:
         self.outbox.tell(NodeIdChanged(node_id))
 
     def _reroute(self) -> None:
-        self._frames.rebuild()
+        self.routing.rebuild()

@@ -123,3 +123,38 @@ def test_new_parameters_and_length_count_at_once():
     rpdo.sync(1)
     rpdo.receive(frame("303#0F00"), 2)
     assert (applied(rpdo), rpdo.parameters.cob_id) == (["0f00"], 0x303)
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "settings"),
+    [
+        (1, "010203", {}),
+        (255, "010203", {}),
+        (1, "0102", {}),
+        (1, "01020304", {}),
+        (1, "010203", {"event_timer_ms": 5}),
+        (1, "010203", {"window_ns": 5 * MS}),
+        (1, "010203", {"enabled": False}),
+    ],
+)
+def test_what_is_held_without_a_look_is_what_would_be_held_after_one(kind, data, settings):
+    looked, held = running(kind, **settings), running(kind, **settings)
+    looked.receive(frame(f"203#{data}"), 0)
+    usual = kind == 1 and data == "010203" and not settings
+    assert held.hold(bytes.fromhex(data)) is usual
+    if not usual:
+        assert (held.received, held.holds, held.events()) == (0, False, [])
+        held.receive(frame(f"203#{data}"), 0)
+    for rpdo in (looked, held):
+        rpdo.sync(1)
+    assert (held.received, held.events()) == (looked.received, looked.events())
+
+
+def test_nothing_is_held_without_a_look_after_a_wrong_length_or_before_the_start():
+    rpdo = running(1)
+    rpdo.receive(frame("203#0102"), 0)
+    assert not rpdo.hold(b"123")
+    rpdo.receive(frame("203#010203"), 1)
+    assert rpdo.hold(b"123")
+    rpdo.stop()
+    assert not rpdo.hold(b"123")

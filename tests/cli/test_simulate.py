@@ -1,8 +1,10 @@
+import itertools
 import json
 
 import pytest
 
 from canopen_control.cli.main import main
+from canopen_control.simulation.served_simulation import ServedSimulation
 
 
 def simulate(capsys, *words):
@@ -46,7 +48,12 @@ def test_a_scenario_is_played(capsys, tmp_path):
         (["robby", "--seed", "red"], "'red' is no seed"),
         (["robby", "--speed", "0"], "'0' is no speed"),
         (["robby", "--faults", "silnt"], "did you mean 'silent'?"),
+        (["robby", "--faults", ""], "--faults '': a name is empty"),
+        (["robby", "--faults", "silent,"], "--faults 'silent,': a name is empty"),
         (["robby", "--can", "vcan0"], "leave the option away"),
+        (["robby", "--record", "/proc/x/y.zip"], "nothing can be written to /proc/x"),
+        (["robby", "--ros-args", "-p"], "--ros-args is for the ROS bridge; start it with --ros"),
+        (["--world", "hall.yml", "--serve"], "--serve is of one robot"),
         (["robby", "--scenario", "/nowhere.yml"], "/nowhere.yml"),
         (["robby", "--scenario", "x.yml", "--faults", "all"], "give one of both"),
     ],
@@ -79,6 +86,9 @@ def test_a_campaign_runs_many_seeds(capsys, tmp_path, monkeypatch):
         (["--out", "x"], "--out is for a campaign"),
         (["--seeds", "2", "--scenario", "x.yml"], "--scenario is for one simulation"),
         (["--seeds", "2", "--speed", "1"], "--speed is for one simulation"),
+        (["--seeds", "2", "--serve"], "--serve is for one simulation"),
+        (["--seeds", "2", "--out", "/proc/x"], "/proc/x cannot be written"),
+        (["--seeds", "2", "--out", __file__], "test_simulate.py cannot be written: File exists"),
     ],
 )
 def test_what_goes_with_no_campaign_is_refused(capsys, words, said):
@@ -88,3 +98,32 @@ def test_what_goes_with_no_campaign_is_refused(capsys, words, said):
         code, err = end.code, capsys.readouterr().err
     assert code == 2
     assert said in err
+
+
+def test_what_is_served_draws_nothing_and_keeps_the_pace_of_real_time(capsys, monkeypatch):
+    waits = []
+    monkeypatch.setattr(ServedSimulation, "wait", lambda _self, seconds: waits.append(seconds))
+    code, out, _ = simulate(capsys, "robby", "--serve", "--for", "1s", "--name", "served")
+    assert code == 0
+    assert "served runs" in out
+    assert "no command for" not in out
+    assert len(waits) == 200
+    assert max(waits) > 0.5
+    waits.clear()
+    simulate(capsys, "robby", "--serve", "--for", "1s", "--speed", "max", "--seed", "3")
+    assert set(waits) == {0.0}
+
+
+def test_ctrl_c_ends_a_simulation_and_keeps_what_there_is(capsys, monkeypatch, tmp_path):
+    rounds = itertools.count()
+
+    def interrupted(_self, _seconds):
+        if next(rounds) > 20:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(ServedSimulation, "wait", interrupted)
+    path = tmp_path / "kept.zip"
+    code, out, _ = simulate(capsys, "robby", "--serve", "--for", "1h", "--json", "--record", str(path))
+    assert code == 0
+    assert json.loads(out)["robot_s"] == pytest.approx(0.11)
+    assert path.stat().st_size > 1000

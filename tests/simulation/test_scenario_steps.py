@@ -81,6 +81,11 @@ def test_all_mistakes_are_told_at_once(tmp_path):
         read(tmp_path, "for: 0s\nsteps: []\n")
 
 
+def test_a_step_behind_the_end_is_told_with_its_line(tmp_path):
+    with pytest.raises(ScenarioError, match=r"3:5: steps\[0\]: at: 5 s never comes, the scenario ends at 2 s"):
+        read(tmp_path, "for: 2s\nsteps:\n  - {at: 5s, do: stop}\n  - {at: 2s, do: stop}\n")
+
+
 @pytest.mark.parametrize("seed", ["abc", "-4", "1.5"])
 def test_a_seed_that_is_no_whole_number_from_0_on_is_told_with_its_line(tmp_path, seed):
     with pytest.raises(ScenarioError, match=r"scenario\.yml:1:7: seed: "):

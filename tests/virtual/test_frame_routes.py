@@ -18,12 +18,12 @@ def test_each_identifier_has_its_receiver_and_two_of_one_both_hear_in_order():
 
 def test_a_version_tells_that_the_identifiers_changed_and_only_that():
     bench = Bench(tmcm())
-    before = bench.node.routes_version
+    before = bench.node.routing.version
     bench.write(0x1016, 127 << 16 | 1000, 1)
-    assert (bench.node.routes_version > before, 0x77F in bench.node.routes()) == (True, True)
-    before = bench.node.routes_version
+    assert (bench.node.routing.version > before, 0x77F in bench.node.routes()) == (True, True)
+    before = bench.node.routing.version
     bench.write(0x1016, 127 << 16 | 900, 1)
-    assert bench.node.routes_version == before
+    assert bench.node.routing.version == before
 
 
 def test_a_stopped_node_hears_neither_sdo_nor_sync():

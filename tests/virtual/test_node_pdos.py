@@ -8,6 +8,7 @@ from support.virtualbench import MS, Bench, servo, tmcm
 from canopen_control.cia301.emcy import EmcyConsumer
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.frame import REMOTE_FLAG, CanFrame
+from canopen_control.virtual.fault_switches import FaultSwitches
 
 VALID, INVALID, NO_RTR = 0, 1 << 31, 1 << 30
 
@@ -266,3 +267,42 @@ def test_the_default_pdos_of_the_tmcm_1270():
     assert (bench.state, bench.drive.modes.number) == ("SWITCHED_ON", 3)
     bench.put(0x503, b"\x0f\0" + bytes(4))  # RPDO4 is off
     assert bench.state == "SWITCHED_ON"
+
+
+def waiting_for_sync():
+    bench = Bench(servo())
+    remap(bench, 0, [0x60400010, 0x60600008], rpdo=True, kind=1)
+    bench.start()
+    return bench
+
+
+def test_an_rpdo_that_only_waits_for_sync_is_held_and_counts_at_sync():
+    bench = waiting_for_sync()
+    assert bench.node.hold(CanFrame(0x205, b"\x06\0\x03"), bench.now + MS)
+    assert (bench.node.clock.now, bench.node.frames()) == (bench.now + MS, [])
+    assert bench.state == "SWITCH_ON_DISABLED"
+    bench.now += MS
+    bench.sync()
+    assert bench.state == "READY_TO_SWITCH_ON"
+
+
+@pytest.mark.parametrize("why", ["its length", "a wrong one before", "late", "lost", "a fault", "two of one", "NMT"])
+def test_an_rpdo_that_has_a_consequence_is_not_held(why):
+    bench = waiting_for_sync()
+    data, node = b"\x06\0\x03", bench.node
+    if why == "its length":
+        data = b"\x06\0"
+    elif why == "a wrong one before":
+        bench.put(0x205, b"\x06")
+    elif why == "late":
+        node.pdos.input.delay_ns.break_with(MS)
+    elif why == "lost":
+        node.pdos.input.lost.break_with(2)
+    elif why == "a fault":
+        FaultSwitches(node).set("silent", True, bench.now)
+    elif why == "two of one":
+        remap(bench, 1, [0x60FF0020], rpdo=True, kind=1, cob_id=0x205)
+    else:
+        bench.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
+    assert not node.hold(CanFrame(0x205, data), bench.now)
+    assert not node.pdos.rpdos[0].consumer.holds

@@ -222,7 +222,7 @@ def test_where_a_frame_is_more_than_the_servers_each_comes_by_itself(world, why)
     if why == "stopped":
         w.send(CanFrame(0, b"\x02\x05"))
     elif why == "a second listener":
-        table = node._frames.table
+        table = node.routing.table
         table[0x605] = lambda frame, now, sdo=table[0x605]: sdo(frame, now)
     elif why == "a filter":
         node.filter = Everything()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.simulation.campaign import Campaign, Totals
-from canopen_control.simulation.campaign_files import html_summary, junit_summary, write_breach, write_text
+from canopen_control.simulation.campaign_files import html_summary, junit_summary, make_folder, write_breach, write_text
 from canopen_control.simulation.fault_coverage import cells_words
 from canopen_control.simulation.state_coverage import coverage_words
 
@@ -64,6 +64,8 @@ class CampaignDocument:
 
 def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
     """Run seeds, shrink what breaks, and tell; 0 good, 1 with a breach. Ctrl-C keeps what there is; then 130."""
+    if order.folder is not None:
+        make_folder(order.folder)  # before the seeds, which may take hours
     began = time.perf_counter()
     campaign = Campaign(setup, order.duration_ns, order.faults)
     totals = Totals()

@@ -6,6 +6,7 @@ the virtual clock.
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import ConfigError
@@ -44,9 +45,13 @@ _SAMPLE_NS: Final = 100_000_000
 
 
 def check_recording_name(path: Path) -> None:
-    """Raise ConfigError for a file that is no flight recording by its name."""
+    """Raise ConfigError for a file that is no flight recording by its name, or that cannot be written."""
     if not is_flight_file(path):
         raise ConfigError(f"--record {path}: a recording of a simulation is a flight recording, as {path.stem}.zip")
+    if path.is_dir():
+        raise ConfigError(f"--record {path}: that is a folder; give the name of a file in it")
+    if not os.access(path.parent, os.W_OK):
+        raise ConfigError(f"--record {path}: nothing can be written to {path.parent}; give a folder that is there")
 
 
 class SimulationRecorder:

@@ -1,0 +1,163 @@
+"""The socket of a simulated robot: programs outside reach it as they reach one that runs, at its own pace.
+
+What they send comes to the robot's own server in virtual time, at the end of a slice of it; what the robot answers
+leaves with the next. The observer hears what they ask for, and judges it. With them no two simulations are the same. A
+robot that is killed closes their connections, and takes new ones once it is there again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.sockets import SocketInUse, close_listener, listen, peer_pid, same_user, socket_path
+from canopen_control.runtime.supervisor import Restarts, Supervisor
+from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.recorded_scenario import RequestActs
+from canopen_control.simulation.simulated_clients import SimulatedClient
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Sequence
+
+    from canopen_control.rpc.messages.robot import Asked
+    from canopen_control.simulation.act_player import ActPlayer
+    from canopen_control.simulation.simulated_clients import SimulatedClients
+
+__all__ = ["ServedSimulation"]
+
+_CHUNK: Final = 1 << 16
+_MOST: Final = 1 << 20  # bytes that wait for a program to read; who is slower is let go
+
+
+class OutsideClient(SimulatedClient):
+    """A program outside, at the other end of a real connection; `is_there` until either side has ended it."""
+
+    def __init__(self, clients: SimulatedClients, sock: socket.socket, front: Reactor) -> None:
+        super().__init__(clients, clients.robot.host, reads=True, pid=peer_pid(sock))
+        self._sock, self._front = sock, front
+        self._answers = bytearray()
+        sock.setblocking(False)
+        front.add_reader(sock, self._on_readable)
+
+    def take(self, data: bytes) -> int:
+        """Take what the robot says; it leaves at the end of the slice."""
+        self._answers += data
+        return len(data)
+
+    def flush(self) -> None:
+        """Send what the robot has said."""
+        while self._answers:
+            try:
+                sent = self._sock.send(self._answers)
+            except BlockingIOError:
+                break
+            except OSError:
+                self._gone()
+                return
+            del self._answers[:sent]
+        if len(self._answers) > _MOST:
+            self._gone()
+
+    def close(self) -> None:
+        """End the connection outside, as far as it is there."""
+        if self._sock.fileno() >= 0:
+            self._front.remove_reader(self._sock)
+            self._sock.close()
+
+    def _gone(self) -> None:
+        self.close()
+        self.leave()
+
+    def _on_readable(self) -> None:
+        try:
+            data = self._sock.recv(_CHUNK)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self._gone()
+            return
+        self.end.inbox += data
+        self.end.arrived()
+
+
+class ServedSimulation:
+    """Serves the robot of a player by the socket of its name, from now on; RobotConfigError where that is in use.
+
+    Its programs are heard, and get their answers, while somebody calls `wait`: after each `slice_ns` of virtual time.
+    """
+
+    slice_ns: Final = 5_000_000
+
+    def __init__(self, player: ActPlayer) -> None:
+        self._player, self._clients = player, player.clients
+        self._requests = RequestActs(motions_of(player.robot.setup))
+        self._here: list[OutsideClient] = []
+        self._held = contextlib.ExitStack()
+        self._front = Reactor()
+        self._held.callback(self._front.close)
+        name = player.robot.setup.name
+        try:
+            self._socket = listen(socket_path("robot", name))
+        except SocketInUse as error:
+            self._held.close()
+            owner = f" (process {error.pid})" if error.pid else ""
+            raise RobotConfigError(
+                f"a robot named {name} runs already{owner}; stop that one, or choose another --name"
+            ) from error
+        self._held.callback(close_listener, self._socket)
+        self._front.add_reader(self._socket, self._on_connection)
+        self._clients.on_request = self._on_request
+
+    def start_bridge(self, arguments: Sequence[str]) -> None:
+        """Start the ROS bridge as a client; it ends with `close`."""
+        robot = self._player.robot
+        supervisor = Supervisor(robot.setup.name, self._front, lambda event: robot.core.report(event))
+        self._held.callback(supervisor.end)
+        bridge = ["canopen_control.ros.bridge", "--name", robot.setup.name, *arguments]
+        supervisor.start_client("ros", bridge, ros=True, restarts=Restarts())
+
+    def wait(self, seconds: float) -> None:
+        """Serve the programs for so long in real time, with what the robot has said meanwhile."""
+        for client in self._here:
+            client.flush()
+            if client.dropped or not self._clients.serves(client):
+                client.close()
+        self._here = [each for each in self._here if each.here and self._clients.serves(each) and not each.dropped]
+        self._front.run_for(round(seconds * 1e9))
+
+    def run(self, duration_ns: int, speed: float = 1.0) -> None:
+        """Let virtual time pass, at most so many times as fast as real time, and serve meanwhile."""
+        robot, begun, passed = self._player.robot, time.perf_counter(), 0
+        while passed < duration_ns:
+            step = min(self.slice_ns, duration_ns - passed)
+            robot.run_for(step)
+            passed += step
+            self.wait(max(0.0, passed / 1e9 / speed - (time.perf_counter() - begun)))
+
+    def close(self) -> None:
+        """End all connections, the bridge and the socket."""
+        for client in self._here:
+            client.flush()
+            client.close()
+        self._here.clear()
+        self._held.close()
+
+    def _on_connection(self) -> None:
+        try:
+            sock, _ = self._socket.accept()
+        except OSError:
+            return
+        if not self._player.robot.up or not same_user(sock):
+            sock.close()
+            return
+        self._here.append(self._clients.admit(OutsideClient(self._clients, sock, self._front)))
+
+    def _on_request(self, asked: Asked) -> None:
+        for act in self._requests.acts(asked):
+            self._player.on_asked(self._player.robot.now_ns, act)

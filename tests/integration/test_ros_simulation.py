@@ -1,0 +1,57 @@
+"""A program of ROS joins a robot in virtual time: by its topics, in the time of its `/clock`."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+
+import pytest
+from support import ros
+
+pytestmark = pytest.mark.ros
+
+JOINS = """
+import json, time
+import rclpy
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+rclpy.init()
+node = rclpy.create_node("joins", parameter_overrides=[Parameter("use_sim_time", value=True)])
+seen = []
+
+def hear(message):
+    stamp = message.header.stamp.sec + message.header.stamp.nanosec / 1e9
+    seen.append((stamp, node.get_clock().now().nanoseconds / 1e9, message.velocity[0]))
+
+node.create_subscription(JointState, "/joint_states", hear, 10)
+wheels = node.create_publisher(Float64MultiArray, "/robby_forward_controller/commands", 10)
+end = time.monotonic() + 30
+while time.monotonic() < end and not (seen and seen[-1][2] > 4.9):
+    wheels.publish(Float64MultiArray(data=[5.0, 5.0]))
+    rclpy.spin_once(node, timeout_sec=0.05)
+print(json.dumps(seen[-1] if seen else None))
+"""
+
+
+def test_a_node_with_use_sim_time_drives_it_and_lives_in_its_time():
+    with ros.domain() as number:
+        words = ["simulate", "robby", "--ros", "--for", "2min", "--json"]
+        simulation = subprocess.Popen(
+            [sys.executable, "-m", "canopen_control", *words],
+            env=ros.ros_environment(number),
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            stamp, clock, velocity = json.loads(ros.run_ros(JOINS, number))
+        finally:
+            simulation.send_signal(signal.SIGINT)
+            said, _ = simulation.communicate(timeout=30)
+    assert velocity > 4.9
+    assert 1.0 < stamp < 60.0
+    assert clock == pytest.approx(stamp, abs=1.0)
+    assert json.loads(said)["breaches"] == []
