@@ -1,7 +1,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.drive_shapes import SHAPES
+from support.drive_shapes import MAKERS, SHAPES
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
@@ -60,9 +60,9 @@ def test_what_follows_the_node_id_does_so_in_the_file(tmp_path):
     assert parameters({(0x1800, 1): 0x40000185}).for_node(9)[0x1800, 1] == 0x40000189
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", [*SHAPES, *MAKERS])
 def test_every_makers_shape_comes_back(tmp_path, name):
-    od = SHAPES[name][0]()
+    od = (SHAPES | MAKERS)[name][0]()
     backup = parameters(od=od)
     found = read_backup(written(tmp_path, backup))
     assert differences(backup, found) == []
