@@ -109,7 +109,8 @@ def identity_from(numbers: Mapping[str, int | None], texts: Mapping[str, str]) -
 class ParameterSet:
     """`values` of the parameters of `node_id` by address, typed as `od` says; `where` is the node or file, for people.
 
-    `date` is when a file was made (ISO 8601), "" where that is not known.
+    `date` is when a file was made (ISO 8601), "" where that is not known. `foreign` are objects that a file gives a
+    value of its own and that are no parameters: read-only ones, commands, live values.
     """
 
     od: ObjectDictionary
@@ -118,6 +119,7 @@ class ParameterSet:
     values: Mapping[Address, Value]
     where: str
     date: str = ""
+    foreign: tuple[Address, ...] = ()
 
     @property
     def relative(self) -> frozenset[Address]:
@@ -201,7 +203,14 @@ def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
     identity = _told(lines, od) if lines is not None else _identity_of(od)
     date = "" if lines is None else _get(lines, "Date")
     values = without_unused_slots(dict(sorted(chosen.items())))
-    return ParameterSet(od, node_id or own, identity, values, str(path), date)
+    foreign = tuple(entry.address for entry in od if entry.address not in chosen and _is_set(entry))
+    return ParameterSet(od, node_id or own, identity, values, str(path), date, foreign)
+
+
+def _is_set(entry: Entry) -> bool:
+    """Whether a file gives another value than the default; that of the identity is told apart."""
+    value = entry.parameter_value
+    return value is not None and value != entry.default and entry.address not in OBJECTS.values()
 
 
 def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:

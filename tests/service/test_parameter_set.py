@@ -116,6 +116,15 @@ def test_what_moves_is_not_taken_from_a_file(tmp_path):
     assert (0x60FF, 0) not in read_backup(path).values
 
 
+def test_values_that_nothing_writes_are_named(tmp_path):
+    path = written(tmp_path, parameters())
+    assert read_backup(path).foreign == ()
+    text = path.read_text()
+    at = text.index("[6502]") + len("[6502]")
+    path.write_text(f"{text[:at]}\nParameterValue=7{text[at:]}")
+    assert read_backup(path).foreign == ((0x6502, 0),)
+
+
 def test_identities_say_what_makes_a_stranger():
     other = DeviceIdentity(0xFFFF0192, 0x286, 0x4F5, 0x3001B, 78)
     assert IDENTITY.strangers(other) == ["product 0x000004F6 and 0x000004F5"]
