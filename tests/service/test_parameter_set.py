@@ -116,6 +116,24 @@ def test_what_moves_is_not_taken_from_a_file(tmp_path):
     assert (0x60FF, 0) not in read_backup(path).values
 
 
+def test_a_value_that_is_none_is_told_with_its_line(tmp_path):
+    path = written(tmp_path, parameters())
+    lines = path.read_text().splitlines()
+    number = next(at for at, line in enumerate(lines) if line.startswith("ParameterValue="))
+    lines[number] = "ParameterValue=many"
+    path.write_text("\n".join(lines))
+    with pytest.raises(EdsError, match=rf"backup\.dcf:{number + 1}: ParameterValue=many is no .*; correct it"):
+        read_backup(path)
+
+
+def test_a_backup_that_was_cut_is_refused(tmp_path):
+    path = written(tmp_path, parameters())
+    whole = path.read_text()
+    path.write_text(whole[: len(whole) // 2])
+    with pytest.raises(EdsError, match=r"backup\.dcf:\d+: 0x.* has no section: the backup was cut, make a new one"):
+        read_backup(path)
+
+
 def test_values_that_nothing_writes_are_named(tmp_path):
     path = written(tmp_path, parameters())
     assert read_backup(path).foreign == ()
