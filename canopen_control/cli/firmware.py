@@ -36,6 +36,7 @@ EXAMPLE = """canopen-control firmware 3 drive-1.4.bin --can can0
          canopen-control firmware 3 drive-1.4.bin --can can0 --eds drive.eds --expect 0x1A2B3C4D
          canopen-control firmware 3 drive-1.4.bin --can can0 --expect-date 2026-11-21"""
 
+_DEVICE_FILE, _TEXT = b"[fileinfo]", (b"[", b";")  # what every EDS and DCF has, and begins with
 _UNTOUCHED = (DownloadStep.ASKING, DownloadStep.DONE)
 
 
@@ -118,6 +119,8 @@ def _file(name: str) -> bytes:
         raise ConfigError(f"{name} cannot be read: {error.strerror}") from None
     if not image:
         raise ConfigError(f"{name} is empty; nothing was sent")
+    if image.lstrip()[:1] in _TEXT and _DEVICE_FILE in image[:4096].lower():  # a program may have an EDS inside
+        raise ConfigError(f"{name} is an EDS or DCF, and no program; nothing was sent")
     return image
 
 

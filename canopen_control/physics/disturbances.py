@@ -19,7 +19,7 @@ from canopen_control.physics.scenery import BOX
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -49,7 +49,7 @@ class Disturbances:
         self.block: Callable[[str, str, bool], None] = lambda _robot, _joint, _on: None
         self._due: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
-        self._timeline = world.timeline()
+        self._timeline, self._steps = world.timeline(), world.steps
         names = {str(self._model.body(number).name): number for number in range(1, self._model.nbody)}
         boxes = {name: number for name, number in names.items() if name.startswith(BOX)}
         own = {robot: {name: each for name, each in body.links.items() if name not in boxes}
@@ -59,10 +59,14 @@ class Disturbances:
         self._heaviest = {robot: max(links.values(), key=lambda each: float(masses[each]), default=0)
                           for robot, links in own.items()}  # fmt: skip
 
-    def check(self) -> None:
-        """Raise ConfigError for a link or joint of the timeline that is not there."""
-        for _, robot, act in self._timeline:
-            self._check(act, robot)
+    def problems(self) -> Iterator[str]:
+        """Yield what in the steps of the file names a link or joint that is not there, each with its line."""
+        for step in self._steps:
+            try:
+                for act in step.acts():
+                    self._check(act, step.robot)
+            except ConfigError as error:
+                yield f"{step.here.line}:{step.here.column}: {error}"
 
     def begin(self, data: Any) -> None:  # noqa: ANN401 - of MuJoCo
         """Act on this state from now on, whose time is 0."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.errors import ConfigError, nearest
+from canopen_control.errors import nearest
 from canopen_control.physics import require_physics
 from canopen_control.physics.physics_file import Floor, PhysicsError, PhysicsFile, axis_address, read_physics_file
 from canopen_control.physics.world_file import RobotStart, Start, WorldDescription, read_world_description
@@ -141,10 +141,8 @@ def _world(
     from canopen_control.physics.physics_world import PhysicsWorld
 
     disturbances = Disturbances({name: robot.body for name, robot in robots.items()}, floor, world)
-    try:
-        disturbances.check()
-    except ConfigError as error:
-        raise PhysicsError(f"{where}: {error}") from error
+    if problems := [f"{where}:{problem}" for problem in disturbances.problems()]:
+        raise PhysicsError("\n".join(problems))
     return PhysicsWorld(robots, disturbances, notes)
 
 

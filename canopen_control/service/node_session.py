@@ -37,6 +37,9 @@ class Transfers(Protocol):
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """Download an object; raises RemoteError or RemoteProtocolError."""
 
+    def be_patient(self, seconds: float | None) -> None:
+        """Take so many seconds as what each answer may take from now on; None: as it was given, or the default."""
+
     def command(self, command: NmtCommand) -> None:
         """Send an NMT command, on a bare bus alone; raises DriveError where the node shows another state after it."""
 

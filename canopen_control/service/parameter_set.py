@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from canopen_control.od.eds import EdsFile
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
 
 __all__ = [
@@ -109,7 +110,8 @@ def identity_from(numbers: Mapping[str, int | None], texts: Mapping[str, str]) -
 class ParameterSet:
     """`values` of the parameters of `node_id` by address, typed as `od` says; `where` is the node or file, for people.
 
-    `date` is when a file was made (ISO 8601), "" where that is not known.
+    `date` is when a file was made (ISO 8601), "" where that is not known. `foreign` are objects that a file gives a
+    value of its own and that are no parameters: read-only ones, commands, live values.
     """
 
     od: ObjectDictionary
@@ -118,6 +120,7 @@ class ParameterSet:
     values: Mapping[Address, Value]
     where: str
     date: str = ""
+    foreign: tuple[Address, ...] = ()
 
     @property
     def relative(self) -> frozenset[Address]:
@@ -188,6 +191,7 @@ def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
     own = file.od.node_id
     if own is None:
         raise EdsError(str(path), 0, "has no node id ([DeviceComissioning]), so it is an EDS and no DCF of a node")
+    _refuse_unsound(file)
     od = file.od if node_id is None else file.od.for_node(node_id)
     chosen = {entry.address: entry.parameter_value for entry in parameters_of(od) if entry.parameter_value is not None}
     lines = next((texts for title, texts in od.sections.items() if title.lower() == SECTION.lower()), None)
@@ -201,7 +205,24 @@ def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
     identity = _told(lines, od) if lines is not None else _identity_of(od)
     date = "" if lines is None else _get(lines, "Date")
     values = without_unused_slots(dict(sorted(chosen.items())))
-    return ParameterSet(od, node_id or own, identity, values, str(path), date)
+    foreign = tuple(entry.address for entry in od if entry.address not in chosen and _is_set(entry))
+    return ParameterSet(od, node_id or own, identity, values, str(path), date, foreign)
+
+
+def _refuse_unsound(file: EdsFile) -> None:
+    """Raise EdsError for a value that is none, and for a backup that was cut: less of it than it seems is restored."""
+    is_backup = any(title.lower() == SECTION.lower() for title in file.od.sections)
+    for issue in file.issues:
+        if issue.code == "value-form" and issue.text.startswith("ParameterValue"):
+            raise EdsError(issue.path, issue.line, f"{issue.text.partition(';')[0]}; correct it, or leave the line out")
+        if is_backup and issue.code == "list-object" and issue.text.endswith("has no section"):
+            raise EdsError(issue.path, issue.line, f"{issue.text}: the backup was cut, make a new one")
+
+
+def _is_set(entry: Entry) -> bool:
+    """Whether a file gives another value than the default; that of the identity is told apart."""
+    value = entry.parameter_value
+    return value is not None and value != entry.default and entry.address not in OBJECTS.values()
 
 
 def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:

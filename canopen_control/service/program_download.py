@@ -33,11 +33,15 @@ __all__ = [
 DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
 STOP, START, CLEAR, CONFIRM = 0, 1, 3, 0x80
 _STOPPED: Final = (STOP, CLEAR)
+_RESETTING: Final = (STOP, START)  # what a node may answer by a reset
 _BUSY_S: Final = 30.0  # what erasing or writing a flash may take
 _POLL_S: Final = 0.1
 _SOON_S: Final = 0.01  # before the first look at a flash, each further one twice as late
 _UNTOLD_S: Final = 1.0  # for a flash that does not tell when it is done
 _SILENCE_S: Final = 1.0  # what a missing answer has cost
+_QUICK_S: Final = 0.15  # for an answer of a node that may be resetting: a boot-loader waits for half a second
+_QUICK_ROUNDS: Final = 4  # of so many rounds the last one waits as long as ever
+_FLASH_S: Final = 10.0  # for an answer of a node that erases or writes its flash before it gives one
 _EPOCH: Final = datetime.date(1984, 1, 1)  # of 0x1F52, as of 0x1020
 _MOST_DAYS: Final = 0xFFFF
 _DAY_MS: Final = 86_400_000
@@ -78,7 +82,10 @@ class Act(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """One act: an object and the `data` to write, or how many `seconds` to pause."""
+    """One act: an object and the `data` to write, or how many `seconds` to pause.
+
+    `seconds` of an object are what each answer may take, 0: as long as ever.
+    """
 
     act: Act
     index: int = 0
@@ -171,7 +178,7 @@ def program_download(image: bytes, options: ProgramOptions, progress: DownloadPr
         progress.tries += 1
         yield from _prepare(number, progress, options)
         progress.step = DownloadStep.SENDING
-        outcome = yield Order(Act.WRITE, DATA, number, image)
+        outcome = yield Order(Act.WRITE, DATA, number, image, _FLASH_S)
         progress.step = DownloadStep.CHECKING
         if outcome.error is None:
             why = yield from _flash(number)
@@ -221,18 +228,29 @@ def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -
 
 
 def _command(number: int, command: int, wanted: tuple[int, ...], seconds: float, word: str) -> Sequence:
-    """Write 0x1F51 and wait until it shows what was wanted; a missing answer is none, a refusal is repeated."""
-    refusal = ""
+    """Write 0x1F51 and wait until it shows what was wanted; a missing answer is none, a refusal is repeated.
+
+    A node that resets is asked again soon: a boot-loader that nobody talks to starts the program that was to stop.
+    """
+    refusal, rounds = "", 0
     while seconds > 0.0:
-        outcome = yield Order(Act.WRITE, CONTROL, number, bytes((command,)))
+        rounds += 1
+        soon = 0.0 if command not in _RESETTING or rounds % _QUICK_ROUNDS == 0 else _QUICK_S
+        outcome = yield Order(Act.WRITE, CONTROL, number, bytes((command,)), _FLASH_S if command == CLEAR else soon)
         if outcome.error is not None and is_abort(outcome.error):
             refusal = reason_of(outcome.error)
             yield Order(Act.PRE_OPERATIONAL)
         yield Order(Act.PAUSE, seconds=_POLL_S)
-        status = yield from _number(CONTROL, number)
+        status = yield from _number(CONTROL, number, soon)
         if status in wanted:
             return
-        seconds -= _POLL_S + (_SILENCE_S if status == _SILENT else 0.0)
+        if refusal and (command, status) == (STOP, CONFIRM):
+            raise DriveError(
+                f"the program that runs is on trial and takes no other one (0x1F51:{number:02X} is 0x80, {refusal}): "
+                f"make it permanent with `canopen-control sdo write NODE 1F51:{number} 0x80 --type u8`, or reset the "
+                "node, which brings the one before it back"
+            )
+        seconds -= _POLL_S + ((soon or _SILENCE_S) if status == _SILENT else 0.0)
     raise DriveError(f"the program does not {word} (0x1F51 <- {command}){f': {refusal}' if refusal else ''}")
 
 
@@ -293,9 +311,9 @@ def _date() -> Generator[Order, Outcome, ProgramDate | None]:
     return ProgramDate(_EPOCH + datetime.timedelta(days=days), milliseconds if known else None)
 
 
-def _number(index: int, subindex: int) -> Numbers:
+def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
     """Read a number; None where the node has no such object, _SILENT where it does not answer just now."""
-    outcome = yield Order(Act.READ, index, subindex)
+    outcome = yield Order(Act.READ, index, subindex, seconds=seconds)
     if outcome.error is not None:
         return None if is_abort(outcome.error) else _SILENT
     return int.from_bytes(outcome.data, "little")

@@ -64,11 +64,9 @@ def download(
 
 def _carry_out(session: NodeSession, order: Order, pause: Callable[[float], None]) -> Outcome:
     try:
-        if order.act is Act.READ:
-            return Outcome(session.read(order.index, order.subindex))
-        if order.act is Act.WRITE:
-            session.write(order.index, order.subindex, order.data)
-        elif order.act is Act.PAUSE:
+        if order.act in (Act.READ, Act.WRITE):
+            return Outcome(_transferred(session, order))
+        if order.act is Act.PAUSE:
             pause(order.seconds)
         elif not session.robot:  # whose robot it is has taken it out of operation
             session.transfers.command(NmtCommand.ENTER_PRE_OPERATIONAL)
@@ -77,6 +75,18 @@ def _carry_out(session: NodeSession, order: Order, pause: Callable[[float], None
             raise
         return Outcome(error=error)
     return Outcome()
+
+
+def _transferred(session: NodeSession, order: Order) -> bytes:
+    """Read or write, and return what was read; each answer may take the time of the order, if it has one."""
+    session.transfers.be_patient(order.seconds or None)
+    try:
+        if order.act is Act.READ:
+            return session.read(order.index, order.subindex)
+        session.write(order.index, order.subindex, order.data)
+        return b""
+    finally:
+        session.transfers.be_patient(None)
 
 
 def _is_answer(error: CanopenError) -> bool:

@@ -22,6 +22,7 @@ from canopen_control.view.panels.scene_and_plots import PlotsPanel, ScenePanel
 from canopen_control.view.panels.target_panel import TargetPanel
 from canopen_control.view.panels.teleop_panel import TeleopPanel
 from canopen_control.view.panels.trajectory_panel import TrajectoryPanel
+from canopen_control.view.panels.world_panel import WorldPanel
 from canopen_control.view.sampling import titles
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ PANELS: Final = (
     PanelSlot("trajectory", "side", "Trajectory", TrajectoryPanel),
     PanelSlot("power", "side", "Power", PowerPanel),
     PanelSlot("faults", "side", "", FaultPanel),
+    PanelSlot("world", "side", "", WorldPanel),
     PanelSlot("scene", "middle", "", ScenePanel),
     PanelSlot("drives", "right", "Drives", DrivesPanel),
     PanelSlot("joints", "right", "Joints", JointsPanel),

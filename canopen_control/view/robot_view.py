@@ -13,6 +13,7 @@ from canopen_control.view.robot_info import pose_of, true_pose_of
 from canopen_control.view.sampling import Sampler, commanded_interfaces, names
 from canopen_control.view.scene_tree import SceneTree, Trail, angles_of
 from canopen_control.view.words import BAD, axis_rows
+from canopen_control.view.world_client import WorldClient
 from canopen_control.view.world_view import WorldView
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ class RobotView:
         self.history, self.trail = History(names(info.joints, info.buses)), Trail()
         self.true_trail, self.world = Trail(), WorldView()
         self.fault_client, self.faults = FaultClient(info.nodes), DriveFaults()
+        self.world_client = WorldClient(info.nodes)
         self.controllers: tuple[ControllerReading, ...] = ()
         self._sampler = Sampler()
         self._scene: SceneChange = {}

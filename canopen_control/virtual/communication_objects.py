@@ -37,6 +37,7 @@ _MS = 1_000_000
 SAVE, LOAD = 0x65766173, 0x64616F6C
 # What subindex n of 0x1010 and 0x1011 is about (CiA 301, 7.5.2.13); 4 and following are the manufacturer's.
 _GROUPS = {1: (0x1000, 0xFFFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF)}
+_SERIAL = (0x1018, 4)
 _MANUFACTURER = (0x2000, 0x5FFF)
 _ANY_STATE = (0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1014, 0x1015, 0x1016, 0x1017, 0x1019)
 
@@ -91,7 +92,10 @@ class CommunicationObjects:
                 store.on_read(index, subindex, lambda: 1)
 
     def identify(self, serial: int, more: Mapping[Address, int | str]) -> None:
-        """Fill the identity where the file gives no value, the names, and what `more` is known of the device."""
+        """Fill the identity where the file gives no value, the names, and what `more` is known of the device.
+
+        A serial number that the file has as a default is none: two devices of a file would be the same one.
+        """
         device, store = self._store.od.device, self._store
         known: dict[Address, Value | None] = {
             (0x1018, 1): device.vendor_number,
@@ -105,7 +109,9 @@ class CommunicationObjects:
         }
         for (index, subindex), value in known.items():
             entry = store.od.get(index, subindex)
-            if entry is not None and entry.value is None and value is not None:
+            if entry is None or value is None:
+                continue
+            if (entry.parameter_value if (index, subindex) == _SERIAL else entry.value) is None:
                 store.preset(index, subindex, value)
 
     def apply(self) -> None:

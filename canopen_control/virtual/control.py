@@ -103,7 +103,10 @@ class NodeMethods:
         return describe(self._node, None if self._world is None else self._world.describe())
 
     def _tell_world(self, _request: messages.GetWorld) -> WorldState:
-        return WorldState() if self._world is None else self._world.describe()
+        if self._world is None:
+            return WorldState()
+        told = self._world.describe()
+        return WorldState(told.base, told.others, told.sensors, changeable=isinstance(self._world, ChangeableWorld))
 
     def _tell_shapes(self, _request: messages.GetWorldShapes) -> tuple[WorldShape, ...]:
         return self._world.shapes() if isinstance(self._world, FurnishedWorld) else ()

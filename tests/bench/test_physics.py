@@ -26,3 +26,10 @@ def test_a_run_in_physics_is_held_against_one_without():
     assert figure.limit == physics.CORE_LIMIT
     assert figure.absolutes["plain % of a core"] > 0.0
     assert figure.absolutes["physics % of a core"] > 0.0
+
+
+def test_two_passes_of_umbmark_are_a_figure_of_its_own():
+    figure = physics._calibrated(side=0.3)
+    assert figure.limit == physics.CALIBRATION_GAIN
+    assert figure.ours > 30.0  # of a small square, whose end is known to fewer parts of its error
+    assert figure.absolutes["mm before"] > 20.0

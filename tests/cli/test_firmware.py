@@ -93,7 +93,12 @@ def test_another_product_an_enabled_drive_and_bad_files_send_nothing(bus, progra
     assert "node 3 is no device of that EDS: vendor 0x00000286 in the EDS" in capsys.readouterr().err
     empty = tmp_path / "empty.bin"
     empty.touch()
-    for name, why in ((str(empty), "is empty"), (str(tmp_path / "gone.bin"), "cannot be read")):
+    eds = str(data_path("eds", TMCM))
+    for name, why in (
+        (str(empty), "is empty"),
+        (str(tmp_path / "gone.bin"), "cannot be read"),
+        (eds, "is an EDS or DCF, and no program"),
+    ):
         assert main(["firmware", "3", name, *bus.options]) == 2
         assert why in capsys.readouterr().err
     bus.call(lambda: bus.nodes[3].store.on_read(0x6041, 0, lambda: 0x0637))

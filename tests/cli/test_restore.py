@@ -1,6 +1,7 @@
 """The verb restore, as its user sees it."""
 
 import json
+from pathlib import Path
 
 import pytest
 from support.onbus import GENERIC, TMCM, OnBus
@@ -107,6 +108,15 @@ def test_a_refusal_leaves_the_drive_as_it_was_and_stores_nothing(bus, backup, ca
     assert main(["restore", backup, "3", *bus.options, "--keep"]) == 1
     assert "what it took is kept, and not stored" in capsys.readouterr().out
     assert values(bus, 3)[0x6083, 0] == 0
+
+
+def test_what_a_file_gives_and_nothing_writes_is_named(bus, backup, capsys):
+    text = Path(backup).read_text()
+    at = text.index("[6502]") + len("[6502]")
+    Path(backup).write_text(f"{text[:at]}\nParameterValue=7{text[at:]}")
+    assert main(["restore", backup, "3", *bus.options]) == 0
+    said = capsys.readouterr().out
+    assert "never written (read-only, commands, live values): 0x6502:00 Supported drive modes" in said
 
 
 @pytest.mark.parametrize("content", ["", "[FileInfo]\n", "not a file of that kind"])

@@ -129,9 +129,11 @@ def test_a_ramp_is_climbed_and_a_wall_is_not_passed(tmp_path):
 )
 def test_what_is_not_there_is_told_before_anything_runs(tmp_path, step, words):
     with pytest.raises(PhysicsError) as caught:
-        in_world(tmp_path, f"steps: [{{at: 1s, {step}}}]")
-    assert words in str(caught.value)
-    assert "hall.yml" in str(caught.value)
+        in_world(tmp_path, f"steps:\n- {{at: 0s, friction: 0.5}}\n- {{at: 1s, {step}}}\n- {{at: 2s, {step}}}")
+    first, second = str(caught.value).splitlines()
+    assert words in first
+    assert "hall.yml:3:3: " in first
+    assert "hall.yml:4:3: " in second
 
 
 def test_what_is_asked_for_while_it_runs_too(tmp_path):

@@ -1,7 +1,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.drive_shapes import SHAPES
+from support.drive_shapes import MAKERS, SHAPES
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
@@ -60,9 +60,9 @@ def test_what_follows_the_node_id_does_so_in_the_file(tmp_path):
     assert parameters({(0x1800, 1): 0x40000185}).for_node(9)[0x1800, 1] == 0x40000189
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", [*SHAPES, *MAKERS])
 def test_every_makers_shape_comes_back(tmp_path, name):
-    od = SHAPES[name][0]()
+    od = (SHAPES | MAKERS)[name][0]()
     backup = parameters(od=od)
     found = read_backup(written(tmp_path, backup))
     assert differences(backup, found) == []
@@ -114,6 +114,33 @@ def test_what_moves_is_not_taken_from_a_file(tmp_path):
     path.write_text(text)
     assert read_eds(path).od[0x60FF, 0].parameter_value == 5000
     assert (0x60FF, 0) not in read_backup(path).values
+
+
+def test_a_value_that_is_none_is_told_with_its_line(tmp_path):
+    path = written(tmp_path, parameters())
+    lines = path.read_text().splitlines()
+    number = next(at for at, line in enumerate(lines) if line.startswith("ParameterValue="))
+    lines[number] = "ParameterValue=many"
+    path.write_text("\n".join(lines))
+    with pytest.raises(EdsError, match=rf"backup\.dcf:{number + 1}: ParameterValue=many is no .*; correct it"):
+        read_backup(path)
+
+
+def test_a_backup_that_was_cut_is_refused(tmp_path):
+    path = written(tmp_path, parameters())
+    whole = path.read_text()
+    path.write_text(whole[: len(whole) // 2])
+    with pytest.raises(EdsError, match=r"backup\.dcf:\d+: 0x.* has no section: the backup was cut, make a new one"):
+        read_backup(path)
+
+
+def test_values_that_nothing_writes_are_named(tmp_path):
+    path = written(tmp_path, parameters())
+    assert read_backup(path).foreign == ()
+    text = path.read_text()
+    at = text.index("[6502]") + len("[6502]")
+    path.write_text(f"{text[:at]}\nParameterValue=7{text[at:]}")
+    assert read_backup(path).foreign == ((0x6502, 0),)
 
 
 def test_identities_say_what_makes_a_stranger():

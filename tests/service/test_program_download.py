@@ -5,6 +5,7 @@ import zlib
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.foreign_loaders import CONFIRM, START, ProgramAbort, WaitingLoader, ZephyrDevice
 from support.programs import program_od
 
 from canopen_control.cia301.nmt import NmtCommand
@@ -213,7 +214,7 @@ def test_a_flash_that_is_quick_is_not_waited_for():
     area.erase_ns.break_with(5 * MS)
     area.write_ns = 5 * MS
     bench.run()
-    assert sum(order.seconds for order in bench.orders) < 0.4
+    assert sum(order.seconds for order in bench.orders if order.act is Act.PAUSE) < 0.4
 
 
 def test_a_date_is_compared_as_far_as_it_is_told():
@@ -242,3 +243,101 @@ def test_any_number_is_a_date_or_none(days, milliseconds):
     if told is not None:
         assert (told.day - datetime.date(1984, 1, 1)).days == days
         assert told.milliseconds == (milliseconds if milliseconds < 86_400_000 else None)
+
+
+def test_who_erases_or_writes_before_an_answer_is_waited_for_and_who_resets_is_asked_again_soon():
+    bench = Bench()
+    bench.run()
+    patience = {}
+    for order in bench.orders:
+        if order.act is Act.WRITE:
+            patience[order.index, order.data[:1]] = order.seconds
+    assert patience[0x1F51, b"\3"] >= 10.0
+    assert patience[0x1F50, NEW[:1]] >= 10.0
+    assert 0.0 < patience[0x1F51, b"\0"] < 0.25
+    assert 0.0 < patience[0x1F51, b"\1"] < 0.25
+
+
+# -- devices of others
+
+
+def load_into(device, image=NEW, lost=(), **how):
+    """Download into a device of another maker; the transfers numbered `lost` break off half-way."""
+    progress, transfers = DownloadProgress(), []
+    sequence, outcome = program_download(image, ProgramOptions(**how), progress), None
+    for _ in range(2_000):
+        try:
+            order = next(sequence) if outcome is None else sequence.send(outcome)
+        except StopIteration:
+            return progress
+        outcome = Outcome()
+        device.wait(MS)
+        if order.act is Act.PAUSE:
+            device.wait(round(order.seconds * 1e9))
+        elif order.act is Act.PRE_OPERATIONAL:
+            device.enter_pre_operational()
+        else:
+            if order.index == 0x1F50:
+                transfers.append(order)
+            breaks = order.index == 0x1F50 and len(transfers) in lost
+            outcome = answered(device, order, order.data[: len(order.data) // 2] if breaks else order.data)
+            outcome = silent(order) if breaks else outcome
+    raise AssertionError("it never ends")
+
+
+def answered(device, order, data):
+    try:
+        answer = device.read(order.index) if order.act is Act.READ else device.write(order.index, data)
+    except ProgramAbort as abort:
+        return Outcome(error=SdoAbort(5, order.index, order.subindex, abort.code, "refused"))
+    if answer is None:
+        device.wait(2 * round((order.seconds or 1.0) * 1e9))  # of two tries
+        return silent(order)
+    return Outcome(answer)
+
+
+def test_zephyrs_device_takes_a_program_on_trial():
+    device = ZephyrDevice()
+    progress = load_into(device)
+    assert (device.running, device.status, device.boots) == (NEW, CONFIRM, 1)
+    assert "0x1F56 is the CRC-32 of the file" in progress.notes
+    device.boot()
+    assert device.running == b"old"  # nobody confirmed it
+
+
+def test_zephyrs_device_keeps_a_program_that_is_confirmed():
+    device = ZephyrDevice()
+    load_into(device, confirm=True)
+    device.boot()
+    assert (device.running, device.status) == (NEW, START)
+
+
+def test_half_a_transfer_to_zephyrs_device_is_cleared_and_begun_anew():
+    device = ZephyrDevice()
+    assert load_into(device, lost=(1,), confirm=True).tries == 2
+    assert device.permanent == NEW
+
+
+def test_a_program_on_trial_is_told_to_be_confirmed_first():
+    device = ZephyrDevice()
+    load_into(device)
+    with pytest.raises(DriveError, match=r"on trial.*reset the node"):
+        load_into(device)
+    assert device.running == NEW
+
+
+@pytest.mark.parametrize("program", [b"old", b""])
+def test_a_loader_that_waits_for_an_sdo_after_a_reset_is_caught(program):
+    device = WaitingLoader(program)
+    device.boot()
+    device.wait(WaitingLoader.boot_ns + WaitingLoader.waits_ns + MS)
+    assert device.loading == (not program)
+    progress = load_into(device)
+    assert (device.program, device.loading, progress.new) == (NEW, False, None)
+
+
+def test_half_a_transfer_to_that_loader_is_begun_anew():
+    device = WaitingLoader()
+    assert load_into(device, lost=(1,)).tries == 2
+    device.wait(1000 * MS)
+    assert (device.program, device.loading) == (NEW, False)

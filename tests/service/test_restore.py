@@ -1,7 +1,7 @@
 from dataclasses import replace
 
 import pytest
-from support.drive_shapes import SHAPES
+from support.drive_shapes import MAKERS, SHAPES
 from support.parameter_node import BOOTED, session_with
 
 from canopen_control.cia301.nmt import NmtCommand
@@ -38,9 +38,9 @@ def test_what_differs_is_written_and_all_is_proven():
     assert again.written == []
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", [*SHAPES, *MAKERS])
 def test_every_makers_shape_takes_its_backup_back(name, tmp_path):
-    od = SHAPES[name][0]()
+    od = (SHAPES | MAKERS)[name][0]()
     session = session_with(od)
     path = tmp_path / "backup.dcf"
     path.write_text(backup_text(held_by(session)), encoding="utf-8")

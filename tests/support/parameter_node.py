@@ -53,6 +53,9 @@ class DeviceTransfers:
     def taken_out(self):
         return self.robot_leaves_it
 
+    def be_patient(self, seconds):
+        pass
+
     def progress(self):
         return 0, None
 

@@ -33,5 +33,8 @@ class NodeStub:
     def nmt_state(self):
         return self.nmt
 
+    def be_patient(self, seconds):
+        pass
+
     def progress(self):
         return 0, None

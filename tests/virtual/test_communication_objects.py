@@ -1,7 +1,13 @@
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
-from support.virtualbench import Bench, servo
+from support.virtualbench import TMCM, Bench, servo
+
+from canopen_control.data_files import data_path
+from canopen_control.od.eds import read_eds
+from canopen_control.virtual.device import make_device
 
 
 @pytest.mark.parametrize(
@@ -53,8 +59,13 @@ def test_a_heartbeat_time_of_zero_ends_the_heartbeat_and_lets_guarding_answer():
 
 
 def test_the_serial_number_may_be_given():
-    from support.virtualbench import TMCM
-
-    from canopen_control.virtual.device import make_device
-
     assert Bench(make_device(TMCM, 3, serial=12345)).number(0x1018, 4) == 12345
+    assert Bench(make_device("eds/generic_cia402.eds", 3, serial=12345)).number(0x1018, 4) == 12345
+
+
+def test_a_default_of_a_serial_number_is_none_and_a_parameter_value_is_one():
+    od = read_eds(data_path("eds", "generic_cia402.eds"), 3).od
+    assert od[0x1018, 4].default == 1
+    assert Bench(make_device(od, 3)).number(0x1018, 4) == 3
+    od.entries[0x1018, 4] = dataclasses.replace(od[0x1018, 4], parameter_value=77)
+    assert Bench(make_device(od, 3)).number(0x1018, 4) == 77

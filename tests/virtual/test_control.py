@@ -143,6 +143,14 @@ def test_what_the_axes_do_together_is_told(controlled):
     assert controlled(world=world).call("state")["world"] == told
 
 
+def test_a_world_in_which_things_may_happen_says_so(controlled):
+    class Lively(PlainWorld):
+        def act(self, what):
+            pass
+
+    assert controlled(world=Lively()).call("world") == {"changeable": True}
+
+
 def test_the_true_pose_of_the_base_is_told_by_itself(controlled):
     pose = BasePose(1.5, 0.5, 0.25, 7, z=0.1, pitch=-0.2)
     told = controlled(world=SimpleNamespace(describe=lambda: WorldState(pose))).call("world")

@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.calibration.umbmark_session import CalibrationPlan, TrueEnds, calibrate
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, NotYetEnabled, RemoteError
 from canopen_control.host.environment import MODULE
@@ -35,6 +36,8 @@ REST_LIMIT: Final = 0.1  # s of 60
 SLIP_M: Final = 3.5e-3  # of a square of 2 m on friction 0.1
 SLIP_BAND: Final = (0.8, 1.2)
 MIRROR_LIMIT: Final = 1e-6  # m, of an ideal robot
+CALIBRATION_GAIN: Final = 100.0  # of two passes of UMBmark
+UNEQUAL, TRACK = 0.005, 1.02  # by which that robot misjudges its wheels
 ROUNDS: Final = 3
 _SECONDS, _QUICK_S = 8.0, 3.0
 _EVERY_S: Final = 0.1
@@ -131,6 +134,24 @@ def _children(pid: int) -> Iterator[int]:
             yield int(path.parent.name)
 
 
+def _calibrated(side: float = 1.0) -> Figure:
+    """Return by how many times two passes of UMBmark make the largest error of a robot in physics smaller."""
+    from canopen_control_bench.physics_square import MisjudgedBase
+
+    plan = CalibrationPlan(side, passes=2)
+    outcome = calibrate(MisjudgedBase(UNEQUAL, TRACK), TrueEnds(_silent), plan, _silent)
+    before, after = 1e3 * outcome.first.largest, 1e3 * outcome.last.largest
+    return limited(
+        "UMBmark, 0.5 % unequal wheels and 2 % of track: gain", "", [outcome.gain], limit=CALIBRATION_GAIN,
+        direction=AT_LEAST, counted=True,
+        absolutes={"mm before": round(before, 1), "mm after": round(after, 2)},
+    )  # fmt: skip
+
+
+def _silent(_told: object) -> None:
+    pass
+
+
 def _alone(options: Options) -> list[Figure]:
     """Return the figures of the world in simulated time."""
     from canopen_control_bench.physics_square import rest_cpu, square
@@ -155,4 +176,5 @@ def _alone(options: Options) -> list[Figure]:
             "the same, at least", "", [slip], limit=SLIP_BAND[0], direction=AT_LEAST, counted=True
         ),
         limited("cw and ccw of an ideal robot, apart", "m", [apart], limit=MIRROR_LIMIT, counted=True),
+        _calibrated(),
     ]  # fmt: skip

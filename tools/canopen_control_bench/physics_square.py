@@ -18,16 +18,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.calibration.base_link import Driven, WheelValues
 from canopen_control.data_files import data_path
 from canopen_control.physics.engine import make
 from canopen_control.virtual.mover import Mover
 from canopen_control.virtual.trajectory import hold, move_to, ramp_to
 
 if TYPE_CHECKING:
+    from canopen_control.calibration.square_path import SquarePath
     from canopen_control.physics.physics_world import PhysicsWorld
     from canopen_control.virtual.trajectory import Trajectory
 
-__all__ = ["Ending", "digest_after", "rest_cpu", "square", "world_of"]
+__all__ = ["BelievedWheels", "Ending", "MisjudgedBase", "digest_after", "rest_cpu", "square", "world_of"]
 
 MS: Final = 1_000_000
 LEFT, RIGHT = (3, 0), (2, 0)
@@ -53,11 +55,28 @@ class Ending:
         return math.hypot(self.x, self.y)
 
 
-class Leg:
-    """The drive of one wheel: goes one leg after the other, in counts."""
+@dataclass(frozen=True, slots=True)
+class BelievedWheels:
+    """The wheels as odometry believes them to be, m; robby's own are the default."""
 
-    def __init__(self, legs: list[float]) -> None:
-        self.legs = legs
+    left: float = RADIUS
+    right: float = RADIUS
+    track: float = TRACK
+
+    def counts(self, left: float, right: float) -> tuple[float, float]:
+        """Return the counts of ways of both wheels in m."""
+        return left * COUNTS / (math.tau * self.left), right * COUNTS / (math.tau * self.right)
+
+    def ways(self, left: float, right: float) -> tuple[float, float]:
+        """Return the ways in m that both wheels have gone by counts."""
+        return left * math.tau * self.left / COUNTS, right * math.tau * self.right / COUNTS
+
+
+class Leg:
+    """The drive of one wheel: goes one leg after the other, in counts, at its share of the speed."""
+
+    def __init__(self, legs: list[float], pace: float = 1.0) -> None:
+        self.legs, self._pace = legs, pace
         self.axis: Mover | None = None
 
     def arrived(self, now: int) -> None:
@@ -65,7 +84,8 @@ class Leg:
         if self.legs and self.axis is not None:
             position, velocity = self.axis.state(now)
             target = position + self.legs.pop(0)
-            self.axis.run(move_to(now, position, velocity, target, _SPEED, _RAMP, _RAMP), now)
+            speed, ramp = self._pace * _SPEED, self._pace * _RAMP
+            self.axis.run(move_to(now, position, velocity, target, speed, ramp, ramp), now)
 
     def limit_switch_hit(self, side: int, now: int) -> None:
         """Do nothing: there is none."""
@@ -104,10 +124,9 @@ def world_of(friction: float = 0.8) -> PhysicsWorld:
         return make(path)
 
 
-def _axes(world: PhysicsWorld, legs: dict[tuple[int, int], list[float]]) -> dict[tuple[int, int], Mover]:
+def _axes(world: PhysicsWorld, legs: dict[tuple[int, int], Leg]) -> dict[tuple[int, int], Mover]:
     movers = {}
-    for key, way in legs.items():
-        owner = Leg(way)
+    for key, owner in legs.items():
         movers[key] = owner.axis = Mover(world.plant(*key), owner)
     for mover in movers.values():
         mover.advance(0)
@@ -116,43 +135,74 @@ def _axes(world: PhysicsWorld, legs: dict[tuple[int, int], list[float]]) -> dict
     return movers
 
 
-def square(direction: int, friction: float = 0.8, side: float = 2.0) -> Ending:
-    """Drive the square once; direction 1 is counter-clockwise."""
+def square(
+    direction: int, friction: float = 0.8, side: float = 2.0, wheels: BelievedWheels = BelievedWheels()
+) -> Ending:
+    """Drive the square once, by what odometry believes of the wheels; direction 1 is counter-clockwise."""
     world = world_of(friction)
-    straight, turn = side * _PER_METRE, direction * math.pi / 2 * TRACK / 2 * _PER_METRE
+    turn = direction * math.pi / 2 * wheels.track / 2
+    straight_counts, turn_counts = wheels.counts(side, side), wheels.counts(-turn, turn)
+    pace = wheels.counts(1.0, 1.0)
     movers = _axes(
         world,
         {
-            LEFT: [-leg for _ in range(4) for leg in (straight, -turn)],
-            RIGHT: [leg for _ in range(4) for leg in (straight, turn)],
+            LEFT: Leg([-leg for _ in range(4) for leg in (straight_counts[0], turn_counts[0])], pace[0] / _PER_METRE),
+            RIGHT: Leg([leg for _ in range(4) for leg in (straight_counts[1], turn_counts[1])], pace[1] / _PER_METRE),
         },
     )
     for mover in movers.values():
         mover.run(hold(0, mover.plant.position), 0)
-    now, x, y, heading, last = 0, 0.0, 0.0, 0.0, [0, 0]
+    now, x, y, heading, last = 0, 0.0, 0.0, 0.0, (0, 0)
     origin = world.describe().base
     assert origin is not None
     while any(mover.owner.legs or now < mover.demand.end_ns + 500 * MS for mover in movers.values()):  # type: ignore[attr-defined] # a Leg
         now += _LOOK_NS
         for mover in movers.values():
             mover.advance(now)
-        counts = [math.floor(-movers[LEFT].plant.position), math.floor(movers[RIGHT].plant.position)]
-        left, right = ((count - before) / _PER_METRE for count, before in zip(counts, last, strict=True))
+        counts = (math.floor(-movers[LEFT].plant.position), math.floor(movers[RIGHT].plant.position))
+        left, right = wheels.ways(counts[0] - last[0], counts[1] - last[1])
         last = counts
-        middle = heading + 0.5 * (right - left) / TRACK
+        middle = heading + 0.5 * (right - left) / wheels.track
         x += 0.5 * (left + right) * math.cos(middle)
         y += 0.5 * (left + right) * math.sin(middle)
-        heading += (right - left) / TRACK
+        heading += (right - left) / wheels.track
     true = world.describe().base
     assert true is not None
     return Ending(true.x - origin.x - x, true.y - origin.y - y, true.heading - origin.heading - heading)
+
+
+class MisjudgedBase:
+    """robby in physics with wheels that it misjudges, as UMBmark calibrates it."""
+
+    def __init__(self, unequal: float, track: float) -> None:
+        self._wheels = BelievedWheels(RADIUS * (1.0 + unequal / 2), RADIUS * (1.0 - unequal / 2), TRACK / track)
+        self._factors = (1.0, 1.0, 1.0)
+
+    def wheel_values(self) -> WheelValues:
+        """Return the wheels as they are believed to be."""
+        return WheelValues(self._wheels.track * self._factors[0], self._factors)
+
+    def set_factors(self, factors: tuple[float, float, float]) -> None:
+        """Believe in other multipliers."""
+        self._factors = factors
+
+    def drive(self, path: SquarePath) -> Driven:
+        """Drive a square to its end."""
+        track, left, right = self._factors
+        base = self._wheels
+        ending = square(
+            path.direction.value,
+            side=path.side,
+            wheels=BelievedWheels(base.left * left, base.right * right, base.track * track),
+        )
+        return Driven((0.0, 0.0, 0.0), (ending.x, ending.y, ending.heading))
 
 
 def digest_after(seconds: float, seed: int = 1) -> str:
     """Return the hash of every bit of the state after a drive with random speeds, looked at in a random rhythm."""
     orders, looks = random.Random(seed), random.Random()  # no secret
     world = world_of()
-    movers = _axes(world, {LEFT: [], RIGHT: []})
+    movers = _axes(world, {LEFT: Leg([]), RIGHT: Leg([])})
     now = 0
     while now < seconds * 1e9:
         end = now + 500 * MS
@@ -169,7 +219,7 @@ def digest_after(seconds: float, seed: int = 1) -> str:
 
 def rest_cpu(seconds: float) -> float:
     """Return the CPU seconds of so many at rest, enabled, looked at 50 times a second."""
-    movers = _axes(world_of(), {LEFT: [], RIGHT: []})
+    movers = _axes(world_of(), {LEFT: Leg([]), RIGHT: Leg([])})
     for mover in movers.values():
         mover.run(hold(0, mover.plant.position), 0)
     now = 0

@@ -36,6 +36,7 @@ FAMILIES = {
     "soak": "random commands and breaking drives, for a minute (--seconds 3600: an hour)",
     "boot": "from nothing to all drives operational, 2 and 64 of them",
     "services": "SDO and EDS beside the canopen package",
+    "drive": "one drive on a desk, on a paced bus: its first turn, what stops it, a clone, a program",
     "bridge": "CPU of the ROS bridge beside a node that publishes alone; from a topic to the runtime",
     "import": "how long --help and status take, beside a bare interpreter",
 }
@@ -47,7 +48,7 @@ GROUPS = {
     "simulated": SIMULATED,
     "live": tuple(name for name in FAMILIES if name not in SIMULATED),
 }
-_MODULES = {"import": "imports", "simulate": "virtual_robots"}
+_MODULES = {"drive": "one_drive", "import": "imports", "simulate": "virtual_robots"}
 AWAKE = ("cycle", "scale", "services")  # where CPU is compared of who waits for others: a wake-up is the machine's
 IDLE_ENOUGH = 0.9  # of all processors, before anything was started
 

@@ -102,6 +102,10 @@ class TargetTransfers(Transfers):
         """Download an object."""
         self._target.write(self._node, index, subindex, data)
 
+    def be_patient(self, seconds: float | None) -> None:
+        """Wait so long for each answer from now on."""
+        self._target.be_patient(self._node, seconds)
+
     def progress(self) -> tuple[int, int | None]:
         """Return how far the transfer under way is."""
         return self._target.progress(self._node)

@@ -32,17 +32,21 @@ if TYPE_CHECKING:
 
 __all__ = ["RestoreDocument", "add_restore_arguments", "protected", "quiet_node", "restore_into"]
 
-_SHOWN = 8  # of what was written, where a restore was interrupted
+_SHOWN = 8  # of what was written, where a restore was interrupted, and of what is never written
 
 
 class RestoreDocument(Document, frozen=True, kw_only=True):
-    """What `restore --json` and `clone --json` print; `refused` and `protected` name objects with the reason."""
+    """What `restore --json` and `clone --json` print; `refused` and `protected` name objects with the reason.
+
+    `foreign` are objects of the file that no restore writes: read-only ones, commands, live values.
+    """
 
     source: str
     node_id: int
     written: int
     verified: int
     protected: list[str]
+    foreign: list[str]
     refused: list[str]
     undone: bool
     stored: bool
@@ -144,6 +148,7 @@ def restore_into(session: NodeSession, source: ParameterSet, args: argparse.Name
         written=len(restore.written),
         verified=restore.verified,
         protected=[f"{entry_label(od[address])}: {why}" for address, why in left.items()],
+        foreign=[entry_label(od[address]) for address in source.foreign],
         refused=restore.refused,
         undone=restore.undone,
         stored=stored,
@@ -184,6 +189,9 @@ def _print(document: RestoreDocument, session: NodeSession, *, as_json: bool) ->
         print(f"canopen-control: refused: {line}", file=sys.stderr)
     for line in document.protected:
         print(f"kept as it is: {line}")
+    if document.foreign:
+        names = ", ".join(document.foreign[:_SHOWN]) + (", ..." if len(document.foreign) > _SHOWN else "")
+        print(f"never written (read-only, commands, live values): {names}")
     if document.refused:
         end = "the drive is as it was" if document.undone else "what it took is kept, and not stored"
         print(f"{session}: {len(document.refused)} parameters refused; {end}")

@@ -71,6 +71,9 @@ class Target(Protocol):
     def write(self, node: TargetNode, index: int, subindex: int, data: bytes) -> None:
         """Download an object; raises RemoteError or RemoteProtocolError."""
 
+    def be_patient(self, node: TargetNode, seconds: float | None) -> None:
+        """Wait so many seconds for each answer of the node from now on; None: as long as at first."""
+
     def progress(self, node: TargetNode) -> tuple[int, int | None]:
         """Return how many bytes of the transfer under way are over, and of how many; from another thread."""
 
@@ -136,6 +139,7 @@ class RobotTarget:
     def __init__(self, robot: RobotClient, eds: Path | None = None, timeout: float | None = None) -> None:
         self.robot = robot
         self._eds, self._timeout = eds, timeout
+        self._patience: float | None = None
         self.listing = robot.ask(GetNodes())
 
     def __enter__(self) -> RobotTarget:
@@ -166,8 +170,9 @@ class RobotTarget:
 
     def read(self, node: TargetNode, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Upload an object through the robot."""
-        request = SdoRead(node=str(node.node_id), index=index, subindex=subindex, block=block, timeout=self._timeout)
-        timeout = TIMEOUT_S + (MAX_OBJECT / _BYTES_PER_S if block else 0) + (self._timeout or 0)
+        wait = self._patience or self._timeout
+        request = SdoRead(node=str(node.node_id), index=index, subindex=subindex, block=block, timeout=wait)
+        timeout = TIMEOUT_S + (MAX_OBJECT / _BYTES_PER_S if block else 0) + (wait or 0)
         return self.robot.ask(request, timeout).data
 
     def write(self, node: TargetNode, index: int, subindex: int, data: bytes) -> None:
@@ -177,8 +182,13 @@ class RobotTarget:
                 f"{len(data)} bytes are more than the {MAX_OBJECT} a running robot passes on; "
                 "end it and write straight on the bus with --can"
             )
-        request = SdoWrite(node=str(node.node_id), index=index, subindex=subindex, data=data, timeout=self._timeout)
-        self.robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
+        wait = self._patience or self._timeout
+        request = SdoWrite(node=str(node.node_id), index=index, subindex=subindex, data=data, timeout=wait)
+        self.robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (wait or 0))
+
+    def be_patient(self, node: TargetNode, seconds: float | None) -> None:  # noqa: ARG002 - one verb has one node
+        """Wait so long for each answer from now on."""
+        self._patience = seconds
 
     def progress(self, node: TargetNode) -> tuple[int, int | None]:  # noqa: ARG002 - as every target has it
         """Return nothing: the robot does not tell how far a transfer is."""
@@ -221,6 +231,10 @@ class BusTarget:
     def write(self, node: TargetNode, index: int, subindex: int, data: bytes) -> None:
         """Download an object."""
         self.bus.write(node.node_id, index, subindex, data)
+
+    def be_patient(self, node: TargetNode, seconds: float | None) -> None:
+        """Wait so long for each answer of the node from now on."""
+        self.bus.client(node.node_id).timeout_ns = round((seconds or self.bus.timeout_s) * 1e9)
 
     def progress(self, node: TargetNode) -> tuple[int, int | None]:
         """Return how far the transfer under way is."""

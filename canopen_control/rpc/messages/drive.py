@@ -160,12 +160,14 @@ class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
 
     An IMU has its quaternion (w, x, y, z), the angular velocities in rad/s and the accelerations in m/s2, ten numbers;
     a range finder one in m, negative for nothing in reach; a force-torque sensor forces in N and torques in Nm, six.
-    `others` are what an engine of its own tells, by name.
+    `others` are what an engine of its own tells, by name. In one that is `changeable` payloads, pushes, blocked joints
+    and another grip may be asked for.
     """
 
     base: BasePose | None = None
     others: dict[str, float] = {}
     sensors: dict[str, tuple[float, ...]] = {}
+    changeable: bool = False
 
 
 class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):
