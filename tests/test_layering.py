@@ -92,7 +92,11 @@ MAY_IMPORT = {
         STDLIB | {"rosbags", "numpy", "cantools"},
     ),
     "monitor": ({"client", "host", "rpc", "bus", "od", "cia301", "cia402", "trace"}, STDLIB | {"textual", "rich"}),
-    "view": ({"client", "host", "rpc", "urdf"}, STDLIB | {"nicegui", "fastapi", "starlette", "uvicorn"}),
+    # what is done at one node is the room service's; od and cia301 tell what it holds
+    "view": (
+        {"client", "host", "rpc", "urdf", "service", "od", "cia301"},
+        STDLIB | {"nicegui", "fastapi", "starlette", "uvicorn"},
+    ),
     "interop": ({"od", "bus", "client"}, STDLIB | {"canopen"}),
     "cli": (None, STDLIB | {"canopen_control_bench", "argcomplete"}),
 }
