@@ -67,7 +67,11 @@ MAY_IMPORT = {
         | {"cia301", "cia402", "data_files"},
         STDLIB | {"distributed", "cloudpickle"},
     ),
-    "service": ({"od", "cia301", "cia402", "profiles", "client"}, STDLIB | {"numpy"}),
+    "service": (
+        # what values mean in words is the trace's to say; host.files keeps what a node held before it was written
+        {"od", "cia301", "cia402", "profiles", "client", "host.files", "trace.values", "trace.network_description"},
+        STDLIB | {"numpy"},
+    ),
     "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.nmt import NmtState
-from canopen_control.errors import ConfigError, ControlError
+from canopen_control.client import RobotClient
+from canopen_control.errors import CanopenError, ConfigError, ControlError
 from canopen_control.od.eds import read_eds
-from canopen_control.rpc.messages.robot import MAX_OBJECT, GetStatus, SdoRead, SdoWrite
+from canopen_control.rpc.messages.robot import MAX_OBJECT, GetSdoProgress, GetStatus, SdoRead, SdoWrite
 from canopen_control.service.node_session import NodeSession, Transfers
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from canopen_control.cia301.nmt import NmtCommand
-    from canopen_control.client import RobotClient
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.rpc.messages.state import NodeReading
@@ -22,13 +25,20 @@ __all__ = ["RobotTransfers", "dictionary_of", "session_with"]
 
 TIMEOUT_S: Final = 15.0  # with a robot that has other requests for the node waiting
 _BYTES_PER_S: Final = 1_000  # of the slowest transfer worth waiting for
+_WATCH_S: Final = 2.0
 
 
 class RobotTransfers(Transfers):
-    """Carries the SDO of the node `node_id` through `robot`; `timeout` in s for each answer, None: that of bus.yml."""
+    """Carries the SDO of the node `node_id` through `robot`; `timeout` in s for each answer, None: that of bus.yml.
 
-    def __init__(self, robot: RobotClient, node_id: int, timeout: float | None = None) -> None:
-        self._robot, self._node_id, self._timeout = robot, node_id, timeout
+    `source` is by whose name the robot's events tell what is written, None: that of this program.
+    """
+
+    def __init__(
+        self, robot: RobotClient, node_id: int, timeout: float | None = None, source: str | None = None
+    ) -> None:
+        self._robot, self._node_id, self._timeout, self._source = robot, node_id, timeout, source
+        self._watching: RobotClient | None = None
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Upload an object."""
@@ -43,7 +53,14 @@ class RobotTransfers(Transfers):
                 f"{len(data)} bytes are more than the {MAX_OBJECT} a running robot passes on; "
                 "end it and write straight on the bus with --can"
             )
-        request = SdoWrite(node=str(self._node_id), index=index, subindex=subindex, data=data, timeout=self._timeout)
+        request = SdoWrite(
+            node=str(self._node_id),
+            index=index,
+            subindex=subindex,
+            data=data,
+            timeout=self._timeout,
+            source=self._source,
+        )
         self._robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
 
     def command(self, command: NmtCommand) -> None:
@@ -61,8 +78,19 @@ class RobotTransfers(Transfers):
         return reading is not None and reading.taken_out
 
     def progress(self) -> tuple[int, int | None]:
-        """Return nothing: the robot does not tell how far a transfer is."""
-        return 0, None
+        """Ask the robot how far the transfer is, on a connection of its own; from another thread."""
+        try:
+            if self._watching is None:
+                self._watching = RobotClient.connect(self._robot.robot, _WATCH_S)
+            found = self._watching.ask(GetSdoProgress(node=str(self._node_id)))
+        except CanopenError:
+            return 0, None  # who waits for the transfer is told what is the matter
+        return found.done, found.total
+
+    def close(self) -> None:
+        """Ask no more how far a transfer is."""
+        if self._watching is not None:
+            self._watching.close()
 
     def _reading(self) -> NodeReading | None:
         nodes = self._robot.ask(GetStatus()).nodes
@@ -74,7 +102,10 @@ def dictionary_of(place: NodePlace) -> ObjectDictionary | None:
     return read_eds(Path(place.eds), place.node_id).od if place.eds else None
 
 
-def session_with(robot: RobotClient, place: NodePlace, od: ObjectDictionary | None) -> NodeSession:
-    """Return a session with a node of a running robot."""
-    transfers = RobotTransfers(robot, place.node_id)
-    return NodeSession(transfers, place.node_id, od, name=place.name, robot=robot.robot)
+@contextlib.contextmanager
+def session_with(
+    robot: RobotClient, place: NodePlace, od: ObjectDictionary | None, *, source: str | None = None
+) -> Iterator[NodeSession]:
+    """Open a session with a node of a running robot."""
+    with contextlib.closing(RobotTransfers(robot, place.node_id, source=source)) as transfers:
+        yield NodeSession(transfers, place.node_id, od, name=place.name, robot=robot.robot)

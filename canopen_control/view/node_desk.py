@@ -6,6 +6,7 @@ on when the page that began it is closed; every page shows how far it is, and an
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from dataclasses import dataclass, field
@@ -14,15 +15,19 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, DriveError
+from canopen_control.service.object_edit import EditHistory
 from canopen_control.service.robot_transfers import dictionary_of, session_with
+from canopen_control.view.dead_man import SOURCE
 from canopen_control.view.robot_connection import in_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
-    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.od.model import Address, Entry, ObjectDictionary
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.service.node_session import NodeSession
+    from canopen_control.service.object_edit import Edit
+    from canopen_control.service.object_rows import LiveObject
 
 __all__ = ["NodeDesk", "NodeWork"]
 
@@ -67,7 +72,11 @@ class NodeWork:
 
 
 class NodeDesk:
-    """The node at `place` of the running robot `robot`; `connect` is for tests."""
+    """The node at `place` of the running robot `robot`; `connect` is for tests.
+
+    `live` is what its objects held when they were read last, each with a number that grows with every news; `lost` says
+    why they cannot be read. `history` are the writes of all pages.
+    """
 
     def __init__(
         self, robot: str, place: NodePlace, connect: Callable[[str, float], RobotClient] = RobotClient.connect
@@ -76,7 +85,11 @@ class NodeDesk:
         self.work: NodeWork | None = None
         self._od: ObjectDictionary | None = None
         self._has_read = False
-        self._reading = threading.Lock()
+        self._reading, self._editing = threading.Lock(), threading.Lock()
+        self.live: dict[Address, tuple[int, LiveObject]] = {}
+        self.lost = ""
+        self.history = EditHistory()
+        self._news = 0
 
     def dictionary(self) -> ObjectDictionary | None:
         """Return the EDS of the node, read once; EdsError for one that cannot be read. Waits."""
@@ -85,14 +98,51 @@ class NodeDesk:
                 self._od, self._has_read = dictionary_of(self.place), True
             return self._od
 
+    @contextlib.contextmanager
+    def session(self) -> Iterator[NodeSession]:
+        """Open a session with the node on a connection of its own; waits. From a thread that may."""
+        od = self.dictionary()
+        with (
+            self._connect(self.robot, _TIMEOUT_S) as client,
+            session_with(client, self.place, od, source=SOURCE) as session,
+        ):
+            yield session
+
     async def ask(self, work: Callable[[NodeSession], T]) -> T:
         """Return what `work` returns of a session with the node, on a thread; raises what it raises."""
         return await in_thread(partial(self.with_session, work))
 
     def with_session(self, work: Callable[[NodeSession], T]) -> T:
         """Return the same; waits. From a thread that may."""
-        with self._connect(self.robot, _TIMEOUT_S) as client:
-            return work(session_with(client, self.place, self.dictionary()))
+        with self.session() as session:
+            return work(session)
+
+    # ------------------------------------------------------------------------------------ what its objects hold
+
+    def keep(self, live: LiveObject) -> None:
+        """Keep what an object was read as, with a number that tells whether it is news."""
+        before = self.live.get(live.entry.address)
+        if before is None or before[1] != live:
+            self._news += 1
+            self.live[live.entry.address] = self._news, live
+
+    async def write(self, entry: Entry, text: str) -> Edit:
+        """Write an object as a person has written its value; CanopenError with the sentence of the refusal."""
+        return await in_thread(partial(self._edit, lambda session: self.history.write(session, entry, text)))
+
+    async def undo(self) -> Edit:
+        """Undo the newest write; CanopenError with the reason where that is not to be."""
+        return await in_thread(partial(self._edit, self.history.undo))
+
+    def _edit(self, change: Callable[[NodeSession], Edit]) -> Edit:
+        with self._editing:
+            if self.busy:
+                raise DriveError(
+                    f"{self.place.name} is busy: {self.work.title if self.work else ''}; nothing was written"
+                )
+            return self.with_session(change)
+
+    # ------------------------------------------------------------------------------------ what takes long
 
     @property
     def busy(self) -> bool:
@@ -110,7 +160,8 @@ class NodeDesk:
     def _run(self, work: NodeWork, function: Callable[[NodeSession, NodeWork], str]) -> None:
         good = False
         try:
-            work.told = self.with_session(lambda session: function(session, work))
+            with self._editing:
+                work.told = self.with_session(lambda session: function(session, work))
             good = True
         except CanopenError as error:
             work.told = str(error)

@@ -8,6 +8,7 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.robot_model import RobotModel, read_model
 from canopen_control.view.fault_client import DriveFaults, FaultClient
 from canopen_control.view.history import History
+from canopen_control.view.live_reader import LiveReader
 from canopen_control.view.node_desk import NodeDesk
 from canopen_control.view.page_content import PageContent, RecentEvents
 from canopen_control.view.robot_info import pose_of, true_pose_of
@@ -40,6 +41,7 @@ class RobotView:
         self.fault_client, self.faults = FaultClient(info.nodes), DriveFaults()
         self.controllers: tuple[ControllerReading, ...] = ()
         self._desks = {place.name: NodeDesk(info.robot, place) for place in info.places}
+        self.live_reader = LiveReader()
         self._sampler = Sampler()
         self._scene: SceneChange = {}
 

@@ -5,8 +5,19 @@ from canopen_control.client import RobotClient
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, ControlError
 from canopen_control.rpc.messages.declare import Done
-from canopen_control.rpc.messages.robot import MAX_OBJECT, GetStatus, NodePlace, SdoData, SdoPiece, SdoRead, SdoWrite
+from canopen_control.rpc.messages.robot import (
+    MAX_OBJECT,
+    GetSdoProgress,
+    GetStatus,
+    NodePlace,
+    SdoData,
+    SdoPiece,
+    SdoProgress,
+    SdoRead,
+    SdoWrite,
+)
 from canopen_control.rpc.messages.state import NodeReading, Status
+from canopen_control.service import robot_transfers
 from canopen_control.service.robot_transfers import RobotTransfers, dictionary_of, session_with
 
 
@@ -20,7 +31,11 @@ class FakeRobot:
 
     def ask(self, request, timeout=None):
         self.requests.append(request)
-        answers = {SdoRead: SdoData(b"\1\2"), GetStatus: Status(nodes={"left": self.reading})}
+        answers = {
+            SdoRead: SdoData(b"\1\2"),
+            GetSdoProgress: SdoProgress(700, 1000),
+            GetStatus: Status(nodes={"left": self.reading}),
+        }
         return answers.get(type(request), Done())
 
 
@@ -50,6 +65,22 @@ def test_the_state_is_what_the_robot_knows():
     assert not unknown.taken_out()
 
 
+def test_how_far_a_transfer_is_is_asked_beside_it(monkeypatch):
+    other = FakeRobot()
+    other.close = lambda: other.requests.append("closed")
+    monkeypatch.setattr(robot_transfers.RobotClient, "connect", lambda name, timeout: other)
+    transfers = RobotTransfers(FakeRobot(), 3)
+    assert [transfers.progress(), transfers.progress()] == [(700, 1000)] * 2
+    transfers.close()
+    assert other.requests == [GetSdoProgress(node="3"), GetSdoProgress(node="3"), "closed"]
+
+    def gone(name, timeout):
+        raise ConfigError("no robot")
+
+    monkeypatch.setattr(robot_transfers.RobotClient, "connect", gone)
+    assert RobotTransfers(FakeRobot(), 3).progress() == (0, None)
+
+
 def test_an_nmt_command_is_the_robots_to_send():
     with pytest.raises(ControlError, match="NMT enter pre operational is the robot's to send"):
         RobotTransfers(FakeRobot(), 3).command(NmtCommand.ENTER_PRE_OPERATIONAL)
@@ -57,8 +88,10 @@ def test_an_nmt_command_is_the_robots_to_send():
 
 def test_a_session_has_the_dictionary_of_the_nodes_eds():
     place = NodePlace(name="left", node_id=3, eds=str(data_path("eds", "TMCM-1270.eds")))
-    session = session_with(FakeRobot(), place, dictionary_of(place))
-    assert str(session) == "node 3 (left)"
-    assert session.robot == "robby"
-    assert session.dictionary[0x6083, 0].name
+    robot = FakeRobot()
+    with session_with(robot, place, dictionary_of(place), source="view") as session:
+        assert str(session) == "node 3 (left)"
+        assert session.robot == "robby"
+        session.write_value(session.dictionary[0x6083, 0], 4000)
+    assert robot.requests[0].source == "view"
     assert dictionary_of(NodePlace(name="bare", node_id=4)) is None

@@ -78,8 +78,9 @@ class StubDesk(NodeDesk):
     def dictionary(self):
         return self.od
 
-    def with_session(self, work):
-        return work(NodeSession(self.stub, self.place.node_id, self.od, name=self.place.name, robot="pair"))
+    @contextlib.contextmanager
+    def session(self):
+        yield NodeSession(self.stub, self.place.node_id, self.od, name=self.place.name, robot="pair")
 
 
 class FakeContext:

@@ -10,6 +10,7 @@ from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError, EdsError, SdoTimeout
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import NodePlace
+from canopen_control.service.object_rows import LiveObject
 from canopen_control.view.node_desk import NodeDesk, NodeWork
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
@@ -87,3 +88,30 @@ def test_work_that_is_asked_to_end_ends_at_its_next_step():
     with pytest.raises(DriveError, match="a page asked for its end"):
         work.at(2, 2)
     assert work.done == 2
+
+
+def test_an_object_is_written_and_undone_for_all_pages():
+    node = desk({(0x6081, 0): bytes(4)})
+    edit = asyncio.run(node.write(OD[0x6081, 0], "1234"))
+    assert (edit.before, edit.after) == (0, 1234)
+    assert asyncio.run(node.undo()).after == 0
+    with pytest.raises(ConfigError, match="read-only"):
+        asyncio.run(node.write(OD[0x6041, 0], "1"))
+
+
+def test_nothing_is_written_beside_long_work():
+    node, go = desk({(0x6081, 0): bytes(4)}), threading.Event()
+    node.begin(NodeWork("parameters", "restoring a.dcf"), lambda _session, _work: str(go.wait(5)))
+    with pytest.raises(DriveError, match=r"left_drive is busy: restoring a\.dcf; nothing was written"):
+        asyncio.run(node.write(OD[0x6081, 0], "1234"))
+    go.set()
+    assert node.stub.written == []
+
+
+def test_what_was_read_is_news_only_where_it_has_changed():
+    node = desk()
+    for value in (5, 5, 6):
+        node.keep(LiveObject(OD[0x6081, 0], value))
+    node.keep(LiveObject(OD[0x6083, 0], None, "abort"))
+    assert node.live[0x6081, 0] == (2, LiveObject(OD[0x6081, 0], 6))
+    assert node.live[0x6083, 0][0] == 3

@@ -135,6 +135,7 @@ class RobotTarget:
     def __init__(self, robot: RobotClient, eds: Path | None = None, timeout: float | None = None) -> None:
         self.robot = robot
         self._eds, self._timeout = eds, timeout
+        self._carriers: dict[int, RobotTransfers] = {}
         self.listing = robot.ask(GetNodes())
 
     def __enter__(self) -> RobotTarget:
@@ -145,6 +146,8 @@ class RobotTarget:
 
     def close(self) -> None:
         """Leave the robot."""
+        for carrier in self._carriers.values():
+            carrier.close()
         self.robot.close()
 
     @property
@@ -165,7 +168,9 @@ class RobotTarget:
 
     def transfers(self, node: TargetNode) -> RobotTransfers:
         """Return who carries the SDO of a node."""
-        return RobotTransfers(self.robot, node.node_id, self._timeout)
+        if node.node_id not in self._carriers:
+            self._carriers[node.node_id] = RobotTransfers(self.robot, node.node_id, self._timeout)
+        return self._carriers[node.node_id]
 
     def read(self, node: TargetNode, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Upload an object through the robot."""
