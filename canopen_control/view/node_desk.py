@@ -135,11 +135,9 @@ class NodeDesk:
         return await in_thread(partial(self._edit, self.history.undo))
 
     def _edit(self, change: Callable[[NodeSession], Edit]) -> Edit:
+        if self.work is not None and not self.work.over:
+            raise DriveError(f"{self.place.name} is busy: {self.work.title}; nothing was written")
         with self._editing:
-            if self.busy:
-                raise DriveError(
-                    f"{self.place.name} is busy: {self.work.title if self.work else ''}; nothing was written"
-                )
             return self.with_session(change)
 
     # ------------------------------------------------------------------------------------ what takes long

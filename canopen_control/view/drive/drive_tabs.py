@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.view.drive.objects_tab import ObjectsTab
 from canopen_control.view.drive.status_tab import StatusTab
 
 if TYPE_CHECKING:
@@ -24,4 +25,7 @@ class TabSlot:
     make: Callable[[DriveTabContext], DriveTab]
 
 
-TABS: Final = (TabSlot("status", "Status", StatusTab),)
+TABS: Final = (
+    TabSlot("status", "Status", StatusTab),
+    TabSlot("objects", "Objects", ObjectsTab),
+)
