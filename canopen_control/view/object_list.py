@@ -94,6 +94,7 @@ class ObjectList:
         self, live: Mapping[Address, tuple[int, LiveObject]], objects: list[LiveObject]
     ) -> dict[str, ObjectWords]:
         mode = live[_MODE][1].value if _MODE in live else None
+        known_mode = mode if isinstance(mode, int) else None
         rows = rows_of(self._od, objects, self._node_id)
         return {
             address_text(each.entry.address): {
@@ -101,7 +102,7 @@ class ObjectList:
                 "meaning": row.meaning,
                 "changed": row.changed,
                 "error": row.error,
-                "bits": [*bits_of(*each.entry.address, each.value, mode if isinstance(mode, int) else None)],
+                "bits": [tuple(bit) for bit in bits_of(*each.entry.address, each.value, known_mode)],
             }
             for each, row in zip(objects, rows, strict=True)
         }

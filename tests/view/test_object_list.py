@@ -54,6 +54,7 @@ def test_only_news_are_told_and_in_words():
     assert (news["0x1017:00"]["value"], news["0x1017:00"]["changed"]) == ("100", True)
     assert news["0x6041:00"]["meaning"].startswith("OPERATION ENABLED")
     assert (2, "operation enabled", True) in news["0x6041:00"]["bits"]
+    assert {type(each) for each in news["0x6041:00"]["bits"]} == {tuple}  # what a page can be sent
     assert objects.news(known) == {}
     known[0x1017, 0] = 3, LiveObject(OD[0x1017, 0], None, "abort 0x06020000")
     assert objects.news(known) == {
