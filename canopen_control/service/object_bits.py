@@ -47,9 +47,10 @@ class NamedBit(NamedTuple):
     on: bool
 
 
-def statusword_bits(word: int, mode: int | None = None) -> list[NamedBit]:
-    """Return the bits of a statusword; `mode` is the mode of operation, which bits 10, 12 and 13 belong to."""
-    known = MODE_BITS.get(mode) if mode is not None else None
+def statusword_bits(word: int, mode: int | str | None = None) -> list[NamedBit]:
+    """Return the bits of a statusword; `mode`, a number or a name, is what bits 10, 12 and 13 belong to."""
+    number = OperationMode.__members__.get(mode) if isinstance(mode, str) else mode
+    known = MODE_BITS.get(number) if number is not None else None
     return _named(word, {**_STATUSWORD, **(known.statusword if known is not None else {})})
 
 

@@ -11,6 +11,8 @@ def test_a_statusword_has_the_bits_of_its_mode():
         "target reached",
     ]
     assert "speed is zero" in on(statusword_bits(0x1637, 3))
+    assert statusword_bits(0x1637, "PV") == statusword_bits(0x1637, 3)
+    assert statusword_bits(0x1637, "mode -3 (manufacturer)") == statusword_bits(0x1637)
     assert "set-point acknowledged" in on(bits_of(0x6041, 0, 0x1637, 1))
 
 
