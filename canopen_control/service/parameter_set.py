@@ -33,6 +33,7 @@ __all__ = [
     "TEXTS",
     "DeviceIdentity",
     "ParameterSet",
+    "backup_file_text",
     "backup_text",
     "identity_from",
     "lost_in_text",
@@ -223,6 +224,19 @@ def _is_set(entry: Entry) -> bool:
     """Whether a file gives another value than the default; that of the identity is told apart."""
     value = entry.parameter_value
     return value is not None and value != entry.default and entry.address not in OBJECTS.values()
+
+
+def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str, list[str]]:
+    """Return the DCF of a backup, and what it cannot hold with the reason."""
+    info = next((lines for title, lines in parameters.od.sections.items() if title.lower() == "fileinfo"), {})
+    eds_name = next((value for key, value in info.items() if key.lower() == "filename"), "")
+    text = backup_text(parameters, eds_name=eds_name, node_name=node_name)
+    lost = lost_in_text(parameters, text)
+    if not lost:
+        return text, []
+    kept = {address: value for address, value in parameters.values.items() if address not in lost}
+    reasons = [f"0x{index:04X}:{subindex:02X}: a DCF cannot hold this text" for index, subindex in lost]
+    return backup_text(replace(parameters, values=kept), eds_name=eds_name, node_name=node_name), reasons
 
 
 def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:

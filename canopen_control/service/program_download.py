@@ -28,6 +28,7 @@ __all__ = [
     "ProgramOptions",
     "flash_text",
     "program_download",
+    "refuse_no_program",
 ]
 
 DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
@@ -42,6 +43,8 @@ _SILENCE_S: Final = 1.0  # what a missing answer has cost
 _QUICK_S: Final = 0.15  # for an answer of a node that may be resetting: a boot-loader waits for half a second
 _QUICK_ROUNDS: Final = 4  # of so many rounds the last one waits as long as ever
 _FLASH_S: Final = 10.0  # for an answer of a node that erases or writes its flash before it gives one
+_DEVICE_FILE: Final = b"[fileinfo]"  # what every EDS and DCF has
+_TEXT: Final = (b"[", b";")  # what they begin with
 _EPOCH: Final = datetime.date(1984, 1, 1)  # of 0x1F52, as of 0x1020
 _MOST_DAYS: Final = 0xFFFF
 _DAY_MS: Final = 86_400_000
@@ -149,6 +152,11 @@ class DownloadProgress:
     tries: int = 0
     notes: list[str] = field(default_factory=list)
 
+    @property
+    def untouched(self) -> bool:
+        """Whether the node is as it was, or all is done."""
+        return self.step in (DownloadStep.ASKING, DownloadStep.DONE)
+
 
 Sequence: TypeAlias = Generator[Order, Outcome, None]
 Numbers: TypeAlias = Generator[Order, Outcome, "int | None"]
@@ -164,13 +172,20 @@ def flash_text(status: int) -> str:
     return _ERRORS.get(code, f"error {code} of the maker (0x{status >> 16:04X})" if code > 63 else f"error {code}")
 
 
+def refuse_no_program(image: bytes, name: str = "the program file") -> None:
+    """Raise ConfigError for an empty file, and for the EDS or DCF of a device."""
+    if not image:
+        raise ConfigError(f"{name} is empty; nothing was sent")
+    if image.lstrip()[:1] in _TEXT and _DEVICE_FILE in image[:4096].lower():  # a program may have an EDS inside
+        raise ConfigError(f"{name} is an EDS or DCF, and no program; nothing was sent")
+
+
 def program_download(image: bytes, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
     """Yield the acts of a download, each answered with its Outcome; `progress` tells how far it is.
 
-    Raises ConfigError where the node has no program download or the image is empty, DriveError where it fails.
+    Raises ConfigError where the node has no program download or the image is none, DriveError where it fails.
     """
-    if not image:
-        raise ConfigError("the program file is empty; nothing was sent")
+    refuse_no_program(image)
     number = options.number
     yield from _ask(number, progress)
     yield Order(Act.PRE_OPERATIONAL)
