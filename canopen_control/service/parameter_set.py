@@ -37,6 +37,7 @@ __all__ = [
     "backup_text",
     "identity_from",
     "lost_in_text",
+    "parse_backup",
     "read_backup",
     "same_value",
 ]
@@ -188,10 +189,18 @@ def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
 
     Values that a backup would not hold are left out, so that a DCF of another tool moves nothing either.
     """
-    file = read_eds(path)
+    return _backup_of(read_eds(path), str(path), node_id)
+
+
+def parse_backup(data: bytes, name: str) -> ParameterSet:
+    """Return the same of the bytes of a DCF; `name` is what sentences call it."""
+    return _backup_of(parse_eds(data, name=name), name, None)
+
+
+def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
     own = file.od.node_id
     if own is None:
-        raise EdsError(str(path), 0, "has no node id ([DeviceComissioning]), so it is an EDS and no DCF of a node")
+        raise EdsError(path, 0, "has no node id ([DeviceComissioning]), so it is an EDS and no DCF of a node")
     _refuse_unsound(file)
     od = file.od if node_id is None else file.od.for_node(node_id)
     chosen = {entry.address: entry.parameter_value for entry in parameters_of(od) if entry.parameter_value is not None}
@@ -200,14 +209,12 @@ def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
         if (entry := od.get(*address)) is not None:
             chosen[address] = zero_of(entry.data_type)
     if not chosen:
-        raise EdsError(
-            str(path), 0, "holds no ParameterValue of a parameter, so there is nothing to compare or restore"
-        )
+        raise EdsError(path, 0, "holds no ParameterValue of a parameter, so there is nothing to compare or restore")
     identity = _told(lines, od) if lines is not None else _identity_of(od)
     date = "" if lines is None else _get(lines, "Date")
     values = without_unused_slots(dict(sorted(chosen.items())))
     foreign = tuple(entry.address for entry in od if entry.address not in chosen and _is_set(entry))
-    return ParameterSet(od, node_id or own, identity, values, str(path), date, foreign)
+    return ParameterSet(od, node_id or own, identity, values, path, date, foreign)
 
 
 def _refuse_unsound(file: EdsFile) -> None:

@@ -39,8 +39,8 @@ _TIMEOUT_S: Final = 2.0  # for the connection
 class NodeWork:
     """A long piece of work: how far it is, and what came of it. Written by its thread, read by the pages.
 
-    `key` says which tab it is of. `told` is the sentence at its end, `good` whether it was done, None while it goes on;
-    `lines` are what is to be told beside that.
+    `key` says which tab it is of, `doing` which part of it goes on. `told` is the sentence at its end, `good` whether
+    it was done, None while it goes on; `lines`, `table` and `file` (name and bytes) are what came of it beside that.
     """
 
     key: str
@@ -53,6 +53,9 @@ class NodeWork:
     told: str = ""
     good: bool | None = None
     lines: list[str] = field(default_factory=list)
+    table: list[tuple[str, ...]] = field(default_factory=list)
+    file: tuple[str, bytes] | None = None
+    _rated: tuple[str, float, int] = ("", 0.0, 0)
     _ending: threading.Event = field(default_factory=threading.Event)
 
     def at(self, done: int, total: int | None = None) -> None:
@@ -60,6 +63,17 @@ class NodeWork:
         self.done, self.total = done, total
         if self._ending.is_set():
             raise DriveError("a page asked for its end")
+
+    def pace(self, now: float) -> tuple[float, float] | None:
+        """Return how much is over in a second and how many seconds are left; None while nobody knows."""
+        part, since, before = self._rated
+        if part != self.doing or self.done < before or not self.done:
+            self._rated = self.doing, now, self.done
+            return None
+        gained, elapsed = self.done - before, now - since
+        if gained <= 0 or elapsed <= 0.0 or self.total is None:
+            return None
+        return gained / elapsed, max(0.0, (self.total - self.done) * elapsed / gained)
 
     def end(self) -> None:
         """Ask for its end; it ends at its next step."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.view.drive.firmware_tab import FirmwareTab
 from canopen_control.view.drive.objects_tab import ObjectsTab
+from canopen_control.view.drive.parameters_tab import ParametersTab
 from canopen_control.view.drive.status_tab import StatusTab
 
 if TYPE_CHECKING:
@@ -28,4 +30,6 @@ class TabSlot:
 TABS: Final = (
     TabSlot("status", "Status", StatusTab),
     TabSlot("objects", "Objects", ObjectsTab),
+    TabSlot("parameters", "Parameters", ParametersTab),
+    TabSlot("firmware", "Firmware", FirmwareTab),
 )
