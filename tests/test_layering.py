@@ -67,7 +67,11 @@ MAY_IMPORT = {
         | {"cia301", "cia402", "data_files"},
         STDLIB | {"distributed", "cloudpickle"},
     ),
-    "service": ({"od", "cia301", "cia402", "profiles", "client"}, STDLIB | {"numpy"}),
+    "service": (
+        # what values mean in words is the trace's to say; host.files keeps what a node held before it was written
+        {"od", "cia301", "cia402", "profiles", "client", "host.files", "trace.values", "trace.network_description"},
+        STDLIB | {"numpy"},
+    ),
     "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
@@ -92,7 +96,11 @@ MAY_IMPORT = {
         STDLIB | {"rosbags", "numpy", "cantools"},
     ),
     "monitor": ({"client", "host", "rpc", "bus", "od", "cia301", "cia402", "trace"}, STDLIB | {"textual", "rich"}),
-    "view": ({"client", "host", "rpc", "urdf"}, STDLIB | {"nicegui", "fastapi", "starlette", "uvicorn"}),
+    # what is done at one node is the room service's; od and cia301 tell what it holds
+    "view": (
+        {"client", "host", "rpc", "urdf", "service", "od", "cia301"},
+        STDLIB | {"nicegui", "fastapi", "starlette", "uvicorn"},
+    ),
     "interop": ({"od", "bus", "client"}, STDLIB | {"canopen"}),
     "cli": (None, STDLIB | {"canopen_control_bench", "argcomplete"}),
 }

@@ -163,7 +163,7 @@ ERROR_TEXTS: dict[int, str] = {
     0xFF00: "device specific",
 }
 
-_REGISTER_TEXTS: dict[ErrorRegister, str] = {
+REGISTER_TEXTS: dict[ErrorRegister, str] = {
     ErrorRegister.GENERIC: "generic",
     ErrorRegister.CURRENT: "current",
     ErrorRegister.VOLTAGE: "voltage",
@@ -185,4 +185,4 @@ def error_text(code: int) -> str:
 
 def register_text(register: int) -> str:
     """Return the names of the bits of an error register, comma separated; empty for 0."""
-    return ", ".join(text for bit, text in _REGISTER_TEXTS.items() if register & bit)
+    return ", ".join(text for bit, text in REGISTER_TEXTS.items() if register & bit)

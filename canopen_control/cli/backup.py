@@ -11,23 +11,21 @@ Exit codes: 0 good; 1 the node did not answer, or the disk is full; 2 wrong usag
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.parameter_sides import read_all
-from canopen_control.cli.support.restore_journal import unfinished_words
+from canopen_control.cli.support.restoring import reached
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.files import write_whole
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.service.parameter_set import backup_text, lost_in_text
+from canopen_control.service.parameter_set import backup_file_text
+from canopen_control.service.restore_journal import unfinished_words
 
 if TYPE_CHECKING:
     import argparse
-
-    from canopen_control.service.parameter_set import ParameterSet
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -60,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     if path.is_dir() or not path.parent.is_dir():
         raise ConfigError(f"{args.output} cannot be written: {'it is a folder' if path.is_dir() else 'no such folder'}")
     with open_session(args) as session:
-        if unfinished := unfinished_words(session, args):
+        if unfinished := unfinished_words(session, reached(args)):
             print(f"canopen-control: {unfinished}", file=sys.stderr)
         side = read_all(session)
         name = session.name
@@ -68,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         raise CanopenError(
             f"{side.parameters.where} has no parameter that can be read and written; nothing was written"
         )
-    text, lost = _text(side.parameters, name)
+    text, lost = backup_file_text(side.parameters, name)
     write_whole(path, text.encode())
     left_out = [*map(str, side.left_out), *lost]
     count = len(side.parameters.values) - len(lost)
@@ -81,16 +79,3 @@ def run(args: argparse.Namespace) -> int:
         print(f"canopen-control: left out: {line}", file=sys.stderr)
     print(f"{side.parameters.where}: {count} parameters to {args.output}")
     return 0
-
-
-def _text(parameters: ParameterSet, name: str) -> tuple[str, list[str]]:
-    """Return the file, and what it cannot hold."""
-    info = next((lines for title, lines in parameters.od.sections.items() if title.lower() == "fileinfo"), {})
-    eds_name = next((value for key, value in info.items() if key.lower() == "filename"), "")
-    text = backup_text(parameters, eds_name=eds_name, node_name=name)
-    lost = lost_in_text(parameters, text)
-    if not lost:
-        return text, []
-    kept = {address: value for address, value in parameters.values.items() if address not in lost}
-    reasons = [f"0x{index:04X}:{subindex:02X}: a DCF cannot hold this text" for index, subindex in lost]
-    return backup_text(replace(parameters, values=kept), eds_name=eds_name, node_name=name), reasons

@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING
 from canopen_control.cli.support.arguments import whole, whole_number
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
 from canopen_control.cli.support.output import Progress, json_text, watched
-from canopen_control.cli.support.restoring import quiet_node
 from canopen_control.errors import CanopenError, ConfigError, DriveError
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.service.program_download import DownloadProgress, DownloadStep, ProgramDate, ProgramOptions
-from canopen_control.service.program_session import boot_check, download, is_loader, refuse_stranger
+from canopen_control.service.guarded_restore import quiet_node
+from canopen_control.service.program_download import DownloadProgress, ProgramDate, ProgramOptions
+from canopen_control.service.program_session import boot_check, download, interrupted_words, is_loader, refuse_stranger
 from canopen_control.service.read_parameters import device_identity
 
 if TYPE_CHECKING:
@@ -35,8 +35,6 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 EXAMPLE = """canopen-control firmware 3 drive-1.4.bin --can can0
          canopen-control firmware 3 drive-1.4.bin --can can0 --eds drive.eds --expect 0x1A2B3C4D
          canopen-control firmware 3 drive-1.4.bin --can can0 --expect-date 2026-11-21"""
-
-_UNTOUCHED = (DownloadStep.ASKING, DownloadStep.DONE)
 
 
 class FirmwareDocument(Document, frozen=True, kw_only=True):
@@ -128,11 +126,9 @@ def _download(session: NodeSession, image: bytes, options: ProgramOptions, progr
         with watched(bar, session.transfers.progress):
             download(session, image, options, progress)
     except (CanopenError, KeyboardInterrupt) as error:
-        if progress.step in _UNTOUCHED:
+        if progress.untouched:
             raise
-        reason = str(error) or "interrupted"
-        gone = "" if isinstance(error, DriveError) else "the old program may be gone: "
-        raise DriveError(f"{session}: {progress.step.value}: {reason}; {gone}the same command begins anew") from error
+        raise DriveError(interrupted_words(session, progress, error)) from error
 
 
 def _date(text: str) -> ProgramDate:

@@ -13,11 +13,12 @@ import contextlib
 import sys
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.object_table import LiveObject, live_objects, rows_of, table_lines, tree_lines
+from canopen_control.cli.support.object_table import live_objects, table_lines, tree_lines
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import find_eds, parse_node_id
 from canopen_control.od.eds import read_eds
+from canopen_control.service.object_rows import LiveObject, rows_of
 from canopen_control.service.object_selection import select_objects
 
 if TYPE_CHECKING:

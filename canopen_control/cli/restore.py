@@ -20,14 +20,11 @@ from typing import TYPE_CHECKING
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
 from canopen_control.cli.support.parameter_sides import backup_file, like_file
 from canopen_control.cli.support.restoring import add_restore_arguments, restore_into
-from canopen_control.errors import ConfigError
-from canopen_control.service.read_parameters import device_identity
+from canopen_control.service.guarded_restore import refuse_other_drive
 
 if TYPE_CHECKING:
     import argparse
 
-    from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.parameter_set import ParameterSet
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -48,17 +45,5 @@ def run(args: argparse.Namespace) -> int:
     file = backup_file(args.file)
     with open_session(args) as session:
         if not args.any_node:
-            _check_node(file, like_file(session, file))
+            refuse_other_drive(file, like_file(session, file))
         return restore_into(like_file(session, file), file, args)
-
-
-def _check_node(file: ParameterSet, session: NodeSession) -> None:
-    """Refuse the backup of another drive on another place; a replacement on the old place is what a backup is for."""
-    if file.node_id == session.node_id:
-        return
-    serial = device_identity(session).serial
-    if serial is None or serial != file.identity.serial:
-        raise ConfigError(
-            f"{file.where} is of node {file.node_id}, and {session} is another drive; nothing was written: name node "
-            f"{file.node_id}, or say --any-node if it is meant to have these parameters"
-        )

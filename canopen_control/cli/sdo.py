@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import timeout_seconds
-from canopen_control.cli.support.object_values import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.cli.support.output import Progress, json_text, watched
 from canopen_control.cli.support.target import add_target_arguments, open_target
 from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoAbort
 from canopen_control.od.address import find_object, parts_of
 from canopen_control.od.codec import decode
 from canopen_control.rpc.messages.declare import Document
+from canopen_control.service.object_values import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.trace.network_description import NodeDescription
 from canopen_control.trace.values import NodeWords, decoded
 

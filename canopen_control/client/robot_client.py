@@ -80,6 +80,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
             subindex=request.subindex,
             data=data[rest:],
             timeout=request.timeout,
+            source=request.source,
         )
         self.ask(last, timeout)
 

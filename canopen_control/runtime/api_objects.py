@@ -6,12 +6,25 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import COMMAND_NAMES
 from canopen_control.errors import LocalProtocolError, UnknownName
+from canopen_control.master.event_log import Event
 from canopen_control.rpc.messages.declare import Done
-from canopen_control.rpc.messages.robot import MAX_OBJECT, NmtRequest, PdoWrite, SdoData, SdoPiece, SdoRead, SdoWrite
+from canopen_control.rpc.messages.robot import (
+    MAX_OBJECT,
+    GetSdoProgress,
+    NmtRequest,
+    PdoWrite,
+    SdoData,
+    SdoPiece,
+    SdoProgress,
+    SdoRead,
+    SdoWrite,
+)
 from canopen_control.runtime.process_data import write_mapped
+from canopen_control.runtime.write_log import WriteLog, written_words
 
 if TYPE_CHECKING:
     from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.master.remote_node import RemoteNode
     from canopen_control.rpc.messages.robot import RobotHello, RobotPush
     from canopen_control.rpc.server import Call, Connection, Server
     from canopen_control.runtime.core import RobotCore
@@ -25,10 +38,12 @@ class ObjectMethods:
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot = robot
         self._pieces: dict[Connection, bytearray] = {}  # of what a connection writes next
+        self._written = WriteLog()
         server.answers(NmtRequest, self._nmt)
         server.answers(SdoRead, self._read)
         server.answers(SdoWrite, self._write)
         server.answers(SdoPiece, self._take_piece)
+        server.answers(GetSdoProgress, self._progress)
         server.answers(PdoWrite, self._write_pdo)
 
     def forget(self, connection: Connection) -> None:
@@ -58,8 +73,22 @@ class ObjectMethods:
         node = self._robot.node(str(wanted.node))
         self._robot.latch.check_write(wanted.index)
         request = node.sdo.write(wanted.index, wanted.subindex, data, timeout_ns=_nanoseconds(wanted.timeout))
-        request.context = lambda ended: call.reply(Done()) if ended.error is None else call.refuse(ended.error)
+        request.context = lambda ended: self._answer_write(call, node, data, ended)
         self._robot.bus_of(node).send_waiting()
+
+    def _answer_write(self, call: Call[SdoWrite], node: RemoteNode, data: bytes, ended: SdoRequest) -> None:
+        if ended.error is not None:
+            call.refuse(ended.error)
+            return
+        call.reply(Done())
+        who = call.request.source or call.who
+        now = self._robot.reactor.now()
+        what = written_words(node.od, ended.index, ended.subindex, data)
+        text = self._written.words(now, node.name, who, what)
+        self._robot.report(Event(now, "object_written", node.name, text))
+
+    def _progress(self, call: Call[GetSdoProgress]) -> None:
+        call.reply(SdoProgress(*self._robot.node(str(call.request.node)).sdo.progress))
 
     def _take_piece(self, call: Call[SdoPiece]) -> None:
         piece = call.request.data

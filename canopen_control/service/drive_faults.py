@@ -7,16 +7,18 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia301.emcy_codes import error_text, register_text
 from canopen_control.cia402.objects import ERROR_CODE, axis_index
 from canopen_control.cia402.state import State
+from canopen_control.errors import ConfigError
 from canopen_control.od.model import DataType
 
 if TYPE_CHECKING:
     from canopen_control.service.node_session import NodeSession
 
-__all__ = ["fault_words", "why_not_free"]
+__all__ = ["error_history", "fault_words", "why_not_free"]
 
 _POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 _FAULTS: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 _REGISTER, _HISTORY = (0x1001, 0), (0x1003, 1)
+_MOST_ERRORS: Final = 32
 
 
 def fault_words(node: NodeSession) -> str:
@@ -32,6 +34,20 @@ def fault_words(node: NodeSession) -> str:
     if register := node.number(*_REGISTER, DataType.UNSIGNED8):
         told.append(f"error register 0x{register:02X} ({register_text(register)})")
     return ", ".join(told) or "it does not say which"
+
+
+def error_history(node: NodeSession) -> list[str]:
+    """Read what errors a node remembers (0x1003), the newest first; ConfigError for one that keeps no history."""
+    count = node.number(_HISTORY[0], 0, DataType.UNSIGNED8)
+    if count is None:
+        raise ConfigError(f"{node} keeps no error history (0x1003)")
+    codes = (node.number(_HISTORY[0], subindex) for subindex in range(1, min(count, _MOST_ERRORS) + 1))
+    return [f"0x{code & 0xFFFF:04X} {error_text(code & 0xFFFF)}{_own(code)}" for code in codes if code]
+
+
+def _own(code: int) -> str:
+    """Return the maker's part of an entry of the history."""
+    return f" (0x{code >> 16:04X})" if code >> 16 else ""
 
 
 def why_not_free(node: NodeSession) -> str:

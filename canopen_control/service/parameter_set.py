@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from canopen_control.od.eds import EdsFile
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
 
 __all__ = [
@@ -32,9 +33,11 @@ __all__ = [
     "TEXTS",
     "DeviceIdentity",
     "ParameterSet",
+    "backup_file_text",
     "backup_text",
     "identity_from",
     "lost_in_text",
+    "parse_backup",
     "read_backup",
     "same_value",
 ]
@@ -184,10 +187,18 @@ def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
 
     Values that a backup would not hold are left out, so that a DCF of another tool moves nothing either.
     """
-    file = read_eds(path)
+    return _backup_of(read_eds(path), str(path), node_id)
+
+
+def parse_backup(data: bytes, name: str) -> ParameterSet:
+    """Return the same of the bytes of a DCF; `name` is what sentences call it."""
+    return _backup_of(parse_eds(data, name=name), name, None)
+
+
+def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
     own = file.od.node_id
     if own is None:
-        raise EdsError(str(path), 0, "has no node id ([DeviceComissioning]), so it is an EDS and no DCF of a node")
+        raise EdsError(path, 0, "has no node id ([DeviceComissioning]), so it is an EDS and no DCF of a node")
     od = file.od if node_id is None else file.od.for_node(node_id)
     chosen = {entry.address: entry.parameter_value for entry in parameters_of(od) if entry.parameter_value is not None}
     lines = next((texts for title, texts in od.sections.items() if title.lower() == SECTION.lower()), None)
@@ -195,13 +206,24 @@ def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
         if (entry := od.get(*address)) is not None:
             chosen[address] = zero_of(entry.data_type)
     if not chosen:
-        raise EdsError(
-            str(path), 0, "holds no ParameterValue of a parameter, so there is nothing to compare or restore"
-        )
+        raise EdsError(path, 0, "holds no ParameterValue of a parameter, so there is nothing to compare or restore")
     identity = _told(lines, od) if lines is not None else _identity_of(od)
     date = "" if lines is None else _get(lines, "Date")
     values = without_unused_slots(dict(sorted(chosen.items())))
-    return ParameterSet(od, node_id or own, identity, values, str(path), date)
+    return ParameterSet(od, node_id or own, identity, values, path, date)
+
+
+def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str, list[str]]:
+    """Return the DCF of a backup, and what it cannot hold with the reason."""
+    info = next((lines for title, lines in parameters.od.sections.items() if title.lower() == "fileinfo"), {})
+    eds_name = next((value for key, value in info.items() if key.lower() == "filename"), "")
+    text = backup_text(parameters, eds_name=eds_name, node_name=node_name)
+    lost = lost_in_text(parameters, text)
+    if not lost:
+        return text, []
+    kept = {address: value for address, value in parameters.values.items() if address not in lost}
+    reasons = [f"0x{index:04X}:{subindex:02X}: a DCF cannot hold this text" for index, subindex in lost]
+    return backup_text(replace(parameters, values=kept), eds_name=eds_name, node_name=node_name), reasons
 
 
 def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:

@@ -142,6 +142,11 @@ class DownloadProgress:
     tries: int = 0
     notes: list[str] = field(default_factory=list)
 
+    @property
+    def untouched(self) -> bool:
+        """Whether the node is as it was, or all is done."""
+        return self.step in (DownloadStep.ASKING, DownloadStep.DONE)
+
 
 Sequence: TypeAlias = Generator[Order, Outcome, None]
 Numbers: TypeAlias = Generator[Order, Outcome, "int | None"]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from canopen_control.service.parameter_set import DeviceIdentity
     from canopen_control.service.program_download import DownloadProgress
 
-__all__ = ["boot_check", "download", "is_loader", "refuse_stranger"]
+__all__ = ["boot_check", "download", "interrupted_words", "is_loader", "refuse_stranger"]
 
 _PROFILE: Final = 0xFFFF
 _VENDOR: Final = IDENTITY[0][0]
@@ -60,6 +60,13 @@ def download(
         except StopIteration:
             return
         outcome = _carry_out(session, order, pause)
+
+
+def interrupted_words(session: NodeSession, progress: DownloadProgress, error: BaseException) -> str:
+    """Say how far a download was that has ended half-way, and what to do next."""
+    reason = str(error) or "interrupted"
+    gone = "" if isinstance(error, DriveError) else "the old program may be gone: "
+    return f"{session}: {progress.step.value}: {reason}; {gone}the same command begins anew"
 
 
 def _carry_out(session: NodeSession, order: Order, pause: Callable[[float], None]) -> Outcome:

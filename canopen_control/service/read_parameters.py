@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     Told = Callable[[int, int], None]
 
-__all__ = ["LeftOut", "device_identity", "entry_label", "read_parameters", "read_values", "reason_of"]
+__all__ = ["LeftOut", "device_identity", "entry_label", "read_parameters", "read_same", "read_values", "reason_of"]
 
 _VARIES = "two readings differed, so it is no parameter"
 
@@ -65,6 +65,17 @@ def read_parameters(
             left_out.append(LeftOut(od[address], _VARIES))
             del values[address]
     return ParameterSet(od, session.node_id, identity, without_unused_slots(values), str(session)), left_out
+
+
+def read_same(session: NodeSession, file: ParameterSet, told: Told | None = None) -> tuple[ParameterSet, list[LeftOut]]:
+    """Read from a node what a file holds, by the types of the file; a session without an EDS takes its dictionary."""
+    od = file.od.for_node(session.node_id)
+    if session.od is None:
+        session.od = od
+    entries = [od[address] for address in file.values]
+    identity = device_identity(session)
+    values, left_out = read_values(session, entries, lambda done: told(done, len(entries)) if told else None)
+    return ParameterSet(od, session.node_id, identity, values, str(session)), left_out
 
 
 def _again(entry: Entry, again: Mapping[Address, Value], value: Value) -> bool:

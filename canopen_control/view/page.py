@@ -1,4 +1,4 @@
-"""One page of the robot, as one browser has it: STOP, then the panels of the table below, then the feed.
+"""One page of the robot, as one browser has it: STOP, then the panels of the table below, the Drive view, and the feed.
 
 STOP is plain HTML and needs nothing of what follows. A new panel is a class in `panels` and a line in `PANELS`.
 """
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from nicegui import ui
 
+from canopen_control.view.drive.drive_view import DriveView
 from canopen_control.view.elements.nicegui_elements import Feed
 from canopen_control.view.panels.banner import BannerPanel
 from canopen_control.view.panels.fault_panel import FaultPanel
@@ -88,10 +89,12 @@ class Page:
         self._linear = context.robot.linear
         ui.add_body_html(stop_html())
         self._panels: list[Panel] = []
-        with ui.element("main").classes("cc-page"):
+        columns = {}
+        with ui.element("main").classes("cc-page") as main:
             for where in ("side", "middle", "right"):
-                with ui.element("div").classes(f"cc-{where}"):
+                with ui.element("div").classes(f"cc-{where}") as columns[where]:
                     self._panels += [self._make(slot) for slot in PANELS if slot.where == where]
+            self._drive = DriveView(context, main, columns["side"], _query())
         self._feed = Feed()
 
     def _make(self, slot: PanelSlot) -> Panel:
@@ -107,6 +110,11 @@ class Page:
         with self.client:
             for panel in self._panels:
                 panel.show(content)
+            self._drive.show(content)
+
+    def leave(self) -> None:
+        """End what this page alone reads: it is closed."""
+        self._drive.leave()
 
     def changes(self, content: PageContent) -> FeedMessage:
         """Return what the feed has to tell this page: what of the content has changed since the last time."""
@@ -127,3 +135,8 @@ class Page:
     def reload(self) -> None:
         """Load it anew: the robot is another one."""
         self.client.run_javascript("location.reload()")
+
+
+def _query() -> dict[str, str]:
+    """Return what the page was asked for, which says where in it the user was."""
+    return dict(ui.context.client.request.query_params)

@@ -9,7 +9,7 @@ from canopen_control.rpc.messages.samples import OdometrySample
 from canopen_control.rpc.messages.state import StateSample
 
 if TYPE_CHECKING:
-    from canopen_control.rpc.messages.robot import Description, NodeListing
+    from canopen_control.rpc.messages.robot import Description, NodeListing, NodePlace
     from canopen_control.rpc.messages.state import RobotEvent, Status
 
 __all__ = ["Pose", "RobotInfo", "VirtualNode", "pose_of", "read_robot_info", "true_pose_of"]
@@ -39,6 +39,7 @@ class RobotInfo:
     joints: tuple[str, ...]
     state: StateSample
     events: tuple[RobotEvent, ...] = field(default=(), compare=False)
+    places: tuple[NodePlace, ...] = ()
 
     @property
     def shape(self) -> object:
@@ -68,6 +69,7 @@ def read_robot_info(robot: str, description: Description, listing: NodeListing, 
         tuple(sorted(status.joints)),
         state,
         tuple(status.events),
+        tuple(sorted(listing.nodes, key=lambda each: each.node_id)),
     )
 
 

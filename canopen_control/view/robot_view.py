@@ -8,6 +8,8 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.robot_model import RobotModel, read_model
 from canopen_control.view.fault_client import DriveFaults, FaultClient
 from canopen_control.view.history import History
+from canopen_control.view.live_reader import LiveReader
+from canopen_control.view.node_desk import NodeDesk
 from canopen_control.view.page_content import PageContent, RecentEvents
 from canopen_control.view.robot_info import pose_of, true_pose_of
 from canopen_control.view.sampling import Sampler, commanded_interfaces, names
@@ -38,8 +40,19 @@ class RobotView:
         self.true_trail, self.world = Trail(), WorldView()
         self.fault_client, self.faults = FaultClient(info.nodes), DriveFaults()
         self.controllers: tuple[ControllerReading, ...] = ()
+        self._desks = {place.name: NodeDesk(info.robot, place) for place in info.places}
+        self.live_reader = LiveReader()
         self._sampler = Sampler()
         self._scene: SceneChange = {}
+
+    @property
+    def node_names(self) -> list[str]:
+        """The names of the nodes, by node id."""
+        return list(self._desks)
+
+    def desk(self, node: str) -> NodeDesk:
+        """Return where the work at a node is done, for all pages."""
+        return self._desks[node]
 
     def come_back(self, info: RobotInfo) -> bool:
         """Go on with a robot that was started again; False if it is another one, for which this does not fit."""

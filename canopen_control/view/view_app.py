@@ -201,10 +201,12 @@ class ViewApp:
         self.refresh_faults()
 
     def _page_closed(self, page: str) -> None:
-        self._pages.pop(page, None)
+        closed = self._pages.pop(page, None)
         self._dead_man.leave(page)
         self.player.leave(page)
         self._set_rate()
+        if closed is not None:
+            closed.leave()
 
     def _set_rate(self) -> None:
         if self._connection is not None:

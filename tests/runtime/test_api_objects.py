@@ -40,3 +40,25 @@ def test_more_pieces_than_an_object_may_have_are_refused_and_forgotten(client, r
     assert client.ask("sdo_data", data=base64_of("00" * 600))["result"] == {}
     assert "more than 1000 bytes" in client.ask("sdo_data", data=base64_of("00" * 600))["error"]["message"]
     assert client.ask("sdo_data", data=base64_of("00" * 600))["result"] == {}
+
+
+def test_the_events_say_what_was_written_and_by_whom(client, robby):
+    for source in ({"source": "view"}, {}):
+        answer = client.ask("sdo_write", node="left_drive", index=0x6083, data=base64_of("a00f0000"), **source)
+        assert answer["result"] == {}
+    told = [event for event in robby.robot.events.recent if event.kind == "object_written"]
+    assert [event.node for event in told] == ["left_drive", "left_drive"]
+    assert told[0].text == "view wrote 4000 to 0x6083:00 Profile acceleration"
+    assert told[1].text.startswith("client ")
+    assert "(pid " in told[1].text
+
+
+def test_what_a_node_refuses_was_not_written(client, robby):
+    answer = client.ask("sdo_write", node="left_drive", index=0x1018, subindex=1, data=base64_of("00000000"))
+    assert answer["error"]["kind"] == "SdoAbort"
+    assert not [event for event in robby.robot.events.recent if event.kind == "object_written"]
+
+
+def test_a_client_may_ask_how_far_a_transfer_is(client, robby):
+    assert client.ask("sdo_progress", node="left_drive")["result"] == {"done": 0, "total": None}
+    assert client.ask("sdo_progress", node="nobody")["error"]["kind"] == "UnknownName"

@@ -2,8 +2,9 @@ import pytest
 from support.service_node import NodeStub
 
 from canopen_control.data_files import data_path
+from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
-from canopen_control.service.drive_faults import fault_words, why_not_free
+from canopen_control.service.drive_faults import error_history, fault_words, why_not_free
 from canopen_control.service.node_session import NodeSession
 
 OD = read_eds(data_path("eds", "generic_cia402.eds"), 5).od
@@ -37,3 +38,13 @@ def test_a_drive_that_somebody_has_enabled_is_not_free(word, free):
     assert (why_not_free(session(word)) == "") is free
     if not free:
         assert "OPERATION ENABLED: somebody else" in why_not_free(session(word))
+
+
+def test_the_errors_that_a_drive_remembers_are_told_newest_first():
+    held = {(0x1003, 0): b"\2", (0x1003, 1): (0x00012310).to_bytes(4, "little"), (0x1003, 2): b"\x10\x81\0\0"}
+    found = error_history(NodeSession(NodeStub(held), 5, None))
+    assert [each[:6] for each in found] == ["0x2310", "0x8110"]
+    assert found[0].endswith("(0x0001)")
+    assert error_history(NodeSession(NodeStub({(0x1003, 0): b"\0"}), 5, None)) == []
+    with pytest.raises(ConfigError, match=r"node 5 keeps no error history \(0x1003\)"):
+        error_history(NodeSession(NodeStub({}), 5, None))

@@ -9,7 +9,9 @@ from support.samples import controllers_of, sample_of, status_of
 
 from canopen_control.rpc.messages.drive import FaultListing
 from canopen_control.rpc.messages.robot import BusPlace, Description, NodeListing, NodePlace
+from canopen_control.service.node_session import NodeSession
 from canopen_control.view.fault_client import DriveFaults
+from canopen_control.view.node_desk import NodeDesk
 from canopen_control.view.robot_info import read_robot_info
 from canopen_control.view.robot_view import RobotView
 from canopen_control.view.trajectory_player import TrajectoryPlayer
@@ -64,6 +66,21 @@ def info(**status):
 
 def robot(**status):
     return RobotView(info(**status), lambda _content, kind: f"/mesh/1.{kind}")
+
+
+class StubDesk(NodeDesk):
+    """The desk of a node whose objects are those of a `stub` (support.service_node), with the dictionary `od`."""
+
+    def __init__(self, stub, od, name="left_drive", node_id=3):
+        super().__init__("pair", NodePlace(name=name, node_id=node_id, bus="can"))
+        self.stub, self.od = stub, od
+
+    def dictionary(self):
+        return self.od
+
+    @contextlib.contextmanager
+    def session(self):
+        yield NodeSession(self.stub, self.place.node_id, self.od, name=self.place.name, robot="pair")
 
 
 class FakeContext:

@@ -50,6 +50,7 @@ class Page:
 
     def __init__(self, name="page 1"):
         self.client, self.id, self.shown, self.sent, self.loads = self, name, [], [], 0
+        self.left = 0
 
     def show(self, content):
         self.shown.append(content)
@@ -62,6 +63,9 @@ class Page:
 
     def reload(self):
         self.loads += 1
+
+    def leave(self):
+        self.left += 1
 
 
 @pytest.fixture
@@ -231,13 +235,15 @@ def test_a_held_button_drives_until_it_is_silent(robot, play):
 def test_letting_go_or_closing_the_page_ends_its_motion_at_once(robot, play):
     async def act(app):
         await connected(app)
-        app._page_opened(Page())
+        page = Page()
+        app._page_opened(page)
         app.hold("page 1", MOTION, app.said.append)
         app.let_go("page 1")
         assert app._dead_man.driver is None
         app.hold("page 1", MOTION, app.said.append)
         app._page_closed("page 1")
         assert app._dead_man.driver is None
+        assert page.left == 1  # and what its tabs read
         app.hold("page 1", MOTION, app.said.append)  # was on its way
         assert app._dead_man.driver is None
         await until(lambda: command(robot) == 0.0)

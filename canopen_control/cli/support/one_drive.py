@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.jog_robot import drive_of_robot
 from canopen_control.cli.support.open_session import open_session
-from canopen_control.cli.support.restore_journal import unfinished_words
+from canopen_control.cli.support.restoring import reached
 from canopen_control.cli.support.target import find_eds
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.service.drive_faults import fault_words, why_not_free
 from canopen_control.service.jog_units import JogScale
+from canopen_control.service.restore_journal import unfinished_words
 
 if TYPE_CHECKING:
     import argparse
@@ -53,7 +54,7 @@ def look_at_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Devi
             raise DriveError(f"{node} has a fault: {words}; nothing is reset by itself: {again}")
         if reason := why_not_free(node):
             raise DriveError(reason)
-        if unfinished := unfinished_words(node, args):
+        if unfinished := unfinished_words(node, reached(args)):
             raise DriveError(f"{unfinished}; nothing moves with a part of each; where that is meant, delete the file")
         device = Device(node.node_id, find_eds(args.eds).resolve(), node.dictionary)
     ask_drives(args.can, [device], args.timeout or 0.5)

@@ -20,7 +20,6 @@ from canopen_control.cli.support.target import (
 )
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, DriveError
-from canopen_control.rpc.messages.robot import GetStatus
 from canopen_control.service.node_session import NodeSession, Transfers
 
 if TYPE_CHECKING:
@@ -28,8 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from canopen_control.cia301.nmt import NmtCommand
-    from canopen_control.cli.support.target import Target, TargetNode
-    from canopen_control.rpc.messages.state import NodeReading
+    from canopen_control.cli.support.target import TargetNode
 
 __all__ = ["add_session_arguments", "open_session", "open_sessions"]
 
@@ -73,7 +71,7 @@ def open_sessions(
         sessions = {}
         for word in dict.fromkeys(nodes):
             node = target.node(word)
-            transfers = TargetTransfers(target, node)
+            transfers = target.transfers(node) if isinstance(target, RobotTarget) else BusTransfers(target, node)
             sessions[word] = NodeSession(transfers, node.node_id, node.dictionary(), name=node.name, robot=robot)
         yield sessions, client
 
@@ -87,10 +85,10 @@ def _open(args: argparse.Namespace) -> RobotTarget | BusTarget:
     return RobotTarget(RobotClient.connect(name), eds, args.timeout)
 
 
-class TargetTransfers(Transfers):
-    """The transfers of one node of a `Target`."""
+class BusTransfers(Transfers):
+    """The transfers of one node of a bare bus."""
 
-    def __init__(self, target: Target, node: TargetNode) -> None:
+    def __init__(self, target: BusTarget, node: TargetNode) -> None:
         self._target, self._node = target, node
         self._mute = False  # it was seen to send no heartbeat
 
@@ -108,7 +106,6 @@ class TargetTransfers(Transfers):
 
     def command(self, command: NmtCommand) -> None:
         """Send an NMT command to the node of a bare bus and wait until a heartbeat shows it, if it sends any."""
-        assert isinstance(self._target, BusTarget)
         bus = self._target.bus
         seconds = _RESET_S if command in RESETS else _MUTE_S if self._mute else _NMT_S
         for result in bus.command(command, self._node.node_id, seconds):
@@ -118,11 +115,7 @@ class TargetTransfers(Transfers):
                 )
 
     def nmt_state(self) -> NmtState | None:
-        """Return what the robot knows of the node; on a bare bus listen for its next heartbeat, if it sends any."""
-        if isinstance(self._target, RobotTarget):
-            reading = self._reading(self._target)
-            return NmtState.__members__.get("" if reading is None else reading.nmt_state or "")
-        assert isinstance(self._target, BusTarget)
+        """Listen for the node's next heartbeat, if it sends any."""
         bus, node_id = self._target.bus, self._node.node_id
         bus.heard.pop(node_id, None)
         try:
@@ -135,12 +128,5 @@ class TargetTransfers(Transfers):
         return bus.heard.get(node_id)
 
     def taken_out(self) -> bool:
-        """Return what the robot says, which boots a node again and again otherwise; True on a bare bus."""
-        if not isinstance(self._target, RobotTarget):
-            return True
-        reading = self._reading(self._target)
-        return reading is not None and reading.taken_out
-
-    def _reading(self, target: RobotTarget) -> NodeReading | None:
-        nodes = target.robot.ask(GetStatus()).nodes
-        return next((each for each in nodes.values() if each.node_id == self._node.node_id), None)
+        """Return True: no robot runs on it."""
+        return True

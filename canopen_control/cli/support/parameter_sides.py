@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 from canopen_control.cli.support.open_session import open_session
 from canopen_control.cli.support.output import Progress
 from canopen_control.errors import ConfigError
-from canopen_control.service.parameter_set import ParameterSet, read_backup
-from canopen_control.service.read_parameters import device_identity, read_parameters, read_values
+from canopen_control.service.parameter_set import read_backup
+from canopen_control.service.read_parameters import read_parameters, read_same
 
 if TYPE_CHECKING:
     import argparse
 
     from canopen_control.service.node_session import NodeSession
+    from canopen_control.service.parameter_set import ParameterSet
     from canopen_control.service.read_parameters import LeftOut
 
 __all__ = ["Side", "as_file", "backup_file", "like_file", "read_all", "read_like", "sides"]
@@ -66,12 +67,8 @@ def like_file(session: NodeSession, file: ParameterSet) -> NodeSession:
 
 def read_like(session: NodeSession, file: ParameterSet) -> Side:
     """Read from a node what a file holds, by the types of the file, with progress."""
-    od = file.od.for_node(session.node_id)
-    entries = [od[address] for address in file.values]
     with Progress(f"reading {session}", "objects") as progress:
-        identity = device_identity(session)
-        values, left_out = read_values(session, entries, lambda done: progress.at(done, len(entries)))
-    parameters = ParameterSet(od, session.node_id, identity, values, str(session))
+        parameters, left_out = read_same(session, file, progress.at)
     return Side(parameters, tuple(left_out))
 
 

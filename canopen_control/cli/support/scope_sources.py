@@ -9,10 +9,10 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Protocol
 
-from canopen_control.cli.support.object_table import READS_PER_S
 from canopen_control.errors import CanopenError
 from canopen_control.rpc.messages.robot import ProcessData, Subscribe
 from canopen_control.service.node_session import is_abort
+from canopen_control.service.object_rows import READS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -17,7 +17,8 @@ from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import DirectBus
 from canopen_control.od.eds import read_eds
-from canopen_control.rpc.messages.robot import MAX_OBJECT, GetNodes, NodeListing, SdoRead, SdoWrite
+from canopen_control.rpc.messages.robot import GetNodes, NodeListing
+from canopen_control.service.robot_transfers import RobotTransfers
 
 if TYPE_CHECKING:
     import argparse
@@ -39,8 +40,6 @@ __all__ = [
 ]
 
 LABEL = "canopen-control"  # what others on the bus see of a verb
-TIMEOUT_S = 15.0  # with a robot that has other requests for the node waiting
-_BYTES_PER_S = 1_000  # of the slowest transfer worth waiting for
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +135,7 @@ class RobotTarget:
     def __init__(self, robot: RobotClient, eds: Path | None = None, timeout: float | None = None) -> None:
         self.robot = robot
         self._eds, self._timeout = eds, timeout
+        self._carriers: dict[int, RobotTransfers] = {}
         self.listing = robot.ask(GetNodes())
 
     def __enter__(self) -> RobotTarget:
@@ -146,6 +146,8 @@ class RobotTarget:
 
     def close(self) -> None:
         """Leave the robot."""
+        for carrier in self._carriers.values():
+            carrier.close()
         self.robot.close()
 
     @property
@@ -164,25 +166,23 @@ class RobotTarget:
             f"robot {self.robot.robot} has no node {word!r}; its nodes: {known}; for others on its bus use --can"
         )
 
+    def transfers(self, node: TargetNode) -> RobotTransfers:
+        """Return who carries the SDO of a node."""
+        if node.node_id not in self._carriers:
+            self._carriers[node.node_id] = RobotTransfers(self.robot, node.node_id, self._timeout)
+        return self._carriers[node.node_id]
+
     def read(self, node: TargetNode, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Upload an object through the robot."""
-        request = SdoRead(node=str(node.node_id), index=index, subindex=subindex, block=block, timeout=self._timeout)
-        timeout = TIMEOUT_S + (MAX_OBJECT / _BYTES_PER_S if block else 0) + (self._timeout or 0)
-        return self.robot.ask(request, timeout).data
+        return self.transfers(node).read(index, subindex, block=block)
 
     def write(self, node: TargetNode, index: int, subindex: int, data: bytes) -> None:
         """Download an object through the robot."""
-        if len(data) > MAX_OBJECT:
-            raise ConfigError(
-                f"{len(data)} bytes are more than the {MAX_OBJECT} a running robot passes on; "
-                "end it and write straight on the bus with --can"
-            )
-        request = SdoWrite(node=str(node.node_id), index=index, subindex=subindex, data=data, timeout=self._timeout)
-        self.robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
+        self.transfers(node).write(index, subindex, data)
 
-    def progress(self, node: TargetNode) -> tuple[int, int | None]:  # noqa: ARG002 - as every target has it
-        """Return nothing: the robot does not tell how far a transfer is."""
-        return 0, None
+    def progress(self, node: TargetNode) -> tuple[int, int | None]:
+        """Return how far the transfer under way is."""
+        return self.transfers(node).progress()
 
 
 class BusTarget:

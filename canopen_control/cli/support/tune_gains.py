@@ -6,9 +6,9 @@ import re
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.loop_gains import GainObject, LoopGain, gain_objects
-from canopen_control.cli.support.kept_parameters import KeptParameters
 from canopen_control.errors import ConfigError
 from canopen_control.service.gain_setting import gain_values, revert_gains, set_gains
+from canopen_control.service.kept_parameters import KeptParameters
 from canopen_control.service.read_parameters import device_identity
 from canopen_control.service.restore import store
 

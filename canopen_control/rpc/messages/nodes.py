@@ -6,13 +6,14 @@ from typing import Annotated, Final
 
 import msgspec
 
-from canopen_control.rpc.messages.declare import Done, Effect, Index, Request, Subindex
+from canopen_control.rpc.messages.declare import Count, Done, Effect, Index, Request, Subindex
 
 __all__ = [
     "MAX_OBJECT",
     "NODE_METHODS",
     "BusPlace",
     "GetNodes",
+    "GetSdoProgress",
     "NmtRequest",
     "NodeIdentity",
     "NodeListing",
@@ -22,6 +23,7 @@ __all__ = [
     "ReadTouchProbe",
     "SdoData",
     "SdoPiece",
+    "SdoProgress",
     "SdoRead",
     "SdoWrite",
     "TouchProbe",
@@ -109,13 +111,30 @@ class SdoRead(Request[SdoData], frozen=True, kw_only=True):
 
 
 class SdoWrite(Request[Done], frozen=True, kw_only=True):
-    """Download an object; what moves an axis is refused while a stop is latched."""
+    """Download an object; what moves an axis is refused while a stop is latched. The robot's events say who did it.
+
+    `source` is by whose name, that of the client's program without one.
+    """
 
     node: NodeName
     index: Index
     subindex: Subindex = 0
     data: bytes
     timeout: Seconds | None = None
+    source: str | None = None
+
+
+class SdoProgress(msgspec.Struct, frozen=True):
+    """How many bytes of a transfer are over, and of how many; 0 and null while there is none, or nobody knows."""
+
+    done: Count = 0
+    total: Count | None = None
+
+
+class GetSdoProgress(Request[SdoProgress], frozen=True, kw_only=True):
+    """How far the SDO transfer is that is under way with a node, whoever asked for it."""
+
+    node: NodeName
 
 
 class SdoPiece(Request[Done], frozen=True, kw_only=True):
@@ -156,6 +175,7 @@ NODE_METHODS: Final = (
     ("sdo_read", Effect.READS, SdoRead),
     ("sdo_write", Effect.MOVES, SdoWrite),
     ("sdo_data", Effect.CHANGES, SdoPiece),
+    ("sdo_progress", Effect.READS, GetSdoProgress),
     ("pdo_write", Effect.CHANGES, PdoWrite),
     ("touch_probe", Effect.READS, ReadTouchProbe),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any, Protocol, TypedDict
 
 import nicegui
 from nicegui.element import Element
@@ -13,15 +13,15 @@ from canopen_control.view.dead_man import HOLD_HZ
 from canopen_control.view.trajectory_player import HERE_HZ
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from canopen_control.view.history import Row
     from canopen_control.view.sampling import Chart
     from canopen_control.view.scene_tree import SceneDocument
     from canopen_control.view.world_view import WorldDocument
 
-__all__ = ["Feed", "FeedMessage", "HoldButton", "HoldButtons", "PlotRows", "Presence", "RobotScene", "SceneChange",
-           "StripCharts"]  # fmt: skip
+__all__ = ["Feed", "FeedMessage", "HoldButton", "HoldButtons", "ObjectTree", "ObjectWords", "PlotRows", "Presence",
+           "RobotScene", "SceneChange", "StripCharts", "TreeRow"]  # fmt: skip
 
 
 class SceneChange(TypedDict, total=False):
@@ -144,3 +144,87 @@ class StripCharts(Element, component="strip_charts.js"):
         self._props["names"] = list(names)
         self._props["span"] = span
         self.classes("cc-strips")
+
+
+class TreeRow(TypedDict):
+    """An object of the tree as it stays: `a` is its address in words, `object` the record that it is a part of.
+
+    `fixed` says why it cannot be written by hand, "" where it can.
+    """
+
+    a: str
+    index: int
+    sub: bool
+    object: str
+    name: str
+    type: str
+    access: str
+    mappable: str
+    unit: str
+    default: str | None
+    limits: str
+    fixed: str
+
+
+class ObjectWords(TypedDict):
+    """What an object holds now in words, and its bits: number, name, whether it is set."""
+
+    value: str | None
+    meaning: str | None
+    changed: bool
+    error: str | None
+    bits: list[tuple[int, str, bool]]
+
+
+class TreeUser(Protocol):
+    """Who hears what is done in a tree."""
+
+    def seen(self, addresses: list[str]) -> None:
+        """Take note that these objects are in sight, and no others."""
+
+    def search(self, text: str) -> None:
+        """Show what these words mean."""
+
+    def write(self, address: str, text: str) -> None:
+        """Write an object."""
+
+
+class ObjectTree(Element, component="object_tree.js"):
+    """The objects of a node: `rows` as they stay, `writes` whether they may be written, `product` of the favourites."""
+
+    def __init__(self, rows: Sequence[TreeRow], product: str, user: TreeUser, *, writes: bool) -> None:
+        super().__init__()
+        self._props["rows"] = list(rows)
+        self._props["writes"] = writes
+        self._props["product"] = product
+        self.on("seen", lambda event: user.seen(_texts(event.args)))
+        self.on("search", lambda event: user.search(str(event.args)[:_SEARCH]))
+        self.on("write", lambda event: _written(event.args, user))
+
+    def values(self, news: Mapping[str, ObjectWords]) -> None:
+        """Show what these objects hold."""
+        self.run_method("values", dict(news))
+
+    def matches(self, addresses: Sequence[str] | None, problem: str = "") -> None:
+        """Show these objects alone; None: all."""
+        self.run_method("matches", None if addresses is None else list(addresses), problem)
+
+    def answer(self, address: str, text: str, *, good: bool) -> None:
+        """Say at an object what came of writing it."""
+        self.run_method("answer", address, text, good)
+
+    def again(self) -> None:
+        """Have it tell once more what is in sight."""
+        self.run_method("again")
+
+
+_SEARCH = 200  # characters
+
+
+def _texts(args: Any) -> list[str]:  # noqa: ANN401 - what a browser sends
+    return [each for each in args if isinstance(each, str)] if isinstance(args, list) else []
+
+
+def _written(args: Any, user: TreeUser) -> None:  # noqa: ANN401 - what a browser sends
+    if isinstance(args, dict) and isinstance(args.get("address"), str) and isinstance(args.get("text"), str):
+        user.write(args["address"], args["text"])

@@ -25,11 +25,12 @@ _ACTIONS: Final = (
 
 
 class PowerPanel:
-    """A row of buttons for each drive, and one for all of them."""
+    """A row of buttons for each drive, and one for all of them; of `node` alone, where one is named."""
 
-    def __init__(self, context: PanelContext) -> None:
+    def __init__(self, context: PanelContext, node: str = "") -> None:
         self._context = context
-        drives = [name for name, node in context.robot.info.state.nodes.items() if node.axes]
+        nodes = context.robot.info.state.nodes
+        drives = [name for name, each in nodes.items() if each.axes and node in ("", name)]
         if not drives:
             ui.html("<p class='cc-note'>No drives to enable.</p>", sanitize=False)
         for drive in [*(("all",) if len(drives) > 1 else ()), *drives]:

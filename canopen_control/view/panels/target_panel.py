@@ -34,10 +34,10 @@ _SHOWS: Final = {"position": "Hold to go there", "velocity": "Hold to turn", "ef
 
 
 class TargetPanel:
-    """Stands in the page while a controller takes a drive's target; a row for each drive."""
+    """Stands in the page while a controller takes a drive's target; a row for each drive, or for those of `node`."""
 
-    def __init__(self, context: PanelContext) -> None:
-        self._context = context
+    def __init__(self, context: PanelContext, node: str = "") -> None:
+        self._context, self._node = context, node
         self._frame = ui.context.slot.parent
         self._frame.visible = False
         self._whole = ui.element("div")
@@ -49,7 +49,8 @@ class TargetPanel:
         """Follow drives, modes and positions."""
         if content.lost:
             return
-        drives = drive_targets(content.state, content.controllers)
+        found = drive_targets(content.state, content.controllers)
+        drives = [drive for drive in found if self._node in ("", drive.node)]
         self._frame.visible = bool(drives)
         if [each.joint for each in drives] != list(self._rows):
             self._whole.clear()

@@ -5,19 +5,12 @@ import pytest
 from support.service_node import NodeStub
 
 from canopen_control.cli.support import object_table
-from canopen_control.cli.support.object_table import (
-    LiveObject,
-    csv_text,
-    live_objects,
-    rows_of,
-    table_lines,
-    tree_lines,
-    values_of,
-)
+from canopen_control.cli.support.object_table import csv_text, live_objects, table_lines, tree_lines, values_of
 from canopen_control.data_files import data_path
 from canopen_control.errors import SdoTimeout
 from canopen_control.od.eds import read_eds
 from canopen_control.service.node_session import NodeSession
+from canopen_control.service.object_rows import LiveObject, rows_of
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 HELD = {
@@ -34,19 +27,6 @@ def session(held=HELD, robot=""):
 
 def rows(*addresses):
     return rows_of(OD, live_objects(session(), [OD[each] for each in addresses]), 5)
-
-
-def test_a_value_comes_with_its_unit_its_meaning_and_whether_it_is_the_default():
-    status, speed, mapped = rows((0x6041, 0), (0x1017, 0), (0x1A00, 1))
-    assert (status.value, status.meaning, status.changed) == ("0x0250", "SWITCH ON DISABLED", False)
-    assert (speed.value, speed.unit, speed.default, speed.changed, speed.meaning) == (
-        "1600",
-        "ms",
-        "0",
-        True,
-        None,
-    )
-    assert mapped.meaning == "0x6041:00 Statusword, 16 bits"
 
 
 def test_what_the_node_refuses_is_told_in_its_line_and_the_others_are_read():

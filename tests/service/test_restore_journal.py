@@ -10,7 +10,6 @@ from support.onbus import OnBus
 from support.parameter_node import session_with
 
 from canopen_control.cli.main import main
-from canopen_control.cli.support.restore_journal import RestoreJournal, unfinished_words
 from canopen_control.cli.support.restoring import restore_into
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError
@@ -18,6 +17,7 @@ from canopen_control.host.files import state_dir
 from canopen_control.od.eds import read_eds
 from canopen_control.service.parameter_set import DeviceIdentity, read_backup
 from canopen_control.service.read_parameters import read_parameters
+from canopen_control.service.restore_journal import Reached, RestoreJournal, unfinished_words
 
 TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 WANTED = {(0x6081, 0): 91, (0x6083, 0): 92, (0x6084, 0): 93}
@@ -140,18 +140,18 @@ def test_nothing_is_written_where_it_cannot_be_kept():
 
 def test_a_node_without_a_serial_number_is_known_by_its_channel():
     session = session_with(TMCM)
-    paths = {RestoreJournal(session, DeviceIdentity(vendor=1), arguments(can=can)).path for can in ("can0", "can1")}
+    paths = {RestoreJournal(session, DeviceIdentity(vendor=1), Reached(can)).path for can in ("can0", "can1")}
     assert len(paths) == 2
-    known = {RestoreJournal(session, DeviceIdentity(serial=9), arguments(can=can)).path for can in ("can0", "can1")}
+    known = {RestoreJournal(session, DeviceIdentity(serial=9), Reached(can)).path for can in ("can0", "can1")}
     assert len(known) == 1
 
 
 def test_others_are_told_of_it_and_a_node_without_one_is_not_asked():
     session, _, _ = interrupted()
-    assert "ended half-way" in unfinished_words(session, arguments())
+    assert "ended half-way" in unfinished_words(session, Reached("can0"))
     restore_into(session, backup(), arguments())
     session.transfers.silent_from = 0
-    assert unfinished_words(session, arguments()) == ""
+    assert unfinished_words(session, Reached("can0")) == ""
 
 
 @pytest.mark.process

@@ -2,9 +2,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.cli.support.object_values import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.errors import ConfigError
 from canopen_control.od.model import DataType
+from canopen_control.service.object_values import TYPE_NAMES, parse_type, parse_value, show
 
 I32, U16, F32, TEXT = DataType.INTEGER32, DataType.UNSIGNED16, DataType.REAL32, DataType.VISIBLE_STRING
 

@@ -9,14 +9,14 @@ older than what the node holds now, and stays.
 from __future__ import annotations
 
 import shlex
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.support.kept_parameters import KeptParameters
 from canopen_control.host.files import state_dir
+from canopen_control.service.kept_parameters import KeptParameters
 from canopen_control.service.read_parameters import device_identity
 
 if TYPE_CHECKING:
-    import argparse
     from collections.abc import Mapping
 
     from canopen_control.od.model import Address, ObjectDictionary, Value
@@ -24,17 +24,26 @@ if TYPE_CHECKING:
     from canopen_control.service.parameter_set import DeviceIdentity
     from canopen_control.service.restore import Restore
 
-__all__ = ["RestoreJournal", "unfinished_words"]
+__all__ = ["Reached", "RestoreJournal", "unfinished_words"]
 
 _FOLDER: Final = "restores"
 
 
-class RestoreJournal:
-    """The journal of the node of `session`; `args` are those of the verb, which say how the node is reached."""
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """How a verb reaches a node: its bus's channel, or the name of the robot; and whether it wrote all of a backup."""
 
-    def __init__(self, session: NodeSession, identity: DeviceIdentity, args: argparse.Namespace) -> None:
-        self._session, self._args = session, args
-        self._kept = KeptParameters(_FOLDER, session, identity, getattr(args, "can", None) or "")
+    channel: str = ""
+    robot: str = ""
+    include_protected: bool = False
+
+
+class RestoreJournal:
+    """The journal of the node of `session`; `reached` is how a verb reaches the node."""
+
+    def __init__(self, session: NodeSession, identity: DeviceIdentity, reached: Reached) -> None:
+        self._session, self._reached = session, reached
+        self._kept = KeptParameters(_FOLDER, session, identity, reached.channel)
         self.path = self._kept.path
         self._old = self._kept.parameters
 
@@ -51,7 +60,7 @@ class RestoreJournal:
     @property
     def undo_words(self) -> str:
         """Say which command puts back what the node held before."""
-        return f"`canopen-control restore {shlex.join([str(self.path), *self._reached()])}` puts back"
+        return f"`canopen-control restore {shlex.join([str(self.path), *self._words()])}` puts back"
 
     def begin(self, od: ObjectDictionary, held: Mapping[Address, Value]) -> None:
         """Keep what the node holds before it is written; ConfigError where that cannot be, and nothing is written."""
@@ -71,16 +80,14 @@ class RestoreJournal:
             self._kept.forget()
             self._old = None
 
-    def _reached(self) -> list[str]:
-        args, node = self._args, str(self._session.name or self._session.node_id)
-        channel = getattr(args, "can", None)
-        name = getattr(args, "name", None)
-        found = [node, *(["--can", channel] if channel else ["--name", name] if name else [])]
-        return [*found, *(["--include-protected"] if getattr(args, "include_protected", False) else [])]
+    def _words(self) -> list[str]:
+        how, node = self._reached, str(self._session.name or self._session.node_id)
+        found = [node, *(["--can", how.channel] if how.channel else ["--name", how.robot] if how.robot else [])]
+        return [*found, *(["--include-protected"] if how.include_protected else [])]
 
 
-def unfinished_words(session: NodeSession, args: argparse.Namespace) -> str:
+def unfinished_words(session: NodeSession, reached: Reached) -> str:
     """Say that a restore of a node ended half-way, "" where none did; the node is asked who it is if it may be so."""
     if not any(state_dir(_FOLDER).glob(f"node{session.node_id}-*.dcf")):
         return ""
-    return RestoreJournal(session, device_identity(session), args).unfinished
+    return RestoreJournal(session, device_identity(session), reached).unfinished

@@ -3,11 +3,11 @@ import dataclasses
 import pytest
 from support.parameter_node import session_with
 
-from canopen_control.cli.support.kept_parameters import KeptParameters
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import state_dir
 from canopen_control.od.eds import read_eds
+from canopen_control.service.kept_parameters import KeptParameters
 from canopen_control.service.read_parameters import device_identity
 
 OD = read_eds(data_path("eds", "generic_cia402.eds"), 5).od

@@ -1,0 +1,16 @@
+"""The Drive view: one node of the robot, in tabs. STOP and the robot's state stay beside it, on a phone around it.
+
+How to add a tab: a file NAME_tab.py in this folder with a class that is a `drive_tab.DriveTab`, and a line for it in
+`drive_tabs.TABS`. A tab is made when it is opened first, for one node, in the place that is current; what it is given
+is a `DriveTabContext`:
+
+- `context.panel` is what every panel of the page has: `ask(request)` asks the robot, `hold` and `let_go` drive while
+  a button is held, `teleop` says whether this page may write and move at all.
+- `context.desk` is the node, shared by all pages: `await desk.ask(work)` runs `work(session)` on a thread, with a
+  `service.NodeSession` whose SDO goes through the robot; `desk.begin(title, work)` begins what takes long, one at a
+  time on a node, and goes on where the page is closed meanwhile. No tab waits in the loop: STOP would wait behind it.
+- `context.node` is its name, `context.place` its node id, EDS and joints.
+
+`show(content)` is called a few times a second while the tab is seen, `leave()` when it is not any more: what it reads
+or drives ends there. Logic is no tab's: what an object means or whether a file fits is asked of the room `service`.
+"""

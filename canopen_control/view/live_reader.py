@@ -1,0 +1,106 @@
+"""Reads the objects that pages look at, of all nodes, one after the other and at a rate that never holds a robot up.
+
+One thread for all pages: two that look at the same object read it once, and all together ask the robot no more often
+than one verb does. The object that was read longest ago comes next. It ends when nobody looks any more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import CanopenError
+from canopen_control.service.object_rows import READS_PER_S, LiveObject
+from canopen_control.service.object_selection import is_scanned
+from canopen_control.service.read_parameters import read_values
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+
+    from canopen_control.od.model import Address, Entry
+    from canopen_control.service.node_session import NodeSession
+    from canopen_control.view.node_desk import NodeDesk
+
+__all__ = ["LiveReader"]
+
+_LATER_S: Final = 10.0  # an object that the node refuses is asked again
+_LOST_S: Final = 2.0  # a node that does not answer, or a robot that is gone
+_IDLE_S: Final = 0.2  # while nothing is due
+
+
+class LiveReader:
+    """Reads while somebody looks; `clock` and `sleep` in s."""
+
+    def __init__(
+        self, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
+    ) -> None:
+        self._clock, self._sleep = clock, sleep
+        self._lock = threading.Lock()
+        self._wanted: dict[str, tuple[NodeDesk, tuple[Entry, ...]]] = {}
+        self._thread: threading.Thread | None = None
+        self._due: dict[tuple[str, Address], float] = {}
+
+    def watch(self, page: str, desk: NodeDesk, entries: Collection[Entry]) -> None:
+        """Have a page look at these objects of a node, and at nothing else; none of them: it looks at nothing."""
+        with self._lock:
+            scanned = tuple(entry for entry in entries if is_scanned(entry))
+            if scanned:
+                self._wanted[page] = desk, scanned
+            else:
+                self._wanted.pop(page, None)
+            if self._wanted and self._thread is None:
+                self._thread = threading.Thread(target=self.run, name="live objects", daemon=True)
+                self._thread.start()
+
+    def soon(self, desk: NodeDesk, entry: Entry) -> None:
+        """Have an object read next: somebody has written it."""
+        self._due.pop((desk.place.name, entry.address), None)
+
+    def run(self) -> None:
+        """Read until nobody looks; the body of the thread."""
+        gap, due = 1.0 / READS_PER_S, self._clock()
+        with contextlib.ExitStack() as sessions:
+            opened: dict[str, NodeSession] = {}
+            while (found := self._next()) is not None:
+                desk, entry = found
+                if entry is None:
+                    self._sleep(_IDLE_S)
+                    continue
+                if (wait := due - self._clock()) > 0:
+                    self._sleep(wait)
+                due = self._clock() + gap
+                self._read(desk, entry, opened, sessions)
+
+    def _next(self) -> tuple[NodeDesk, Entry | None] | None:
+        """Return what is to be read next, None for the entry while nothing is due; None at the end."""
+        with self._lock:
+            if not self._wanted:
+                self._thread = None
+                return None
+            choices = [(desk, entry) for desk, entries in self._wanted.values() for entry in entries]
+        desk, entry = min(choices, key=lambda each: self._due.get((each[0].place.name, each[1].address), 0.0))
+        is_due = self._due.get((desk.place.name, entry.address), 0.0) <= self._clock()
+        return desk, entry if is_due else None
+
+    def _read(
+        self, desk: NodeDesk, entry: Entry, opened: dict[str, NodeSession], sessions: contextlib.ExitStack
+    ) -> None:
+        name = desk.place.name
+        try:
+            if name not in opened:
+                opened[name] = sessions.enter_context(desk.session())
+            values, refused = read_values(opened[name], [entry])
+        except CanopenError as error:
+            opened.pop(name, None)
+            desk.lost = str(error)
+            again = self._clock() + _LOST_S
+            with self._lock:
+                watched = [each for other, entries in self._wanted.values() if other is desk for each in entries]
+            self._due |= {(name, each.address): again for each in watched}
+            return
+        why = refused[0].why if refused else ""
+        desk.lost = ""
+        desk.keep(LiveObject(entry, values.get(entry.address), why))
+        self._due[name, entry.address] = self._clock() + (_LATER_S if why else 0.0)

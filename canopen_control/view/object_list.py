@@ -1,0 +1,108 @@
+"""The objects of a node as the page shows them: rows that stay, what they hold now, what a search means. No toolkit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.errors import ConfigError
+from canopen_control.od.model import SCALAR_CODES
+from canopen_control.service.object_bits import bits_of
+from canopen_control.service.object_edit import limit_words, why_fixed
+from canopen_control.service.object_rows import LiveObject, rows_of
+from canopen_control.service.object_selection import select_objects
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from canopen_control.od.model import Address, Entry, ObjectDictionary
+    from canopen_control.view.elements.nicegui_elements import ObjectWords, TreeRow
+
+__all__ = ["ObjectList", "address_text"]
+
+_MODE = (0x6061, 0)
+
+
+def address_text(address: Address) -> str:
+    """Return an address as it is written on the page."""
+    return f"0x{address[0]:04X}:{address[1]:02X}"
+
+
+class ObjectList:
+    """The objects of the dictionary `od` of a node; `sent` is up to which news a page has been told."""
+
+    def __init__(self, od: ObjectDictionary, node_id: int) -> None:
+        self._od, self._node_id = od, node_id
+        self._entries = {address_text(entry.address): entry for entry in select_objects(od, ())}
+        self._sent = 0
+
+    @property
+    def rows(self) -> list[TreeRow]:
+        """All objects by address, as they stay."""
+        entries = list(self._entries.values())
+        told = rows_of(self._od, [LiveObject(entry) for entry in entries], self._node_id)
+        return [
+            {
+                "a": address_text(entry.address),
+                "index": entry.index,
+                "sub": bool(record := self._record(entry)),
+                "object": record,
+                "name": entry.name if record else row.name,
+                "type": row.type,
+                "access": row.access,
+                "mappable": row.mappable,
+                "unit": row.unit,
+                "default": row.default,
+                "limits": limit_words(entry),
+                "fixed": why_fixed(entry),
+            }
+            for entry, row in zip(entries, told, strict=True)
+        ]
+
+    def _record(self, entry: Entry) -> str:
+        """Return the name of the record or array that an entry is a part of, "" where it stands alone."""
+        info = self._od.objects.get(entry.index)
+        return "" if info is None or info.code in SCALAR_CODES else info.name or f"0x{entry.index:04X}"
+
+    def entry(self, address: str) -> Entry | None:
+        """Return the object of an address as it is written on the page."""
+        return self._entries.get(address)
+
+    def entries(self, addresses: Iterable[str]) -> list[Entry]:
+        """Return those of these addresses that there are."""
+        return [self._entries[each] for each in addresses if each in self._entries]
+
+    def search(self, text: str) -> tuple[list[str] | None, str]:
+        """Return the addresses that words mean, None for all, and what is to be said where they mean none."""
+        if not (words := text.split()):
+            return None, ""
+        try:
+            return [address_text(entry.address) for entry in select_objects(self._od, words)], ""
+        except ConfigError as error:
+            return [], str(error)
+
+    def news(self, live: Mapping[Address, tuple[int, LiveObject]]) -> dict[str, ObjectWords]:
+        """Return what is known now of the objects that were told otherwise, or not at all."""
+        since, self._sent = self._sent, max((number for number, _ in live.values()), default=self._sent)
+        return self._words(live, [each for number, each in live.values() if number > since])
+
+    def known(self, live: Mapping[Address, tuple[int, LiveObject]], addresses: Iterable[str]) -> dict[str, ObjectWords]:
+        """Return what is known of these objects, whatever was told of them."""
+        there = [self._entries[each].address for each in addresses if each in self._entries]
+        return self._words(live, [live[each][1] for each in there if each in live])
+
+    def _words(
+        self, live: Mapping[Address, tuple[int, LiveObject]], objects: list[LiveObject]
+    ) -> dict[str, ObjectWords]:
+        mode = live[_MODE][1].value if _MODE in live else None
+        known_mode = mode if isinstance(mode, int) else None
+        rows = rows_of(self._od, objects, self._node_id)
+        return {
+            address_text(each.entry.address): {
+                "value": row.value,
+                "meaning": row.meaning,
+                "changed": row.changed,
+                "error": row.error,
+                "bits": [tuple(bit) for bit in bits_of(*each.entry.address, each.value, known_mode)],
+            }
+            for each, row in zip(objects, rows, strict=True)
+        }

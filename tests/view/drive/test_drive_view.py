@@ -1,0 +1,148 @@
+"""The frame of the Drive view, for a simulated user: which node, which tab, and what ends when it is left."""
+
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from nicegui import ui
+from support.pages import NODE, FakeContext, html, settle, visited
+
+from canopen_control.view.drive import drive_view
+from canopen_control.view.drive.drive_tabs import TabSlot
+from canopen_control.view.drive.drive_view import DriveView
+
+TWO = {"left_drive": NODE, "io": NODE | {"axes": [], "node_id": 4}}
+
+
+MADE = []
+
+
+class FakeTab:
+    def __init__(self, context):
+        self.context, self.shown, self.left = context, 0, 0
+        MADE.append(self)
+        ui.label(f"{type(self).__name__} of {context.node}")
+
+    def show(self, _content):
+        self.shown += 1
+
+    def leave(self):
+        self.left += 1
+
+
+class OtherTab(FakeTab):
+    pass
+
+
+@pytest.fixture(autouse=True)
+def _tabs(monkeypatch):
+    monkeypatch.setattr(drive_view, "TABS", (TabSlot("one", "One", FakeTab), TabSlot("two", "Two", OtherTab)))
+    MADE.clear()
+
+
+def played(act, asked=None, context=None):
+    context = context or FakeContext()
+
+    def build():
+        with ui.element("main") as main, ui.element("div") as side:
+            ui.label("banner")
+        with main:
+            return DriveView(context, main, side, asked or {})
+
+    async def show(user, view):
+        view.show(context.content())
+        return await act(user, view)
+
+    return visited(build, show)
+
+
+def switch(user, value):
+    from nicegui import ElementFilter
+
+    with user._client:
+        next(iter(ElementFilter(kind=ui.toggle))).value = value
+
+
+def turn(user, key):
+    from nicegui import ElementFilter
+
+    with user._client:
+        next(iter(ElementFilter(kind=ui.tabs))).value = key
+
+
+def test_nothing_is_made_before_it_is_opened():
+    async def act(user, view):
+        closed = list(MADE)
+        switch(user, "drive")
+        view.show(FakeContext().content())
+        await user.should_see("FakeTab of left_drive")
+        return closed, "enabled, follows commands" in html(user), "cc-in-drive" in view._main.classes
+
+    assert played(act) == ([], True, True)
+    (tab,) = MADE
+    assert tab.shown == 2
+
+
+def test_a_page_is_opened_where_its_address_says():
+    async def act(user, _view):
+        await user.should_see("OtherTab of left_drive")
+
+    played(act, {"drive": "left_drive", "tab": "two"})
+    assert [type(each) for each in MADE] == [OtherTab]
+
+
+def test_an_address_of_what_is_not_there_is_the_robots():
+    async def act(_user, view):
+        return view.is_open
+
+    assert played(act, {"drive": "nobody", "tab": "nothing"}) is False
+
+
+def test_a_tab_that_is_left_is_told_and_stays():
+    async def act(user, view):
+        switch(user, "drive")
+        turn(user, "two")
+        await settle(turns=2)
+        turn(user, "one")
+        await settle(turns=2)
+        switch(user, "robot")
+        await settle(turns=2)
+        return "cc-in-drive" in view._main.classes
+
+    assert played(act) is False
+    one, two = MADE
+    assert (one.left, two.left) == (2, 2)
+
+
+def test_another_node_has_tabs_of_its_own(monkeypatch):
+    context = FakeContext()
+    desk = context.robot.desk("left_drive")
+    context.robot._desks["io"] = type(desk)("pair", desk.place)
+
+    async def act(user, view):
+        switch(user, "drive")
+        view._choice.value = "io"
+        await settle(turns=2)
+        return [type(each) for each in MADE], MADE[0].left
+
+    assert played(act, context=context) == ([FakeTab, FakeTab], 1)
+
+
+def test_a_page_that_is_closed_ends_what_its_tabs_do():
+    async def act(user, view):
+        switch(user, "drive")
+        view.leave()
+
+    played(act)
+    assert MADE[0].left == 1
+
+
+def test_without_a_connection_nobody_knows_what_the_drive_does():
+    context = FakeContext()
+
+    async def act(user, view):
+        switch(user, "drive")
+        view.show(context.content(lost="gone"))
+        return html(user)
+
+    assert "nobody knows what the drive does" in played(act, context=context)

@@ -1,0 +1,133 @@
+"""The reader of live objects, on a clock made by hand: its thread is this test's."""
+
+import contextlib
+
+import pytest
+from support.pages import StubDesk
+from support.service_node import NodeStub
+
+from canopen_control.data_files import data_path
+from canopen_control.errors import RemoteError, SdoTimeout
+from canopen_control.od.eds import read_eds
+from canopen_control.service.object_rows import READS_PER_S
+from canopen_control.view import live_reader
+from canopen_control.view.live_reader import LiveReader
+
+OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
+STATUS, SPEED, RAMP = OD[0x6041, 0], OD[0x6081, 0], OD[0x6083, 0]
+HELD = {(0x6041, 0): b"\x50\2", (0x6081, 0): bytes(4), (0x6083, 0): bytes(4)}
+
+
+class Bench:
+    """A reader whose sleeps let the clock go on, and which ends at `end` s."""
+
+    def __init__(self, monkeypatch, end=1.0):
+        self.now, self.end = 100.0, 100.0 + end
+        monkeypatch.setattr(live_reader.threading.Thread, "start", lambda _thread: None)
+        self.reader = LiveReader(lambda: self.now, self.sleep)
+        self.pages = {}
+
+    def desk(self, held=HELD, name="left_drive"):
+        return StubDesk(NodeStub(held), OD, name)
+
+    def watch(self, page, desk, *entries):
+        self.pages[page] = desk
+        self.reader.watch(page, desk, entries)
+
+    def sleep(self, seconds):
+        self.now += seconds
+        if self.now >= self.end:
+            for page, desk in self.pages.items():
+                self.reader.watch(page, desk, ())
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    return Bench(monkeypatch)
+
+
+def test_objects_are_read_in_turn_and_no_faster_than_a_robot_may_be_asked(bench):
+    desk = bench.desk()
+    bench.watch("1", desk, STATUS, SPEED, RAMP)
+    bench.reader.run()
+    assert len(desk.stub.reads) == pytest.approx(READS_PER_S, abs=2)
+    assert desk.stub.reads[:6] == [each.address for each in (STATUS, SPEED, RAMP)] * 2
+    assert desk.live[0x6041, 0][1].value == 0x0250
+
+
+def test_two_pages_and_two_nodes_share_the_rate(bench):
+    left, right = bench.desk(), bench.desk(name="right_drive")
+    bench.watch("1", left, STATUS)
+    bench.watch("2", left, STATUS)
+    bench.watch("3", right, STATUS)
+    bench.reader.run()
+    assert len(left.stub.reads) + len(right.stub.reads) == pytest.approx(READS_PER_S, abs=2)
+    assert len(left.stub.reads) == pytest.approx(len(right.stub.reads), abs=1)
+
+
+def test_what_a_node_refuses_is_not_asked_all_the_time(bench):
+    desk = bench.desk({(0x6041, 0): b"\x50\2"})
+    bench.watch("1", desk, STATUS, SPEED)
+    bench.reader.run()
+    assert desk.stub.reads.count(SPEED.address) == 1
+    assert desk.live[0x6081, 0][1].why.startswith("abort 0x06020000")
+
+
+def test_what_was_written_is_read_next(bench):
+    desk = bench.desk()
+    bench.watch("1", desk, STATUS, SPEED, RAMP)
+    read = desk.stub.read
+
+    def once(index, subindex, *, block=False):
+        if len(desk.stub.reads) == 1:
+            bench.reader.soon(desk, RAMP)
+        return read(index, subindex)
+
+    desk.stub.read = once
+    bench.reader.run()
+    assert desk.stub.reads[2] == RAMP.address or desk.stub.reads[1] == RAMP.address
+
+
+def test_a_silent_node_is_left_alone_for_a_while_and_the_other_goes_on(bench):
+    dead, alive = bench.desk(), bench.desk(name="right_drive")
+    asked = []
+
+    def silent(index, subindex, *, block=False):
+        asked.append(index)
+        raise SdoTimeout(3, index, subindex, 0.5)
+
+    dead.stub.read = silent
+    bench.watch("1", dead, STATUS, SPEED)
+    bench.watch("2", alive, STATUS)
+    bench.reader.run()
+    assert len(asked) == 1
+    assert "no answer" in dead.lost
+    assert len(alive.stub.reads) > 40
+    assert alive.lost == ""
+
+
+def test_a_robot_that_is_gone_is_told_and_asked_again_later(monkeypatch):
+    bench = Bench(monkeypatch, end=5.0)
+    desk, tries = bench.desk(), []
+
+    @contextlib.contextmanager
+    def gone():
+        tries.append(bench.now)
+        if len(tries) < 2:
+            raise RemoteError("BusClosed", "the robot has ended")
+        with StubDesk.session(desk) as session:
+            yield session
+
+    desk.session = gone
+    bench.watch("1", desk, STATUS)
+    bench.reader.run()
+    assert tries[1] - tries[0] >= 2.0
+    assert (desk.lost, desk.live[0x6041, 0][1].value) == ("", 0x0250)
+
+
+def test_what_no_scan_reads_is_not_read(bench):
+    bench.watch("1", bench.desk(), OD[0x6041, 0])
+    assert bench.reader._wanted
+    domain = next((entry for entry in OD if entry.data_type.name == "DOMAIN"), None)
+    bench.watch("1", bench.desk(), *([domain] if domain is not None else []))
+    assert not bench.reader._wanted

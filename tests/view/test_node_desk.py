@@ -1,0 +1,117 @@
+import asyncio
+import threading
+
+import pytest
+from support.host import eventually
+from support.pages import StubDesk
+from support.service_node import NodeStub
+
+from canopen_control.data_files import data_path
+from canopen_control.errors import ConfigError, DriveError, EdsError, SdoTimeout
+from canopen_control.od.eds import read_eds
+from canopen_control.rpc.messages.robot import NodePlace
+from canopen_control.service.object_rows import LiveObject
+from canopen_control.view.node_desk import NodeDesk, NodeWork
+
+OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
+
+
+def desk(objects=None):
+    return StubDesk(NodeStub(objects or {}), OD)
+
+
+def test_a_question_is_answered_from_a_thread():
+    found = asyncio.run(
+        desk({(0x6041, 0): b"\x37\2"}).ask(lambda session: (session.read(0x6041), threading.get_ident()))
+    )
+    assert found[0] == b"\x37\2"
+    assert found[1] != threading.get_ident()
+
+
+def test_what_the_node_says_is_raised_where_it_was_asked():
+    lost = desk()
+    lost.stub.error = SdoTimeout(3, 0x6041, 0, 0.5)
+    with pytest.raises(SdoTimeout):
+        asyncio.run(lost.ask(lambda session: session.read(0x6041)))
+
+
+def test_an_eds_is_read_once_and_one_that_cannot_be_read_is_told(tmp_path):
+    path = tmp_path / "a.eds"
+    path.write_bytes(data_path("eds", "TMCM-1270.eds").read_bytes())
+    place = NodeDesk("robby", NodePlace(name="left", node_id=3, eds=str(path)))
+    found = place.dictionary()
+    path.unlink()
+    assert place.dictionary() is found
+    gone = NodeDesk("robby", NodePlace(name="left", node_id=3, eds=str(path)))
+    with pytest.raises((EdsError, ConfigError)):
+        gone.dictionary()
+
+
+def test_long_work_tells_how_far_it_is_and_what_came_of_it():
+    node, go = desk(), threading.Event()
+    work = NodeWork("parameters", "reading left_drive", "objects")
+
+    def read(_session, told):
+        told.at(3, 10)
+        assert go.wait(5)
+        return "10 parameters"
+
+    assert node.begin(work, read) is None
+    assert eventually(lambda: (work.done, work.total) == (3, 10))
+    assert (node.busy, work.over) == (True, False)
+    second = node.begin(NodeWork("firmware", "loading left_drive"), read)
+    assert second == "left_drive is busy: reading left_drive; wait for its end"
+    go.set()
+    assert eventually(lambda: work.over)
+    assert (work.told, work.good, node.busy) == ("10 parameters", True, False)
+
+
+def test_long_work_that_fails_says_why():
+    def refuse(_session, _work):
+        raise DriveError("left_drive is enabled; nothing was written")
+
+    def break_down(_session, _work):
+        raise ZeroDivisionError("a mistake")
+
+    for function, words in ((refuse, "is enabled; nothing"), (break_down, "restoring ended with ZeroDivisionError")):
+        node, work = desk(), NodeWork("parameters", "restoring")
+        assert node.begin(work, function) is None
+        assert eventually(lambda work=work: work.over)
+        assert words in work.told
+        assert work.good is False
+
+
+def test_work_that_is_asked_to_end_ends_at_its_next_step():
+    work = NodeWork("parameters", "restoring")
+    work.at(1, 2)
+    work.end()
+    with pytest.raises(DriveError, match="a page asked for its end"):
+        work.at(2, 2)
+    assert work.done == 2
+
+
+def test_an_object_is_written_and_undone_for_all_pages():
+    node = desk({(0x6081, 0): bytes(4)})
+    edit = asyncio.run(node.write(OD[0x6081, 0], "1234"))
+    assert (edit.before, edit.after) == (0, 1234)
+    assert asyncio.run(node.undo()).after == 0
+    with pytest.raises(ConfigError, match="read-only"):
+        asyncio.run(node.write(OD[0x6041, 0], "1"))
+
+
+def test_nothing_is_written_beside_long_work():
+    node, go = desk({(0x6081, 0): bytes(4)}), threading.Event()
+    node.begin(NodeWork("parameters", "restoring a.dcf"), lambda _session, _work: str(go.wait(5)))
+    with pytest.raises(DriveError, match=r"left_drive is busy: restoring a\.dcf; nothing was written"):
+        asyncio.run(node.write(OD[0x6081, 0], "1234"))
+    go.set()
+    assert node.stub.written == []
+
+
+def test_what_was_read_is_news_only_where_it_has_changed():
+    node = desk()
+    for value in (5, 5, 6):
+        node.keep(LiveObject(OD[0x6081, 0], value))
+    node.keep(LiveObject(OD[0x6083, 0], None, "abort"))
+    assert node.live[0x6081, 0] == (2, LiveObject(OD[0x6081, 0], 6))
+    assert node.live[0x6083, 0][0] == 3

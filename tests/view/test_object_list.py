@@ -1,0 +1,85 @@
+from canopen_control.data_files import data_path
+from canopen_control.od.eds import read_eds
+from canopen_control.service.object_rows import LiveObject
+from canopen_control.view.object_list import ObjectList
+
+OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
+
+
+def listed():
+    return ObjectList(OD, 3)
+
+
+def row(address):
+    return next(each for each in listed().rows if each["a"] == address)
+
+
+def live(**values):
+    found = {(int(name[1:5], 16), 0): value for name, value in values.items()}
+    return {
+        address: (number, LiveObject(OD[address], value)) for number, (address, value) in enumerate(found.items(), 1)
+    }
+
+
+def test_an_object_has_its_name_unit_type_access_default_and_limits():
+    speed = row("0x6081:00")
+    assert (speed["name"], speed["unit"], speed["type"]) == ("Profile velocity", "counts/s", "UNSIGNED32")
+    assert (speed["limits"], speed["fixed"], speed["sub"]) == ("0 to 4294967295", "", False)
+    assert row("0x6040:00")["fixed"].startswith("moves the axis")
+    assert row("0x6041:00")["fixed"] == "is read-only"
+    identity = row("0x1018:01")
+    assert (identity["object"], identity["name"], identity["sub"]) == ("Identity object", "Vendor-ID", True)
+
+
+def test_all_objects_are_there_by_address():
+    rows = listed().rows
+    assert len(rows) == len(OD.entries)
+    assert [each["index"] for each in rows] == sorted(each["index"] for each in rows)
+
+
+def test_a_search_has_the_words_of_the_verb():
+    objects = listed()
+    assert objects.search(" ") == (None, "")
+    assert objects.search("0x6081") == (["0x6081:00"], "")
+    found, _ = objects.search("velocity 0x1017")
+    assert {"0x6081:00", "0x1017:00"} <= set(found)
+    none, problem = objects.search("flux capacitor")
+    assert none == []
+    assert "no object 'flux'" in problem
+
+
+def test_only_news_are_told_and_in_words():
+    objects, known = listed(), live(s1017=100, s6041=0x0637)
+    news = objects.news(known)
+    assert (news["0x1017:00"]["value"], news["0x1017:00"]["changed"]) == ("100", True)
+    assert news["0x6041:00"]["meaning"].startswith("OPERATION ENABLED")
+    assert (2, "operation enabled", True) in news["0x6041:00"]["bits"]
+    assert {type(each) for each in news["0x6041:00"]["bits"]} == {tuple}  # what a page can be sent
+    assert objects.news(known) == {}
+    known[0x1017, 0] = 3, LiveObject(OD[0x1017, 0], None, "abort 0x06020000")
+    assert objects.news(known) == {
+        "0x1017:00": {
+            "value": None,
+            "meaning": None,
+            "changed": False,
+            "error": "abort 0x06020000",
+            "bits": [],
+        }
+    }
+
+
+def test_what_comes_into_sight_is_told_again():
+    objects, known = listed(), live(s1017=100, s6041=0x0637)
+    objects.news(known)
+    assert list(objects.known(known, ["0x1017:00", "0x6083:00", "no address"])) == ["0x1017:00"]
+
+
+def test_the_bits_of_a_statusword_are_those_of_the_mode_that_is_displayed():
+    known = live(s6041=0x1637, s6061=3)
+    assert (12, "speed is zero", True) in listed().news(known)["0x6041:00"]["bits"]
+
+
+def test_an_address_that_is_none_is_no_object():
+    assert listed().entry("0x6081:00") is OD[0x6081, 0]
+    assert listed().entry("<script>") is None
+    assert listed().entries(["0x6081:00", "nothing"]) == [OD[0x6081, 0]]
