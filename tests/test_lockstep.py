@@ -75,6 +75,15 @@ def test_an_event_wakes_at_once_and_a_wait_for_it_ends_in_time():
         assert time.monotonic() - begin == pytest.approx(2.0)
 
 
+def test_who_waits_for_less_than_a_nanosecond_does_so_for_one():
+    with lockstep() as steps:
+        before = steps.now_ns
+        time.sleep(1e-12)
+        assert steps.now_ns == before + 1
+        with lockstep() as inner:
+            assert inner is steps
+
+
 def test_what_comes_from_outside_is_waited_for_in_truth():
     ours, theirs = os.pipe()
     outside = threading.Thread(target=lambda: (_REAL_SLEEP(0.05), os.write(theirs, b"x")))

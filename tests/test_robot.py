@@ -32,7 +32,7 @@ def robby(tmp_path_factory):
         folder.chmod(0o700)
         patch.setenv("XDG_RUNTIME_DIR", str(folder))
         patch.setenv("XDG_STATE_HOME", str(folder / "state"))
-        with live_robot("library"):
+        with live_robot("library", real_time=True):
             yield folder
 
 

@@ -4,8 +4,8 @@ from support.processes import Stage
 
 
 @pytest.fixture
-def mock_robot(private_folders):
-    with running() as robot:
+def mock_robot(private_folders, request):
+    with running(real_time=request.node.get_closest_marker("process") is not None) as robot:
         yield robot
 
 

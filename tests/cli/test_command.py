@@ -1,5 +1,6 @@
 import pytest
 from support.host import eventually
+from support.lockstep import lockstep
 
 from canopen_control import Robot
 from canopen_control.cli.main import main
@@ -65,7 +66,7 @@ outputs: {ros__parameters: {gpios: [io], command_interfaces: {io: {interfaces: [
 def cell(private_folders, tmp_path):
     (tmp_path / "cell.urdf").write_text(OUTPUTS, encoding="utf-8")
     (tmp_path / "ros2_controllers.yaml").write_text(GPIO, encoding="utf-8")
-    with Robot.from_config(tmp_path, name="cell") as robot:
+    with lockstep(), Robot.from_config(tmp_path, name="cell") as robot:
         yield robot
 
 

@@ -1,4 +1,5 @@
 import pytest
+from support.lockstep import lockstep
 
 from canopen_control import Robot
 from canopen_control.cli.main import main
@@ -19,7 +20,7 @@ def cell(private_folders, tmp_path, request):
     disabled = getattr(request, "param", "false")
     (tmp_path / "cell.urdf").write_text(GRIPPER.replace("DISABLED", disabled), encoding="utf-8")
     (tmp_path / "ros2_controllers.yaml").write_text(YAML, encoding="utf-8")
-    with Robot.from_config(tmp_path, name="cell") as robot:
+    with lockstep(), Robot.from_config(tmp_path, name="cell") as robot:
         yield robot
 
 

@@ -1,3 +1,4 @@
+import contextlib
 import json
 import os
 import signal
@@ -9,6 +10,7 @@ import time
 import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.host import eventually
+from support.lockstep import lockstep
 
 from canopen_control import Robot
 from canopen_control.cli.main import main
@@ -16,11 +18,12 @@ from canopen_control.client.trajectory_file import read_trajectory
 
 
 @pytest.fixture
-def arm(private_folders, tmp_path):
-    robot = Robot.from_config(copy_arm(tmp_path), mock=True, name="arm")
-    robot.start()
-    yield robot
-    robot.shutdown()
+def arm(private_folders, tmp_path, request):
+    with contextlib.ExitStack() as stack:
+        if request.node.get_closest_marker("process") is None:
+            stack.enter_context(lockstep())
+        robot = stack.enter_context(Robot.from_config(copy_arm(tmp_path), mock=True, name="arm"))
+        yield robot
 
 
 @pytest.fixture

@@ -1,4 +1,5 @@
 import pytest
+from support.lockstep import lockstep
 from support.mockrobot import running
 
 from canopen_control import Robot
@@ -16,7 +17,7 @@ def test_a_base_drives_forward_and_stops():
 
 
 def test_a_base_that_can_drives_sideways_and_another_one_says_that_it_cannot(capsys):
-    with Robot.from_config("mecanum", mock=True, name="platform") as robot:
+    with lockstep(), Robot.from_config("mecanum", mock=True, name="platform") as robot:
         robot.start()
         assert main(["twist", "mecanum_base_controller", "0", "0", "--lateral", "0.2", "--for", "0.3"]) == 0
         joints = robot.status().joints

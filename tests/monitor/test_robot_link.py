@@ -21,7 +21,7 @@ def test_it_finds_the_robot_loses_it_and_finds_it_again(link):
     assert eventually(lambda: link.why.startswith("no robot is running"))
     assert link.state is None
     for _ in range(2):
-        with running():
+        with running(real_time=True):
             assert eventually(lambda: link.connected)
             assert link.name == "mock"
             assert link.state.state == "running"
@@ -31,7 +31,7 @@ def test_it_finds_the_robot_loses_it_and_finds_it_again(link):
 
 
 def test_each_event_is_told_once_also_those_from_before(link):
-    with running():
+    with running(real_time=True):
         assert eventually(lambda: link.connected)
         texts = [event.text for event in link.events()]
         assert sum("mock runs" in text for text in texts) == 1
@@ -43,7 +43,7 @@ def test_each_event_is_told_once_also_those_from_before(link):
 
 
 def test_a_connection_that_broke_is_made_again_and_what_was_told_is_not_told_again(link):
-    with running():
+    with running(real_time=True):
         assert eventually(lambda: link.connected)
         first = link._robot
         told = link.events()
@@ -57,14 +57,14 @@ def test_commands_reach_the_robot_or_say_why_not(link):
     assert eventually(lambda: link.why.startswith("no robot is running"))
     with pytest.raises(RemoteError, match="stop does not reach the robot: no robot is running"):
         link.ask(Stop(), 1.0)
-    with running():
+    with running(real_time=True):
         assert eventually(lambda: link.connected)
         with pytest.raises(RemoteError, match="nobody"):
             link.ask(LoadController(controller="nobody"), 1.0)
 
 
 def test_a_robot_that_hangs_is_not_shown_as_connected(link, monkeypatch):
-    with running():
+    with running(real_time=True):
         assert eventually(lambda: link.connected)
         link._heard -= 1.1  # as if the last sample had come so long ago
         assert not link.connected

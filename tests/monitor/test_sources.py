@@ -26,7 +26,7 @@ def robot_source(private_folders):
 def test_a_running_robot_is_shown_and_commanded(robot_source):
     assert robot_source.can_command
     assert robot_source.content().alarm.endswith("STOP does not reach it; trying again")
-    with running():
+    with running(real_time=True):
         assert eventually(lambda: robot_source.content().title == "mock" and robot_source.content().joints)
         robot_source.tick()
         assert robot_source.taps == []  # mock hardware has no bus

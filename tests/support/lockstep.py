@@ -13,6 +13,7 @@ while nobody else is waiting for time.
 from __future__ import annotations
 
 import contextlib
+import math
 import select
 import threading
 import time
@@ -81,7 +82,8 @@ class Lockstep:
         found = ready()
         if found or (seconds is not None and seconds <= 0):
             return found
-        deadline = _NEVER if seconds is None else self.now_ns + round(seconds * _SECOND)
+        # rounded up: whoever waits for the last bit of a nanosecond must not find that no time has passed
+        deadline = _NEVER if seconds is None else self.now_ns + math.ceil(seconds * _SECOND)
         self._wait_for_turn(_Wait(ready, deadline), pass_on=True)
         return ready()
 
@@ -224,9 +226,12 @@ def _join(thread: threading.Thread, timeout: float | None = None) -> None:
 
 @contextlib.contextmanager
 def lockstep() -> Iterator[Lockstep]:
-    """Let this thread, and all that it starts in the block, live in virtual time."""
+    """Let this thread, and all that it starts in the block, live in virtual time; a block in a block is the same."""
     import pytest
 
+    if Lockstep.current is not None:
+        yield Lockstep.current
+        return
     steps = Lockstep()
     asker = reactor.open_asker
     with pytest.MonkeyPatch.context() as patch:

@@ -35,7 +35,7 @@ def reactor():
 
 @pytest.fixture
 def robot():
-    with running("flight") as robot:
+    with running("flight", real_time=True) as robot:
         yield robot
 
 

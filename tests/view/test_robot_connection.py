@@ -18,7 +18,7 @@ FORWARD = "robby_forward_controller"
 
 @pytest.fixture
 def robot(private_folders):
-    with running() as robot:
+    with running(real_time=True) as robot:
         yield robot
 
 

@@ -70,7 +70,7 @@ class Page:
 
 @pytest.fixture
 def robot(private_folders):
-    with running() as robot:
+    with running(real_time=True) as robot:
         yield robot
 
 
@@ -301,12 +301,12 @@ def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_pages(private_folder
     page = Page()
 
     async def act(app):
-        with running():
+        with running(real_time=True):
             await connected(app)
             app._page_opened(page)
         await until(lambda: app._connection is None)
         await until(lambda: page.shown and page.shown[-1].banner.words == "not connected")
-        with running():
+        with running(real_time=True):
             await connected(app)
             await until(lambda: page.shown[-1].banner.words == "running")
 
@@ -348,7 +348,7 @@ def test_a_robot_that_says_nothing_is_lost_until_it_speaks_again(robot, play, mo
 
 def test_as_a_child_it_ends_with_its_robot(private_folders, play):
     async def act(app):
-        with running():
+        with running(real_time=True):
             await connected(app)
             app._lifeline = 0
         await until(lambda: app.server.ended.is_set())

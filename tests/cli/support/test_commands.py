@@ -4,6 +4,7 @@ import threading
 import pytest
 from support.host import eventually
 from support.liverobot import live_robot
+from support.lockstep import lockstep
 from support.mockrobot import running
 
 from canopen_control import Robot
@@ -59,7 +60,7 @@ MIXED = [ControllerReading(name="mixed", type="", state="", required_command_int
 
 @pytest.fixture
 def arm(private_folders):
-    with Robot.from_config("arm6", mock=True, name="arm") as robot:
+    with lockstep(), Robot.from_config("arm6", mock=True, name="arm") as robot:
         yield robot
 
 
