@@ -110,13 +110,14 @@ class ProcessData:
 
     def _rebuilt(self, base: int, number: int, _entry: Entry, _value: Value) -> None:
         before = self._is_valid(base, number)
+        if not (before or self._records.is_valid(base + number)):
+            return  # what becomes valid is made of all of its record
         if base == RPDO:
             self._make_rpdo(number)
         else:
             self._make_tpdo(number, self._clock.now)
-        if before or self._is_valid(base, number):  # else nobody has heard of it, and nobody has to
-            self._survey()
-            self._tell_rebuilt()
+        self._survey()
+        self._tell_rebuilt()
 
     def _is_valid(self, base: int, number: int) -> bool:
         core = self.rpdos[number].consumer if base == RPDO else self.tpdos[number].producer

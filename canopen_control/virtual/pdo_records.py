@@ -91,6 +91,10 @@ class PdoRecords:
 
         return judge
 
+    def is_valid(self, communication: int) -> bool:
+        """Whether a communication record says that its PDO is there."""
+        return not self._store.number(communication, 1, INVALID_BIT) & INVALID_BIT
+
     def parameters(self, communication: int) -> PdoParameters:
         """Return what a communication record says."""
         number = self._store.number

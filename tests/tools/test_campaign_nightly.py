@@ -81,6 +81,9 @@ def test_the_page_is_that_of_the_results_that_were_written(tmp_path, capsys):
     assert main(["--page", "--out", str(path)]) == 1  # a breach
     page = path.with_suffix(".md").read_text()
     assert page == page_of(read_results(path))
+    assert "3 of 4\nseeds" in page
+    assert "`c0de` by the check sum" in page
+    assert ", from the sources;" in page
     assert "| robby | 3 | 3 | 1 | 0.01 | 36 | 1,000 | 0 | `abababababab` |" in page
     assert "- arm6, seed 4: 1.000 s: late: SYNC" in page
     assert "| `cut` | 2 |" in page

@@ -13,6 +13,7 @@ not all seeds were run, 2 usage.
 from __future__ import annotations
 
 import argparse
+import gc
 import hashlib
 import sys
 import time
@@ -26,6 +27,7 @@ from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.campaign import Campaign, Totals
 from canopen_control.simulation.campaign_files import write_breach
 from canopen_control.simulation.drawn_schedule import known_faults
+from canopen_control.version import COMPILED, build
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -88,6 +90,17 @@ def run_plans(
     robots: Sequence[NightlyRobot], wanted: Sequence[int], path: Path, results: Results, limits: Limits
 ) -> None:
     """Let robots take turns until each has run as many seeds as are wanted, or the time is over."""
+    gc.collect()
+    gc.freeze()  # what was read stays: the collector is not to look through it for each seed
+    try:
+        _take_turns(robots, wanted, path, results, limits)
+    finally:
+        gc.unfreeze()
+
+
+def _take_turns(
+    robots: Sequence[NightlyRobot], wanted: Sequence[int], path: Path, results: Results, limits: Limits
+) -> None:
     while time.monotonic() < limits.until:
         waiting = [(robot, most) for robot, most in zip(robots, wanted, strict=True) if robot.results.seeds < most]
         if not waiting:
@@ -149,6 +162,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.hours is not None:
         if results.code != code or results.plans != PLANS:
             results = Results(code, PLANS)
+        results.build = "compiled" if build() == COMPILED else "sources"
         wanted, folder = wanted_of(args.seeds), args.out.parent / f"{args.out.stem}-breaches"
         robots = [NightlyRobot(plan, each, folder) for plan, each in zip(PLANS, results.robots, strict=True)]
         run_plans(robots, wanted, args.out, results, Limits(time.monotonic() + args.hours * 3600, args.jobs))

@@ -71,12 +71,16 @@ class RobotResults:
 
 @dataclass(slots=True)
 class Results:
-    """What came of a night; `code` is the check sum of the package, `date` that of the last seed."""
+    """What came of a night; `code` is the check sum of the package, `date` that of the last seed.
+
+    `build` is how the package ran: "sources" or "compiled", which changes the time that it takes and nothing else.
+    """
 
     code: str
     plans: tuple[Plan, ...]
     robots: list[RobotResults] = field(default_factory=list)
     date: str = ""
+    build: str = "sources"
 
     def __post_init__(self) -> None:
         """Begin each robot that has no results yet."""
@@ -105,6 +109,7 @@ def write_results(path: Path, results: Results) -> None:
     results.date = time.strftime("%Y-%m-%d", time.gmtime())
     document = {
         "code": results.code,
+        "build": results.build,
         "date": results.date,
         "robots": [
             {
@@ -135,7 +140,8 @@ def read_results(path: Path) -> Results:
         document = json.loads(path.read_text(encoding="utf-8"))
         rows = document["robots"]
         plans = tuple(Plan(row["robot"], row["planned"], row["seconds"], row.get("physics", False)) for row in rows)
-        return Results(document["code"], plans, [_robot_of(row) for row in rows], document["date"])
+        build = document.get("build", "sources")
+        return Results(document["code"], plans, [_robot_of(row) for row in rows], document["date"], build)
     except FileNotFoundError:
         return Results("", ())
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -151,12 +157,15 @@ def _robot_of(row: dict[str, Any]) -> RobotResults:
 
 # -- the page
 
+_BUILDS: Final = {"sources": "from the sources", "compiled": "with the modules of its cycle compiled"}
 _HEAD: Final = """# Seeds of the nightly campaign
 
-What came of the nightly campaign in virtual time, `tools/campaign --hours 1`, up to {date}: {seeds:,} seeds, each with
-a schedule of its own of commands, stops, switches and everything that can break
+What came of the nightly campaign in virtual time, `tools/campaign --hours 1`, up to {date}: {seeds:,} of {planned:,}
+seeds, each with a schedule of its own of commands, stops, switches and everything that can break
 ([a robot in virtual time](../guide/simulation.md)), and an observer that judges
-[what must hold](../guide/simulation.md#what-must-hold). `tools/campaign --page` writes this page of `seeds.json`.
+[what must hold](../guide/simulation.md#what-must-hold). `tools/campaign --page` writes this page of `seeds.json`. All
+were run by one version of the package, `{code}` by the check sum of its files, of those of the robots and of the EDS
+files, {build}; the times are those of a machine that did other things too.
 
 | robot | seeds | planned | each, s | hours of the robot | times real time | frames | breaches | SHA-256 of all |
 |---|---|---|---|---|---|---|---|---|
@@ -176,7 +185,9 @@ def page_of(results: Results) -> str:
 
 
 def _parts(results: Results) -> Iterator[str]:
-    yield _HEAD.format(date=results.date, seeds=results.seeds)
+    planned = sum(plan.seeds for plan in results.plans)
+    build = _BUILDS[results.build]
+    yield _HEAD.format(date=results.date, seeds=results.seeds, planned=planned, code=results.code, build=build)
     rows = list(zip(results.plans, results.robots, strict=True))
     for plan, each in rows:
         speed = each.robot_s / each.real_s if each.real_s else 0.0
