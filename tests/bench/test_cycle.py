@@ -1,6 +1,7 @@
 """The cycle bench on the whole path: every contender on one bus with real processes, its bytes looked at."""
 
 import pytest
+from canopen_control_bench import cycle
 from canopen_control_bench.cycle import (
     CANOPEN,
     NAMES,
@@ -11,6 +12,7 @@ from canopen_control_bench.cycle import (
     realtime_figures,
     rounds_of,
     wake_figure,
+    wakeups_figure,
 )
 from canopen_control_bench.stage import stage
 from canopen_control_bench.turns import Turn
@@ -27,6 +29,7 @@ def test_every_contender_has_the_right_bytes_and_is_measured():
     assert {name: turn.cycles for name, (turn,) in turns.items()} == dict.fromkeys(NAMES, 30)
     assert all(turn.cpu_ns > 0 for (turn,) in turns.values())
     assert all(sum(turn.others_ns.values()) > 0 for (turn,) in turns.values()), turns
+    assert all(turn.wakeups > 0 for (turn,) in turns.values())
     assert [figure.peer_name for figure in cpu_figures("free", turns)] == list(NAMES[1:])
 
 
@@ -59,6 +62,20 @@ def test_absolutes_have_percentiles_of_all_turns():
     turns = [Turn(cycles=2, late_ns=[1000, 2000], work_ns=[5000, 6000], others_ns={"hub": 4000})] * 2
     found = absolutes_of(turns)
     assert (found["cycles"], found["late max us"], found["wake to RPDO p50 us"], found["hub CPU us"]) == (4, 2, 6, 2)
+
+
+def test_wake_ups_are_those_of_a_cycle():
+    once, often = (Turn(cycles=200, wakeups=each, others_wakeups={"hub": 400}) for each in (210, 420))
+    assert [wakeups_figure("100 Hz", [each]).good for each in (once, often)] == [True, False]
+    assert absolutes_of([once])["hub wake-ups"] == 2
+
+
+def test_what_processors_that_sleep_cost_is_judged_of_what_is_compiled(monkeypatch):
+    turns = {OURS: [Turn(cycles=1, cpu_ns=50, late_ns=[1])], CANOPEN: [Turn(cycles=1, cpu_ns=100, late_ns=[1])]}
+    for built, as_is, limit in (("compiled", True, 0.45), ("compiled", False, None), ("pure Python", True, None)):
+        monkeypatch.setattr(cycle, "build", lambda built=built: built)
+        (figure,) = cpu_figures("100 Hz", turns, as_is=as_is)
+        assert figure.limit == limit
 
 
 def test_waking_is_compared_by_its_p99():

@@ -6,7 +6,7 @@ import sys
 import time
 
 import pytest
-from canopen_control_bench.machine import apart, cpu_ns, describe, idle_part, may_be_realtime, resident_bytes
+from canopen_control_bench.machine import apart, cpu_ns, describe, idle_part, may_be_realtime, resident_bytes, wakeups
 
 from canopen_control.version import build
 
@@ -77,3 +77,11 @@ def test_this_process_may_be_the_one_that_is_measured():
     with apart(os.getpid(), []):
         assert len(os.sched_getaffinity(0)) == 1
     assert os.sched_getaffinity(0) == everywhere
+
+
+def test_who_waits_and_is_woken_is_counted():
+    before = wakeups(os.getpid())
+    for _ in range(3):
+        time.sleep(0.001)
+    assert before + 3 <= wakeups(os.getpid()) < before + 100
+    assert wakeups(2**22 + 1) == 0

@@ -6,6 +6,9 @@ its turn has a processor for itself, bus and drives the other: whoever the kerne
 woken would pay for that, and each of them is at its best so. Before the clock starts, a listener looks at the bytes of
 every cycle; while it runs, the drives repeat what they sent last (`canopen_control_bench.slaves`), since those of a
 real robot use no processor of its computer.
+
+Paced as users run it, two drives and fleets, the wake-ups of the runtime are counted beside its CPU, and its system
+calls for a second: counts are the same on a machine that has other things to do.
 """
 
 from __future__ import annotations
@@ -22,12 +25,14 @@ from canopen_control.client.robot_client import RobotClient
 from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.rpc.messages.hub import GetHubStatus
 from canopen_control.rpc.messages.robot import CommandController, GetStatus, TwistController
+from canopen_control.version import COMPILED, build
 from canopen_control_bench.figure import Figure, compared, limited, percentiles
 from canopen_control_bench.fleet import CONTROLLER, FIRST_NODE, RADIUS_M, SCALE, write_fleet
 from canopen_control_bench.listener import cycles_of, judge, listening
 from canopen_control_bench.machine import apart, may_be_realtime
 from canopen_control_bench.peers.pattern import target
 from canopen_control_bench.stage import EDS, Contender, Slaves, Stage, stage
+from canopen_control_bench.system_calls import count_calls
 from canopen_control_bench.witness import unwitnessed
 
 if TYPE_CHECKING:
@@ -53,8 +58,19 @@ PACED = (OURS, CANOPEN, PYTHON_CAN)
 FAST_US = 1000
 #: label -> period in us, cycles of a turn; not in a quick run
 SLOWER = {"100 Hz": (10_000, 200), "500 Hz": (2000, 1000)}
+#: label -> drives, period in us, cycles of a turn; not in a quick run
+FLEETS = {"16 drives, 50 Hz": (16, 20_000, 150), "64 drives, 50 Hz": (64, 20_000, 100)}
+FLEET_ROUNDS = 3
+#: of canopen's CPU where processors may sleep, with the cycle compiled
+AS_IS_LIMITS = {"1 kHz": 0.4, "100 Hz": 0.45, "16 drives, 50 Hz": 0.3, "64 drives, 50 Hz": 0.15}
+COUNTED = "100 Hz"
+WAKEUPS_LIMIT, CALLS_LIMIT = (
+    1.3,
+    5.0,
+)  # for each cycle of two drives at 100 Hz: one, four, and those of 20 commands a second
 _BUS = ROBOT = "bench"
 _CHECKED_CYCLES, _CHECKED_US, _ATTEMPTS = 100, 10_000, 5
+_COUNTED_S = 1.0
 _SETTLE_S, _SETTLED = 20.0, 0.01  # rad/s
 _SPEED = 0.5  # m/s
 
@@ -264,16 +280,54 @@ def measure(options: Options) -> list[Figure]:
         both = rounds_of(arena, names, ROUNDS, free_and_fast, as_is=options.as_is)
         figures = cpu_figures("free-running", {name: [free for free, _ in turns] for name, turns in both.items()})
         fast = {name: [paced for _, paced in turns] for name, turns in both.items()}
-        figures += _paced_figures("1 kHz", fast)
+        figures += _paced_figures("1 kHz", fast, options)
         for label, (period_us, cycles) in () if options.quick else SLOWER.items():
             arena.pace(period_us)
             run = functools.partial(Contender.turn, cycles=cycles, period_ns=period_us * 1000)
-            figures += _paced_figures(label, rounds_of(arena, PACED, ROUNDS, run, as_is=options.as_is))
-    return figures if options.quick else [*figures, *_realtime(options.seconds or REALTIME_S)]
+            turns = rounds_of(arena, PACED, ROUNDS, run, as_is=options.as_is)
+            figures += _paced_figures(label, turns, options)
+            if label == COUNTED:
+                figures += [wakeups_figure(label, turns[OURS]), *_calls(arena, label)]
+    return figures if options.quick else [*figures, *_fleets(options), *_realtime(options.seconds or REALTIME_S)]
 
 
-def _paced_figures(label: str, turns: dict[str, list[Turn]]) -> list[Figure]:
-    return [*cpu_figures(label, {name: turns[name] for name in turns if name in PACED}), wake_figure(label, turns)]
+def _paced_figures(label: str, turns: dict[str, list[Turn]], options: Options) -> list[Figure]:
+    paced = {name: turns[name] for name in turns if name in PACED}
+    return [*cpu_figures(label, paced, as_is=options.as_is), wake_figure(label, turns)]
+
+
+def _fleets(options: Options) -> list[Figure]:
+    """Pace fleets beside canopen, whose bytes `scale` looks at."""
+    figures = []
+    for label, (count, period_us, cycles) in FLEETS.items():
+        with stage() as played:
+            arena = Arena(played, count, period_us, base=False)
+            run = functools.partial(Contender.turn, cycles=cycles, period_ns=period_us * 1000)
+            turns = rounds_of(arena, (OURS, CANOPEN), FLEET_ROUNDS, run, check=False, as_is=options.as_is)
+            figures += cpu_figures(label, turns, as_is=options.as_is)
+    return figures
+
+
+def wakeups_figure(label: str, turns: Sequence[Turn]) -> Figure:
+    """Return how often the runtime woke in a cycle: once, and for the commands of its client."""
+    woken = [turn.wakeups / turn.cycles for turn in turns]
+    return limited(f"cycle, {label}: wake-ups", "", woken, limit=WAKEUPS_LIMIT, counted=True)
+
+
+def _calls(arena: Arena, label: str) -> list[Figure]:
+    """Count the system calls of the runtime for a second, where strace can."""
+    with arena.contender(OURS, check=False) as contender, arena.replayed():
+        cycles = 4_000_000 // arena.period_us
+        contender.order(cycles, arena.period_us * 1000)
+        begin = time.monotonic()
+        calls = count_calls(contender.pid, _COUNTED_S)
+        contender.answer()
+    if not calls or time.monotonic() - begin < _COUNTED_S:
+        return []
+    each = {name: round(count * arena.period_us / _COUNTED_S / 1e6, 2) for name, count in calls.items()}
+    told = dict(sorted(each.items(), key=lambda item: -item[1])[:6])
+    found = sum(calls.values()) * arena.period_us / _COUNTED_S / 1e6
+    return [limited(f"cycle, {label}: system calls", "", [found], limit=CALLS_LIMIT, absolutes=told, counted=True)]
 
 
 def _realtime(seconds: float) -> list[Figure]:
@@ -304,15 +358,16 @@ def realtime_figures(turn: Turn, stalls: Sequence[tuple[int, int]], period_ns: i
     ]
 
 
-def cpu_figures(label: str, turns: dict[str, list[Turn]]) -> list[Figure]:
-    """Return CPU per cycle, ours beside each peer's."""
+def cpu_figures(label: str, turns: dict[str, list[Turn]], *, as_is: bool = False) -> list[Figure]:
+    """Return CPU per cycle, ours beside each peer's; `as_is` processors may sleep, and what is compiled is judged."""
+    paced = AS_IS_LIMITS.get(label) if as_is and build() == COMPILED else None
     return [
         compared(
             f"cycle, {label}: CPU",
             "us",
             [(ours.cpu_us, peer.cpu_us) for ours, peer in zip(turns[OURS], turns[name], strict=True)],
             peer_name=name,
-            limit=CPU_LIMIT if name == CANOPEN and not turns[OURS][0].late_ns else None,
+            limit=None if name != CANOPEN else paced if turns[OURS][0].late_ns else CPU_LIMIT,
             absolutes=absolutes_of(turns[OURS]),
         )
         for name in turns
@@ -347,4 +402,6 @@ def absolutes_of(turns: Sequence[Turn]) -> dict[str, float]:
             found.update((f"{key} {name} us", round(value, 1)) for name, value in percentiles(values, 1e-3).items())
     for name in turns[0].others_ns:
         found[f"{name} CPU us"] = round(sum(turn.others_ns[name] for turn in turns) / cycles / 1000, 1)
+    for name in turns[0].others_wakeups:
+        found[f"{name} wake-ups"] = round(sum(turn.others_wakeups[name] for turn in turns) / cycles, 2)
     return found

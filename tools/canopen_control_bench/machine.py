@@ -10,6 +10,7 @@ import contextlib
 import datetime
 import os
 import platform
+import re
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,11 +20,12 @@ from canopen_control.version import build
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-__all__ = ["apart", "cpu_ns", "describe", "idle_part", "may_be_realtime", "resident_bytes"]
+__all__ = ["apart", "cpu_ns", "describe", "idle_part", "may_be_realtime", "resident_bytes", "wakeups"]
 
 _CPU_CLOCK = 2  # of linux/posix-timers.h: the scheduler's clock of a process
 _IDLE = (3, 4)  # idle and iowait, columns of /proc/stat
 _PROBE_S = 0.5
+_VOLUNTARY = re.compile(r"^voluntary_ctxt_switches:\s*(\d+)", re.MULTILINE)
 
 
 def cpu_ns(pid: int) -> int:
@@ -34,6 +36,15 @@ def cpu_ns(pid: int) -> int:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) * 1_000_000_000 // os.sysconf("SC_CLK_TCK")
     return 0
+
+
+def wakeups(pid: int) -> int:
+    """Return how often a process, all its threads, has waited and was woken so far; 0 if it is not there."""
+    found = 0
+    with contextlib.suppress(OSError):
+        for thread in Path(f"/proc/{pid}/task").iterdir():
+            found += int(_VOLUNTARY.findall((thread / "status").read_text())[0])
+    return found
 
 
 def resident_bytes(pid: int | None = None) -> int:

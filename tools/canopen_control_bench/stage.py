@@ -23,7 +23,7 @@ from canopen_control.errors import CanopenError
 from canopen_control.host.environment import MODULE, clean_environment
 from canopen_control.host.sockets import list_sockets
 from canopen_control.rpc.messages.hub import GetHubStatus
-from canopen_control_bench.machine import cpu_ns
+from canopen_control_bench.machine import cpu_ns, wakeups
 from canopen_control_bench.turns import Turn
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ __all__ = ["EDS", "Contender", "Stage", "stage"]
 EDS = str(data_path("eds", "TMCM-1270.eds"))
 TIMEOUT_S = 60.0
 _DOMAINS = 100  # of ROS: a bench hears no other one on this machine, and no robot of its user, nor they it
+_OWN = ""  # the name of the contender itself, beside those of the others
 _SLOWEST_NS = 10_000_000  # of a free-running cycle
 
 
@@ -105,20 +106,28 @@ class Contender(Program):
         super().__init__(folder, words)
         self.others = dict(others)
         self._before: dict[str, int] = {}
+        self._woken: dict[str, int] = {}
         self._due_s = TIMEOUT_S
         assert "ready" in json.loads(self.line())
 
     def order(self, cycles: int, period_ns: int) -> None:
         """Have it begin."""
         self._before = {name: cpu_ns(pid) for name, pid in self.others.items()}
+        self._woken = {name: wakeups(pid) for name, pid in self._pids.items()}
         self._due_s = TIMEOUT_S + 2 * cycles * max(period_ns, _SLOWEST_NS) / 1e9
         self.tell(json.dumps({"cycles": cycles, "period_ns": period_ns}))
 
     def answer(self) -> Turn:
-        """Wait for what it has measured; also tells what the others used meanwhile, in ns by name."""
+        """Wait for what it has measured; also tells what the others used meanwhile, by name, and how often all woke."""
         turn = Turn(**json.loads(self.line(self._due_s)))
         turn.others_ns = {name: cpu_ns(self.others[name]) - before for name, before in self._before.items()}
+        woken = {name: wakeups(pid) - self._woken[name] for name, pid in self._pids.items() if name in self._woken}
+        turn.wakeups, turn.others_wakeups = woken.pop(_OWN), woken
         return turn
+
+    @property
+    def _pids(self) -> dict[str, int]:
+        return {_OWN: self.pid, **self.others}
 
     def turn(self, cycles: int, period_ns: int) -> Turn:
         """Have it run so many cycles, and return what it has measured."""

@@ -45,6 +45,8 @@ class Turn:
     whole_ns: MutableSequence[int] = field(default_factory=_numbers)
     stalls: list[tuple[int, int]] = field(default_factory=list)
     others_ns: dict[str, int] = field(default_factory=dict)
+    wakeups: int = 0
+    others_wakeups: dict[str, int] = field(default_factory=dict)
 
     @property
     def cpu_us(self) -> float:
