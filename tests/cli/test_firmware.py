@@ -120,14 +120,17 @@ def test_a_damaged_file_is_told_and_the_right_one_mends_it(bus, program, tmp_pat
 
 
 @pytest.mark.process
-def test_a_plain_client_of_another_library_loads_a_program_too(private_folders):
-    """The sequence of Zephyr's runner: stop, clear, poll the flash, download by blocks, poll, start."""
+@pytest.mark.parametrize(
+    ("image", "blocks", "buffered"), [(NEW, True, 889), (whole_program(b"version two " * 100), False, 1024)]
+)
+def test_a_plain_client_of_another_library_loads_a_program_too(private_folders, image, blocks, buffered):
+    """The sequence of Zephyr's runner: stop, clear, poll the flash, download by blocks or segments, poll, start."""
     with OnBus("local:plain", {3: PROGRAM_EDS}) as bus:
-        load_as_zephyr_does("plain", str(data_path("eds", PROGRAM_EDS)))
-        assert (bus.nodes[3].program.runs, bus.nodes[3].program.image) == (True, NEW)
+        load_as_zephyr_does("plain", str(data_path("eds", PROGRAM_EDS)), image, blocks, buffered)
+        assert (bus.nodes[3].program.runs, bus.nodes[3].program.image) == (True, image)
 
 
-def load_as_zephyr_does(channel, eds):
+def load_as_zephyr_does(channel, eds, image, blocks, buffered):
     network = canopen.Network()
     network.connect(interface="canopen_control", channel=channel)
     try:
@@ -139,10 +142,10 @@ def load_as_zephyr_does(channel, eds):
         wait_until(lambda: control.raw == 0 and node.sdo[0x1000].raw == 0)
         control.raw = 3
         wait_for_flash(flash)
-        with node.sdo[0x1F50][1].open("wb", buffering=889, size=len(NEW), block_transfer=True) as stream:
-            stream.write(NEW)
+        with node.sdo[0x1F50][1].open("wb", buffering=buffered, size=len(image), block_transfer=blocks) as stream:
+            stream.write(image)
         wait_for_flash(flash)
-        assert node.sdo[0x1F56][1].raw == zlib.crc32(NEW[:-4])
+        assert node.sdo[0x1F56][1].raw == zlib.crc32(image[:-4])
         control.raw = 1
         wait_until(lambda: control.raw == 1)
     finally:
