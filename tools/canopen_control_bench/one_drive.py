@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.local import ask_hub
 from canopen_control.cli.support.open_session import open_session
-from canopen_control.cli.support.restoring import quiet_node
 from canopen_control.client.drive_client import DriveClient
 from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError
@@ -30,6 +29,7 @@ from canopen_control.od.model import DataType, Entry
 from canopen_control.rpc.messages.drive import GetDriveState
 from canopen_control.rpc.messages.hub import SetBitrate
 from canopen_control.service.backup_choice import parameters_of
+from canopen_control.service.guarded_restore import quiet_node
 from canopen_control.service.node_session import NodeSession
 from canopen_control.service.program_download import DownloadProgress, ProgramOptions
 from canopen_control.service.program_session import download
