@@ -69,8 +69,9 @@ MAY_IMPORT = {
     ),
     "service": (
         # what values mean in words is the trace's to say; host.files keeps what a node held before it was written
-        {"od", "cia301", "cia402", "profiles", "client", "host.files", "trace.values", "trace.network_description"},
-        STDLIB | {"numpy"},
+        {"od", "cia301", "cia402", "profiles", "client", "host.files", "trace.values", "trace.network_description"}
+        | {"trace.bag"},  # a scope's shot is a bag too
+        STDLIB | {"numpy", "matplotlib"},
     ),
     "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
@@ -122,6 +123,7 @@ ONLY = {
     "textual": "monitor",
     "rosbags": "trace",
     "cantools": "trace",
+    "matplotlib": "service",
     "canopen_control_bench": "cli",
     "argcomplete": "cli",
 }

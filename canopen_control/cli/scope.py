@@ -1,44 +1,64 @@
-"""`scope`: up to eight objects over time, with triggers: on the terminal, as CSV, as a bag (MCAP).
+"""`scope`: up to eight objects over time, with triggers: on the terminal, as CSV, as a picture (PNG), as a bag (MCAP).
 
-NODE:OBJECT is an object by address or by its name in the EDS. In a running robot what TPDOs carry comes with every
-cycle, other objects are polled by SDO, one at a time and slowly; on a bare bus (--can, --eds) all are polled. A shot
-begins at once, or with --trigger: SIGNAL:rising:LEVEL, falling, above, below, the signals counted from 1, or fault,
-which is the statusword of any of the nodes. A trigger may be waited for for days. Nothing is written to a node.
+NODE:OBJECT is an object by address or by its name in the EDS, JOINT:position (velocity, effort, command) what a running
+robot tells of a joint. In a running robot what TPDOs carry comes with every cycle, other objects are polled by SDO, one
+at a time and slowly; on a bare bus (--can, --eds) all are polled. A shot begins at once, or with --trigger:
+SIGNAL:rising:LEVEL, falling, above, below, the signals counted from 1, or fault, which is the statusword of any of the
+nodes. A trigger may be waited for for days. --overlay lays an earlier shot (CSV) below the new one, --cursors tells
+dt, dv and RMS between two times. Nothing is written to a node.
 
 Exit codes: 0 good; 1 no shot was taken, or the node is gone; 2 wrong usage, no such object.
 """
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import number, seconds, whole_number
 from canopen_control.cli.support.open_session import add_session_arguments, open_sessions
-from canopen_control.cli.support.scope_output import check_output, numbered, shot_lines, write_shot
-from canopen_control.cli.support.scope_sources import PolledSource, RobotSource
+from canopen_control.cli.support.scope_output import (
+    check_output,
+    cursor_lines,
+    numbered,
+    read_overlay,
+    shot_lines,
+    write_shot,
+)
 from canopen_control.errors import ConfigError
 from canopen_control.host.signals import on_signals
 from canopen_control.service.scope_capture import Condition, ScopeCapture, ScopeState, parse_trigger
-from canopen_control.service.scope_signals import MOST_SIGNALS, SignalValues, node_of, signal_of, statuswords_of
+from canopen_control.service.scope_signals import (
+    MOST_SIGNALS,
+    SignalValues,
+    joint_signal_of,
+    node_of,
+    signal_of,
+    statuswords_of,
+)
+from canopen_control.service.scope_sources import PolledSource, RobotSource
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
     from pathlib import Path
 
-    from canopen_control.cli.support.scope_sources import ScopeSource
     from canopen_control.service.scope_capture import Trigger
-    from canopen_control.service.scope_signals import ScopeSignal
+    from canopen_control.service.scope_files import NamedShot
+    from canopen_control.service.scope_signals import Signal
+    from canopen_control.service.scope_sources import ScopeSource
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control scope left_drive:0x6064 left_drive:0x606C --length 2
          canopen-control scope 5:0x606C --can can0 --eds my_drive.eds --rate 50 -o step.csv
          canopen-control scope 3:0x6064 3:0x606C --trigger 2:rising:100 --before 0.5 --length 3
+         canopen-control scope left_wheel_joint:command left_wheel_joint:velocity --length 2 -o step.png
+         canopen-control scope 3:0x606C --trigger 1:rising:100 --overlay step.csv --cursors 0,0.25 -o both.png
          canopen-control scope 3:0x6041 3:0x606C --trigger fault --before 2 --length 4"""
 
 _RATE: Final = 50.0  # Hz
@@ -50,7 +70,12 @@ _ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("signals", nargs="+", metavar="NODE:OBJECT", help="such as 3:0x6064 or left_drive:0x606C")
+    parser.add_argument(
+        "signals",
+        nargs="+",
+        metavar="NODE:OBJECT",
+        help="such as 3:0x6064, left_drive:0x606C, left_joint:velocity",
+    )
     add_session_arguments(parser, node=False)
     rate = number("rate in Hz above 0, at most 1000", lambda value: 0 < value <= _FASTEST)
     parser.add_argument("--rate", type=rate, default=_RATE, metavar="HZ", help="of what is polled (default: 50)")
@@ -61,7 +86,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shots", type=shots, default=1, metavar="N", help="then it ends (default: 1, single)")
     parser.add_argument("--rolling", action="store_true", help="shot after shot, until Ctrl-C")
     parser.add_argument("--wait", type=seconds, metavar="S", help="for a trigger; then it ends without a shot")
-    parser.add_argument("-o", "--output", metavar="FILE", help="NAME.csv, or NAME.mcap for a bag in the folder NAME")
+    parser.add_argument("--cursors", metavar="T1,T2", help="two times of a shot in s, from its trigger or its begin")
+    parser.add_argument("--overlay", metavar="FILE.csv", help="an earlier shot, below the new one")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="NAME.csv, NAME.png, or NAME.mcap for a bag in the folder NAME"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -70,13 +99,23 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f"{len(args.signals)} signals are too many for one look; {MOST_SIGNALS} at most")
     if args.before is not None and args.trigger is None:
         raise ConfigError("--before is of a trigger; give --trigger too")
-    output = None if args.output is None else check_output(args.output)
+    output = _Output(
+        None if args.output is None else check_output(args.output),
+        overlay=None if args.overlay is None else read_overlay(args.overlay),
+        cursors=None if args.cursors is None else _cursors(args.cursors),
+    )
     trigger = None if args.trigger is None else parse_trigger(args.trigger, len(args.signals))
-    nodes = [node_of(text) for text in args.signals]
+    joints = [joint_signal_of(text) for text in args.signals]
+    nodes = [node_of(text) for text, joint in zip(args.signals, joints, strict=True) if joint is None]
     with open_sessions(args, nodes) as (sessions, client):
-        signals = [signal_of(text, sessions[node]) for text, node in zip(args.signals, nodes, strict=True)]
+        if client is None and any(joints):
+            raise ConfigError("joints are of a running robot; on a bare bus a scope shows objects: NODE:OBJECT")
+        signals: list[Signal] = [
+            joint or signal_of(text, sessions[node_of(text)]) for text, joint in zip(args.signals, joints, strict=True)
+        ]
         by_id = {session.node_id: session for session in sessions.values()}
-        extra = statuswords_of(signals, by_id) if trigger is not None and trigger.condition is Condition.FAULT else []
+        is_fault = trigger is not None and trigger.condition is Condition.FAULT
+        extra: list[Signal] = [*statuswords_of(signals, by_id)] if is_fault else []
         capture = _capture(args, trigger, len(signals), len(extra))
         values = SignalValues([*signals, *extra])
         source: ScopeSource = (
@@ -92,6 +131,26 @@ def _capture(args: argparse.Namespace, trigger: Trigger | None, signals: int, ex
     return ScopeCapture(trigger, length=args.length, before=before, shots=None if args.rolling else args.shots)
 
 
+def _cursors(text: str) -> tuple[float, float]:
+    """Read `0.1,0.25`; ConfigError."""
+    try:
+        first, second = map(float, text.split(","))
+    except ValueError:
+        first = second = math.nan
+    if not (math.isfinite(first) and math.isfinite(second)):
+        raise ConfigError(f"--cursors {text}: write two times in s, as in 0.1,0.25 (or --cursors=-0.1,0.25)")
+    return first, second
+
+
+@dataclass(frozen=True, slots=True)
+class _Output:
+    """Where shots are written to, what lies below them, and between which times they are measured."""
+
+    path: Path | None
+    overlay: NamedShot | None = None
+    cursors: tuple[float, float] | None = None
+
+
 class _Look:
     """The loop of a scope: samples in, shots out, until it is done or was ended."""
 
@@ -99,8 +158,8 @@ class _Look:
         self,
         capture: ScopeCapture,
         source: ScopeSource,
-        signals: Sequence[ScopeSignal],
-        output: Path | None,
+        signals: Sequence[Signal],
+        output: _Output,
         *,
         wait: float | None,
         several: bool,
@@ -114,6 +173,7 @@ class _Look:
     def run(self) -> int:
         """Look until the shots are taken; 1 where there was none."""
         begin = time.monotonic()
+        before = self._source.cycles()
         with on_signals(_ENDS, self._end):
             while not (self._capture.done or self._ended):
                 for moment, row in self._source.samples(_LOOK_S):
@@ -128,6 +188,7 @@ class _Look:
                     break
             self._capture.stop()
             self._tell()
+        _tell_missed(before, self._source.cycles())
         if not self._taken:
             print("canopen-control: no shot was taken: the trigger did not come", file=sys.stderr)
         return 0 if self._taken else 1
@@ -140,10 +201,14 @@ class _Look:
         for shot in self._capture.take():
             self._taken += 1
             self._wipe()
-            print("\n".join(shot_lines(shot, self._signals)), flush=True)
-            if self._output is not None:
-                path = numbered(self._output, self._taken, several=self._several)
-                print(f"written: {write_shot(path, shot, self._signals)}", flush=True)
+            output = self._output
+            print("\n".join(shot_lines(shot, self._signals, output.overlay)), flush=True)
+            if output.cursors is not None:
+                print("\n".join(cursor_lines(shot, self._signals, output.cursors)), flush=True)
+            if output.path is not None:
+                path = numbered(output.path, self._taken, several=self._several)
+                written = write_shot(path, shot, self._signals, output.overlay, output.cursors)
+                print(f"written: {written}", flush=True)
 
     def _show(self, row: Sequence[float | None]) -> None:
         """Show the newest values on one line of a terminal."""
@@ -158,3 +223,9 @@ class _Look:
     def _wipe(self) -> None:
         if sys.stderr.isatty():
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def _tell_missed(before: tuple[int, int] | None, after: tuple[int, int] | None) -> None:
+    """Say how many cycles a running robot made meanwhile, and how many it missed."""
+    if before is not None and after is not None:
+        print(f"the robot made {after[0] - before[0]} cycles meanwhile and missed {after[1] - before[1]}")

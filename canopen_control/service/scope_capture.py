@@ -17,7 +17,17 @@ from typing import Final
 from canopen_control.cia402.state import State, decode_statusword
 from canopen_control.errors import ConfigError
 
-__all__ = ["MOST", "Condition", "Measures", "ScopeCapture", "ScopeState", "Shot", "Trigger", "parse_trigger"]
+__all__ = [
+    "MOST",
+    "Condition",
+    "CursorReading",
+    "Measures",
+    "ScopeCapture",
+    "ScopeState",
+    "Shot",
+    "Trigger",
+    "parse_trigger",
+]
 
 MOST: Final = 1_000_000  # samples of one shot; older ones are dropped
 _FAULTS: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
@@ -103,11 +113,55 @@ class Measures:
 
 
 @dataclass(frozen=True, slots=True)
+class CursorReading:
+    """Of one signal at two cursors: its values there, what lies between them, and the RMS from one to the other."""
+
+    first: float
+    second: float
+    rms: float
+
+    @property
+    def difference(self) -> float:
+        """The second value less the first, dv."""
+        return self.second - self.first
+
+
+@dataclass(frozen=True, slots=True)
 class Shot:
     """The samples of a shot; `triggered` is the time of its trigger, None without one."""
 
     rows: tuple[Row, ...]
     triggered: float | None = None
+
+    @property
+    def zero(self) -> float:
+        """The time that its own times are counted from: that of its trigger, else of its first sample."""
+        return self.rows[0][0] if self.triggered is None else self.triggered
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """From when to when it goes, counted from `zero`."""
+        return self.rows[0][0] - self.zero, self.rows[-1][0] - self.zero
+
+    def between(self, first: float, second: float) -> Shot:
+        """Return the part between two times, counted from `zero`; the value that holds at each end stands there."""
+        begin, end = sorted((first + self.zero, second + self.zero))
+        held = [row for time, row in self.rows if time <= begin][-1:]
+        inner = [(time, row) for time, row in self.rows if begin < time <= end]
+        rows = [(begin, row) for row in held] + inner
+        if rows and rows[-1][0] < end:
+            rows.append((end, rows[-1][1]))
+        return Shot(tuple(rows), self.triggered)
+
+    def cursors(self, place: int, first: float, second: float) -> CursorReading | None:
+        """Read a signal at two times, counted from `zero`; None where it is not known at both of them."""
+        part = self.between(first, second)
+        ends = [part.rows[at][1][place] for at in (0, -1)] if part.rows else [None]
+        measured = part.measure(place) if part.rows else None
+        low, high = ends[0], ends[-1]
+        if low is None or high is None or measured is None or not self.span[0] <= min(first, second):
+            return None
+        return CursorReading(*((low, high) if first <= second else (high, low)), measured.rms)
 
     def measure(self, place: int) -> Measures | None:
         """Measure a signal, each value for as long as it held; None where it had none."""
@@ -154,6 +208,11 @@ class ScopeCapture:
     def done(self) -> bool:
         """Whether all shots are taken."""
         return self.state is ScopeState.DONE
+
+    @property
+    def held(self) -> int:
+        """How many samples it remembers now."""
+        return len(self._rows)
 
     def feed(self, time: float, values: tuple[float | None, ...]) -> None:
         """Take a sample; one that comes with an older time is of the present."""

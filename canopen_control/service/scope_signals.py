@@ -1,4 +1,4 @@
-"""The signals of a scope, `NODE:OBJECT` as it is written, and the newest value of each, from whoever brings it."""
+"""The signals of a scope, `NODE:OBJECT` or `JOINT:velocity`, and the newest value of each, from whoever brings it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,24 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from canopen_control.od.model import DataType
+    from canopen_control.rpc.messages.state import JointReading
     from canopen_control.service.node_session import NodeSession
 
-__all__ = ["MOST_SIGNALS", "ScopeSignal", "SignalValues", "node_of", "signal_of", "statuswords_of"]
+__all__ = [
+    "MOST_SIGNALS",
+    "JointSignal",
+    "ScopeSignal",
+    "Signal",
+    "SignalValues",
+    "joint_signal_of",
+    "node_of",
+    "signal_of",
+    "statuswords_of",
+]
 
 MOST_SIGNALS: Final = 8
+_QUANTITIES: Final = {"position": "rad or m", "velocity": "rad/s or m/s", "effort": "", "command": ""}
+"""What a robot tells of a joint, with its unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +52,11 @@ class ScopeSignal:
         """Node id and address."""
         return self.node_id, self.index, self.subindex
 
+    @property
+    def topic(self) -> str:
+        """What it is called in a bag, below its owner."""
+        return f"o{self.index:04X}_{self.subindex:02X}"
+
     def value(self, data: bytes) -> float | None:
         """Return the number of these bytes; None for another length."""
         whole = fitted(data, self.data_type)
@@ -46,11 +64,57 @@ class ScopeSignal:
         return float(number) if isinstance(number, int | float) else None
 
 
+@dataclass(frozen=True, slots=True)
+class JointSignal:
+    """What a running robot tells of a joint: its position, velocity, effort or command."""
+
+    joint: str
+    quantity: str
+    label: str = "of the joint"
+
+    @property
+    def name(self) -> str:
+        """As it is written."""
+        return f"{self.joint}:{self.quantity}"
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+        return _QUANTITIES[self.quantity]
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Joint and quantity."""
+        return self.joint, self.quantity
+
+    @property
+    def topic(self) -> str:
+        """What it is called in a bag, below its owner."""
+        return self.quantity
+
+    def value(self, reading: JointReading) -> float | None:
+        """Return what a reading says of it."""
+        value: float | None = getattr(reading, self.quantity)
+        return value
+
+
+Signal = ScopeSignal | JointSignal
+
+
+def joint_signal_of(text: str) -> JointSignal | None:
+    """Return the signal that `JOINT:velocity` means; None for what is an object of a node."""
+    joint, _, quantity = text.partition(":")
+    return JointSignal(joint, quantity) if joint and quantity in _QUANTITIES else None
+
+
 def node_of(text: str) -> str:
     """Return the node of `NODE:OBJECT`; ConfigError."""
     node, colon, item = text.partition(":")
     if not (node and colon and item):
-        raise ConfigError(f"{text!r} is no signal; write NODE:OBJECT, such as 3:0x6064 or left_drive:0x606C")
+        raise ConfigError(
+            f"{text!r} is no signal; write NODE:OBJECT, such as 3:0x6064 or left_drive:0x606C, or of a running robot "
+            f"JOINT:QUANTITY ({', '.join(_QUANTITIES)})"
+        )
     return node
 
 
@@ -77,21 +141,37 @@ def signal_of(text: str, session: NodeSession) -> ScopeSignal:
     )
 
 
-def statuswords_of(signals: Iterable[ScopeSignal], sessions: Mapping[int, NodeSession]) -> list[ScopeSignal]:
+def statuswords_of(signals: Iterable[Signal], sessions: Mapping[int, NodeSession]) -> list[ScopeSignal]:
     """Return the statusword of each node of the signals, for a trigger on faults; ConfigError where one has none."""
-    nodes = dict.fromkeys(signal.node_id for signal in signals)
+    nodes = dict.fromkeys(signal.node_id for signal in signals if isinstance(signal, ScopeSignal))
+    if not nodes:
+        raise ConfigError("a trigger on faults looks at drives, and no signal is an object of one; add NODE:0x6041")
     return [signal_of(f"{node_id}:0x{STATUSWORD:04X}", sessions[node_id]) for node_id in nodes]
 
 
 class SignalValues:
     """The newest value of each signal: a row for a `ScopeCapture`."""
 
-    def __init__(self, signals: Iterable[ScopeSignal]) -> None:
+    def __init__(self, signals: Iterable[Signal]) -> None:
         self.signals = tuple(signals)
         self._values: list[float | None] = [None] * len(self.signals)
-        self._places: dict[tuple[int, int, int], list[int]] = {}
+        self._places: dict[tuple[int, int, int], list[tuple[int, ScopeSignal]]] = {}
+        self._joints: list[tuple[int, JointSignal]] = []
         for place, signal in enumerate(self.signals):
-            self._places.setdefault(signal.key, []).append(place)
+            if isinstance(signal, JointSignal):
+                self._joints.append((place, signal))
+            else:
+                self._places.setdefault(signal.key, []).append((place, signal))
+
+    @property
+    def objects(self) -> list[ScopeSignal]:
+        """The signals that are objects of nodes."""
+        return [signal for signal in self.signals if isinstance(signal, ScopeSignal)]
+
+    @property
+    def joints(self) -> list[str]:
+        """The joints of the others."""
+        return list(dict.fromkeys(signal.joint for _, signal in self._joints))
 
     @property
     def row(self) -> tuple[float | None, ...]:
@@ -101,6 +181,13 @@ class SignalValues:
     def put(self, node_id: int, index: int, subindex: int, data: bytes) -> bool:
         """Take the bytes of an object; whether it is one of the signals."""
         places = self._places.get((node_id, index, subindex), ())
-        for place in places:
-            self._values[place] = self.signals[place].value(data)
+        for place, signal in places:
+            self._values[place] = signal.value(data)
         return bool(places)
+
+    def put_joints(self, readings: Mapping[str, JointReading]) -> bool:
+        """Take what a robot tells of its joints; whether it is about one of the signals."""
+        for place, signal in self._joints:
+            reading = readings.get(signal.joint)
+            self._values[place] = None if reading is None else signal.value(reading)
+        return bool(self._joints)

@@ -1,4 +1,5 @@
 import csv
+import itertools
 
 import pytest
 from support.jogbench import jog_bench
@@ -8,8 +9,10 @@ from support.terminal import in_background
 from canopen_control.cli.main import main
 from canopen_control.cli.support.jog_robot import choose_jog, own_robot
 from canopen_control.cli.support.target import find_eds
+from canopen_control.cli.support.tune_run import choose_tuned
 from canopen_control.od.eds import read_eds
 from canopen_control.scaffold.new_robot import Device
+from canopen_control.service.jog_motion import JogKind
 
 
 @pytest.fixture
@@ -66,6 +69,42 @@ def test_process_data_of_a_running_robot_come_with_every_cycle(bench, tmp_path, 
     assert str(bench.get(0x6083)) in path.read_text().splitlines()[-1]  # no TPDO carries it
 
 
+QUANTITIES = ("position", "velocity")
+SIX = (0x6041, 0x6061, 0x6064, 0x606C, 0x6077, 0x603F)
+
+
+def test_eight_channels_of_every_millisecond_and_no_cycle_missed(bench, tmp_path, capsys):
+    """What comes with SYNC at 1 kHz, and two values of the joint: a sample for each cycle, none of them missing."""
+    device = Device(5, find_eds(GENERIC), read_eds(find_eds(GENERIC), 5).od)
+    robot = choose_tuned(device, JogKind.VELOCITY, 1000, allow_unsupervised=False)
+    path = tmp_path / "fast.csv"
+    with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, lambda _event: None) as drive:
+        words = [*(f"{drive.node}:0x{index:04X}" for index in SIX), *(f"{drive.joint}:{each}" for each in QUANTITIES)]
+        assert main(["scope", *words, "--name", drive.robot, "--length", "1", "-o", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "and missed 0" in said
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    times = sorted({round(float(row["time"]) * 1000) for row in rows})
+    assert len(times) >= 1000
+    assert [after - before for before, after in itertools.pairwise(times)] == [1] * (len(times) - 1)
+    assert all(row[f"{drive.joint}:position"] for row in rows[10:])
+
+
+def test_two_shots_are_laid_over_each_other_and_measured_between_cursors(bench, tmp_path, capsys):
+    first = str(tmp_path / "first.csv")
+    assert scope(bench, "5:0x6064", "5:0x6083", "--length", "0.3", "-o", first) == 0
+    capsys.readouterr()
+    words = ("--overlay", first, "--cursors", "0.05,0.25", "-o", str(tmp_path / "both.png"))
+    assert scope(bench, "5:0x6083", "--length", "0.3", *words) == 0
+    said = capsys.readouterr().out
+    assert "first.csv" in said
+    assert "cursors at 0.05 s and 0.25 s: dt 0.2 s (5 Hz)" in said
+    value = str(bench.get(0x6083))
+    assert said.splitlines()[-2].split()[-4:] == [value, value, "0", value], said
+    assert (tmp_path / "both.png").read_bytes().startswith(b"\x89PNG")
+
+
 @pytest.mark.parametrize(
     ("words", "code", "why"),
     [
@@ -76,7 +115,10 @@ def test_process_data_of_a_running_robot_come_with_every_cycle(bench, tmp_path, 
         (("5:0x5FFF",), 2, "has no 0x5FFF:00"),
         (("6:0x6064", "--timeout", "0.1"), 1, "no answer"),
         (tuple(["5:0x6064"] * 9), 2, "9 signals are too many"),
-        (("5:0x6064", "-o", "x.png"), 2, "write NAME.csv"),
+        (("5:0x6064", "-o", "x.svg"), 2, "write NAME.csv"),
+        (("5:0x6064", "--cursors", "1"), 2, "write two times in s"),
+        (("5:0x6064", "--overlay", "gone.csv"), 2, "gone.csv cannot be read"),
+        (("5:0x6064", "wheel:velocity"), 2, "joints are of a running robot"),
     ],
 )
 def test_what_is_no_look_is_told(bench, capsys, words, code, why):

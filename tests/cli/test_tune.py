@@ -1,3 +1,4 @@
+import cmath
 import math
 import os
 import sys
@@ -5,12 +6,15 @@ import sys
 import pytest
 from support.jogbench import jog_bench
 from support.onbus import GENERIC, TMCM
-from support.tuneplant import COULOMB, INERTIA, loaded
+from support.tuneplant import COULOMB, COUNTS, INERTIA, VISCOUS, loaded
 
 from canopen_control.cia402.state import State
 from canopen_control.cli.main import main
+from canopen_control.service.loop_design import LoopGains, phase_margin
+from canopen_control.service.plant_model import PlantModel
 
 TURN = 65536
+TRUE_PLANT = PlantModel(INERTIA, VISCOUS, COULOMB, 0.0, 0.0, 1.0)  # of the motor, which `tune` is not told
 
 
 @pytest.fixture
@@ -24,6 +28,12 @@ def no_terminal(monkeypatch):
     with open(os.devnull) as nothing:
         monkeypatch.setattr(sys, "stdin", nothing)
         yield
+
+
+def gains_in(bench):
+    """Return the gains that the drive has, of the shaft in rad."""
+    p, i = (bench.get(0x60F9, sub) * 1e-5 * COUNTS for sub in (1, 2))
+    return LoopGains(p, p / i, bench.get(0x60FB, 1) * 1e-3, 0.0, 0.0)
 
 
 def value_of(said, words):
@@ -46,10 +56,11 @@ def test_a_step_is_measured_and_leaves_the_drive_off(bench, no_terminal, capsys,
 
 
 def test_inertia_and_friction_are_identified_and_gains_proposed(bench, no_terminal, capsys):
-    assert bench.verb("tune", "--identify", "190", "--for", "4", "--yes", "--crossover", "10") == 0
+    assert bench.verb("tune", "--identify", "190", "--yes", "--crossover", "10") == 0
     said = capsys.readouterr().out
-    assert value_of(said, "inertia") == pytest.approx(INERTIA, rel=0.1)
-    assert value_of(said, "Coulomb friction") == pytest.approx(COULOMB, rel=0.1)
+    assert value_of(said, "inertia") == pytest.approx(INERTIA, rel=0.03)
+    assert value_of(said, "Coulomb friction") == pytest.approx(COULOMB, rel=0.03)
+    assert value_of(said, "viscous friction") == pytest.approx(VISCOUS, rel=0.03)
     assert "for a crossover of 10 Hz and a phase margin of 60 degrees" in said
     assert value_of(said, "position P") == pytest.approx(15.71, rel=0.01)
 
@@ -60,6 +71,52 @@ def test_a_frequency_response_is_a_table_and_a_file(bench, no_terminal, capsys, 
     assert "bandwidth (-3 dB): " in capsys.readouterr().out
     first = file.read_text().splitlines()[1].split(",")
     assert float(first[1]) == pytest.approx(0.0, abs=1.0)  # dB: a slow velocity is followed
+
+
+def true_response(gains, cycle):
+    """Return the velocity loop's answer to a command of one cycle, sampled in each: 0.5 ms PI on the true motor."""
+    step, inertia = 0.0005, INERTIA
+    kept = math.exp(-VISCOUS / inertia * step)
+    speed = torque = integral = 0.0
+    answer = []
+    for point in range(400 * round(cycle / step)):
+        if point % round(cycle / step) == 0:
+            answer.append(speed)
+        speed = kept * speed + (1 - kept) / VISCOUS * torque
+        lacking = (1.0 if point < round(cycle / step) else 0.0) - speed
+        integral += gains.velocity_i * lacking * step
+        torque = gains.velocity_p * lacking + integral
+    return answer
+
+
+@pytest.mark.parametrize("signal", ["chirp", "prbs"])
+def test_the_response_of_drive_and_bus_is_true_within_a_decibel_and_five_degrees(
+    bench, no_terminal, capsys, tmp_path, signal
+):
+    """To a third of the sampling rate; the way over the bus is whole cycles, as many as fit best."""
+    for subindex, gain in ((1, 6900), (2, 236_000)):  # of a crossover of about 10 Hz
+        assert main(["sdo", "write", "5", f"0x60F9:{subindex}", str(gain), *bench.words]) == 0
+    file = tmp_path / "bode.csv"
+    assert bench.verb("tune", "--bode", signal, "--yes", "-o", str(file)) == 0
+    points = [[float(cell) for cell in line.split(",")] for line in file.read_text().splitlines()[1:]]
+    assert points[-1][0] > 0.9 * 100 / 3
+    answer = true_response(gains_in(bench), 0.01)
+
+    def true(hertz):
+        turn = -2j * math.pi * hertz * 0.01
+        return sum(value * cmath.exp(turn * number) for number, value in enumerate(answer))
+
+    found = [(hertz, true(hertz), gain, phase) for hertz, gain, phase, _ in points]
+    assert max(abs(20 * math.log10(abs(truth)) - gain) for _, truth, gain, _ in found) < 1.0
+
+    def off(late):
+        """Return by how many degrees each phase is wrong if the bus takes so many cycles."""
+        return [
+            abs((math.degrees(cmath.phase(truth)) - 3.6 * hertz * late - phase + 180) % 360 - 180)
+            for hertz, truth, _, phase in found
+        ]
+
+    assert min(max(off(late)) for late in range(5)) < 5.0
 
 
 @pytest.mark.parametrize(
@@ -109,7 +166,7 @@ def test_a_drive_without_a_torque_mode_is_told(private_folders, no_terminal, cap
 
 
 def test_proposed_gains_are_set_and_taken_back(bench, no_terminal, capsys):
-    words = ("--identify", "190", "--for", "2", "--yes", "--crossover", "10", "--apply")
+    words = ("--identify", "190", "--yes", "--crossover", "10", "--apply")
     before = [bench.get(0x60F9, 1), bench.get(0x60F9, 2), bench.get(0x60FB, 1)]
     assert bench.verb("tune", *words) == 0
     said = capsys.readouterr().out
@@ -117,6 +174,9 @@ def test_proposed_gains_are_set_and_taken_back(bench, no_terminal, capsys):
     p = value_of(said, "velocity P")
     assert bench.get(0x60F9, 1) * 1e-5 * TURN / math.tau == pytest.approx(p, rel=1e-3)
     assert bench.get(0x60FB, 1) == pytest.approx(15_708, abs=2)
+    crossover, margin = phase_margin(TRUE_PLANT, gains_in(bench))
+    assert math.degrees(margin) == pytest.approx(60.0, abs=3.0)
+    assert crossover == pytest.approx(10 * math.tau, rel=0.03)
     assert bench.verb("tune", "--revert") == 0
     assert "0x60F9:01 Velocity loop proportional gain: " in capsys.readouterr().out
     assert [bench.get(0x60F9, 1), bench.get(0x60F9, 2), bench.get(0x60FB, 1)] == before

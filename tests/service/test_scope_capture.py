@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from canopen_control.errors import ConfigError
 from canopen_control.service.scope_capture import (
     Condition,
+    CursorReading,
     ScopeCapture,
     ScopeState,
     Shot,
@@ -127,3 +128,59 @@ def test_any_samples_make_shots_in_order_that_hold_their_trigger(samples, length
         assert shot.triggered > last or len(times) >= 1
         assert all(time >= shot.triggered - before - 1e-9 for time in times[1:])
         last = shot.triggered
+
+
+def shot_of(values, triggered=None):
+    return Shot(tuple((10.0 + number, (value,)) for number, value in enumerate(values)), triggered)
+
+
+def test_cursors_read_values_that_hold_and_the_rms_between_them():
+    shot = shot_of([3.0, 3.0, -4.0, -4.0, 100.0])
+    assert shot.cursors(0, 0.5, 3.5) == CursorReading(3.0, -4.0, pytest.approx(math.sqrt((1.5 * 9 + 1.5 * 16) / 3)))
+    assert shot.cursors(0, 3.5, 0.5).difference == 7.0
+    assert shot.cursors(0, 1.2, 1.2) == CursorReading(3.0, 3.0, 3.0)
+
+
+def test_cursors_count_from_the_trigger_and_read_nothing_where_nothing_is_known():
+    shot = shot_of([1.0, 2.0, 5.0, None], triggered=11.0)
+    assert shot.span == (-1.0, 2.0)
+    assert shot.cursors(0, -1.0, 1.0).difference == 4.0
+    assert shot.cursors(0, -1.5, 1.0) is None
+    assert shot.cursors(0, 0.0, 2.0) is None
+
+
+@given(st.lists(st.integers(-1000, 1000), min_size=2, max_size=20), st.integers(0, 64), st.integers(0, 64))
+def test_cursors_are_within_what_is_between_them(values, low, high):
+    shot = shot_of(values)
+    first, second = sorted(((len(values) - 1) * low / 64, (len(values) - 1) * high / 64))
+    read = shot.cursors(0, first, second)
+    part = shot.between(first, second)
+    assert part.span[1] - part.span[0] == pytest.approx(second - first, abs=1e-9)
+    sizes = [abs(row[0]) for _, row in part.rows]
+    assert (read.first, read.second) == (values[int(first)], values[int(second)])
+    assert min(sizes) - 1e-6 <= read.rms <= max(sizes) + 1e-6
+
+
+@given(st.floats(0.0, 3.0), st.sampled_from([0.001, 0.01, 0.02]), st.integers(1, 4000), st.booleans())
+def test_what_waits_for_a_fault_holds_no_more_than_what_comes_before_it(before, period, samples, with_gaps):
+    """It may wait for days: what it holds depends on `before` and the rate alone."""
+    capture = ScopeCapture(Trigger(Condition.FAULT, (0,)), length=before + 1.0, before=before)
+    for number in range(samples):
+        if with_gaps and number % 7 == 0:
+            continue
+        capture.feed(number * period, (float(0x27),))
+        capture.tick(number * period + period / 2)
+        assert capture.held <= before / period + 3
+    assert capture.state is ScopeState.WAITING
+
+
+def test_a_fault_after_a_day_is_caught_with_what_was_before():
+    day, rate = 86_400, 20
+    capture = ScopeCapture(Trigger(Condition.FAULT, (0,)), length=2.0, before=1.0)
+    for number in range(100_000):
+        capture.feed(number / rate, (float(0x27),))
+    for number in range(rate * 3):
+        capture.feed(day + number / rate, (float(0x08 if number >= rate else 0x27),))
+    (shot,) = capture.take()
+    assert shot.triggered == day + 1.0
+    assert shot.span == (-1.0, pytest.approx(1.0, abs=0.06))

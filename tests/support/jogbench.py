@@ -27,6 +27,11 @@ class JogBench:
         """Run another one."""
         return main([verb, str(node), "--can", self.bus.channel, "--eds", eds or self.eds, *words])
 
+    @property
+    def words(self):
+        """Which bus and EDS are meant."""
+        return ["--can", self.bus.channel, "--eds", self.eds]
+
     def get(self, index, subindex=0):
         """Return what an object of the drive holds, on the drive's own thread."""
         return self.bus.call(lambda: self.drive.store.get(index, subindex))

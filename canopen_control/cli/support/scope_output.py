@@ -1,25 +1,32 @@
-"""What becomes of a scope's shots: measures and a curve of characters for people, CSV, and a bag (MCAP)."""
+"""What becomes of a scope's shots: measures and a curve of characters for people, and files (CSV, PNG, MCAP)."""
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.output import Table
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import write_whole
+from canopen_control.service.scope_files import (
+    csv_of,
+    named_shot,
+    parse_csv,
+    picture_of,
+    refuse_without_pictures,
+    write_bag,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from canopen_control.service.scope_capture import Shot
-    from canopen_control.service.scope_signals import ScopeSignal
+    from canopen_control.service.scope_files import NamedShot
+    from canopen_control.service.scope_signals import Signal
 
-__all__ = ["check_output", "csv_of", "curve", "numbered", "shot_lines", "write_shot"]
+__all__ = ["check_output", "cursor_lines", "curve", "numbered", "read_overlay", "shot_lines", "write_shot"]
 
-CSV, BAG = ".csv", ".mcap"
+CSV, BAG, PICTURE = ".csv", ".mcap", ".png"
 _BLOCKS: Final = " ▁▂▃▄▅▆▇█"
 _WIDTH: Final = 60
 
@@ -27,11 +34,25 @@ _WIDTH: Final = 60
 def check_output(text: str) -> Path:
     """Return the file or the folder of a bag; ConfigError for another ending or a place that is not there."""
     path = Path(text).expanduser()
-    if path.suffix not in (CSV, BAG):
-        raise ConfigError(f"-o {text}: write NAME{CSV} for a table, or NAME{BAG} for the folder of a bag")
+    if path.suffix not in (CSV, BAG, PICTURE):
+        raise ConfigError(
+            f"-o {text}: write NAME{CSV} for a table, NAME{PICTURE} for a picture, or NAME{BAG} for the folder of a bag"
+        )
     if not path.parent.is_dir():
         raise ConfigError(f"-o {text}: no folder {path.parent}")
+    if path.suffix == PICTURE:
+        refuse_without_pictures()
     return path
+
+
+def read_overlay(text: str) -> NamedShot:
+    """Read a shot that was written as CSV; ConfigError for what is none."""
+    path = Path(text).expanduser()
+    try:
+        content = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"--overlay {text} cannot be read: {getattr(error, 'strerror', None) or 'no text'}") from None
+    return parse_csv(content, path.name)
 
 
 def numbered(path: Path, number: int, *, several: bool) -> Path:
@@ -39,57 +60,58 @@ def numbered(path: Path, number: int, *, several: bool) -> Path:
     return path.with_name(f"{path.stem}_{number}{path.suffix}") if several else path
 
 
-def write_shot(path: Path, shot: Shot, signals: Sequence[ScopeSignal]) -> Path:
+def write_shot(
+    path: Path,
+    shot: Shot,
+    signals: Sequence[Signal],
+    overlay: NamedShot | None = None,
+    cursors: tuple[float, float] | None = None,
+) -> Path:
     """Write a shot, and return the file or the folder of the bag; ConfigError and DiskFull."""
     if path.suffix == CSV:
-        write_whole(path, csv_of(shot, signals).encode())
+        write_whole(path, csv_of(named_shot(shot, signals)).encode())
         return path
-    from canopen_control.trace.bag import BagWriter
-
+    if path.suffix == PICTURE:
+        write_whole(path, picture_of(named_shot(shot, signals), overlay, cursors))
+        return path
     folder = path.with_suffix("")
-    with BagWriter(folder, "scope") as bag:
-        for time, row in shot.rows:
-            for signal, value in zip(signals, row, strict=False):
-                if value is not None:
-                    bag.number(_topic(signal), time, value)
+    write_bag(folder, shot, signals)
     return folder
 
 
-def _topic(signal: ScopeSignal) -> str:
-    """Return the ROS name of a signal: /scope/left_drive/o6064_00."""
-    node = signal.name.partition(":")[0]
-    return f"/scope/{f'node_{node}' if node.isdecimal() else node}/o{signal.index:04X}_{signal.subindex:02X}"
-
-
-def csv_of(shot: Shot, signals: Sequence[ScopeSignal]) -> str:
-    """Return a row for each sample: Unix time, time from the trigger or the first sample, the values."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["time", "t", *(signal.name for signal in signals)])
-    zero = _zero(shot)
-    for time, row in shot.rows:
-        values = ["" if value is None else f"{value:.9g}" for value in row[: len(signals)]]
-        writer.writerow([f"{time:.6f}", f"{time - zero:.6f}", *values])
-    return out.getvalue()
-
-
-def _zero(shot: Shot) -> float:
-    return shot.rows[0][0] if shot.triggered is None else shot.triggered
-
-
-def shot_lines(shot: Shot, signals: Sequence[ScopeSignal]) -> Iterator[str]:
-    """Yield measures and a curve for each signal."""
-    begin, end = shot.rows[0][0] - _zero(shot), shot.rows[-1][0] - _zero(shot)
+def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None = None) -> Iterator[str]:
+    """Yield measures and a curve for each signal, and below it those of the same signal of an overlay."""
+    begin, end = shot.span
     yield f"{len(shot.rows)} samples from {begin:.3f} s to {end:.3f} s" + (
         "" if shot.triggered is None else " of the trigger"
     )
     table = Table(("signal", "name", "unit", "min", "max", "mean", "RMS", "curve"))
     for place, signal in enumerate(signals):
-        measured = shot.measure(place)
-        numbers = ["-"] * 4
-        if measured is not None:
-            numbers = [f"{each:.6g}" for each in (measured.least, measured.most, measured.mean, measured.rms)]
-        table.add([signal.name, signal.label, signal.unit, *numbers, f"|{curve(shot, place)}|"])
+        table.add([signal.name, signal.label, signal.unit, *_measured(shot, place)])
+        other = None if overlay is None else overlay.place(signal.name)
+        if overlay is not None and other is not None:
+            table.add(["", overlay.label, "", *_measured(overlay.shot, other)])
+    yield from table.lines()
+
+
+def _measured(shot: Shot, place: int) -> list[str]:
+    measured, numbers = shot.measure(place), ["-"] * 4
+    if measured is not None:
+        numbers = [f"{each:.6g}" for each in (measured.least, measured.most, measured.mean, measured.rms)]
+    return [*numbers, f"|{curve(shot, place)}|"]
+
+
+def cursor_lines(shot: Shot, signals: Sequence[Signal], cursors: tuple[float, float]) -> Iterator[str]:
+    """Yield what the signals are at two times, the differences, and the RMS between them."""
+    first, second = cursors
+    apart = second - first
+    often = f" ({1 / abs(apart):.4g} Hz)" if apart else ""
+    yield f"cursors at {first:g} s and {second:g} s: dt {apart:.6g} s{often}"
+    table = Table(("signal", "unit", f"at {first:g} s", f"at {second:g} s", "dv", "RMS between"))
+    for place, signal in enumerate(signals):
+        read = shot.cursors(place, first, second)
+        values = [] if read is None else [read.first, read.second, read.difference, read.rms]
+        table.add([signal.name, signal.unit, *([f"{each:.9g}" for each in values] or ["-"] * 4)])
     yield from table.lines()
 
 

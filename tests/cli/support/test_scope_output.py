@@ -1,10 +1,15 @@
-import csv
-import io
-
 import pytest
 from support.service_node import NodeStub
 
-from canopen_control.cli.support.scope_output import check_output, csv_of, curve, numbered, shot_lines, write_shot
+from canopen_control.cli.support.scope_output import (
+    check_output,
+    cursor_lines,
+    curve,
+    numbered,
+    read_overlay,
+    shot_lines,
+    write_shot,
+)
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
@@ -15,12 +20,6 @@ from canopen_control.service.scope_signals import signal_of
 NODE = NodeSession(NodeStub({}), 5, read_eds(data_path("eds", "TMCM-1270.eds"), 5).od)
 SIGNALS = [signal_of("5:0x6064", NODE), signal_of("5:0x606C", NODE)]
 SHOT = Shot(tuple((100.0 + n / 10, (float(n), None)) for n in range(11)), triggered=100.5)
-
-
-def test_csv_has_times_from_the_trigger_and_nothing_where_nothing_is_known():
-    rows = list(csv.DictReader(io.StringIO(csv_of(SHOT, SIGNALS))))
-    assert (rows[0]["t"], rows[0]["5:0x6064"], rows[0]["5:0x606C"]) == ("-0.500000", "0", "")
-    assert rows[-1]["time"] == "101.000000"
 
 
 def test_people_see_measures_and_a_curve():
@@ -42,15 +41,42 @@ def test_the_shots_of_a_series_have_numbers():
     assert [str(numbered(path, 3, several=each)) for each in (False, True)] == ["scope.csv", "scope_3.csv"]
 
 
-@pytest.mark.parametrize("text", ["scope", "scope.png", "nowhere/scope.csv"])
+@pytest.mark.parametrize("text", ["scope", "scope.svg", "nowhere/scope.csv"])
 def test_another_ending_or_place_is_refused_before_anything_is_looked_at(text):
     with pytest.raises(ConfigError, match=r"-o .*(write NAME\.csv|no folder)"):
         check_output(text)
 
 
-def test_a_bag_has_a_topic_for_each_signal(tmp_path):
-    reader = pytest.importorskip("rosbags.rosbag2")
-    folder = write_shot(tmp_path / "shot.mcap", SHOT, SIGNALS)
-    assert folder == tmp_path / "shot"
-    with reader.Reader(folder) as bag:
-        assert [(each.topic, each.msgcount) for each in bag.connections] == [("/scope/node_5/o6064_00", 11)]
+def test_cursors_tell_what_is_between_them():
+    lines = list(cursor_lines(SHOT, SIGNALS, (-0.2, 0.3)))
+    assert lines[0] == "cursors at -0.2 s and 0.3 s: dt 0.5 s (2 Hz)"
+    assert lines[2].split()[2:5] == ["3", "8", "5"]
+    assert lines[3].split()[-4:] == ["-"] * 4
+
+
+def test_an_overlay_is_measured_below_the_same_signal_and_may_be_of_other_ones(tmp_path):
+    write_shot(tmp_path / "old.csv", SHOT, SIGNALS[:1])
+    overlay = read_overlay(str(tmp_path / "old.csv"))
+    lines = list(shot_lines(SHOT, SIGNALS, overlay))
+    assert len(lines) == 5
+    assert lines[3].split()[:5] == ["old.csv", "0", "10", "4.5", lines[2].split()[8]]
+
+
+@pytest.mark.parametrize("name", ["gone.csv", "pixels.csv", "empty.csv"])
+def test_what_is_no_overlay_is_told(tmp_path, name):
+    (tmp_path / "pixels.csv").write_bytes(b"\x89PNG\xff")
+    (tmp_path / "empty.csv").write_text("")
+    with pytest.raises(ConfigError, match=name):
+        read_overlay(str(tmp_path / name))
+
+
+@pytest.mark.parametrize(("name", "begins"), [("a.csv", b"time,t,5:0x6064"), ("a.png", b"\x89PNG\r\n")])
+def test_the_ending_says_what_is_written(tmp_path, name, begins):
+    assert write_shot(tmp_path / name, SHOT, SIGNALS, cursors=(0.0, 0.1)) == tmp_path / name
+    assert (tmp_path / name).read_bytes().startswith(begins)
+
+
+def test_a_bag_is_a_folder(tmp_path):
+    pytest.importorskip("rosbags.rosbag2")
+    assert write_shot(tmp_path / "shot.mcap", SHOT, SIGNALS) == tmp_path / "shot"
+    assert (tmp_path / "shot" / "metadata.yaml").exists()

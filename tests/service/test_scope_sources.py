@@ -1,15 +1,17 @@
 import pytest
+from support.samples import sample_of, status_of
 from support.service_node import NodeStub
 
-from canopen_control.cli.support import scope_sources
-from canopen_control.cli.support.scope_sources import PolledSource, RobotSource
 from canopen_control.data_files import data_path
-from canopen_control.errors import SdoTimeout
+from canopen_control.errors import ConfigError, SdoTimeout
 from canopen_control.od.eds import read_eds
-from canopen_control.rpc.messages.robot import MappedValue, ProcessData
+from canopen_control.rpc.messages.robot import GetStatus, MappedValue, ProcessData
+from canopen_control.service import scope_sources
 from canopen_control.service.node_session import NodeSession
-from canopen_control.service.scope_signals import SignalValues, signal_of
+from canopen_control.service.scope_signals import SignalValues, joint_signal_of, signal_of
+from canopen_control.service.scope_sources import PolledSource, RobotSource
 
+STATUS = status_of({"joints": {"wheel": {}}, "cycle": {"period_s": 0.02, "count": 50, "missed": 3, "work_s": 0.001}})
 HELD = {(0x6064, 0): (7).to_bytes(4, "little"), (0x606C, 0): (9).to_bytes(4, "little")}
 
 
@@ -30,8 +32,11 @@ class FakeRobot:
     def __init__(self, clock, *batches):
         self.clock, self.batches, self.asked = clock, list(batches), []
 
+    robot = "pair"
+
     def ask(self, request):
         self.asked.append(request)
+        return STATUS if isinstance(request, GetStatus) else None
 
     def messages(self, timeout):
         if self.batches:
@@ -86,3 +91,19 @@ def test_a_running_robot_is_polled_no_faster_than_it_may(clock):
     for _ in range(50):
         list(source.samples(0.1))
     assert len(node.transfers.reads) <= clock.now * scope_sources.READS_PER_S + 1
+
+
+def test_joints_come_with_every_cycle_of_the_robot_and_must_be_its_own(clock):
+    sample = sample_of({"time": 900.5, "joints": {"wheel": {"velocity": 2.0}}})
+    robot = FakeRobot(clock, [sample])
+    source = RobotSource(robot, SignalValues([joint_signal_of("wheel:velocity")]), {}, 50.0)
+    assert (robot.asked[-1].state_rate, robot.asked[-1].pdos) == (1000.0, False)
+    assert list(source.samples(0.1)) == [(900.5, (2.0,))]
+    assert source.cycles() == (50, 3)
+    with pytest.raises(ConfigError, match="has no joint 'arm'; its joints: wheel"):
+        RobotSource(robot, SignalValues([joint_signal_of("arm:velocity")]), {}, 50.0)
+
+
+def test_a_bare_bus_has_no_cycle(clock):
+    node, values = bench()
+    assert PolledSource(values, {5: node}, 10.0).cycles() is None

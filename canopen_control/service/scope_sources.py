@@ -7,10 +7,11 @@ a time, through a robot no faster than `READS_PER_S` in all, so that nothing of 
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
-from canopen_control.errors import CanopenError
-from canopen_control.rpc.messages.robot import ProcessData, Subscribe
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.rpc.messages.robot import GetStatus, ProcessData, Subscribe
+from canopen_control.rpc.messages.state import StateSample
 from canopen_control.service.node_session import is_abort
 from canopen_control.service.object_rows import READS_PER_S
 
@@ -24,11 +25,17 @@ if TYPE_CHECKING:
 __all__ = ["PolledSource", "RobotSource", "ScopeSource"]
 
 
+_EVERY_CYCLE: Final = 1000.0  # Hz
+
+
 class ScopeSource(Protocol):
     """Whoever brings samples; times in Unix seconds."""
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
         """Yield what comes within `seconds`, at most."""
+
+    def cycles(self) -> tuple[int, int] | None:
+        """Return how many cycles a robot has made, and how many it has missed; None where there is no robot."""
 
 
 class PolledSource:
@@ -39,6 +46,10 @@ class PolledSource:
         self._period = 1.0 / rate
         self._due = time.monotonic()
 
+    def cycles(self) -> None:
+        """Return nothing: a bare bus has no cycle."""
+        return
+
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
         """Read all signals when it is time."""
         wait = self._due - time.monotonic()
@@ -47,7 +58,7 @@ class PolledSource:
             if wait > seconds:
                 return
         self._due = max(self._due + self._period, time.monotonic() - self._period)
-        for signal in self._values.signals:
+        for signal in self._values.objects:
             read_signal(self._values, self._sessions[signal.node_id], signal)
         yield time.time(), self._values.row
 
@@ -60,10 +71,19 @@ class RobotSource:
     ) -> None:
         self._client, self._values, self._sessions = client, values, sessions
         self._ids = {session.name: node_id for node_id, session in sessions.items()}
-        self._polled = {signal.key: signal for signal in values.signals}
+        self._polled = {signal.key: signal for signal in values.objects}
         self._period = 1.0 / min(rate, READS_PER_S)
         self._due = time.monotonic() + self._period  # the first message has all that TPDOs carry
-        client.ask(Subscribe(pdos=True))
+        if values.joints:
+            known = client.ask(GetStatus()).joints
+            if missing := [joint for joint in values.joints if joint not in known]:
+                raise ConfigError(f"robot {client.robot} has no joint {missing[0]!r}; its joints: {', '.join(known)}")
+        client.ask(Subscribe(pdos=bool(values.objects), state_rate=_EVERY_CYCLE if values.joints else None))
+
+    def cycles(self) -> tuple[int, int]:
+        """Return how many cycles the robot has made, and how many it has missed."""
+        cycle = self._client.ask(GetStatus()).cycle
+        return cycle.count, cycle.missed
 
     @property
     def polled(self) -> list[ScopeSignal]:
@@ -75,7 +95,9 @@ class RobotSource:
         wait = min(seconds, max(self._due - time.monotonic(), 0.0)) if self._polled else seconds
         end = time.monotonic() + wait
         for message in self._client.messages(wait):
-            if isinstance(message, ProcessData) and self._take(message):
+            if (isinstance(message, ProcessData) and self._take(message)) or (
+                isinstance(message, StateSample) and self._values.put_joints(message.joints)
+            ):
                 yield message.time, self._values.row
             if time.monotonic() >= end:
                 break
