@@ -6,8 +6,8 @@
 
 Robots take turns, of two hundred seeds in the proportion of the plan, and the results are written after each turn, so
 that a run that is ended, or whose hours are over, has some of each and is taken up by the next. Results of another
-version of the package are not added to: its files have another check sum. What a breach takes is shrunk and written beside the results. Exit codes: 0 good, 1 breaches or
-not all seeds were run, 2 usage.
+version of the package are not added to: its files have another check sum. What a breach takes is shrunk and written
+beside the results. Exit codes: 0 good, 1 breaches or not all seeds were run, 2 usage.
 """
 
 from __future__ import annotations
