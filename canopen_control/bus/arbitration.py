@@ -47,6 +47,7 @@ def _never(_sender: int, _record: bytes) -> bool:
 class PacedWire:
     """The wire at `bitrate` bit/s; senders are numbers, and the lower one wins between equal identifiers.
 
+    `queues` are the frames of those who have something to send.
     `disturbed(sender, record)` says whether a frame was, at its last bit: it is sent again. `due_ns` is when the frame
     on the wire ends, None for none.
     """
@@ -55,7 +56,7 @@ class PacedWire:
         self.bitrate = bitrate
         self.bits = 0
         self.disturbed: Callable[[int, bytes], bool] = _never
-        self._queues: dict[int, deque[Waiting]] = {}  # of those who have something to send
+        self.queues: dict[int, deque[Waiting]] = {}
         self._on_wire: Waiting | None = None
         self._done_ns = 0
         self.due_ns: int | None = None
@@ -65,14 +66,14 @@ class PacedWire:
 
     def backlog(self, sender: int) -> int:
         """Return how many frames of `sender` wait."""
-        queue = self._queues.get(sender)
+        queue = self.queues.get(sender)
         return len(queue) if queue else 0
 
     def put(self, sender: int, records: bytes, now: int) -> None:
         """Queue records of `sender`; call `advance` first, so that what was due until now is done."""
-        queue = self._queues.get(sender)
+        queue = self.queues.get(sender)
         if queue is None:
-            queue = self._queues[sender] = deque()
+            queue = self.queues[sender] = deque()
         if len(records) == RECORD_SIZE:
             rank, bits = _on_wire(records)
             queue.append((rank, sender, bits, records))
@@ -86,7 +87,7 @@ class PacedWire:
 
     def forget(self, sender: int) -> int:
         """Drop what `sender` has waiting and return the number of frames; one on the wire is finished."""
-        return len(self._queues.pop(sender, ()))
+        return len(self.queues.pop(sender, ()))
 
     def drain(self) -> Iterator[tuple[int, bytes]]:
         """Yield sender and record of everything that waits, in the order of arbitration, without its time."""
@@ -102,7 +103,7 @@ class PacedWire:
         """
         done = self._on_wire
         if done is not None and self.disturbed is not _never and self.disturbed(done[1], done[3]):
-            self._queues.setdefault(done[1], deque()).appendleft(done)
+            self.queues.setdefault(done[1], deque()).appendleft(done)
             self._begin(self._done_ns)
             return None
         return self.end()
@@ -130,7 +131,7 @@ class PacedWire:
         return self._last_load
 
     def _begin(self, now: int) -> None:
-        queues = self._queues
+        queues = self.queues
         if not queues:
             self._on_wire = self.due_ns = None
             return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canopen_control.cia402.modes import mode_name
 from canopen_control.controllers.state_copy import finite
@@ -34,14 +34,37 @@ if TYPE_CHECKING:
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.core import RobotCore
 
-__all__ = ["event_message", "layout_message", "nodes_message", "state_sample", "status_message"]
+__all__ = [
+    "Readings",
+    "event_message",
+    "layout_message",
+    "nodes_message",
+    "readings_of",
+    "state_sample",
+    "status_message",
+]
 
 _MAX_EVENTS = 50
 _LEVELS = {level: level.name.lower() for level in Level}
 
 
-def status_message(robot: RobotCore) -> Status:
-    """Return everything that `status --json` prints."""
+class Readings(NamedTuple):
+    """What status and samples both tell of a moment."""
+
+    cycle: CycleTimes
+    nodes: dict[str, NodeReading]
+    joints: dict[str, JointReading]
+    controllers: dict[str, str]
+
+
+def readings_of(robot: RobotCore) -> Readings:
+    """Return what is read now."""
+    return Readings(_cycle(robot), _nodes(robot), _joints(robot), robot.manager.states)
+
+
+def status_message(robot: RobotCore, readings: Readings | None = None) -> Status:
+    """Return everything that `status --json` prints; of a moment whose readings were made, with these."""
+    read = readings_of(robot) if readings is None else readings
     return Status(
         robot=robot.setup.name,
         version=__version__,
@@ -50,10 +73,10 @@ def status_message(robot: RobotCore) -> Status:
         hint=robot.cycle.clock.hint or robot.hint,
         latched=robot.latch.held,
         latched_by=robot.latch.by,
-        cycle=_cycle(robot),
-        nodes=_nodes(robot),
-        joints=_joints(robot),
-        controllers=robot.manager.states,
+        cycle=read.cycle,
+        nodes=read.nodes,
+        joints=read.joints,
+        controllers=read.controllers,
         true_pose=robot.truth.reading,
         late_edges_s=[edge / 1e9 for edge in LATE_EDGES_NS],
         buses=_buses(robot),
@@ -64,18 +87,19 @@ def status_message(robot: RobotCore) -> Status:
     )
 
 
-def state_sample(robot: RobotCore) -> StateSample:
-    """Return one sample of the state stream."""
+def state_sample(robot: RobotCore, readings: Readings | None = None) -> StateSample:
+    """Return one sample of the state stream; of a moment whose readings were made, with these."""
+    read = readings_of(robot) if readings is None else readings
     return StateSample(
         time=(robot.reactor.now() + robot.wall_offset_ns) / 1e9,
         state=robot.state.value,
         hint=robot.cycle.clock.hint or robot.hint,
         latched=robot.latch.held,
         latched_by=robot.latch.by,
-        cycle=_cycle(robot),
-        nodes=_nodes(robot),
-        joints=_joints(robot),
-        controllers=robot.manager.states,
+        cycle=read.cycle,
+        nodes=read.nodes,
+        joints=read.joints,
+        controllers=read.controllers,
         true_pose=robot.truth.reading,
         load={name: bus.load for name, bus in robot.buses.items()},
         sim_time=simulated_seconds(robot),

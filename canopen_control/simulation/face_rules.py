@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.modes import mode_name
 from canopen_control.rpc.messages.samples import JointStatesSample
-from canopen_control.runtime.status import state_sample, status_message
+from canopen_control.runtime.status import readings_of, state_sample, status_message
 from canopen_control.simulation.wire_view import watched_joints
 
 if TYPE_CHECKING:
@@ -35,10 +35,12 @@ _CALM_NS: Final = 1000 * _MS  # since a node was disturbed
 _SLACK: Final = 0.02
 _LEAST: Final = 1e-3  # rad, rad/s, m or m/s
 _MARGIN_S: Final = 0.3  # by which an event may be before what a listener saw
-_FACES: Final = ("status", "sample")
 _POSITION, _VELOCITY = 1, 2
 _VALUES: Final = {_POSITION: "position", _VELOCITY: "velocity"}
-_STAMP: Final = ("joint_states", "", "stamp")
+Faces = tuple[str, ...]
+_FACES: Final[Faces] = ("status", "sample")
+_PUBLISHED: Final[Faces] = ("joint_states",)
+_STAMP: Final = (_PUBLISHED, "", "stamp")
 _TOLD: Final = 1 << 62
 Truth = tuple[int, float, float]  # time, position, velocity in SI
 
@@ -114,7 +116,7 @@ class FaceRules:
         ]
         self._due = robot.now_ns + _EVERY_NS
         self._calm: dict[int, bool] = {}  # whether a node was left alone for a while, and is on its bus
-        self._wrong_since: dict[tuple[str, str, str], int] = {}  # face, who and what
+        self._wrong_since: dict[tuple[Faces, str, str], int] = {}  # faces, who and what
         self._gone: dict[str, tuple[int, bool]] = {}  # node without supply -> since when, whether it was told ready
         self._ready: dict[str, bool] = {}
         self._told_faults: dict[str, int] = {}
@@ -131,12 +133,13 @@ class FaceRules:
             self._wrong_since.clear()
             self._gone.clear()
             return
-        status, sample = status_message(robot.core), state_sample(robot.core)
+        readings = readings_of(robot.core)
+        status, sample = status_message(robot.core, readings), state_sample(robot.core, readings)
         self._calm = {view.node_id: self._is_calm(view, now) for view in self._nodes.values()}
-        for face, shown in zip(_FACES, (status, sample), strict=True):
-            for name, view in self._nodes.items():
-                self._judge_node(face, shown.nodes[name], view, now)
-            self._judge_joints(face, shown)
+        same = sample.nodes is status.nodes and sample.joints is status.joints
+        self._judge_snapshot(_FACES if same else _FACES[:1], status, now)
+        if not same:
+            self._judge_snapshot(_FACES[1:], sample, now)
         for each in sample.samples.values():
             if isinstance(each, JointStatesSample):
                 self._judge_published(each, now)
@@ -149,63 +152,73 @@ class FaceRules:
         since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
         return since < now - _CALM_NS and self._robot.drives[view.node_id].device is not None
 
+    def _judge_snapshot(self, faces: Faces, shown: Snapshot, now: int) -> None:
+        """Hold what faces show, all of them the same, against what is."""
+        for name, view in self._nodes.items():
+            self._judge_node(faces, shown.nodes[name], view, now)
+        for shaft in self._shafts:
+            told = shown.joints[shaft.joint]
+            self._judge_values(faces, shaft, told.position, told.velocity, now)
+
     # -- states
 
-    def _judge_node(self, face: str, told: NodeReading, view: NodeView, now: int) -> None:
+    def _judge_node(self, faces: Faces, told: NodeReading, view: NodeView, now: int) -> None:
         """Hold the states told of a node, and of its axes, against those that it is in."""
         device = self._robot.drives[view.node_id].device
         if device is None:
             return
         calm = self._calm[view.node_id]
-        self._judge_claim(face, told.name, "NMT", told.nmt_state, device.nmt.state.name, calm, now)
+        self._judge_claim(faces, told.name, "NMT", told.nmt_state, device.nmt.state.name, calm, now)
         for axis in told.axes:
             drive = device.drives[axis.axis]
-            self._judge_claim(face, told.name, "CiA 402", axis.state, drive.state.name, calm, now)
-            self._judge_claim(face, told.name, "mode", axis.mode, mode_name(drive.modes.number), calm, now)
+            self._judge_claim(faces, told.name, "CiA 402", axis.state, drive.state.name, calm, now)
+            self._judge_claim(faces, told.name, "mode", axis.mode, mode_name(drive.modes.number), calm, now)
 
-    def _judge_claim(self, face: str, who: str, what: str, claim: str | None, truth: str, calm: bool, now: int) -> None:
+    def _judge_claim(
+        self, faces: Faces, who: str, what: str, claim: str | None, truth: str, calm: bool, now: int
+    ) -> None:
         if claim is None or claim == truth or not calm:
-            self._wrong_since.pop((face, who, what), None)
-        elif self._lasts((face, who, what), _SOON_NS, now):
-            self._tell("shown_wrong", f"{face}: {who} is told as {claim}, it is {truth}")
+            self._wrong_since.pop((faces, who, what), None)
+        elif self._lasts((faces, who, what), _SOON_NS, now):
+            self._tell_of(faces, f"{who} is told as {claim}, it is {truth}")
 
-    def _judge_joints(self, face: str, shown: Snapshot) -> None:
-        now = self._robot.now_ns
-        for shaft in self._shafts:
-            told = shown.joints[shaft.joint]
-            self._judge_values(face, shaft, told.position, told.velocity, now)
-
-    def _judge_values(self, face: str, shaft: _Shaft, position: float | None, velocity: float | None, now: int) -> None:
+    def _judge_values(
+        self, faces: Faces, shaft: _Shaft, position: float | None, velocity: float | None, now: int
+    ) -> None:
         calm = self._calm[shaft.view.node_id]
         if not calm and self._disturbed.last(shaft.view.node_id):
             shaft.offset = None
-        self._judge_value(face, shaft, _POSITION, position, calm, now)
-        self._judge_value(face, shaft, _VELOCITY, velocity, calm, now)
+        self._judge_value(faces, shaft, _POSITION, position, calm, now)
+        self._judge_value(faces, shaft, _VELOCITY, velocity, calm, now)
 
-    def _judge_value(self, face: str, shaft: _Shaft, which: int, value: float | None, calm: bool, now: int) -> None:
+    def _judge_value(self, faces: Faces, shaft: _Shaft, which: int, value: float | None, calm: bool, now: int) -> None:
         what = _VALUES[which]
         if not calm or shaft.agrees(which, value):
-            self._wrong_since.pop((face, shaft.joint, what), None)
-        elif self._lasts((face, shaft.joint, what), _EVERY_NS, now):
+            self._wrong_since.pop((faces, shaft.joint, what), None)
+        elif self._lasts((faces, shaft.joint, what), _EVERY_NS, now):
             true = shaft.truth[-1][which]
-            self._tell("shown_wrong", f"{face}: the {what} of {shaft.joint} is told as {value}, it is {true:.4f}")
+            self._tell_of(faces, f"the {what} of {shaft.joint} is told as {value}, it is {true:.4f}")
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
         """Judge what ROS publishes as `/joint_states`, and its stamp."""
         by_joint: dict[str, Values] = sample.joints
         for shaft in self._shafts:
             values = by_joint.get(shaft.joint, {})
-            self._judge_values("joint_states", shaft, values.get("position"), values.get("velocity"), now)
+            self._judge_values(_PUBLISHED, shaft, values.get("position"), values.get("velocity"), now)
         late = now - round(sample.time * 1e9) > _LAG_NS + self._robot.setup.cycle_ns
         calm = self._disturbed.hidden_at < now - _CALM_NS and self._robot.started_ns < now - 2 * _CALM_NS
         if not (late and calm):
             self._wrong_since.pop(_STAMP, None)
         elif self._lasts(_STAMP, _SOON_NS, now):
             old = f"{now / 1e9 - sample.time:.3f} s"
-            self._tell("shown_wrong", f"joint_states: stamped {old} ago, each cycle brings new ones")
+            self._tell_of(_PUBLISHED, f"stamped {old} ago, each cycle brings new ones")
 
-    def _lasts(self, wrong: tuple[str, str, str], soon: int, now: int) -> bool:
-        """Whether something wrong, of a face, of somebody, has been so for longer than it takes to be told; once."""
+    def _tell_of(self, faces: Faces, text: str) -> None:
+        for face in faces:
+            self._tell("shown_wrong", f"{face}: {text}")
+
+    def _lasts(self, wrong: tuple[Faces, str, str], soon: int, now: int) -> bool:
+        """Whether something wrong, of faces, of somebody, has been so for longer than it takes to be told; once."""
         since = self._wrong_since.setdefault(wrong, now)
         if now - since <= soon:
             return False

@@ -113,6 +113,7 @@ class ServedSimulation:
         self._held.callback(close_listener, self._socket)
         self._front.add_reader(self._socket, self._on_connection)
         self._clients.on_request = self._on_request
+        player.robot.tells_time = player.robot.core.in_virtual_time = True
 
     def start_bridge(self, arguments: Sequence[str]) -> None:
         """Start the ROS bridge as a client; it ends with `close`."""

@@ -195,19 +195,24 @@ class SimulatedClients:
 
     def connect(self, *, reads: bool) -> SimulatedClient:
         """Come as a new client; the robot serves from the first one on."""
+        self._open()
         return self.admit(SimulatedClient(self, self.robot.host, reads=reads))
 
     def admit(self, client: C) -> C:
         """Let a client in that was made for the robot's process; return it."""
+        self._open()
+        self.all.append(client)
+        self._listener.add(client.end)
+        return client
+
+    def _open(self) -> None:
+        """Let the robot's process serve, where it does not yet."""
         robot = self.robot
         if robot.core is not self._core:
             self._core, self.all = robot.core, []
             self._listener = _Listener(robot.host)
             self._server = ApiServer(robot.core, cast("socket.socket", self._listener))
             self._server.on_request = self.on_request
-        self.all.append(client)
-        self._listener.add(client.end)
-        return client
 
     # -- what they do
 

@@ -113,8 +113,9 @@ class SimulatedRobot:
 
     `core` is the runtime, `drives` those of the nodes by node id, `wires` the buses by name; `on_event`
     hears the robot's events; `started_ns` is when its process was started last, `up` whether it is
-    there, `errors` what its program did wrong, `floor` the world that the drives move it in, with physics: that of the
-    file `world`. One that shares the `time` of others is put on a floor by whoever made that.
+    there, `errors` what its program did wrong, `tells_time` whether clients are told that its time is a simulation's;
+    `floor` is the world that the drives move it in, with physics: that of the file `world`.
+    One that shares the `time` of others is put on a floor by whoever made that.
     """
 
     def __init__(
@@ -132,7 +133,7 @@ class SimulatedRobot:
         self.digest = EventDigest(str(path.parent) for path in setup.files.paths)
         self.errors: list[BaseException] = []
         self.started_ns = 0
-        self.up = False
+        self.up = self.tells_time = False
         self.on_event: Callable[[Event], None] | None = None
         self.setup = dataclasses.replace(setup, channels={name: f"memory:{name}" for name in setup.channels})
         self._ppm = Random(f"{seed}/ppm")
@@ -221,7 +222,7 @@ class SimulatedRobot:
         for wire in self.wires.values():
             wire.members[MASTER] = self.host
         self.core = RobotCore(self.setup, self.host.reactor)
-        self.core.wall_offset_ns, self.core.in_virtual_time = 0, True
+        self.core.wall_offset_ns, self.core.in_virtual_time = 0, self.tells_time
         self.core.on_event = self._hear
 
     def _join(self) -> None:

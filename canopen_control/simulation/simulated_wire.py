@@ -99,8 +99,8 @@ class SimulatedWire:
 
     def send(self, port: SimulatedPort, records: bytes) -> None:
         """Queue what a port sends; what there is no room for, or no bus, is lost and counted."""
-        broken = (self.cut or self._off) and self.silences(port.label)
-        if broken or self._wire.backlog(port.number) > SEND_LIMIT:
+        queue = self._wire.queues.get(port.number)
+        if (queue is not None and len(queue) > SEND_LIMIT) or ((self.cut or self._off) and self.silences(port.label)):
             port.stats.lost += len(records) // RECORD_SIZE
             return
         self._wire.put(port.number, records, self._time.now_ns)
@@ -264,7 +264,7 @@ class SimulatedPort:
         if self._closed:
             raise self._no_bus()
         self.stats.tx += whole_records(records)
-        self._wire.send(self, bytes(records))
+        self._wire.send(self, records if isinstance(records, bytes) else bytes(records))
 
     def flush(self) -> None:
         """Do nothing: the controller's queue takes everything."""

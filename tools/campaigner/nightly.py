@@ -4,10 +4,10 @@
     tools/campaign --hours 1 --seeds 1000 --jobs 2        # a tenth of it, in two processes
     tools/campaign --page                                 # writes docs/reference/seeds.md of the results
 
-Robots take turns, a hundred seeds each, and the results are written after each turn, so that a run that is ended, or
-whose hours are over, is taken up by the next. Results of another version of the package are not added to: its files
-have another check sum. What a breach takes is shrunk and written beside the results. Exit codes: 0 good, 1 breaches or
-not all seeds were run, 2 usage.
+Robots take turns, of two hundred seeds in the proportion of the plan, and the results are written after each turn, so
+that a run that is ended, or whose hours are over, has some of each and is taken up by the next. Results of another
+version of the package are not added to: its files have another check sum. What a breach takes is shrunk and written
+beside the results. Exit codes: 0 good, 1 breaches or not all seeds were run, 2 usage.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ PLANS: Final = (
     Plan("arm6", 1500, 6),
 )
 ALL: Final = sum(plan.seeds for plan in PLANS)
-_TURN: Final = 100
+_ROUND: Final = 200  # seeds of all robots together, each with its share
 _SHRUNK: Final = 5
 
 
@@ -107,7 +107,8 @@ def _take_turns(
             return
         for robot, most in waiting:
             if time.monotonic() < limits.until:
-                robot.turn(min(_TURN, most - robot.results.seeds), limits.jobs, limits.until)
+                share = max(1, robot.plan.seeds * _ROUND // ALL)
+                robot.turn(min(share, most - robot.results.seeds), limits.jobs, limits.until)
                 write_results(path, results)
                 print(results.sentence, flush=True)
 
