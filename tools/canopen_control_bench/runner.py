@@ -29,6 +29,7 @@ FAMILIES = {
     "latency": "from a command to the wire, by API and ROS topic; from the wire to /joint_states",
     "clients": "what ROS bridge, view and monitor do to the cycle",
     "load": "a full bus of 1 Mbit/s, received, decoded and supervised",
+    "buses": "140,000 frames a second on one bus, and eight full ones: frames lost, CPU of hubs and listener",
     "motion": "trajectories: CPU of a cycle, long goals at 1 kHz, set-points of a host that is late",
     "physics": "a robot on a floor beside the same run without; at rest, bit by bit, and its slip",
     "simulate": "robots in virtual time beside real time, 2 and 16 drives, and their boot",
