@@ -11,7 +11,6 @@ import datetime
 import os
 import platform
 import re
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -117,7 +116,6 @@ def describe() -> dict[str, str | int | float | None]:
         "machine": f"{os.cpu_count()} x {_processor()}",
         "kernel": f"{platform.system()} {platform.release()}",
         "python": f"{platform.python_implementation()} {platform.python_version()}",
-        "executable": sys.executable,
         "package": build(),
         "nice": os.getpriority(os.PRIO_PROCESS, 0),
         "load": round(os.getloadavg()[0], 2),
