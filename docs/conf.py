@@ -8,7 +8,7 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parent / "tools")]
 
 from generate import write_pages  # noqa: E402 - the path to it is set above
-from speed_history import write_drawing  # noqa: E402 - as above
+from speed_history import write_history  # noqa: E402 - as above
 
 import canopen_control  # noqa: E402 - as above
 
@@ -31,7 +31,7 @@ default_role = "code"  # what stands in backquotes in a docstring
 smartquotes = False  # two hyphens are those of an option
 
 write_pages(HERE / "generated")
-write_drawing(HERE / "generated")
+write_history(HERE / "generated")
 
 
 def keep_the_tree(_app: object, what: str, name: str, _found: object, _options: object, lines: list[str]) -> None:

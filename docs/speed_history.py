@@ -1,6 +1,7 @@
-"""The drawing of what the bench has seen over time, from the rows that `tools/bench --json` keeps: a panel each robot.
+"""The page of what the bench has seen over time, from the rows that `tools/bench --json` keeps: a drawing each family.
 
-The horizontal axis is the runs in their order, the vertical one the number that is judged, from zero on.
+A panel is a figure, a line of it a build of the package. The horizontal axis is the runs in their order, the vertical
+one the number that is judged, from zero on. A run on a machine that others used meanwhile is a ring, else a dot.
 """
 
 from __future__ import annotations
@@ -13,28 +14,50 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["drawn", "series_of", "write_drawing"]
+__all__ = ["drawn", "series_of", "write_history"]
 
 _HISTORY = Path(__file__).parent / "reference" / "speed_history.json"
-_WIDTH, _HEIGHT, _LEFT, _TOP, _GAP = 640, 120, 60, 34, 52
+_WIDTH, _HEIGHT, _LEFT, _TOP, _GAP = 640, 90, 60, 34, 52
 _COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd")
 _STYLE = "font-family:sans-serif;font-size:12px;fill:#555"
+_BUILDS = ("from the sources", "compiled")
+_PURE = "pure Python"  # what the package calls the first of them
+_IDLE_ENOUGH = 0.9
+_PAGE = """# Speed over time
+
+What each run of `tools/bench --json docs/reference/speed_history.json` has seen: ratios to peers where there are some,
+else what was measured; [the page of speeds](../reference/speed.md) says what they mean. A ring is a run while others
+used the machine, of which times say little and ratios more.
+"""
+
+Series = dict[str, dict[str, list[tuple[int, float]]]]
 
 
-def series_of(rows: Sequence[Mapping[str, Any]], family: str) -> dict[str, dict[str, list[tuple[int, float]]]]:
-    """Return panel -> line -> (run, number) of a family; a figure's name is panel and line, apart by the last comma."""
-    found: dict[str, dict[str, list[tuple[int, float]]]] = {}
+def series_of(rows: Sequence[Mapping[str, Any]], family: str) -> Series:
+    """Return panel -> line -> (run, number) of a family: a line is the build that a figure's name or its run names."""
+    found: Series = {}
     for run, row in enumerate(rows):
         for name, value in row["figures"].get(family, {}).items():
-            panel, _, line = name.rpartition(", ")
-            found.setdefault(panel or name, {}).setdefault(line if panel else "", []).append((run, float(value)))
+            panel, _, build = name.rpartition(", ")
+            if build not in _BUILDS:
+                panel, build = name, _BUILDS[0] if row["package"] == _PURE else str(row["package"])
+            found.setdefault(panel, {}).setdefault(build, []).append((run, float(value)))
     return found
 
 
-def write_drawing(folder: Path) -> None:
-    """Draw the history of simulations that stands beside the page of speeds; a drawing that is the same is left."""
+def write_history(folder: Path) -> None:
+    """Write the page and its drawings; what is the same is left."""
     folder.mkdir(exist_ok=True)
-    path, text = folder / "speed_history.svg", drawn(_HISTORY, "simulate")
+    rows = json.loads(_HISTORY.read_text(encoding="utf-8"))["history"]
+    families = dict.fromkeys(family for row in rows for family, figures in row["figures"].items() if figures)
+    page = _PAGE
+    for family in families:
+        page += f"\n## {family}\n\n![{family} over time](speed_history_{family}.svg)\n"
+        _write(folder / f"speed_history_{family}.svg", drawn(_HISTORY, family))
+    _write(folder / "speed_history.md", page)
+
+
+def _write(path: Path, text: str) -> None:
     if not path.exists() or path.read_text(encoding="utf-8") != text:
         path.write_text(text, encoding="utf-8")
 
@@ -69,7 +92,9 @@ def _panel(
         places = [(_LEFT + _WIDTH * run / last, bottom - _HEIGHT * value / most) for run, value in points]
         corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
         parts.append(f'<polyline points="{corners}" fill="none" stroke="{colour}" stroke-width="2"/>')
-        parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="{colour}"/>' for x, y in places]
-        x = _LEFT + 230 + 150 * number
+        for (run, _), (x, y) in zip(points, places, strict=True):
+            fill = colour if (rows[run].get("idle") or 0.0) >= _IDLE_ENOUGH else "#fff"
+            parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="{fill}" stroke="{colour}"/>')
+        x = _LEFT + 400 + 120 * number
         parts.append(f'<text x="{x}" y="{top - 10}" style="{_STYLE};fill:{colour}">{escape(line)}</text>')
     return parts

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
-__all__ = ["Chart", "Line", "Sampler", "charts", "commanded_interfaces", "names", "titles"]
+__all__ = ["Chart", "Line", "Sampler", "Stillness", "charts", "commanded_interfaces", "names", "titles"]
 
 COMMAND: Final = "#8a94a0"
 ACTUAL: Final = "#1d5fd1"
@@ -24,6 +24,8 @@ COLORS: Final = ("#1d5fd1", "#e07a00", "#16803c", "#b0188f", "#6b4fbb", "#0f8b8d
 _UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "Nm"}
 _LINEAR_UNITS: Final = {"velocity": "m/s", "position": "m", "effort": "N"}
 SHOWN_JOINTS: Final = 12
+STILL_S: Final = 1.0
+_MOVED: Final = 1e-3  # rad or m: an encoder that trembles by a count stands still
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,3 +129,22 @@ class Sampler:
         if before is None or count <= before[1]:
             return None
         return 1e3 * (time - before[0]) / (count - before[1])
+
+
+class Stillness:
+    """Whether the robot stands: no joint has moved, and none was told anything new, for a second of its time."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[float, float | None]] = {}
+        self._since = 0.0
+
+    def take(self, state: StateSample) -> bool:
+        """Take a sample; return whether the robot stands."""
+        for name, joint in state.joints.items():
+            place, command = joint.position or 0.0, joint.command
+            before = self._known.get(name)
+            if before is None or abs(place - before[0]) > _MOVED or command != before[1]:
+                self._known[name], self._since = (place, command), state.time
+        if state.time < self._since:  # another clock
+            self._since = state.time
+        return state.time - self._since >= STILL_S

@@ -30,6 +30,7 @@ from canopen_control.view.page import Page, build_waiting
 from canopen_control.view.page_server import PageServer, listen, silence
 from canopen_control.view.robot_connection import RobotConnection, in_thread
 from canopen_control.view.robot_view import RobotView
+from canopen_control.view.sampling import Stillness
 from canopen_control.view.trajectory_player import TrajectoryPlayer
 from canopen_control.view.world_view import read_shapes
 
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 __all__ = ["ViewApp"]
 
 SEEN_HZ: Final = 25.0  # samples of the state while somebody looks
+STILL_HZ: Final = 10.0  # while it stands
 UNSEEN_HZ: Final = 5.0
 _TICK_S: Final = 0.2  # between two updates: what is read, not watched
 _RETRY_S: Final = 0.5
@@ -77,6 +79,7 @@ class ViewApp:
         self._letting_go: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
         self._known: RobotView | None = None
+        self._stillness, self._stands = Stillness(), False
         self._controller_states: dict[str, str] | None = None
         self._meshes = 0
 
@@ -211,7 +214,7 @@ class ViewApp:
     def _set_rate(self) -> None:
         if self._connection is not None:
             try:
-                self._connection.subscribe(SEEN_HZ if self._pages else UNSEEN_HZ)
+                self._connection.subscribe((STILL_HZ if self._stands else SEEN_HZ) if self._pages else UNSEEN_HZ)
             except RemoteError as error:
                 self._drop(str(error))
 
@@ -251,6 +254,9 @@ class ViewApp:
         if state.controllers != self._controller_states:
             self._controller_states = state.controllers
             self._start(self._follow_controllers(robot))
+        if self._stillness.take(state) is not self._stands:
+            self._stands = not self._stands
+            self._set_rate()
         changed = robot.take(state)
         for page in list(self._pages.values()) if changed else ():
             page.send({"scene": changed})

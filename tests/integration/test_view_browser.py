@@ -241,6 +241,21 @@ def test_a_trajectory_is_previewed_standing_then_played_until_the_page_is_closed
         assert max(abs(each.position) for each in joints()) < 1.0
 
 
+def _what_nobody_sees_is_not_drawn(page):
+    """Take the picture out of sight, move the robot in it, and bring it back."""
+    place = "document.querySelector('.cc-middle canvas').parentElement.style"
+    move = "x => window.dispatchEvent(new CustomEvent('cc-scene', { detail: { pose: [x, 0, 0] } }))"
+    page.page.evaluate(f"{place}.display = 'none'")
+    page.page.wait_for_timeout(300)
+    drawn = page.page.evaluate("window.ccScene.drawn()")
+    for step in range(10):
+        page.page.evaluate(move, step / 10)
+    page.page.wait_for_timeout(300)
+    assert page.page.evaluate("window.ccScene.drawn()") == drawn
+    page.page.evaluate(f"{place}.display = ''")
+    assert eventually(lambda: page.page.evaluate("window.ccScene.drawn()") > drawn, 10)
+
+
 def test_a_simulated_base_has_its_own_way_beside_that_of_odometry(show, stage, keep):
     (stage.place / "floor.yml").write_text(plant_text(track=1.3))
     show = show("vtruth", "--controller", DIFF_DRIVE, "--plant", stage.place / "floor.yml")
@@ -262,5 +277,6 @@ def test_a_simulated_base_has_its_own_way_beside_that_of_odometry(show, stage, k
     page.page.evaluate("world => window.dispatchEvent(new CustomEvent('cc-world', { detail: world }))", world)
     assert page.page.evaluate("window.ccScene.world()[0]") == pytest.approx([0.5, 2.0, 0.2])
     keep(page, "true_pose")
+    _what_nobody_sees_is_not_drawn(page)
     page.page.reload()
     assert eventually(lambda: len(page.page.evaluate("window.ccScene?.trail('truth') || []")) > 50, 20)

@@ -2,7 +2,7 @@ import pytest
 from support.pages import TARGET, drive_state, state
 from support.samples import controllers_of
 
-from canopen_control.view.sampling import Sampler, charts, commanded_interfaces, names, titles
+from canopen_control.view.sampling import Sampler, Stillness, charts, commanded_interfaces, names, titles
 
 
 def sample(time=100.0, count=10, **joint):
@@ -62,3 +62,20 @@ def test_no_chart_has_a_line_that_is_not_sampled_and_many_joints_are_cut():
     rows = set(names(joints, ["can"]))
     assert {line.row for chart in charts(joints, ["can"]) for line in chart.lines} <= rows
     assert len(charts(joints, [])) == 12 + 3
+
+
+def test_a_robot_stands_when_nothing_has_moved_and_nothing_new_was_told_for_a_second():
+    stillness = Stillness()
+    assert not stillness.take(sample(100.0, position=1.0))
+    assert not stillness.take(sample(100.9, position=1.0005))
+    assert stillness.take(sample(101.0, position=1.0005))
+    assert not stillness.take(sample(101.1, position=1.1)), "it has moved"
+    assert stillness.take(sample(102.2, position=1.1))
+    assert not stillness.take(sample(102.3, position=1.1, command=4.0)), "it is told to"
+    assert not stillness.take(sample(50.0, position=1.1, command=4.0)), "another clock"
+    assert stillness.take(sample(51.0, position=1.1, command=4.0))
+
+
+def test_what_creeps_does_not_stand():
+    stillness = Stillness()
+    assert not any(stillness.take(sample(100 + n / 10, position=2e-4 * n)) for n in range(60))

@@ -24,7 +24,7 @@ from canopen_control.view import view_app
 from canopen_control.view.dead_man import joint_motion
 from canopen_control.view.loaded_trajectory import LoadedTrajectory
 from canopen_control.view.robot_connection import RobotConnection
-from canopen_control.view.view_app import SEEN_HZ, UNSEEN_HZ, ViewApp
+from canopen_control.view.view_app import SEEN_HZ, STILL_HZ, UNSEEN_HZ, ViewApp
 
 FORWARD = "robby_forward_controller"
 MOTION = joint_motion(FORWARD, [3.0, 3.0], [0.0, 0.0])
@@ -187,6 +187,20 @@ def test_samples_come_fast_while_somebody_looks(robot, play, monkeypatch):
 
     play(act)
     assert rates == [UNSEEN_HZ, SEEN_HZ, UNSEEN_HZ]
+
+
+def test_samples_come_slower_while_the_robot_stands(robot, play, monkeypatch):
+    rates, still = [], [False, True, True, False]
+
+    async def act(app):
+        await connected(app)
+        app._pages["page 1"] = Page()
+        monkeypatch.setattr(app._stillness, "take", lambda _state: still.pop(0) if still else False, raising=False)
+        monkeypatch.setattr(RobotConnection, "subscribe", lambda self, rate: rates.append(rate))
+        await until(lambda: not still)
+
+    play(act)
+    assert rates[:2] == [STILL_HZ, SEEN_HZ]
 
 
 def test_a_page_is_told_what_was_then_what_is(robot, play):

@@ -1,7 +1,8 @@
 """What earlier runs have seen: a row for each run, kept in the file that `--json` writes, the newest last.
 
-A row has the date, the package, how idle the machine was before the run, and of each figure the number that is judged:
-the ratio, or what was measured where there is no peer. Whoever draws it finds all he needs in the file.
+A row has the date, the machine, the package, whether processors were kept awake, how idle the machine was before the
+run, and of each figure the number that is judged: the ratio, or what was measured where there is no peer. Whoever draws
+it finds all he needs in the file. A run is held against the last one of the same machine and package, figure by figure.
 """
 
 from __future__ import annotations
@@ -9,22 +10,30 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from canopen_control_bench.figure import AT_LEAST
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from canopen_control_bench.figure import Figure
 
-__all__ = ["MOST_RUNS", "kept_rows", "row_of"]
+__all__ = ["MOST_RUNS", "SLOWER", "kept_rows", "row_of", "slower_than_before"]
 
 MOST_RUNS = 500
+SLOWER = 1.25  # times what it was is worth a word: a ratio of medians differs by a tenth from run to run
+_IDLE_ENOUGH = 0.9
+_SAME = ("machine", "package", "processors", "quick")
 _PARTS = {"date": str, "package": str, "figures": dict}
 
 
 def row_of(machine: Mapping[str, Any], figures: Mapping[str, Sequence[Figure]], *, quick: bool) -> dict[str, Any]:
     """Return the row of a run."""
-    judged = {family: {each.name: each.judged for each in found} for family, found in figures.items()}
-    of_machine = {name: machine.get(name) for name in ("date", "package", "machine", "idle")}
+    judged = {
+        family: dict(zip(_names(found), (each.judged for each in found), strict=True))
+        for family, found in figures.items()
+    }
+    of_machine = {name: machine.get(name) for name in ("date", "package", "machine", "processors", "idle")}
     return {**of_machine, "quick": quick, "figures": judged}
 
 
@@ -39,3 +48,39 @@ def kept_rows(path: Path) -> list[dict[str, Any]]:
 
 def _is_row(row: object) -> bool:
     return isinstance(row, dict) and all(isinstance(row.get(name), kind) for name, kind in _PARTS.items())
+
+
+def _names(figures: Sequence[Figure]) -> list[str]:
+    """Return what figures are called in a row: a name that several have, each beside its peer, has the peer too."""
+    several = [each.name for each in figures]
+    return [each.name if several.count(each.name) == 1 else f"{each.name} / {each.peer_name}" for each in figures]
+
+
+def slower_than_before(
+    rows: Sequence[Mapping[str, Any]], row: Mapping[str, Any], figures: Mapping[str, Sequence[Figure]]
+) -> list[str]:
+    """Say which figures of `row` are worse than in the last run of the same machine that has them.
+
+    A time is only compared where the machine was idle both times; a ratio or a count always.
+    """
+    found = []
+    like = [each for each in reversed(rows) if all(each.get(key, row[key]) == row[key] for key in _SAME)]
+    for family, seen in figures.items():
+        for name, figure in zip(_names(seen), seen, strict=True):
+            last = next((each for each in like if name in each["figures"].get(family, {})), None)
+            if last is None or not (figure.steady or (_was_idle(row) and _was_idle(last))):
+                continue
+            before = float(last["figures"][family][name])
+            if figure.limit is not None and _is_worse(figure, before):
+                found.append(f"{family}: {name}: {figure.judged:.3g}, {before:.3g} on {last['date'][:10]}")
+    return found
+
+
+def _was_idle(row: Mapping[str, Any]) -> bool:
+    return (row.get("idle") or 0.0) >= _IDLE_ENOUGH
+
+
+def _is_worse(figure: Figure, before: float) -> bool:
+    if figure.direction == AT_LEAST:
+        return figure.judged * SLOWER < before
+    return figure.judged > before * SLOWER

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.errors import CanopenError
 from canopen_control.runtime.realtime import keep_awake
-from canopen_control_bench.history import kept_rows, row_of
+from canopen_control_bench.history import kept_rows, row_of, slower_than_before
 from canopen_control_bench.machine import describe
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ FAMILIES = {
     "latency": "from a command to the wire, by API and ROS topic; from the wire to /joint_states",
     "clients": "what ROS bridge, view and monitor do to the cycle",
     "load": "a full bus of 1 Mbit/s, received, decoded and supervised",
+    "buses": "140,000 frames a second on one bus, and eight full ones: frames lost, CPU of hubs and listener",
     "motion": "trajectories: CPU of a cycle, long goals at 1 kHz, set-points of a host that is late",
     "physics": "a robot on a floor beside the same run without; at rest, bit by bit, and its slip",
     "simulate": "robots in virtual time beside real time, 2 and 16 drives, and their boot",
@@ -73,7 +74,8 @@ class Options:
 class Report:
     """What was measured, where and when; `failures` says why a family could not be.
 
-    `last` is what an earlier run has seen, by family, figure and peer, and `last_run` which one that was.
+    `last` is what an earlier run has seen, by family, figure and peer, and `last_run` which one that was; `slower` says
+    what is worse than in the last run of this machine.
     """
 
     machine: dict[str, Any]
@@ -82,6 +84,7 @@ class Report:
     failures: dict[str, str] = field(default_factory=dict)
     last: dict[tuple[str, str, str], float] = field(default_factory=dict)
     last_run: str = ""
+    slower: list[str] = field(default_factory=list)
 
     def short(self) -> list[Figure]:
         """Return the figures that are not what they must be; of a quick run what no busy machine changes."""
@@ -103,6 +106,7 @@ class Report:
 
     def put_beside(self, path: Path) -> None:
         """Show what an earlier run has written to a file beside; one that is not there, or no report, says nothing."""
+        self.slower = slower_than_before(kept_rows(path), self._row(), self.figures)
         try:
             found = json.loads(path.read_text())
             last_run = f"{found['machine']['date']}, {found['machine']['package']}"
@@ -118,10 +122,13 @@ class Report:
     def write(self, path: Path) -> None:
         """Write it as JSON, with a row of this run below those of the runs that the file has."""
         figures = {name: [each.as_dict() for each in figures] for name, figures in self.figures.items()}
-        history = [*kept_rows(path), row_of(self.machine, self.figures, quick=self.quick)]
+        history = [*kept_rows(path), self._row()]
         found = {"machine": self.machine, "quick": self.quick, "figures": figures, "failures": self.failures}
         found["history"] = history
         path.write_text(json.dumps(found, indent=2) + "\n")
+
+    def _row(self) -> dict[str, Any]:
+        return row_of(self.machine, self.figures, quick=self.quick)
 
     def __str__(self) -> str:
         machine = self.machine
@@ -136,6 +143,7 @@ class Report:
                 *([f"last: {self.last_run}"] if self.last_run else []),
                 *(f"\n{name}\n{self._table(name, figures)}" for name, figures in self.figures.items() if figures),
                 *(f"\n{name}\n  FAILED: {text}" for name, text in self.failures.items()),
+                *(f"\nslower than before: {text}" for text in self.slower),
             ]
         )
 

@@ -1,6 +1,6 @@
-// three.js comes after the page is there: STOP and the state wait for no picture. Drawn is only what has changed, and
-// with fewer pixels where a processor has to draw it.
-const FAULT = 0xd62828, SLOW_MS = 45, LEAST_RATIO = 0.5;
+// three.js comes after the page is there: STOP and the state wait for no picture. Drawn is only what has changed while
+// somebody can see it, and with fewer pixels where a processor has to draw it.
+const FAULT = 0xd62828, SLOW_MS = 45, LEAST_RATIO = 0.5, MOST_POINTS = 1500;
 const BELIEVED = 0x266ec8, TRUE = 0xe07a00; // the ways of odometry and of the base itself
 const STANDING = 0x9aa7b5, MOVING = 0xc79a5b, OTHER = 0x8d7fc7; // of a world: what stands fast, what can be pushed, other robots
 const SLIPPERY = 0x6fb7d6, GRIPPY = 0xb98a6a, USUAL = 0.5; // patches of the floor, by their friction
@@ -16,7 +16,8 @@ export default {
   props: { tree: Object },
   data: () => ({ note: "" }),
   async mounted() {
-    this.follow = true;
+    this.follow = this.visible = true;
+    this.drawn = 0;
     this.latest = {};
     this.robot = JSON.parse(JSON.stringify(this.tree)); // plain, not watched by the toolkit
     this.listen("cc-scene", (event) => this.move(event.detail));
@@ -36,15 +37,19 @@ export default {
     this.build(parts.THREE);
     this.seen = new ResizeObserver(() => this.resize());
     this.seen.observe(this.$el);
+    this.inSight = new IntersectionObserver((seen) => this.show(seen[seen.length - 1].isIntersecting));
+    this.inSight.observe(this.$el);
     this.move(this.latest);
     for (const name in this.trails) this.drawTrail(name);
     if (this.latestWorld) this.setWorld(this.latestWorld);
     window.ccScene = { place: (name, ghost) => this.place(name, ghost), trail: (name) => this.trails[name].points,
+      drawn: () => this.drawn,
       world: () => (this.world ? this.world.group.children.map((each) => each.getWorldPosition(new parts.THREE.Vector3()).toArray()) : []) };
   },
   beforeUnmount() {
     for (const [name, handler] of this.handlers || []) window.removeEventListener(name, handler);
     this.seen?.disconnect();
+    this.inSight?.disconnect();
     this.renderer?.dispose();
   },
   methods: {
@@ -318,19 +323,23 @@ export default {
       if (moved < 0.01) return;
       if (points.length && moved > 1) points.length = 0;
       points.push([x, y]);
-      if (points.length > 1500) points.shift();
+      if (points.length > MOST_POINTS) points.shift();
       this.drawTrail(name);
     },
     drawTrail(name) {
+      // the way grows many times a second, so that its places are written where they are
       const THREE = this.parts.THREE, trail = this.trails[name];
-      const points = trail.points.map(([x, y]) => new THREE.Vector3(x, y, 0.002));
       if (!trail.line) {
-        trail.line = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: trail.color }));
+        const geometry = new THREE.BufferGeometry();
+        geometry.setAttribute("position", new THREE.Float32BufferAttribute(new Float32Array(3 * MOST_POINTS), 3));
+        trail.line = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: trail.color }));
         trail.line.frustumCulled = false;
         this.scene.add(trail.line);
       }
-      trail.line.geometry.dispose();
-      trail.line.geometry = new THREE.BufferGeometry().setFromPoints(points);
+      const places = trail.line.geometry.getAttribute("position"), points = trail.points.slice(-MOST_POINTS);
+      points.forEach(([x, y], number) => places.setXYZ(number, x, y, 0.002));
+      places.needsUpdate = true;
+      trail.line.geometry.setDrawRange(0, points.length);
     },
     place(name, ghost = false) {
       const drawn = ghost ? this.ghost?.getObjectByName(name) : this.links?.get(name);
@@ -348,13 +357,20 @@ export default {
       this.camera.updateProjectionMatrix();
       this.wake();
     },
+    show(visible) {
+      // scrolled out of sight nothing is drawn; what has changed meanwhile is, once it is back
+      this.visible = visible;
+      if (visible && this.missed) this.wake();
+    },
     wake() {
-      if (this.waking) return;
+      this.missed = !this.visible;
+      if (this.waking || this.missed) return;
       this.waking = true;
       requestAnimationFrame(() => this.draw());
     },
     draw() {
       this.waking = false;
+      this.drawn += 1;
       const begin = performance.now();
       this.renderer.render(this.scene, this.camera);
       if (this.tried === undefined || this.ratio > LEAST_RATIO) this.judge(performance.now() - begin);
