@@ -11,6 +11,7 @@ from canopen_control.rpc.messages.state import StateSample
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import Description, NodeListing
     from canopen_control.rpc.messages.state import RobotEvent, Status
+    from canopen_control.rpc.messages.world_shape import WorldShape
 
 __all__ = ["Pose", "RobotInfo", "VirtualNode", "pose_of", "read_robot_info", "true_pose_of"]
 
@@ -39,6 +40,7 @@ class RobotInfo:
     joints: tuple[str, ...]
     state: StateSample
     events: tuple[RobotEvent, ...] = field(default=(), compare=False)
+    world: tuple[WorldShape, ...] = field(default=(), compare=False)
 
     @property
     def shape(self) -> object:
@@ -68,6 +70,7 @@ def read_robot_info(robot: str, description: Description, listing: NodeListing, 
         tuple(sorted(status.joints)),
         state,
         tuple(status.events),
+        description.world,
     )
 
 
