@@ -5,19 +5,25 @@ Apart from that of a robot: verbs that ask a robot do not wait for the import of
 
 from __future__ import annotations
 
+import contextlib
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import ConfigError
+from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.lineclient import LineClient
-from canopen_control.host.sockets import drive_name, socket_path
+from canopen_control.host.sockets import drive_name, list_sockets, socket_path
 from canopen_control.rpc.client import Client
-from canopen_control.rpc.messages.drive import DRIVE, DriveEvent, DriveHello
+from canopen_control.rpc.messages.drive import DRIVE, DriveEvent, DriveHello, GetWorldShapes
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from typing import Self
 
-__all__ = ["DriveClient", "signal_values"]
+    from canopen_control.rpc.messages.world_shape import WorldShape
+
+__all__ = ["DriveClient", "shapes_of_world", "signal_values"]
+
+_SHAPES_S: Final = 1.0
 
 
 class DriveClient(Client[DriveHello, DriveEvent]):
@@ -29,6 +35,21 @@ class DriveClient(Client[DriveHello, DriveEvent]):
         label = label or f"the virtual drive {node_id} on {channel}"
         stream = LineClient(socket_path("drive", drive_name(channel, node_id)), timeout, label=label)
         return cls(DRIVE, stream, timeout)
+
+
+def shapes_of_world(nodes: Iterable[tuple[str, int]]) -> tuple[WorldShape, ...]:
+    """Ask the virtual drives that are there, by channel and node id, until one knows of shapes in its world.
+
+    Waits, a second for each at most.
+    """
+    alive = set(list_sockets("drive"))
+    for channel, node_id in nodes:
+        if drive_name(channel, node_id) not in alive:
+            continue
+        with contextlib.suppress(RemoteError), DriveClient.connect(channel, node_id, _SHAPES_S) as client:
+            if found := client.ask(GetWorldShapes()):
+                return found
+    return ()
 
 
 def signal_values(text: str) -> dict[str, float]:

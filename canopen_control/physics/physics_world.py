@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from canopen_control.physics.disturbances import Disturbances
     from canopen_control.physics.physics_file import AxisAddress
     from canopen_control.physics.world_robot import WorldRobot
-    from canopen_control.rpc.messages.drive import WorldAct, WorldShape, WorldState
+    from canopen_control.rpc.messages.drive import WorldAct, WorldState
+    from canopen_control.rpc.messages.world_shape import WorldShape
 
 __all__ = ["PhysicsWorld", "WorldSide"]
 

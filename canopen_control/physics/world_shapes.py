@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import mujoco
 import numpy as np
 
-from canopen_control.rpc.messages.drive import WorldShape
+from canopen_control.rpc.messages.world_shape import WorldShape
 from canopen_control.urdf.geometry import from_yaw
 
 if TYPE_CHECKING:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import open_port, parse_channel
 from canopen_control.bus.port_abilities import Stamping, receive_stamped
+from canopen_control.client.drive_client import shapes_of_world
 from canopen_control.client.robot_client import RobotClient
 from canopen_control.errors import BusError, CanopenError
 from canopen_control.frame import RECORD_SIZE
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from canopen_control.host.timer import Timer
     from canopen_control.rpc.messages.robot import RobotPush
     from canopen_control.rpc.messages.state import Status
+    from canopen_control.rpc.messages.world_shape import WorldShape
 
 __all__ = ["WINDOW_NS", "FlightRecorder", "flight_folder", "main"]
 
@@ -81,6 +83,7 @@ class FlightRecorder:
         self._robot: RobotClient | None = None
         self._status: Status | None = None
         self._layout = Layout()
+        self._world: tuple[WorldShape, ...] = ()
         self._repeated: set[bytes] = set()
         self._writer: tuple[int, int] | None = None  # process id and pipe of the copy that writes
         self._finished = False
@@ -145,6 +148,7 @@ class FlightRecorder:
             robot.ask(Subscribe(state_rate=STATE_RATE, events=True, requests=True))
             self._layout = robot.ask(GetLayout())
             self._status = status = robot.ask(GetStatus())
+            self._look_at_world()
         except CanopenError:
             self._disconnect()
             return
@@ -161,10 +165,17 @@ class FlightRecorder:
                 self._on_event(event)
 
     def _refresh(self) -> None:
-        """Ask for boot table, counters and the histogram of the cycle."""
+        """Ask for boot table, counters and the histogram of the cycle, and virtual drives for their world."""
+        self._look_at_world()
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
                 self._status = self._robot.ask(GetStatus())
+
+    def _look_at_world(self) -> None:
+        """Take what stands in the world of virtual drives; where none knows of any, what was seen before stays."""
+        nodes = [(self.buses[bus], node.node_id) for bus, layout in self._layout.buses.items() if bus in self.buses
+                 for node in layout.nodes]  # fmt: skip
+        self._world = shapes_of_world(nodes) or self._world
 
     def _disconnect(self) -> None:
         if self._robot is not None:
@@ -256,6 +267,7 @@ class FlightRecorder:
             faults_left_out=self._trigger.left_out,
             layout=self._layout,
             status=self._status,
+            world=self._world,
         )
         can = candump_lines(self._frames.batches(since), list(self.buses), offset)
         try:

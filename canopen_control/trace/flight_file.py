@@ -37,6 +37,7 @@ from canopen_control.rpc.messages.declare import Count, Document, UnixTime
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.robot import Asked
 from canopen_control.rpc.messages.state import RobotEvent, StateSample, Status, TimedSnapshot
+from canopen_control.rpc.messages.world_shape import WorldShape
 from canopen_control.rpc.wire import decode, text_of
 
 if TYPE_CHECKING:
@@ -99,7 +100,8 @@ class FlightMeta(FlightFormat, frozen=True, kw_only=True):
     """What a recording says of itself: `reason` is the fault it is about, `written` and `begin` are Unix seconds.
 
     `unheard` are buses that could not be listened to, `frames_lost` came faster than they were recorded,
-    `faults_left_out` have no file of their own. `status` is None where the robot never answered.
+    `faults_left_out` have no file of their own. `status` is None where the robot never answered. `world` is what stood
+    in the world of a simulated robot when the file was written.
     """
 
     format: str = FORMAT
@@ -114,6 +116,7 @@ class FlightMeta(FlightFormat, frozen=True, kw_only=True):
     faults_left_out: Count = 0
     layout: Layout = Layout()
     status: Status | None = None
+    world: tuple[WorldShape, ...] = ()
 
 
 @dataclass(slots=True)

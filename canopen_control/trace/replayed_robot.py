@@ -53,7 +53,8 @@ class ReplayedRobot:
         if not samples:
             raise ConfigError(f"there are no states of {meta.robot} in the recording, so that there is nothing to see")
         self.name, self.over, self._begun = name, False, False
-        self._meta, self._samples, self._description = meta, samples, description
+        self._meta, self._samples = meta, samples
+        self._description = Description(description.urdf, description.path, meta.world)
         self._events = sorted(events, key=lambda each: each.time)
         self._reactor, self._speed = reactor, speed
         self._at = 0

@@ -11,6 +11,7 @@ from canopen_control.rpc.messages.state import StateSample
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import Description, NodeListing, NodePlace
     from canopen_control.rpc.messages.state import RobotEvent, Status
+    from canopen_control.rpc.messages.world_shape import WorldShape
 
 __all__ = ["Pose", "RobotInfo", "VirtualNode", "pose_of", "read_robot_info", "true_pose_of"]
 
@@ -40,6 +41,7 @@ class RobotInfo:
     state: StateSample
     events: tuple[RobotEvent, ...] = field(default=(), compare=False)
     places: tuple[NodePlace, ...] = ()
+    world: tuple[WorldShape, ...] = field(default=(), compare=False)
 
     @property
     def shape(self) -> object:
@@ -70,6 +72,7 @@ def read_robot_info(robot: str, description: Description, listing: NodeListing, 
         state,
         tuple(status.events),
         tuple(sorted(listing.nodes, key=lambda each: each.node_id)),
+        description.world,
     )
 
 

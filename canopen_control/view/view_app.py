@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import ui
 
 from canopen_control.client import RobotClient, select_robot
+from canopen_control.client.drive_client import shapes_of_world
 from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.host.spawn import lifeline_fd
 from canopen_control.rpc.messages.robot import Tell
@@ -32,7 +33,6 @@ from canopen_control.view.robot_connection import RobotConnection, in_thread
 from canopen_control.view.robot_view import RobotView
 from canopen_control.view.sampling import Stillness
 from canopen_control.view.trajectory_player import TrajectoryPlayer
-from canopen_control.view.world_view import read_shapes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -289,7 +289,8 @@ class ViewApp:
         while True:
             robot, moves = self._known, False
             if robot is not None and self._pages and robot.state.true_pose is not None:
-                shapes = await in_thread(partial(read_shapes, robot.info.nodes))
+                nodes = [(node.channel, node.node_id) for node in robot.info.nodes]
+                shapes = await in_thread(partial(shapes_of_world, nodes)) or robot.info.world
                 news, moves = robot.world.take(shapes, robot.state), any(each.moves for each in shapes)
                 if news is not None:
                     for page in list(self._pages.values()):

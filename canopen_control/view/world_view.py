@@ -6,25 +6,16 @@ from the true pose. A real drive has no socket that could be asked.
 
 from __future__ import annotations
 
-import contextlib
 import math
-from typing import TYPE_CHECKING, Final, TypedDict
-
-from canopen_control.client.drive_client import DriveClient
-from canopen_control.errors import RemoteError
-from canopen_control.host.sockets import drive_name, list_sockets
-from canopen_control.rpc.messages.drive import GetWorldShapes
+from typing import TYPE_CHECKING, TypedDict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
-    from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.rpc.messages.state import StateSample
-    from canopen_control.view.robot_info import VirtualNode
+    from canopen_control.rpc.messages.world_shape import WorldShape
 
-__all__ = ["WorldDocument", "WorldView", "read_shapes"]
-
-_TIMEOUT_S: Final = 1.0
+__all__ = ["WorldDocument", "WorldView"]
 
 
 class _ShapeDocument(TypedDict):
@@ -44,18 +35,6 @@ class WorldDocument(TypedDict):
 
     place: list[float]
     shapes: list[_ShapeDocument]
-
-
-def read_shapes(nodes: Iterable[VirtualNode]) -> tuple[WorldShape, ...]:
-    """Ask the virtual drives that are there until one knows of shapes; waits, a second for each at most."""
-    alive = set(list_sockets("drive"))
-    for node in nodes:
-        if drive_name(node.channel, node.node_id) not in alive:
-            continue
-        with contextlib.suppress(RemoteError), DriveClient.connect(node.channel, node.node_id, _TIMEOUT_S) as client:
-            if found := client.ask(GetWorldShapes()):
-                return found
-    return ()
 
 
 class WorldView:

@@ -1,16 +1,20 @@
 """The client of a virtual drive, against one that runs in a thread."""
 
 import os
+from types import SimpleNamespace
 
 import pytest
 from support.onbus import TMCM, OnBus
 
-from canopen_control.client.drive_client import DriveClient, signal_values
+from canopen_control.client import drive_client
+from canopen_control.client.drive_client import DriveClient, shapes_of_world, signal_values
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.drive import GetDriveState, ListFaults, SetPlant, SwitchFault
+from canopen_control.rpc.messages.world_shape import WorldShape
 from canopen_control.virtual.control import NodeControl
 
 CHANNEL = "memory:client"
+BOX = WorldShape(name="box 0", kind="box", size=(1.0, 2.0, 3.0), position=(0.5, 0.0, 1.5))
 
 
 @pytest.fixture
@@ -57,3 +61,30 @@ def test_signals_are_read_as_people_write_them(text, values):
 def test_what_is_no_value_of_a_signal_is_refused(text):
     with pytest.raises(ConfigError, match="write SIGNAL=NUMBER"):
         signal_values(text)
+
+
+def test_the_first_drive_that_knows_of_shapes_is_asked(monkeypatch):
+    asked = []
+
+    class Drive(SimpleNamespace):
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            return None
+
+        def ask(self, _request):
+            asked.append(self.node_id)
+            return (BOX,) if self.node_id == 3 else ()
+
+    def connect(_channel, node_id, _timeout):
+        if node_id == 4:
+            raise RemoteError("BusClosed", "it is gone")
+        return Drive(node_id=node_id)
+
+    monkeypatch.setattr(drive_client.DriveClient, "connect", connect)
+    monkeypatch.setattr(drive_client, "list_sockets", lambda _kind: ["desk-2", "desk-3", "desk-4"])
+    nodes = [("local:desk", number) for number in (1, 4, 2, 3)]
+    assert shapes_of_world(nodes) == (BOX,)
+    assert asked == [2, 3]
+    assert shapes_of_world(nodes[:3]) == ()

@@ -81,7 +81,7 @@ def test_what_happens_to_one_does_not_to_the_other(tmp_path):
     go((left, right), 1.0)
     assert abs(pose(right)[1]) > 0.01
     assert pose(left) == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
-    with pytest.raises(PhysicsError, match=r"hall.yml: the robot has no link 'arm'"):
+    with pytest.raises(PhysicsError, match=r"hall\.yml:4:9: the robot has no link 'arm'"):
         shared(tmp_path, HALL + "steps: [{{at: 1s, robot: left, push: {{force: [1, 0, 0], on: arm}}}}]\n")
 
 

@@ -1,6 +1,7 @@
 import json
 
 import pytest
+from msgspec.structs import replace
 from support.samples import event_of, sample_of
 
 from canopen_control.errors import ConfigError
@@ -9,6 +10,7 @@ from canopen_control.host.reactor import ManualClock, Reactor
 from canopen_control.host.sockets import socket_path
 from canopen_control.rpc.messages.robot import Description
 from canopen_control.rpc.messages.state import RobotEvent
+from canopen_control.rpc.messages.world_shape import WorldShape
 from canopen_control.trace.flight_file import FlightMeta, read_samples, save
 from canopen_control.trace.replayed_robot import ReplayedRobot
 
@@ -25,11 +27,11 @@ def samples(*times):
 class Watched:
     """A recording under a manual clock, and a bare connection to it."""
 
-    def __init__(self, times, **how):
+    def __init__(self, times, meta=META, **how):
         self.reactor = Reactor(ManualClock(S))
         events = [event_of({"time": 1.05, "kind": "x", "node": None, "level": "info", "text": "it was so"})]
         described = Description("<robot/>", "/robby.urdf")
-        self.robot = ReplayedRobot("was", META, samples(*times), events, described, self.reactor, **how)
+        self.robot = ReplayedRobot("was", meta, samples(*times), events, described, self.reactor, **how)
         self.reactor.run_for(0)
         self.client = LineClient(socket_path("robot", "was"))
         self.hello = self.receive()
@@ -107,6 +109,12 @@ def test_what_a_page_asks_is_answered_and_what_moves_is_refused(watched):
     refused = w.ask("stop", latch=True)
     assert refused["message"] == "was is a recording of robby: nothing in it can be changed"
     assert "is a recording" in w.ask("twist", controller="base", linear=1.0, angular=0.0)["message"]
+
+
+def test_what_stood_in_the_world_is_told_with_the_description(watched):
+    box = {"name": "box 0", "kind": "box", "size": [1.0, 2.0, 3.0], "position": [0.5, 0.0, 1.5]}
+    meta = replace(META, world=(WorldShape(**box),))
+    assert watched(1.0, meta=meta).ask("description") == {"urdf": "<robot/>", "path": "/robby.urdf", "world": [box]}
 
 
 def test_a_recording_without_states_is_told():

@@ -1,14 +1,10 @@
 import math
-from types import SimpleNamespace
 
 import pytest
 from support.pages import state
 
-from canopen_control.errors import RemoteError
-from canopen_control.rpc.messages.drive import WorldShape
-from canopen_control.view import world_view
-from canopen_control.view.robot_info import VirtualNode
-from canopen_control.view.world_view import WorldView, read_shapes
+from canopen_control.rpc.messages.world_shape import WorldShape
+from canopen_control.view.world_view import WorldView
 
 BOX = WorldShape(name="box 0", kind="box", size=(1.0, 2.0, 3.0), position=(0.5, 0.0, 1.5))
 DRAWN = {"shape": "box", "size": [1.0, 2.0, 3.0], "position": [0.5, 0.0, 1.5], "wxyz": [1.0, 0.0, 0.0, 0.0]}
@@ -51,30 +47,3 @@ def test_without_a_true_pose_or_a_thing_there_is_nothing_to_draw():
     assert world.take((BOX,), state()) is None
     assert world.take((), placed()) is None
     assert world.document is None
-
-
-def test_the_first_drive_that_knows_of_shapes_is_asked(monkeypatch):
-    asked = []
-
-    class Drive(SimpleNamespace):
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            return None
-
-        def ask(self, _request):
-            asked.append(self.node_id)
-            return (BOX,) if self.node_id == 3 else ()
-
-    def connect(_channel, node_id, _timeout):
-        if node_id == 4:
-            raise RemoteError("BusClosed", "it is gone")
-        return Drive(node_id=node_id)
-
-    monkeypatch.setattr(world_view.DriveClient, "connect", connect)
-    monkeypatch.setattr(world_view, "list_sockets", lambda _kind: ["desk-2", "desk-3", "desk-4"])
-    nodes = [VirtualNode(f"node {number}", "local:desk", number) for number in (1, 4, 2, 3)]
-    assert read_shapes(nodes) == (BOX,)
-    assert asked == [2, 3]
-    assert read_shapes(nodes[:3]) == ()

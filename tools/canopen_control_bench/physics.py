@@ -10,6 +10,7 @@ import math
 import subprocess
 import sys
 import time
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -70,7 +71,8 @@ def _beside(robot: str, seconds: float, rounds: int) -> Figure:
     """Return by how much of a core a run in physics costs more than one without."""
     with stage() as played:
         runs = {kind: _start(played, robot, kind) for kind in ("physics", "plain")}
-        seen = [_round(robot, runs, seconds) for _ in range(rounds)]
+        steps = count()  # of all rounds: an arm that is sent back to where it began in one step does not follow
+        seen = [_round(robot, runs, seconds, steps) for _ in range(rounds)]
     more = [100.0 * (each["physics"] - each["plain"]) / seconds for each in seen]
     absolutes = {
         f"{kind} % of a core": round(100.0 * sum(each[kind] for each in seen) / (len(seen) * seconds), 1)
@@ -92,17 +94,17 @@ def _start(played: Stage, robot: str, kind: str) -> int:
     return program.pid
 
 
-def _round(robot: str, runs: dict[str, int], seconds: float) -> dict[str, float]:
+def _round(robot: str, runs: dict[str, int], seconds: float, steps: Iterator[int]) -> dict[str, float]:
     """Command both for a time, and return the CPU seconds of all their processes."""
     controller, motion = _MOTIONS[robot]
     clients = [RobotClient.connect(f"{robot}_{kind}") for kind in runs]
     try:
         before = {kind: _cpu_s(pid) for kind, pid in runs.items()}
-        end, step = time.monotonic() + seconds, 0
+        end = time.monotonic() + seconds
         while time.monotonic() < end:
+            values = motion(next(steps))
             for client in clients:
-                _command(client, controller, motion(step))
-            step += 1
+                _command(client, controller, values)
             time.sleep(_EVERY_S)
         return {kind: _cpu_s(pid) - before[kind] for kind, pid in runs.items()}
     finally:

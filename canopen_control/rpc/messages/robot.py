@@ -54,6 +54,7 @@ from canopen_control.rpc.messages.trajectory import (
     TrajectoryResult,
     TrajectoryTolerance,
 )
+from canopen_control.rpc.messages.world_shape import WorldShape
 
 __all__ = [
     "MAX_OBJECT", "MAX_POINTS", "MAX_RATE", "ROBOT", "STREAM_RATE", "Asked", "AxisDone", "AxisRequest", "BusPlace",
@@ -364,11 +365,15 @@ class GetLayout(Request[Layout], frozen=True):
     """What the PDOs of each bus carry."""
 
 
-class Description(msgspec.Struct, frozen=True):
-    """The robot's description; `path` of the file it was made of."""
+class Description(msgspec.Struct, frozen=True, omit_defaults=True):
+    """The robot's description; `path` of the file it was made of.
+
+    `world` is what a recording knows of the world around a simulated robot; of one that runs its drives are asked.
+    """
 
     urdf: str
     path: str = ""
+    world: tuple[WorldShape, ...] = ()
 
 
 @ROBOT.method("description", Effect.READS)
