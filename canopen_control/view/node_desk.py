@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from canopen_control.service.node_session import NodeSession
     from canopen_control.service.object_edit import Edit
     from canopen_control.service.object_rows import LiveObject
+    from canopen_control.view.scope_run import ScopeRun
 
 __all__ = ["NodeDesk", "NodeWork"]
 
@@ -97,6 +98,7 @@ class NodeDesk:
     ) -> None:
         self.robot, self.place, self._connect = robot, place, connect
         self.work: NodeWork | None = None
+        self.scope: ScopeRun | None = None
         self._od: ObjectDictionary | None = None
         self._has_read = False
         self._reading, self._editing = threading.Lock(), threading.Lock()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.view.drive.firmware_tab import FirmwareTab
 from canopen_control.view.drive.objects_tab import ObjectsTab
 from canopen_control.view.drive.parameters_tab import ParametersTab
+from canopen_control.view.drive.scope_tab import ScopeTab
 from canopen_control.view.drive.status_tab import StatusTab
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ class TabSlot:
 TABS: Final = (
     TabSlot("status", "Status", StatusTab),
     TabSlot("objects", "Objects", ObjectsTab),
+    TabSlot("scope", "Scope", ScopeTab),
     TabSlot("parameters", "Parameters", ParametersTab),
     TabSlot("firmware", "Firmware", FirmwareTab),
 )
