@@ -96,7 +96,10 @@ MAY_IMPORT = {
         },
         STDLIB | {"rosbags", "numpy", "cantools"},
     ),
-    "monitor": ({"client", "host", "rpc", "bus", "od", "cia301", "cia402", "trace"}, STDLIB | {"textual", "rich"}),
+    "monitor": (
+        {"client", "host", "rpc", "bus", "od", "cia301", "cia402", "trace", "service"},
+        STDLIB | {"textual", "rich"},
+    ),
     # what is done at one node is the room service's; od and cia301 tell what it holds
     "view": (
         {"client", "host", "rpc", "urdf", "service", "od", "cia301"},

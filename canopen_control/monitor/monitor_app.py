@@ -24,6 +24,7 @@ from textual.binding import Binding, BindingType
 from textual.widgets import Footer, Input, RichLog, Static, TabbedContent, TabPane
 
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.monitor.drive_objects import OBJECT_COLUMNS
 from canopen_control.monitor.frame_tables import parse_filter
 from canopen_control.monitor.monitor_content import DRIVE_COLUMNS, JOINT_COLUMNS
 from canopen_control.monitor.sources import SOURCE
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from textual.notifications import SeverityLevel
 
     from canopen_control.bus.port import Port
+    from canopen_control.monitor.drive_objects import DriveObjects
     from canopen_control.monitor.monitor_content import LogLine, MonitorContent
     from canopen_control.monitor.sources import Source
     from canopen_control.monitor.tap import BusTap
@@ -54,7 +56,11 @@ _WORDS: Final = "pdo, sdo, a node's name, 0x181, 0x180-0x1FF, changes; empty: ev
 _FONT_FACES: Final = re.compile(r"@font-face\s*\{[^}]*\}\s*")
 _SCROLLBAR: Final = 2
 _MARGIN: Final = 2  # left and right of the head
-_TABS: Final = ("events", "emergencies", "identifiers", "trace")
+_TABS: Final = ("events", "emergencies", "identifiers", "trace", "drive")
+_TABLES: Final = ("identifiers", "drive")
+_DRIVE_TAB: Final = "tab-drive"
+_OBJECT_WORDS: Final = "search objects: 0x6081, 0x60*, velocity; several with commas; empty: everything"
+_LISTENS: Final = "this monitor only listens: to read objects is to send"
 _FRAME_TABS: Final = ("tab-identifiers", "tab-trace")
 _LATE_S: Final = 0.9 * PERIOD_S
 
@@ -89,17 +95,17 @@ class MonitorApp(App[None]):
         self._drives = LiveTable(DRIVE_COLUMNS, id="drives")
         self._joints = LiveTable(JOINT_COLUMNS, id="joints")
         self._frames = LiveTable(FRAME_COLUMNS, id="identifiers-table")
+        self._objects, self._object_title = LiveTable(OBJECT_COLUMNS, id="drive-table"), Static(id="drive-title")
         self._head, self._alarm = Static(id="head"), Static(id="alarm")
         self._head_lines = 0
         self._logs = {
-            name: RichLog(max_lines=KEPT_LINES, wrap=name != "trace", id=name)
-            for name in _TABS
-            if name != "identifiers"
+            name: RichLog(max_lines=KEPT_LINES, wrap=name != "trace", id=name) for name in _TABS if name not in _TABLES
         }
         self._told: deque[tuple[str, SeverityLevel]] = deque()  # what threads have to say, until it is shown
         self._watched: list[BusTap] = []
         self._drawn = 0.0
         self._lines: LineWriter | None = None
+        self._looking: DriveObjects | None = None
 
     # -- the screen
 
@@ -113,7 +119,9 @@ class MonitorApp(App[None]):
         with TabbedContent(id="tabs"):
             for number, name in enumerate(_TABS, 1):
                 with TabPane(f"{number} {name}", id=f"tab-{name}"):
-                    yield self._frames if name == "identifiers" else self._logs[name]
+                    if name == "drive":
+                        yield self._object_title
+                    yield {"identifiers": self._frames, "drive": self._objects}.get(name) or self._logs[name]
         yield Footer()
 
     def on_mount(self) -> None:
@@ -158,6 +166,7 @@ class MonitorApp(App[None]):
         self._write("events", self.source.log())
         self._write("emergencies", self.source.emergencies())
         self._show_frames()
+        self._show_objects()
 
     def _show_head(self, content: MonitorContent) -> None:
         state = content.state
@@ -196,6 +205,21 @@ class MonitorApp(App[None]):
             self._frames.show(frame_rows(self.source.frames))
         elif active == "tab-trace":
             self._show_trace()
+
+    def _show_objects(self) -> None:
+        """Show the objects of the selected drive while its tab is open, and have those in sight read."""
+        if self.query_one("#tabs", TabbedContent).active != _DRIVE_TAB:
+            if self._looking is not None:
+                self._looking.leave()
+                self._looking = None
+            return
+        self._looking = self.source.choose((self._drives.selected or "").partition("/")[0])
+        title = _LISTENS if self._looking is None else self._looking.title
+        if str(self._object_title.content) != title:
+            self._object_title.update(Text(title))
+        if self._looking is not None:
+            self._objects.show(self._looking.rows())
+            self._looking.look(self._objects.in_sight)
 
     def _show_trace(self) -> None:
         fresh = self.source.trace.fresh()
@@ -249,26 +273,31 @@ class MonitorApp(App[None]):
         self.notify("frames stand still; p goes on" if self.paused else "frames go on", timeout=2)
 
     def action_filter(self) -> None:
-        """Ask for a filter of the trace."""
-        self.action_tab("trace")
+        """Ask for a filter of the trace, or for a search of the objects where these are looked at."""
+        on_objects = self.query_one("#tabs", TabbedContent).active == _DRIVE_TAB
+        if not on_objects:
+            self.action_tab("trace")
         field = self.query_one(FilterLine)
+        field.placeholder = _OBJECT_WORDS if on_objects else _WORDS
         field.add_class("shown")
         field.focus()
 
     def action_leave_filter(self) -> None:
         """Put the filter away."""
         self.query_one(FilterLine).remove_class("shown")
-        self._drives.focus()
+        (self._drives if self._looking is None else self._objects).focus()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Use the filter; what is wrong with it is told, and can be mended."""
         try:
-            wanted = parse_filter(event.value, self.source.network)
+            if self._looking is not None:
+                self._looking.search(event.value)
+            else:
+                self.source.trace.choose(parse_filter(event.value, self.source.network))
+                self._logs["trace"].clear()
         except ConfigError as error:
             self.notify(str(error), severity="error", markup=False)
             return
-        self.source.trace.choose(wanted)
-        self._logs["trace"].clear()
         self.action_leave_filter()
 
     def _ask(self, what: str, request: Request[Any]) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, RemoteError
-from canopen_control.rpc.messages.robot import ROBOT, GetLayout, GetStatus, Subscribe
+from canopen_control.rpc.messages.robot import ROBOT, GetLayout, GetNodes, GetStatus, Subscribe
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.layout import BusLayout
+    from canopen_control.rpc.messages.robot import NodePlace
 
 __all__ = ["RobotLink"]
 
@@ -43,6 +44,7 @@ class RobotLink:
         self.name = name
         self.why = "not connected yet"
         self.layouts: Mapping[str, BusLayout] = {}
+        self.places: Mapping[str, NodePlace] = {}
         self.state: StateSample | None = None
         self.on_sample: Callable[[], None] = lambda: None
         self._events: deque[RobotEvent] = deque(maxlen=_KEPT_EVENTS)
@@ -99,6 +101,7 @@ class RobotLink:
         self.name = robot.robot
         robot.ask(Subscribe(state_rate=RATE, events=True))
         self.layouts = robot.ask(GetLayout()).buses
+        self.places = {place.name: place for place in robot.ask(GetNodes()).nodes}
         for event in robot.ask(GetStatus()).events:
             self._keep(event)
         self._robot, self.why = robot, ""

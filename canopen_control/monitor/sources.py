@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from canopen_control.errors import RemoteError
 from canopen_control.monitor.bus_rows import BusTable
+from canopen_control.monitor.drive_objects import DriveObjects
 from canopen_control.monitor.frame_tables import FrameTable, TraceLog
 from canopen_control.monitor.robot_link import RobotLink
 from canopen_control.monitor.robot_rows import content_of, is_emergency, log_line, without_robot
@@ -57,6 +58,9 @@ class Source(Protocol):
     def listen(self, wanted: bool) -> None:
         """Frames are looked at from now on, or not any more."""
 
+    def choose(self, node: str) -> DriveObjects | None:
+        """Return the objects of a node, which are looked at from now on; None where nothing can be read."""
+
     def content(self) -> MonitorContent:
         """Return how it is now."""
 
@@ -83,6 +87,7 @@ class RobotSource:
         self._networks: list[NetworkDescription] = []
         self._listening = False
         self._emergencies: list[LogLine] = []
+        self._objects = DriveObjects(SOURCE)
 
     @property
     def network(self) -> NetworkDescription:
@@ -98,6 +103,7 @@ class RobotSource:
 
     def close(self) -> None:
         """Leave robot and buses."""
+        self._objects.leave()
         self._link.close()
         for tap in self.taps:
             tap.close()
@@ -116,6 +122,11 @@ class RobotSource:
             self._tap()
         for tap in self.taps:
             tap.tick(time.monotonic_ns())
+
+    def choose(self, node: str) -> DriveObjects:
+        """Look at the objects of a node."""
+        self._objects.choose(self._link.name or "", self._link.places.get(node))
+        return self._objects
 
     def content(self) -> MonitorContent:
         """Return the newest sample."""
@@ -176,6 +187,10 @@ class BusSource:
     def tick(self) -> None:
         """Open the bus, again where it went."""
         self._tap.tick(time.monotonic_ns())
+
+    def choose(self, node: str) -> None:  # noqa: ARG002 - as every source has it
+        """Return nothing: to read objects is to send."""
+        return
 
     def content(self) -> MonitorContent:
         """Return what the nodes have said."""

@@ -46,7 +46,8 @@ Screen { layout: vertical; }
 #joints { height: auto; max-height: 25%; }
 TabbedContent { height: 1fr; }
 TabPane { padding: 0; }
-RichLog, #identifiers-table { height: 1fr; }
+RichLog, #identifiers-table, #drive-table { height: 1fr; }
+#drive-title { height: auto; padding: 0 1; }
 #filter { display: none; height: 3; }
 #filter.shown { display: block; }
 DataTable { background: $surface; }

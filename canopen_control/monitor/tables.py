@@ -59,6 +59,13 @@ class LiveTable(DataTable[Text]):
             return None
         return self.coordinate_to_cell_key(self.cursor_coordinate).row_key.value
 
+    @property
+    def in_sight(self) -> list[str]:
+        """The names of the rows that the window shows."""
+        first = max(0, int(self.scroll_y))
+        keys = [row.key.value or "" for row in self.ordered_rows[first : first + max(0, self.size.height)]]
+        return [key for key in keys if key]
+
     def _change(self, key: str, before: tuple[Cell, ...], after: tuple[Cell, ...]) -> None:
         for title, old, new in zip(self._titles, before, after, strict=True):
             if old != new:

@@ -6,34 +6,31 @@ on when the page that began it is closed; every page shows how far it is, and an
 
 from __future__ import annotations
 
-import contextlib
 import threading
 import time
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, DriveError
+from canopen_control.service.node_objects import NodeObjects
 from canopen_control.service.object_edit import EditHistory
-from canopen_control.service.robot_transfers import dictionary_of, session_with
 from canopen_control.view.dead_man import SOURCE
 from canopen_control.view.robot_connection import in_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
-    from canopen_control.od.model import Address, Entry, ObjectDictionary
+    from canopen_control.od.model import Entry
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.service.node_session import NodeSession
     from canopen_control.service.object_edit import Edit
-    from canopen_control.service.object_rows import LiveObject
     from canopen_control.view.scope_run import ScopeRun
 
 __all__ = ["NodeDesk", "NodeWork"]
 
 T = TypeVar("T")
-_TIMEOUT_S: Final = 2.0  # for the connection
 
 
 @dataclass(slots=True)
@@ -86,43 +83,17 @@ class NodeWork:
         return self.good is not None
 
 
-class NodeDesk:
-    """The node at `place` of the running robot `robot`; `connect` is for tests.
-
-    `live` is what its objects held when they were read last, each with a number that grows with every news; `lost` says
-    why they cannot be read. `history` are the writes of all pages.
-    """
+class NodeDesk(NodeObjects):
+    """The node at `place` of the running robot `robot`; `history` are the writes of all pages."""
 
     def __init__(
         self, robot: str, place: NodePlace, connect: Callable[[str, float], RobotClient] = RobotClient.connect
     ) -> None:
-        self.robot, self.place, self._connect = robot, place, connect
+        super().__init__(robot, place, SOURCE, connect)
         self.work: NodeWork | None = None
         self.scope: ScopeRun | None = None
-        self._od: ObjectDictionary | None = None
-        self._has_read = False
-        self._reading, self._editing = threading.Lock(), threading.Lock()
-        self.live: dict[Address, tuple[int, LiveObject]] = {}
-        self.lost = ""
         self.history = EditHistory()
-        self._news = 0
-
-    def dictionary(self) -> ObjectDictionary | None:
-        """Return the EDS of the node, read once; EdsError for one that cannot be read. Waits."""
-        with self._reading:
-            if not self._has_read:
-                self._od, self._has_read = dictionary_of(self.place), True
-            return self._od
-
-    @contextlib.contextmanager
-    def session(self) -> Iterator[NodeSession]:
-        """Open a session with the node on a connection of its own; waits. From a thread that may."""
-        od = self.dictionary()
-        with (
-            self._connect(self.robot, _TIMEOUT_S) as client,
-            session_with(client, self.place, od, source=SOURCE) as session,
-        ):
-            yield session
+        self._editing = threading.Lock()
 
     async def ask(self, work: Callable[[NodeSession], T]) -> T:
         """Return what `work` returns of a session with the node, on a thread; raises what it raises."""
@@ -133,14 +104,7 @@ class NodeDesk:
         with self.session() as session:
             return work(session)
 
-    # ------------------------------------------------------------------------------------ what its objects hold
-
-    def keep(self, live: LiveObject) -> None:
-        """Keep what an object was read as, with a number that tells whether it is news."""
-        before = self.live.get(live.entry.address)
-        if before is None or before[1] != live:
-            self._news += 1
-            self.live[live.entry.address] = self._news, live
+    # ------------------------------------------------------------------------------------ single objects
 
     async def write(self, entry: Entry, text: str) -> Edit:
         """Write an object as a person has written its value; CanopenError with the sentence of the refusal."""

@@ -102,7 +102,7 @@ class ObjectList:
                 "meaning": row.meaning,
                 "changed": row.changed,
                 "error": row.error,
-                "bits": [tuple(bit) for bit in bits_of(*each.entry.address, each.value, known_mode)],
+                "bits": [(bit, name, on) for bit, name, on in bits_of(*each.entry.address, each.value, known_mode)],
             }
             for each, row in zip(objects, rows, strict=True)
         }

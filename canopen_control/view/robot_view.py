@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, cast
 
 from canopen_control.errors import RobotConfigError
+from canopen_control.service.live_reader import LiveReader
 from canopen_control.urdf.robot_model import RobotModel, read_model
 from canopen_control.view.fault_client import DriveFaults, FaultClient
 from canopen_control.view.history import History
-from canopen_control.view.live_reader import LiveReader
 from canopen_control.view.node_desk import NodeDesk
 from canopen_control.view.page_content import PageContent, RecentEvents
 from canopen_control.view.robot_info import pose_of, true_pose_of

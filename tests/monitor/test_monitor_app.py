@@ -6,8 +6,9 @@ import pytest
 
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
-from canopen_control.errors import RemoteError
+from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.frame import CanFrame
+from canopen_control.monitor.drive_objects import OBJECT_COLUMNS
 from canopen_control.monitor.frame_tables import FrameTable, TraceLog
 from canopen_control.monitor.monitor_app import PERIOD_S, MonitorApp
 from canopen_control.monitor.monitor_content import (
@@ -37,6 +38,7 @@ class FakeSource:
         self.asked, self.refusal, self.hold = [], None, None
         self.lines, self.emergency_lines = [], []
         self.rows = None
+        self.objects, self.chosen = None, ""
         self.alarm, self.state = "", Cell("OPERATION ENABLED", Tone.GOOD)
         self.decoder, self.started, self.closed = Decoder(self.network), False, False
 
@@ -60,6 +62,10 @@ class FakeSource:
         joints = {"wheel": tuple(Cell("1.000") for _ in JOINT_COLUMNS)}
         drives = drives if self.rows is None else self.rows
         return MonitorContent("robby", Cell("running", Tone.GOOD), self.alarm, ("cycle 20 ms",), drives, joints)
+
+    def choose(self, node):
+        self.chosen = node
+        return self.objects
 
     def log(self):
         lines, self.lines = self.lines, []
@@ -122,7 +128,7 @@ def test_space_is_stop_and_it_is_latched():
     on_screen(check)
 
 
-@pytest.mark.parametrize("tab", "1234")
+@pytest.mark.parametrize("tab", "12345")
 def test_no_widget_that_can_have_the_focus_eats_the_stop_key(tab):
     async def check(app, pilot, source):
         await pilot.press(tab)
@@ -476,3 +482,75 @@ def test_on_80_columns_and_24_lines_the_errors_and_the_way_out_are_in_sight():
             assert key in shown, key
 
     on_screen(check, size=(80, 24))
+
+
+# -- the objects of the selected drive
+
+
+class FakeObjects:
+    """The objects of a drive, of which `looked` are in sight."""
+
+    def __init__(self):
+        self.looked, self.left, self.words, self.title = [], 0, None, "left, node 3"
+
+    def rows(self):
+        return {f"0x{index:04X}:00": tuple(Cell(str(index)) for _ in OBJECT_COLUMNS) for index in range(0x2000, 0x2100)}
+
+    def look(self, addresses):
+        self.looked = list(addresses)
+
+    def leave(self):
+        self.left += 1
+
+    def search(self, words):
+        if words == "flux":
+            raise ConfigError("no object 'flux' in the EDS")
+        self.words = words
+
+
+def test_the_objects_of_the_selected_drive_are_read_while_their_tab_is_open():
+    source = FakeSource()
+    source.objects = FakeObjects()
+
+    async def check(app, pilot, source):
+        await pilot.press("down", "5")
+        app.refresh_picture()
+        await pilot.pause()
+        app.refresh_picture()
+        assert source.chosen == "right"
+        assert "left, node 3" in str(app._object_title.content)
+        assert source.objects.looked[:2] == ["0x2000:00", "0x2001:00"]
+        assert len(source.objects.looked) < 100  # what is in sight, and no more
+        await pilot.press("1")
+        app.refresh_picture()
+        assert source.objects.left == 1
+
+    on_screen(check, source)
+
+
+def test_a_search_of_objects_is_typed_like_a_filter_and_a_mistake_is_told():
+    source = FakeSource()
+    source.objects = FakeObjects()
+
+    async def check(app, pilot, source):
+        await pilot.press("5")
+        app.refresh_picture()
+        await pilot.press("slash", *"flux", "enter")
+        await pilot.pause()
+        assert [each.message for each in app._notifications] == ["no object 'flux' in the EDS"]
+        app.query_one("#filter").value = "velocity"
+        await pilot.press("enter")
+        await pilot.pause()
+        assert source.objects.words == "velocity"
+        assert app.query_one("#tabs").active == "tab-drive"
+
+    on_screen(check, source)
+
+
+def test_a_monitor_that_only_listens_reads_no_objects():
+    async def check(app, pilot, source):
+        await pilot.press("5")
+        app.refresh_picture()
+        assert "to read objects is to send" in str(app._object_title.content)
+
+    on_screen(check, FakeSource(can_command=False))

@@ -150,6 +150,15 @@ def seen(kind):
     return [each for each in ElementFilter(kind=kind) if each.visible]
 
 
+async def upload(user, name, data):
+    """Choose a file in the page's only upload that is seen, and wait until the page has said what it is."""
+    from nicegui import ui
+    from nicegui.elements.upload_files import SmallFileUpload
+
+    await seen(ui.upload)[0].handle_uploads([SmallFileUpload(name, "", data)])
+    await settle(lambda: f"{name}: " in html(user) or f". {name}" in html(user), turns=500)
+
+
 async def settle(condition=lambda: False, turns=50):
     """Let the loop run until `condition`."""
     for _ in range(turns):

@@ -7,11 +7,9 @@ from support.pages import StubDesk
 from support.service_node import NodeStub
 
 from canopen_control.data_files import data_path
-from canopen_control.errors import ConfigError, DriveError, EdsError, SdoTimeout
+from canopen_control.errors import ConfigError, DriveError, SdoTimeout
 from canopen_control.od.eds import read_eds
-from canopen_control.rpc.messages.robot import NodePlace
-from canopen_control.service.object_rows import LiveObject
-from canopen_control.view.node_desk import NodeDesk, NodeWork
+from canopen_control.view.node_desk import NodeWork
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 
@@ -33,18 +31,6 @@ def test_what_the_node_says_is_raised_where_it_was_asked():
     lost.stub.error = SdoTimeout(3, 0x6041, 0, 0.5)
     with pytest.raises(SdoTimeout):
         asyncio.run(lost.ask(lambda session: session.read(0x6041)))
-
-
-def test_an_eds_is_read_once_and_one_that_cannot_be_read_is_told(tmp_path):
-    path = tmp_path / "a.eds"
-    path.write_bytes(data_path("eds", "TMCM-1270.eds").read_bytes())
-    place = NodeDesk("robby", NodePlace(name="left", node_id=3, eds=str(path)))
-    found = place.dictionary()
-    path.unlink()
-    assert place.dictionary() is found
-    gone = NodeDesk("robby", NodePlace(name="left", node_id=3, eds=str(path)))
-    with pytest.raises((EdsError, ConfigError)):
-        gone.dictionary()
 
 
 def test_long_work_tells_how_far_it_is_and_what_came_of_it():
@@ -106,12 +92,3 @@ def test_nothing_is_written_beside_long_work():
         asyncio.run(node.write(OD[0x6081, 0], "1234"))
     go.set()
     assert node.stub.written == []
-
-
-def test_what_was_read_is_news_only_where_it_has_changed():
-    node = desk()
-    for value in (5, 5, 6):
-        node.keep(LiveObject(OD[0x6081, 0], value))
-    node.keep(LiveObject(OD[0x6083, 0], None, "abort"))
-    assert node.live[0x6081, 0] == (2, LiveObject(OD[0x6081, 0], 6))
-    assert node.live[0x6083, 0][0] == 3

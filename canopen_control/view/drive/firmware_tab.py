@@ -57,7 +57,7 @@ class FirmwareTab:
             max_file_size=MOST_BYTES,
             auto_upload=True,
             on_upload=self._take,
-            on_rejected=lambda: self._told.show(sentence(f"Not read. {_TOO_LONG}", BAD)),
+            on_rejected=lambda: self._refuse(_TOO_LONG),
         )
         self._upload.props("flat bordered").classes("cc-upload")
         self._told = Html()
@@ -87,11 +87,14 @@ class FirmwareTab:
             image = await event.file.read()
             check_image(image, name)
         except ConfigError as error:
-            self._image = None
-            self._told.show(sentence(f"Not taken. {error}", BAD))
+            self._refuse(str(error))
             return
         self._image = name, image
         self._told.show(sentence(f"{name}: {len(image):,} bytes", IDLE))
+
+    def _refuse(self, why: str) -> None:
+        self._image = None
+        self._told.show(sentence(f"Not taken. {why}", BAD))
 
     def _begin(self) -> None:
         if self._image is None or not self._context.panel.teleop:

@@ -39,7 +39,7 @@ _RESTORE: Final = (
     "Only what differs is written, then all is read back; what the drive refuses is told, and all is undone. Node id, "
     "bit rate and another drive's calibration stay."
 )
-_TOO_LONG: Final = f"{jobs.MOST_BYTES} bytes at most"
+_TOO_LONG: Final = f"A DCF of {jobs.MOST_BYTES} bytes at most is wanted"
 
 
 class ParametersTab:
@@ -79,7 +79,7 @@ class ParametersTab:
             max_file_size=jobs.MOST_BYTES,
             auto_upload=True,
             on_upload=self._take,
-            on_rejected=lambda: self._told.show(sentence(f"Not read. {_TOO_LONG}", BAD)),
+            on_rejected=lambda: self._refuse(_TOO_LONG),
         )
         self._upload.props("flat bordered accept='.dcf,.eds'").classes("cc-upload")
         self._told = Html()
@@ -129,12 +129,15 @@ class ParametersTab:
             data = await event.file.read()
             file = await in_thread(lambda: jobs.uploaded(data, name))
         except CanopenError as error:
-            self._file = None
-            self._told.show(sentence(f"Not read. {error}", BAD))
+            self._refuse(str(error))
             return
         self._file = file
         date = f", of {file.date}" if file.date else ""
         self._told.show(sentence(f"{name}: {len(file.values)} parameters of node {file.node_id}{date}", IDLE))
+
+    def _refuse(self, why: str) -> None:
+        self._file = None
+        self._told.show(sentence(f"Not read. {why}", BAD))
 
     def _begin(self, title: str, unit: str, function: Callable[[NodeSession, NodeWork], str]) -> None:
         refused = self._desk.begin(NodeWork(_KEY, title, unit), function)

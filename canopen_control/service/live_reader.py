@@ -1,7 +1,7 @@
-"""Reads the objects that pages look at, of all nodes, one after the other and at a rate that never holds a robot up.
+"""Reads the objects that screens look at, of all nodes, one after the other and at a rate that never holds a robot up.
 
-One thread for all pages: two that look at the same object read it once, and all together ask the robot no more often
-than one verb does. The object that was read longest ago comes next. It ends when nobody looks any more.
+One thread for all screens of a process: two that look at the same object read it once, and all together ask the robot
+no more often than one verb does. The object that was read longest ago comes next. It ends when nobody looks any more.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from canopen_control.od.model import Address, Entry
+    from canopen_control.service.node_objects import NodeObjects
     from canopen_control.service.node_session import NodeSession
-    from canopen_control.view.node_desk import NodeDesk
 
 __all__ = ["LiveReader"]
 
@@ -38,69 +38,77 @@ class LiveReader:
     ) -> None:
         self._clock, self._sleep = clock, sleep
         self._lock = threading.Lock()
-        self._wanted: dict[str, tuple[NodeDesk, tuple[Entry, ...]]] = {}
+        self._wanted: dict[str, tuple[NodeObjects, tuple[Entry, ...]]] = {}
         self._thread: threading.Thread | None = None
         self._due: dict[tuple[str, Address], float] = {}
 
-    def watch(self, page: str, desk: NodeDesk, entries: Collection[Entry]) -> None:
-        """Have a page look at these objects of a node, and at nothing else; none of them: it looks at nothing."""
+    def watch(self, screen: str, node: NodeObjects, entries: Collection[Entry]) -> None:
+        """Have a screen look at these objects of a node, and at nothing else; none of them: it looks at nothing."""
         with self._lock:
             scanned = tuple(entry for entry in entries if is_scanned(entry))
             if scanned:
-                self._wanted[page] = desk, scanned
+                self._wanted[screen] = node, scanned
             else:
-                self._wanted.pop(page, None)
+                self._wanted.pop(screen, None)
             if self._wanted and self._thread is None:
                 self._thread = threading.Thread(target=self.run, name="live objects", daemon=True)
                 self._thread.start()
 
-    def soon(self, desk: NodeDesk, entry: Entry) -> None:
+    def soon(self, node: NodeObjects, entry: Entry) -> None:
         """Have an object read next: somebody has written it."""
-        self._due.pop((desk.place.name, entry.address), None)
+        self._due.pop((node.place.name, entry.address), None)
 
     def run(self) -> None:
         """Read until nobody looks; the body of the thread."""
+        try:
+            self._read_all()
+        except BaseException:  # who looks next begins anew
+            with self._lock:
+                self._thread = None
+            raise
+
+    def _read_all(self) -> None:
         gap, due = 1.0 / READS_PER_S, self._clock()
         with contextlib.ExitStack() as sessions:
             opened: dict[str, NodeSession] = {}
             while (found := self._next()) is not None:
-                desk, entry = found
+                node, entry = found
                 if entry is None:
                     self._sleep(_IDLE_S)
                     continue
                 if (wait := due - self._clock()) > 0:
                     self._sleep(wait)
                 due = self._clock() + gap
-                self._read(desk, entry, opened, sessions)
+                self._read(node, entry, opened, sessions)
 
-    def _next(self) -> tuple[NodeDesk, Entry | None] | None:
+    def _next(self) -> tuple[NodeObjects, Entry | None] | None:
         """Return what is to be read next, None for the entry while nothing is due; None at the end."""
         with self._lock:
             if not self._wanted:
                 self._thread = None
                 return None
-            choices = [(desk, entry) for desk, entries in self._wanted.values() for entry in entries]
-        desk, entry = min(choices, key=lambda each: self._due.get((each[0].place.name, each[1].address), 0.0))
-        is_due = self._due.get((desk.place.name, entry.address), 0.0) <= self._clock()
-        return desk, entry if is_due else None
+            choices = [(node, entry) for node, entries in self._wanted.values() for entry in entries]
+        node, entry = min(choices, key=lambda each: self._due.get((each[0].place.name, each[1].address), 0.0))
+        is_due = self._due.get((node.place.name, entry.address), 0.0) <= self._clock()
+        return node, entry if is_due else None
 
     def _read(
-        self, desk: NodeDesk, entry: Entry, opened: dict[str, NodeSession], sessions: contextlib.ExitStack
+        self, node: NodeObjects, entry: Entry, opened: dict[str, NodeSession], sessions: contextlib.ExitStack
     ) -> None:
-        name = desk.place.name
+        name = node.place.name
         try:
             if name not in opened:
-                opened[name] = sessions.enter_context(desk.session())
+                opened[name] = sessions.enter_context(node.session())
             values, refused = read_values(opened[name], [entry])
         except CanopenError as error:
             opened.pop(name, None)
-            desk.lost = str(error)
+            node.lost = str(error)
             again = self._clock() + _LOST_S
             with self._lock:
-                watched = [each for other, entries in self._wanted.values() if other is desk for each in entries]
+                watched = [each for other, entries in self._wanted.values() if other is node for each in entries]
             self._due |= {(name, each.address): again for each in watched}
             return
         why = refused[0].why if refused else ""
-        desk.lost = ""
-        desk.keep(LiveObject(entry, values.get(entry.address), why))
+        node.lost = ""
+        node.keep(LiveObject(entry, values.get(entry.address), why))
         self._due[name, entry.address] = self._clock() + (_LATER_S if why else 0.0)

@@ -9,9 +9,9 @@ from support.service_node import NodeStub
 from canopen_control.data_files import data_path
 from canopen_control.errors import RemoteError, SdoTimeout
 from canopen_control.od.eds import read_eds
+from canopen_control.service import live_reader
+from canopen_control.service.live_reader import LiveReader
 from canopen_control.service.object_rows import READS_PER_S
-from canopen_control.view import live_reader
-from canopen_control.view.live_reader import LiveReader
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 STATUS, SPEED, RAMP = OD[0x6041, 0], OD[0x6081, 0], OD[0x6083, 0]

@@ -1,0 +1,94 @@
+import pytest
+from support.host import eventually
+
+from canopen_control.data_files import data_path
+from canopen_control.errors import ConfigError
+from canopen_control.monitor import drive_objects
+from canopen_control.monitor.drive_objects import OBJECT_COLUMNS, DriveObjects
+from canopen_control.monitor.monitor_content import Cell, Tone
+from canopen_control.od.eds import read_eds
+from canopen_control.rpc.messages.robot import NodePlace
+from canopen_control.service.object_rows import LiveObject
+
+EDS = data_path("eds", "TMCM-1270.eds")
+OD = read_eds(EDS, 3).od
+LEFT = NodePlace(name="left_drive", node_id=3, eds=str(EDS))
+RIGHT = NodePlace(name="right_drive", node_id=2, eds=str(EDS))
+
+
+class Watched:
+    def __init__(self):
+        self.watched = []
+
+    def watch(self, _screen, node, entries):
+        self.watched.append((node.place.name, [each.index for each in entries]))
+
+
+@pytest.fixture
+def objects(monkeypatch):
+    monkeypatch.setattr(drive_objects, "LiveReader", Watched)
+    return DriveObjects("monitor")
+
+
+def looked_at(objects, place=LEFT):
+    objects.choose("robby", place)
+    assert eventually(lambda: bool(objects.rows()))
+    return objects
+
+
+def test_the_whole_dictionary_is_there_in_the_words_of_the_verb(objects):
+    rows = looked_at(objects).rows()
+    assert len(rows) == len(OD.entries)
+    assert all(len(cells) == len(OBJECT_COLUMNS) for cells in rows.values())
+    assert [str(each) for each in rows["0x6081:00"]] == [
+        *("0x6081:00", "Profile velocity", "-", "", "", "-", "UNSIGNED32", "rww"),
+    ]
+    assert objects.title == "left_drive, node 3"
+
+
+def test_what_is_in_sight_is_read_and_shown(objects):
+    looked_at(objects).look(["0x6081:00", "0x6041:00", "nothing"])
+    assert objects._reader.watched[-1] == ("left_drive", [0x6081, 0x6041])
+    objects._node.keep(LiveObject(OD[0x6041, 0], 0x0637))
+    objects._node.keep(LiveObject(OD[0x1017, 0], 100))
+    objects._node.keep(LiveObject(OD[0x6081, 0], None, "abort 0x06020000"))
+    rows = objects.rows()
+    assert rows["0x6041:00"][2:5] == (Cell("0x0637"), Cell(""), Cell("OPERATION ENABLED, target reached"))
+    assert rows["0x1017:00"][2] == Cell("100", Tone.WARN)  # not the default
+    assert rows["0x6081:00"][2] == Cell("refused", Tone.BAD)
+    objects.leave()
+    assert objects._reader.watched[-1] == ("left_drive", [])
+
+
+def test_a_search_means_what_it_means_to_the_verb(objects):
+    looked_at(objects).search("0x6081,velocity")
+    found = objects.rows()
+    assert {"0x6081:00", "0x606C:00"} <= set(found)
+    assert "0x1017:00" not in found
+    assert "search: 0x6081,velocity" in objects.title
+    with pytest.raises(ConfigError, match="no object 'flux' in the EDS"):
+        objects.search("flux")
+    objects.search("")
+    assert len(objects.rows()) == len(OD.entries)
+
+
+def test_another_drive_has_rows_of_its_own(objects):
+    looked_at(objects)._node.keep(LiveObject(OD[0x1017, 0], 100))
+    objects.rows()
+    looked_at(objects, RIGHT)
+    assert objects._reader.watched[-1] == ("left_drive", [])
+    assert objects.rows()["0x1017:00"][2] == Cell("-")
+    looked_at(objects, LEFT)
+    assert eventually(lambda: objects.rows()["0x1017:00"][2] == Cell("100", Tone.WARN))
+
+
+def test_what_keeps_it_from_being_read_is_told(objects, tmp_path):
+    objects.choose("robby", None)
+    assert objects.title == "no drive is selected"
+    assert objects.rows() == {}
+    objects.choose("robby", NodePlace(name="bare", node_id=4))
+    assert eventually(lambda: "bus.yml names no EDS for it" in objects.title)
+    objects.choose("robby", NodePlace(name="gone", node_id=5, eds=str(tmp_path / "gone.eds")))
+    assert eventually(lambda: "cannot be read" in objects.title)
+    looked_at(objects)._node.lost = "node 3 does not answer"
+    assert "node 3 does not answer" in objects.title

@@ -1,0 +1,148 @@
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from nicegui import ui
+from support.pages import FakeContext, StubDesk, html, seen, settle, upload, visited
+from support.parameter_node import session_with
+
+from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.data_files import data_path
+from canopen_control.od.eds import read_eds
+from canopen_control.view.drive.drive_tab import DriveTabContext
+from canopen_control.view.drive.parameters_tab import ParametersTab
+from canopen_control.view.node_desk import NodeWork
+from canopen_control.view.parameter_jobs import backup
+
+OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
+SPEED = (0x6081, 0)
+
+
+@pytest.fixture(autouse=True)
+def _folders(private_folders):
+    """Keep the journals out of the user's folder."""
+
+
+def desk_of(node_id=3, name="left_drive"):
+    device = session_with(OD, node_id)
+    device.transfers.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+    return StubDesk(device.transfers, device.od, name, node_id)
+
+
+def dcf(desk):
+    work = NodeWork("parameters", "x")
+    desk.with_session(lambda session: backup(session, work))
+    return work.file[1]
+
+
+def played(act, desk=None, other=None, **how):
+    page, desk = FakeContext(**how), desk or desk_of()
+    page.robot._desks = {desk.place.name: desk, **({other.place.name: other} if other is not None else {})}
+
+    async def begin(user, tab):
+        tab.show(page.content())
+        return await act(user, tab, page)
+
+    return visited(lambda: ParametersTab(DriveTabContext(page, desk)), begin)
+
+
+async def press(user, label, tab, page):
+    tab.show(page.content())
+    user.find(label).click()
+    await settle(lambda: tab._desk.work is not None and tab._desk.work.over, turns=300)
+    tab.show(page.content())
+    return tab._desk.work
+
+
+def test_a_backup_is_made_and_can_be_saved():
+    async def act(user, tab, page):
+        work = await press(user, "Back up", tab, page)
+        return work.told, "Save the file" in [each.text for each in seen(ui.button)]
+
+    said, there = played(act)
+    assert said.endswith("parameters in left_drive.dcf")
+    assert there
+
+
+def test_a_file_is_compared_and_restored():
+    desk = desk_of()
+    data = dcf(desk)
+    desk.with_session(lambda session: session.write_value(OD[SPEED], 777))
+
+    async def act(user, tab, page):
+        await upload(user, "left.dcf", data)
+        text = html(user)
+        compared = await press(user, "Compare with the node", tab, page)
+        shown, desk.work = html(user), None
+        tab._store.value = True
+        restored = await press(user, "Restore the file", tab, page)
+        return text, compared.told, shown, restored.told
+
+    text, compared, shown, restored = played(act, desk)
+    assert "left.dcf: " in text
+    assert "of node 3" in text
+    assert "1 of " in compared
+    assert "<td>0x6081:00</td>" in shown
+    assert restored.endswith("1 written; stored")
+    assert desk.with_session(lambda session: session.read_value(OD[SPEED])) == 0
+
+
+def test_what_must_not_be_is_a_sentence_on_the_page():
+    desk = desk_of()
+    data = dcf(desk)
+    desk.stub.robot_leaves_it = False
+
+    async def act(user, tab, page):
+        await upload(user, "left.dcf", data)
+        await press(user, "Restore the file", tab, page)
+        return html(user)
+
+    assert "controlled by the running robot pair; nothing was written" in played(act, desk)
+
+
+def test_a_file_that_is_none_is_told_and_the_one_before_is_forgotten():
+    desk = desk_of()
+    data = dcf(desk)
+
+    async def act(user, tab, page):
+        await upload(user, "left.dcf", data)
+        await upload(user, "x.dcf", b"nonsense")
+        tab.show(page.content())
+        return html(user), {each.text: each.enabled for each in seen(ui.button)}
+
+    text, buttons = played(act, desk)
+    assert "Not read. x.dcf" in text
+    assert (buttons["Compare with the node"], buttons["Restore the file"]) == (False, False)
+
+
+def test_a_node_is_cloned_from_another_with_the_globs_that_stay():
+    old, new = desk_of(4, "old_drive"), desk_of()
+    old.with_session(lambda session: [session.write_value(OD[index, 0], 55) for index in (0x6081, 0x6083)])
+
+    async def act(user, tab, page):
+        tab._protect.value = "0x6083, "
+        return (await press(user, "Clone into this node", tab, page)).told
+
+    assert "1 written" in played(act, new, old)
+    assert new.with_session(lambda session: session.read_value(OD[SPEED])) == 55
+
+
+def test_a_page_that_only_looks_may_back_up_and_compare():
+    async def act(user, tab, page):
+        return html(user), [each.text for each in seen(ui.button)]
+
+    text, buttons = played(act, teleop=False)
+    assert "This page only looks" in text
+    assert "Restore the file" not in buttons
+    assert {"Back up", "Compare with the node"} <= set(buttons)
+
+
+def test_nothing_else_begins_beside_it():
+    async def act(user, tab, page):
+        tab._desk.work = NodeWork("firmware", "Loading a.bin into left_drive")
+        user.find("Back up").click()
+        await user.should_see("left_drive is busy: Loading a.bin into left_drive; wait for its end")
+        tab.show(page.content())
+        return [each.text for each in seen(ui.button) if each.enabled]
+
+    assert "Back up" not in played(act)

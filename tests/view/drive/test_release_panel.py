@@ -1,0 +1,55 @@
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from nicegui import ui
+from support.pages import FakeContext, drive_state, html, seen, settle, visited
+
+from canopen_control.rpc.messages.robot import NmtRequest
+from canopen_control.view.drive.drive_tab import DriveTabContext
+from canopen_control.view.drive.release_panel import ReleasePanel
+
+OFF = {"cia402_state": "SWITCH_ON_DISABLED"}
+
+
+def played(act, new=None, **how):
+    page = FakeContext(**how)
+
+    async def begin(user, panel):
+        panel.show(page.content(new))
+        return await act(user, page)
+
+    return visited(lambda: ReleasePanel(DriveTabContext(page, page.robot.desk("left_drive"))), begin)
+
+
+async def look(user, _page):
+    return html(user), [(each.text, each.enabled) for each in seen(ui.button)]
+
+
+def test_an_enabled_drive_is_not_taken_out():
+    words, buttons = played(look)
+    assert "left is enabled: nothing is written as a whole into a drive that may move" in words
+    assert buttons == [("Take it out of the robot", False)]
+
+
+def test_a_drive_is_taken_out_and_given_back_by_the_robot():
+    async def press(user, page):
+        user.find(seen(ui.button)[0].text).click()
+        await settle(lambda: page.asked)
+        return page.asked
+
+    assert played(press, drive_state(OFF)) == [NmtRequest(command="preop", node="left_drive")]
+    assert played(press, drive_state(OFF, taken_out=True)) == [NmtRequest(command="start", node="left_drive")]
+
+
+def test_what_the_robot_refuses_is_told():
+    async def press(user, page):
+        page.refusal = "STOP is latched"
+        user.find("Take it out of the robot").click()
+        await user.should_see("left_drive: not taken out: STOP is latched")
+
+    played(press, drive_state(OFF))
+
+
+def test_a_page_that_only_looks_takes_nothing_out():
+    assert played(look, drive_state(OFF), teleop=False)[1] == [("Take it out of the robot", False)]
