@@ -138,6 +138,7 @@ def test_nothing_chosen_is_told_and_a_scope_goes_on_when_the_tab_is_left(began):
 
 def test_files_are_what_the_scope_writes(began, sent, monkeypatch):
     saved = {}
+
     async def picture(_chart, _name, _look, timeout):
         return "data:image/png;base64,iVBORw=="
 

@@ -1,19 +1,13 @@
 import pytest
-from support.onbus import GENERIC, TMCM
 
-from canopen_control.cia402.modes import OperationMode
-from canopen_control.cli.support.jog_robot import JogDrive
-from canopen_control.cli.support.target import find_eds
-from canopen_control.cli.support.tune_run import TuneRun, choose_tuned
 from canopen_control.errors import RemoteError
-from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.state import AxisReading, CycleTimes, JointReading, NodeReading, StateSample
-from canopen_control.scaffold.bus_text import bus_text
-from canopen_control.scaffold.new_robot import Device
+from canopen_control.service.driven_axis import JogDrive
 from canopen_control.service.excitation import Step
 from canopen_control.service.jog_motion import JogEnd, JogKind, JogLimits
 from canopen_control.service.tune_motion import TuneMotion, TuneRecord
+from canopen_control.service.tune_run import TuneRun
 
 DRIVE = JogDrive("jog_5", "drive", "joint", "controller", "CSV")
 LIMITS = JogLimits(6.0, 10.0, 500.0)
@@ -33,20 +27,6 @@ def sample(cycle, effort=None, state="OPERATION_ENABLED"):
 
 def motion():
     return TuneMotion(JogKind.VELOCITY, Step(3.0, 2.0), LIMITS, now=0)
-
-
-@pytest.mark.parametrize(
-    ("eds", "mode", "transmission"), [(GENERIC, OperationMode.CSV, 1), (TMCM, OperationMode.PV, 255)]
-)
-def test_a_drive_is_excited_without_its_own_ramp_where_it_can_be(private_folders, eds, mode, transmission):
-    device = Device(5, find_eds(eds), read_eds(find_eds(eds), 5).od)
-    robot = choose_tuned(device, JogKind.VELOCITY, 5000, allow_unsupervised=True)
-    assert robot.joints[0].axis.mode is mode
-    assert {use.transmission for use in robot.nodes[0].drive.rpdos} == {transmission}
-    text = bus_text(robot)
-    assert f"velocity_mode: {int(mode)}" in text
-    assert "sync_period: 5000" in text
-    assert ("0x6077" in text) == (eds == GENERIC)  # its torque comes with every SYNC
 
 
 def test_a_sample_is_kept_with_its_cycle_and_its_torque_in_per_mille():

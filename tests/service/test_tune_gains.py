@@ -4,10 +4,10 @@ import pytest
 from support.parameter_node import session_with
 
 from canopen_control.cia402.loop_gains import GainObject, LoopGain
-from canopen_control.cli.support.tune_gains import parse_gain, settable_gains
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
+from canopen_control.service.tune_gains import parse_gain, settable_gains
 
 SERVO, TMCM = (read_eds(data_path("eds", f"{name}.eds"), 5).od for name in ("generic_cia402", "TMCM-1270"))
 

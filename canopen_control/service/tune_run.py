@@ -7,23 +7,14 @@ the stop and waits until the drive is disabled. Samples carry the number of thei
 from __future__ import annotations
 
 import math
-import signal
 import time
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.modes import OperationMode, supported_modes
-from canopen_control.cia402.objects import (
-    ERROR_CODE,
-    MODES_OF_OPERATION_DISPLAY,
-    POSITION_ACTUAL,
-    STATUSWORD,
-    SUPPORTED_DRIVE_MODES,
-    TORQUE_ACTUAL,
-    VELOCITY_ACTUAL,
-)
-from canopen_control.cli.support.jog_robot import choose_jog
-from canopen_control.cli.support.jog_run import (
+from canopen_control.client import RobotClient
+from canopen_control.errors import DriveError, RemoteError
+from canopen_control.rpc.messages.robot import AxisRequest, CommandController, Subscribe
+from canopen_control.rpc.messages.state import StateSample
+from canopen_control.service.driven_axis import (
     ENABLE_S,
     RENEWED_S,
     DriveCurrent,
@@ -32,76 +23,27 @@ from canopen_control.cli.support.jog_run import (
     ended_words,
     stop_drive,
 )
-from canopen_control.client import RobotClient
-from canopen_control.errors import DriveError, RemoteError
-from canopen_control.host.signals import on_signals
-from canopen_control.rpc.messages.robot import AxisRequest, CommandController, Subscribe
-from canopen_control.rpc.messages.state import StateSample
 from canopen_control.service.jog_motion import JogEnd, JogKind
 from canopen_control.service.tune_motion import TuneMotion, TuneRecord, TuneSample
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
-    from canopen_control.cli.support.jog_robot import JogDrive
     from canopen_control.rpc.messages.robot import RobotPush
-    from canopen_control.scaffold.drive_choice import DriveChoice
-    from canopen_control.scaffold.new_robot import Device, NewRobot
+    from canopen_control.service.driven_axis import JogDrive
     from canopen_control.service.excitation import Excitation
     from canopen_control.service.jog_motion import JogLimits
 
-__all__ = ["TuneRun", "choose_tuned"]
+__all__ = ["TuneRun"]
 
 _SOURCE: Final = "tune"
-_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_CYCLIC: Final = {OperationMode.PV: OperationMode.CSV, OperationMode.TQ: OperationMode.CST}
-"""What commands the same without a ramp of the drive's own."""
 _REMEDIES: Final = {
     JogEnd.CURRENT: "; excite it less, or raise --max-current, if it is safe",
     JogEnd.SPEED: "; excite it less, or raise --max-speed, if it is safe",
     JogEnd.TRAVEL: "; make it shorter (--for), or raise --max-travel, if it is safe",
 }
-_WITH_SYNC: Final = 1
 _WAIT_S: Final = 1.0  # for the first sample
 _SILENCE_S: Final = 0.3  # without a sample, after which nothing is commanded any more
-_FEEDBACK: Final = (MODES_OF_OPERATION_DISPLAY, POSITION_ACTUAL, VELOCITY_ACTUAL, TORQUE_ACTUAL, ERROR_CODE)
-
-
-def choose_tuned(device: Device, kind: JogKind, period_us: int, *, allow_unsupervised: bool) -> NewRobot:
-    """Choose how a drive is excited: as for a jog, but in a cyclic mode where it has one, and with its torque told."""
-    robot = choose_jog(device, kind.value, allow_unsupervised=allow_unsupervised)
-    nodes = tuple(
-        node if node.drive is None else replace(node, drive=_cyclic(device, node.drive)) for node in robot.nodes
-    )
-    nodes = tuple(
-        node
-        if node.drive is None
-        else replace(
-            node,
-            joints=tuple(replace(joint, axis=axis) for joint, axis in zip(node.joints, node.drive.axes, strict=True)),
-        )
-        for node in nodes
-    )
-    return replace(robot, nodes=nodes, sync_us=period_us)
-
-
-def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:
-    from canopen_control.scaffold.pdo_choice import PdoWish, choose_pdos
-
-    listed = device.od.get(SUPPORTED_DRIVE_MODES, 0)
-    modes = supported_modes(listed.value) if listed is not None and isinstance(listed.value, int) else ()
-    axes = tuple(
-        replace(axis, mode=_CYCLIC[axis.mode]) if _CYCLIC.get(axis.mode) in modes else axis for axis in drive.axes
-    )
-
-    def each(*indices: int) -> tuple[tuple[int, int], ...]:
-        return tuple((axis.index(index), 0) for axis in axes for index in indices)
-
-    tpdos, _ = choose_pdos(device.od, PdoWish(False, each(STATUSWORD), each(*_FEEDBACK)))
-    rpdos = drive.rpdos
-    if axes != drive.axes:
-        rpdos = tuple(replace(use, transmission=_WITH_SYNC) if use.transmission else use for use in rpdos)
-    return replace(drive, axes=axes, rpdos=rpdos, tpdos=tpdos)
 
 
 def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
@@ -115,6 +57,7 @@ def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
 class TuneRun:
     """One excitation of a drive; `run` returns the record, or raises DriveError with what ended it.
 
+    `told` is called with the seconds that are over, again and again; what it raises ends the run, which stops first.
     `effort_unit` is how many per mille of the rated torque the unit of its effort is, None where nobody knows.
     """
 
@@ -127,6 +70,7 @@ class TuneRun:
         *,
         deceleration: float,
         effort_unit: float | None,
+        told: Callable[[float], object] = lambda _seconds: None,
     ) -> None:
         self._drive, self._kind, self._excitation = drive, kind, excitation
         self._limits, self._deceleration, self._effort_unit = limits, deceleration, effort_unit
@@ -134,10 +78,11 @@ class TuneRun:
         self._sent, self._sent_ns = math.nan, 0
         self._sample: StateSample | None = None
         self._gone = self._told = False
+        self._tell = told
 
     def run(self) -> TuneRecord:
         """Enable, excite, stop and disable."""
-        with RobotClient.connect(self._drive.robot) as client, on_signals(_SIGNALS, self._leave):
+        with RobotClient.connect(self._drive.robot) as client:
             try:
                 motion, record = self._begin(client)
                 self._move(client, motion, record)
@@ -152,7 +97,8 @@ class TuneRun:
             )
         return record
 
-    def _leave(self) -> None:
+    def leave(self) -> None:
+        """End it at the next sample: it stops and is disabled, and nothing is concluded."""
         self._gone = True
 
     def _begin(self, client: RobotClient) -> tuple[TuneMotion, TuneRecord]:
@@ -186,6 +132,7 @@ class TuneRun:
                     heard = time.monotonic()
                     self._take(message, motion, record)
             motion.tick(time.monotonic_ns())
+            self._tell(motion.elapsed)
             if time.monotonic() - heard > _SILENCE_S:
                 motion.end(JogEnd.STATE)
             if self._gone:
