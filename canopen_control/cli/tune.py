@@ -18,6 +18,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.objects import TORQUE_ACTUAL, axis_index
 from canopen_control.cli.support.arguments import number, seconds, whole_number
 from canopen_control.cli.support.jog_robot import dead_man_words, own_robot
 from canopen_control.cli.support.jog_run import SIGNALS
@@ -136,7 +137,15 @@ def run(args: argparse.Namespace) -> int:
             drive, scale, limits = stack.enter_context(_own(args, request))
             effort_unit = _EFFORT_UNIT
         excitation = request.excitation(scale)
-        tune = TuneRun(drive, request.kind, excitation, limits, deceleration=_DECELERATION, effort_unit=effort_unit)
+        tune = TuneRun(
+            drive,
+            request.kind,
+            excitation,
+            limits,
+            deceleration=_DECELERATION,
+            effort_unit=effort_unit,
+            torque_index=axis_index(TORQUE_ACTUAL, args.axis),
+        )
         with on_signals(SIGNALS, tune.leave):
             record = tune.run()
     if record.lost:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.objects import TORQUE_ACTUAL
 from canopen_control.client import RobotClient
 from canopen_control.errors import DriveError, RemoteError
-from canopen_control.rpc.messages.robot import AxisRequest, CommandController, Subscribe
+from canopen_control.rpc.messages.robot import AxisRequest, CommandController, ProcessData, Subscribe
 from canopen_control.rpc.messages.state import StateSample
 from canopen_control.service.driven_axis import (
     ENABLE_S,
@@ -58,7 +60,8 @@ class TuneRun:
     """One excitation of a drive; `run` returns the record, or raises DriveError with what ended it.
 
     `told` is called with the seconds that are over, again and again; what it raises ends the run, which stops first.
-    `effort_unit` is how many per mille of the rated torque the unit of its effort is, None where nobody knows.
+    `effort_unit` is how many per mille of the rated torque the unit of its effort is, None where nobody knows: then its
+    torque is that of the object `torque_index`, if a TPDO carries it.
     """
 
     def __init__(
@@ -71,6 +74,7 @@ class TuneRun:
         deceleration: float,
         effort_unit: float | None,
         told: Callable[[float], object] = lambda _seconds: None,
+        torque_index: int = TORQUE_ACTUAL,
     ) -> None:
         self._drive, self._kind, self._excitation = drive, kind, excitation
         self._limits, self._deceleration, self._effort_unit = limits, deceleration, effort_unit
@@ -79,6 +83,8 @@ class TuneRun:
         self._sample: StateSample | None = None
         self._gone = self._told = False
         self._tell = told
+        self._torque_index = torque_index
+        self._torque: float | None = None
 
     def run(self) -> TuneRecord:
         """Enable, excite, stop and disable."""
@@ -106,11 +112,12 @@ class TuneRun:
         node, joint = self._drive.node, self._drive.joint
         if self._drive.mode:
             choose_mode(client, AxisRequest(action="mode", node=node, joint=joint, mode=self._drive.mode))
-        client.ask(Subscribe(state_rate=1000.0))  # every cycle
+        client.ask(Subscribe(state_rate=1000.0, pdos=self._effort_unit is None))  # every cycle
         period = self._first(client)
         client.ask(AxisRequest(action="enable", node=node, joint=joint), ENABLE_S)
-        for _ in client.messages(0):  # of the time before
-            pass
+        for message in client.messages(0):  # of the time before: what has not changed since is not told again
+            if isinstance(message, ProcessData):
+                self._take_torque(message)
         now = time.monotonic_ns()
         motion = TuneMotion(self._kind, self._excitation, self._limits, now=now, deceleration=self._deceleration)
         return motion, TuneRecord(period)
@@ -120,6 +127,8 @@ class TuneRun:
         deadline = time.monotonic() + _WAIT_S
         while time.monotonic() < deadline:
             for message in client.messages(_WAIT_S):
+                if isinstance(message, ProcessData):
+                    self._take_torque(message)
                 if isinstance(message, StateSample) and message.cycle.period_s:
                     return message.cycle.period_s
         raise DriveError(f"{self._drive.joint}: its robot tells nothing of its cycles")
@@ -131,6 +140,8 @@ class TuneRun:
                 if isinstance(message, StateSample):
                     heard = time.monotonic()
                     self._take(message, motion, record)
+                elif isinstance(message, ProcessData):
+                    self._take_torque(message)
             motion.tick(time.monotonic_ns())
             self._tell(motion.elapsed)
             if time.monotonic() - heard > _SILENCE_S:
@@ -138,6 +149,17 @@ class TuneRun:
             if self._gone:
                 motion.end(JogEnd.ASKED)
             self._command(client, motion)
+        self._keep_torque(record)
+
+    def _take_torque(self, data: ProcessData) -> None:
+        """Take the torque that a TPDO carries: of the cycle whose sample came before it."""
+        for mapped in data.nodes.get(self._drive.node, ()):
+            if (mapped.index, mapped.subindex) == (self._torque_index, 0):
+                self._torque = float(int.from_bytes(mapped.data, "little", signed=True))
+
+    def _keep_torque(self, record: TuneRecord) -> None:
+        if self._torque is not None and record.samples and record.samples[-1].effort is None:
+            record.samples[-1] = replace(record.samples[-1], effort=self._torque)
 
     def _take(self, sample: StateSample, motion: TuneMotion, record: TuneRecord) -> None:
         """Judge a sample and keep it."""
@@ -148,11 +170,13 @@ class TuneRun:
             motion.see(None, None, None, enabled=enabled)
             return
         unit = self._effort_unit
+        self._keep_torque(record)
         effort = None if joint.effort is None or unit is None else joint.effort * unit
-        motion.see(joint.position, joint.velocity, self._current.value if effort is None else effort, enabled=enabled)
+        known = self._torque if effort is None else effort
+        motion.see(joint.position, joint.velocity, self._current.value if known is None else known, enabled=enabled)
         cycle = sample.cycle.count + sample.cycle.missed
         record.put(TuneSample(cycle, joint.command or 0.0, joint.position, joint.velocity, effort))
-        self._told = effort is not None
+        self._told = known is not None
 
     def _command(self, client: RobotClient, motion: TuneMotion) -> None:
         """Send what is commanded when it changes, and again while it holds."""

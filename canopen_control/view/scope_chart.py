@@ -10,10 +10,11 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from canopen_control.service.frequency_response import Bode
     from canopen_control.service.scope_capture import Shot
     from canopen_control.service.scope_files import NamedShot
 
-__all__ = ["MOST_POINTS", "chart_options", "cursor_change", "height_of", "thinned"]
+__all__ = ["BODE_HEIGHT", "MOST_POINTS", "bode_options", "chart_options", "cursor_change", "height_of", "thinned"]
 
 MOST_POINTS: Final = 2400
 _FIELD, _GAP, _TOP, _BOTTOM = 150, 44, 50, 40  # pixels
@@ -93,6 +94,52 @@ def chart_options(named: NamedShot, overlay: NamedShot | None, cursors: tuple[fl
         options["series"].append(_series(f"s{place}", name, named.shot, place, number, color))
     options["series"] += cursor_change(named, cursors)["series"]
     return options
+
+
+def bode_options(bode: Bode) -> Options:
+    """Return gain and phase over the frequency, as two fields."""
+    fields = (("gain, dB", _COLORS[0]), ("phase, degrees", _COLORS[1]))
+    values = ([(p.frequency, p.gain) for p in bode.points], [(p.frequency, p.phase) for p in bode.points])
+    return {
+        "animation": False,
+        "tooltip": {"trigger": "axis", "confine": True},
+        "axisPointer": {"link": [{"xAxisIndex": "all"}]},
+        "grid": [
+            {"left": 64, "right": 18, "top": _TOP + number * (_FIELD + _GAP), "height": _FIELD} for number in (0, 1)
+        ],
+        "xAxis": [
+            {
+                "type": "log",
+                "gridIndex": number,
+                "name": "Hz",
+                "min": "dataMin",
+                "max": "dataMax",
+                "axisLabel": _TIME_LABEL,
+            }
+            for number in (0, 1)
+        ],
+        "yAxis": [
+            {"type": "value", "gridIndex": number, "scale": True, "name": title, "nameTextStyle": {"align": "left"}}
+            for number, (title, _) in enumerate(fields)
+        ],
+        "series": [
+            {
+                "id": f"b{number}",
+                "name": title,
+                "type": "line",
+                "showSymbol": False,
+                "xAxisIndex": number,
+                "yAxisIndex": number,
+                "lineStyle": {"width": 1.4, "color": color},
+                "itemStyle": {"color": color},
+                "data": values[number],
+            }
+            for number, (title, color) in enumerate(fields)
+        ],
+    }
+
+
+BODE_HEIGHT: Final = _TOP + _BOTTOM + 2 * (_FIELD + _GAP)
 
 
 def cursor_change(named: NamedShot, cursors: tuple[float, float] | None) -> Options:

@@ -2,6 +2,7 @@ import pytest
 
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.declare import Done
+from canopen_control.rpc.messages.robot import MappedValue, ProcessData
 from canopen_control.rpc.messages.state import AxisReading, CycleTimes, JointReading, NodeReading, StateSample
 from canopen_control.service.driven_axis import JogDrive
 from canopen_control.service.excitation import Step
@@ -77,3 +78,18 @@ def test_a_refused_command_ends_it():
     run._sent = 0.0
     run._command(Refusing(), moved)
     assert moved.ended is JogEnd.STATE
+
+
+def test_a_torque_that_a_tpdo_carries_is_that_of_the_sample_before_it():
+    def data(value):
+        return ProcessData(0.0, {"drive": [MappedValue(0x6077, 0, value.to_bytes(2, "little", signed=True))]})
+
+    record, run, moved = TuneRecord(0.01), tune(None), motion()
+    run._take(sample(7), moved, record)
+    run._take_torque(data(-120))
+    run._take(sample(8), moved, record)
+    run._take_torque(ProcessData(0.0, {"other": []}))
+    run._take(sample(9), moved, record)
+    run._take_torque(data(300))
+    run._keep_torque(record)
+    assert [each.effort for each in record.samples] == [-120.0, -120.0, 300.0]

@@ -10,6 +10,7 @@ from canopen_control.view.drive.objects_tab import ObjectsTab
 from canopen_control.view.drive.parameters_tab import ParametersTab
 from canopen_control.view.drive.scope_tab import ScopeTab
 from canopen_control.view.drive.status_tab import StatusTab
+from canopen_control.view.drive.tune_tab import TuneTab
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,6 +33,7 @@ TABS: Final = (
     TabSlot("status", "Status", StatusTab),
     TabSlot("objects", "Objects", ObjectsTab),
     TabSlot("scope", "Scope", ScopeTab),
+    TabSlot("tune", "Tune", TuneTab),
     TabSlot("parameters", "Parameters", ParametersTab),
     TabSlot("firmware", "Firmware", FirmwareTab),
 )
