@@ -6,11 +6,11 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.loop_gains import GainObject, LoopGain, gain_objects
+from canopen_control.cia402.loop_gains import GainObject, LoopGain, gain_objects, gain_places
 from canopen_control.errors import ConfigError
 from canopen_control.service.gain_setting import gain_values, revert_gains, set_gains
 from canopen_control.service.kept_parameters import KeptParameters
-from canopen_control.service.read_parameters import device_identity
+from canopen_control.service.read_parameters import device_identity, entry_label
 from canopen_control.service.restore import store
 
 if TYPE_CHECKING:
@@ -59,6 +59,15 @@ def settable_gains(
         scale = place.scale / units_per_rad if gain in _OF_SHAFT else place.scale
         objects[gain] = GainObject(place.index, place.subindex, scale)
     if missing := [gain.name.lower() for gain in _OF_SHAFT if gain not in objects]:
+        if places := gain_places(od, axis):
+            named_places = (
+                f"--gain {gain.name.lower()}=0x{i:04X}:{sub:02X}*SCALE" for gain, (i, sub) in places.items()
+            )
+            held = ", ".join(f"{entry_label(od[place])} ({gain.name.lower()})" for gain, place in places.items())
+            raise ConfigError(
+                f"{session}: its maker holds gains in {held}; what 1 in them is worth stands in its manual alone, so "
+                f"nothing is set without: {' '.join(named_places)}"
+            )
         raise ConfigError(
             f"{session}: nobody knows which of its objects hold {' and '.join(missing)} "
             "or what their numbers are worth, if it has such loops (a stepper has none); leave --apply away, or name "

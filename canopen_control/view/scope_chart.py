@@ -7,9 +7,11 @@ so that no peak is lost; files have every sample.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from canopen_control.service.frequency_response import Bode
     from canopen_control.service.scope_capture import Shot
     from canopen_control.service.scope_files import NamedShot
@@ -20,10 +22,14 @@ MOST_POINTS: Final = 2400
 _FIELD, _GAP, _TOP, _BOTTOM = 150, 44, 50, 40  # pixels
 _COLORS: Final = ("#1d5fd1", "#d1491d", "#1f8a4c", "#8a3fc0", "#b07d00", "#0097a7", "#c2185b", "#5d4037")
 _OVERLAY: Final = "#9aa5b1"
-_TIME_LABEL: Final = {"fontSize": 11, "showMinLabel": False, "showMaxLabel": False}  # the ends are no round numbers
-_LINE: Final = {"color": "#16324f", "width": 1, "type": "solid"}
-
-Options = dict[str, Any]
+Json: TypeAlias = "bool | int | float | str | Sequence[Json] | Mapping[str, Json] | None"
+Options: TypeAlias = dict[str, Json]
+_TIME_LABEL: Final[Options] = {
+    "fontSize": 11,
+    "showMinLabel": False,
+    "showMaxLabel": False,
+}  # the ends are no round numbers
+_LINE: Final[Options] = {"color": "#16324f", "width": 1, "type": "solid"}
 
 
 def thinned(shot: Shot, place: int, most: int = MOST_POINTS) -> list[tuple[float, float | None]]:
@@ -57,7 +63,14 @@ def chart_options(named: NamedShot, overlay: NamedShot | None, cursors: tuple[fl
     fields = _fields(named)
     low, high = named.shot.span
     axes = range(len(fields))
-    options: Options = {
+    series: list[Options] = []
+    for place, name in enumerate(named.names):
+        number = fields.index(_unit(named, place))
+        if overlay is not None and (other := overlay.place(name)) is not None:
+            label = f"{name} ({overlay.label or 'overlay'})"
+            series.append(_series(f"o{place}", label, overlay.shot, other, number, _OVERLAY))
+        series.append(_series(f"s{place}", name, named.shot, place, number, _COLORS[place % len(_COLORS)]))
+    return {
         "animation": False,
         "legend": {"type": "scroll", "top": 0, "textStyle": {"fontSize": 12}},
         "tooltip": {"trigger": "axis", "confine": True},
@@ -83,17 +96,8 @@ def chart_options(named: NamedShot, overlay: NamedShot | None, cursors: tuple[fl
             {"type": "inside", "xAxisIndex": list(axes), "filterMode": "none"},
             {"type": "slider", "xAxisIndex": list(axes), "filterMode": "none", "bottom": 8, "height": 20},
         ],
-        "series": [],
+        "series": [*series, *_marks(named, cursors)],
     }
-    for place, name in enumerate(named.names):
-        number = fields.index(_unit(named, place))
-        if overlay is not None and (other := overlay.place(name)) is not None:
-            label = f"{name} ({overlay.label or 'overlay'})"
-            options["series"].append(_series(f"o{place}", label, overlay.shot, other, number, _OVERLAY))
-        color = _COLORS[place % len(_COLORS)]
-        options["series"].append(_series(f"s{place}", name, named.shot, place, number, color))
-    options["series"] += cursor_change(named, cursors)["series"]
-    return options
 
 
 def bode_options(bode: Bode) -> Options:
@@ -144,29 +148,31 @@ BODE_HEIGHT: Final = _TOP + _BOTTOM + 2 * (_FIELD + _GAP)
 
 def cursor_change(named: NamedShot, cursors: tuple[float, float] | None) -> Options:
     """Return the part of the options that are the cursors and the trigger: all that changes when one is moved."""
-    marks = [{"xAxis": at, "name": label} for at, label in zip(cursors or (), ("1", "2"), strict=False)]
+    return {"series": _marks(named, cursors)}
+
+
+def _marks(named: NamedShot, cursors: tuple[float, float] | None) -> list[Options]:
+    marks: list[Options] = [{"xAxis": at, "name": label} for at, label in zip(cursors or (), ("1", "2"), strict=False)]
     if named.shot.triggered is not None:
         marks.append({"xAxis": 0.0, "name": "T"})
-    return {
-        "series": [
-            {
-                "id": f"marks{number}",
-                "type": "line",
-                "data": [],
-                "xAxisIndex": number,
-                "yAxisIndex": number,
-                "markLine": {
-                    "silent": True,
-                    "symbol": "none",
-                    "animation": False,
-                    "label": {"formatter": "{b}", "fontSize": 11, "position": "end"},
-                    "lineStyle": _LINE,
-                    "data": marks,
-                },
-            }
-            for number in range(len(_fields(named)))
-        ]
-    }
+    return [
+        {
+            "id": f"marks{number}",
+            "type": "line",
+            "data": [],
+            "xAxisIndex": number,
+            "yAxisIndex": number,
+            "markLine": {
+                "silent": True,
+                "symbol": "none",
+                "animation": False,
+                "label": {"formatter": "{b}", "fontSize": 11, "position": "end"},
+                "lineStyle": _LINE,
+                "data": marks,
+            },
+        }
+        for number in range(len(_fields(named)))
+    ]
 
 
 def _fields(named: NamedShot) -> list[str]:

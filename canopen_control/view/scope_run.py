@@ -30,9 +30,9 @@ from canopen_control.service.scope_sources import RobotSource
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from canopen_control.service.node_objects import NodeObjects
     from canopen_control.service.node_session import NodeSession
     from canopen_control.service.scope_files import NamedShot
-    from canopen_control.view.node_desk import NodeDesk
 
 __all__ = ["KEPT", "ScopeRun", "ScopeWish"]
 
@@ -74,7 +74,7 @@ class ScopeRun:
     """Takes shots of a node of a running robot; `connect` is for tests."""
 
     def __init__(
-        self, desk: NodeDesk, wish: ScopeWish, connect: Callable[[str, float], RobotClient] = RobotClient.connect
+        self, desk: NodeObjects, wish: ScopeWish, connect: Callable[[str, float], RobotClient] = RobotClient.connect
     ) -> None:
         wish.check()
         self.wish = wish

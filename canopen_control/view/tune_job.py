@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.rpc.messages.robot import Tell
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from canopen_control.service.loop_design import LoopGains
     from canopen_control.service.node_session import NodeSession
     from canopen_control.service.tune_motion import TuneRecord
-    from canopen_control.view.node_desk import NodeWork
 
 __all__ = ["GONE_S", "SCALE", "Presence", "TuneFound", "TuneWish", "apply_gains", "confirmed_words", "curves_of",
            "revert", "tune"]  # fmt: skip
@@ -106,6 +105,15 @@ class TuneFound:
     lines: list[str] = field(default_factory=list)
 
 
+class Work(Protocol):
+    """The piece of work that pages look at: how far it is, which raises where it is to end, and what came of it."""
+
+    lines: list[str]
+
+    def at(self, done: int, total: int | None = None) -> None:
+        """Tell how far it is."""
+
+
 class Presence:
     """When a page was there last; `clock` in s."""
 
@@ -124,7 +132,7 @@ class Presence:
 
 def tune(
     session: NodeSession,
-    work: NodeWork,
+    work: Work,
     client: RobotClient,
     found: TuneFound,
     presence: Presence,
@@ -170,13 +178,13 @@ def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
     return NamedShot(Shot(rows), names[: 3 + known], units[: 3 + known], request.test.value)
 
 
-def apply_gains(session: NodeSession, work: NodeWork, gains: LoopGains, counts: float, *, stores: bool) -> str:
+def apply_gains(session: NodeSession, work: Work, gains: LoopGains, counts: float, *, stores: bool) -> str:
     """Set proposed gains and prove them; `counts` are the user units of 0x6064 of one turn."""
     work.lines += applied(session, gains, counts / math.tau, GainPlace(stores=stores))
     return f"{session.name}: gains set and proven; Revert takes them back"
 
 
-def revert(session: NodeSession, work: NodeWork, *, stores: bool) -> str:
+def revert(session: NodeSession, work: Work, *, stores: bool) -> str:
     """Give the drive back the gains from before the first that were set."""
     work.lines += reverted(session, GainPlace(stores=stores))
     return f"{session.name}: gains are those from before"
