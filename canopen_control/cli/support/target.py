@@ -6,6 +6,7 @@ bare bus on which a robot runs is open for the other nodes only.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -169,7 +170,8 @@ class RobotTarget:
     def transfers(self, node: TargetNode) -> RobotTransfers:
         """Return who carries the SDO of a node."""
         if node.node_id not in self._carriers:
-            self._carriers[node.node_id] = RobotTransfers(self.robot, node.node_id, self._timeout)
+            who = f"{LABEL} (pid {os.getpid()})"
+            self._carriers[node.node_id] = RobotTransfers(self.robot, node.node_id, self._timeout, who)
         return self._carriers[node.node_id]
 
     def read(self, node: TargetNode, index: int, subindex: int, *, block: bool = False) -> bytes:

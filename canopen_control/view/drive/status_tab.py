@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from nicegui import background_tasks, ui
 
-from canopen_control.errors import CanopenError
+from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.service.drive_faults import error_history
 from canopen_control.service.object_bits import statusword_bits
 from canopen_control.view.panels.panel import Html
@@ -77,6 +77,9 @@ class StatusTab:
     async def _read(self) -> None:
         try:
             found = await self._context.desk.ask(error_history)
+        except ConfigError as error:  # a drive need not have one
+            self._errors.show(sentence(str(error)))
+            return
         except CanopenError as error:
             self._errors.show(sentence(str(error), BAD))
             return

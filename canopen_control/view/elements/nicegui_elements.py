@@ -1,4 +1,4 @@
-"""Elements that NiceGUI has not, each with its JavaScript: the feed, held buttons, the 3D scene, strip charts."""
+"""Elements that NiceGUI has not, each with its JavaScript: feed, held buttons, 3D scene, strip charts, objects."""
 
 from __future__ import annotations
 
@@ -212,10 +212,6 @@ class ObjectTree(Element, component="object_tree.js"):
     def answer(self, address: str, text: str, *, good: bool) -> None:
         """Say at an object what came of writing it."""
         self.run_method("answer", address, text, good)
-
-    def again(self) -> None:
-        """Have it tell once more what is in sight."""
-        self.run_method("again")
 
 
 _SEARCH = 200  # characters

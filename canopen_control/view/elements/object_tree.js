@@ -161,9 +161,5 @@ export default {
     answer(address, text, good) {
       this.told[address] = { text, good };
     },
-    again() {
-      this.before = null;
-      this.tell();
-    },
   },
 };

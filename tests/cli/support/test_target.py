@@ -1,3 +1,5 @@
+import os
+
 import pytest
 from support.onbus import GENERIC, TMCM, OnBus
 
@@ -77,11 +79,13 @@ def test_a_long_object_goes_through_a_robot_in_pieces_that_a_request_can_hold():
         robot.write(robot.node("3"), 0x2000, 0, bytes(range(256)) * 1000)
     sent = [each for each in fake.requests[1:] if each != "close"]
     assert [type(each) for each in sent] == [SdoPiece] * 10 + [SdoWrite]
+    assert sent[-1].source.startswith("canopen-control (pid ")  # who the robot's events say it was
     assert all(len(request_line(1, "sdo_write", each)) < MAX_REQUEST - 1000 for each in sent)
     assert b"".join(each.data for each in sent) == bytes(range(256)) * 1000
 
 
 def test_transfers_through_a_robot_carry_block_and_timeout():
+    who = f"canopen-control (pid {os.getpid()})"
     fake = FakeRobot()
     with RobotTarget(fake, timeout=2.0) as robot:
         assert robot.read(robot.node("3"), 0x1008, 1, block=True) == b"\1\2"
@@ -90,7 +94,7 @@ def test_transfers_through_a_robot_carry_block_and_timeout():
             robot.write(robot.node("3"), 0x2000, 0, bytes(400_001))
     assert fake.requests[1:] == [
         SdoRead(node="3", index=0x1008, subindex=1, block=True, timeout=2.0),
-        SdoWrite(node="3", index=0x2000, subindex=0, data=b"\xff", timeout=2.0),
+        SdoWrite(node="3", index=0x2000, subindex=0, data=b"\xff", timeout=2.0, source=who),
         "close",
     ]
 

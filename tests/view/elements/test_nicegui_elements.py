@@ -8,6 +8,7 @@ from canopen_control.view.elements.nicegui_elements import (
     Feed,
     HoldButton,
     HoldButtons,
+    ObjectTree,
     Presence,
     RobotScene,
     StripCharts,
@@ -79,3 +80,62 @@ def test_a_page_says_that_it_is_there_while_it_is_to():
 
     assert visited(lambda: Presence(lambda: told.append("here")), act) == (False, True)
     assert told == ["here"]
+
+
+class Heard:
+    """What a tree tells."""
+
+    def __init__(self):
+        self.told = []
+
+    def seen(self, addresses):
+        self.told.append(("seen", addresses))
+
+    def search(self, text):
+        self.told.append(("search", text))
+
+    def write(self, address, text):
+        self.told.append(("write", address, text))
+
+
+def test_a_tree_of_objects_tells_what_is_in_sight_sought_and_written_and_no_nonsense():
+    heard = Heard()
+
+    async def act(user, tree):
+        for event, args in (
+            ("seen", ["0x6081:00", 5]),
+            ("seen", None),
+            ("search", "v" * 500),
+            ("write", {"address": "0x6081:00", "text": "5"}),
+            ("write", {"address": 7, "text": "5"}),
+            ("write", "0x6081:00"),
+        ):
+            user.find(kind=ObjectTree).trigger(event, args)
+        return tree._props["writes"], tree._props["product"]
+
+    assert visited(lambda: ObjectTree([], "286-4F6", heard, writes=False), act) == (False, "286-4F6")
+    assert heard.told == [
+        ("seen", ["0x6081:00"]),
+        ("seen", []),
+        ("search", "v" * 200),
+        ("write", "0x6081:00", "5"),
+    ]
+
+
+def test_a_tree_is_sent_values_matches_and_answers(monkeypatch):
+    sent = []
+    monkeypatch.setattr(ObjectTree, "run_method", lambda _tree, *args: sent.append(args))
+
+    async def act(_user, tree):
+        tree.values({"0x6081:00": {"value": "5", "meaning": None, "changed": True, "error": None, "bits": []}})
+        tree.matches(None)
+        tree.matches(("0x6081:00",), "")
+        tree.answer("0x6081:00", "written", good=True)
+
+    visited(lambda: ObjectTree([], "", Heard(), writes=True), act)
+    assert [each[0] for each in sent] == ["values", "matches", "matches", "answer"]
+    assert sent[1:] == [
+        ("matches", None, ""),
+        ("matches", ["0x6081:00"], ""),
+        ("answer", "0x6081:00", "written", True),
+    ]
