@@ -82,7 +82,7 @@ def test_a_drive_is_backed_up_compared_and_not_written_while_the_robot_has_it(sh
 def test_stop_is_in_reach_in_every_tab_and_the_page_is_no_wider_than_its_screen(show, keep):
     show = show("vtabs")
     page = opened(show, "status")
-    for tab in ("status", "objects", "parameters", "firmware"):
+    for tab in ("status", "objects", "scope", "tune", "parameters", "firmware"):
         page.page.get_by_role("tab", name=tab.title()).click()
         page.page.locator(f".cc-t-{tab}").wait_for()
         for size in ((1440, 900), (390, 844)):
