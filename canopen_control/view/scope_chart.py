@@ -165,6 +165,7 @@ def _marks(named: NamedShot, cursors: tuple[float, float] | None) -> list[Option
             "markLine": {
                 "silent": True,
                 "symbol": "none",
+                "precision": 9,  # else a cursor stands at the next hundredth of a second
                 "animation": False,
                 "label": {"formatter": "{b}", "fontSize": 11, "position": "end"},
                 "lineStyle": _LINE,

@@ -43,5 +43,6 @@ def test_cursors_and_the_trigger_are_all_that_changes_with_them():
     assert set(change) == {"series"}
     marks = change["series"][0]["markLine"]["data"]
     assert [(each["xAxis"], each["name"]) for each in marks] == [(-0.2, "1"), (0.3, "2"), (0.0, "T")]
+    assert change["series"][0]["markLine"]["precision"] > 6
     assert len(str(change)) < 2000
     assert MOST_POINTS > 1000
