@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import ObjectDictionary
 
-__all__ = ["GainObject", "LoopGain", "gain_objects"]
+__all__ = ["GainObject", "LoopGain", "gain_objects", "gain_places"]
 
 
 class LoopGain(enum.Enum):
@@ -40,6 +40,7 @@ class GainObject:
     scale: float
 
 
+_PROFILE: Final = 0x6000  # from here on each axis has its own range
 _OWN: Final[Mapping[LoopGain, GainObject]] = MappingProxyType(
     {
         LoopGain.VELOCITY_P: GainObject(VELOCITY_CONTROL_PARAMETERS, 1, 1e-5),
@@ -50,6 +51,41 @@ _OWN: Final[Mapping[LoopGain, GainObject]] = MappingProxyType(
 )
 _KNOWN: Final[Mapping[tuple[int, int], Mapping[LoopGain, GainObject]]] = MappingProxyType({(0, 0x402): _OWN})
 """Vendor and product (0x1018) to the gains of that device."""
+
+
+_FIRST, _SECOND = (1, 2)
+_PI: Final = {LoopGain.VELOCITY_P: _FIRST, LoopGain.VELOCITY_I: _SECOND}
+_P: Final = {LoopGain.POSITION_P: _FIRST}
+_MAKERS: Final = (
+    ("maxon", ((0x30A2, _PI), (0x30A1, _P))),  # EPOS4
+    ("maxon", ((VELOCITY_CONTROL_PARAMETERS, _PI), (POSITION_CONTROL_PARAMETERS, _P))),  # before it
+    (
+        "copley",
+        (
+            (VELOCITY_CONTROL_PARAMETERS, _PI),
+            (POSITION_CONTROL_PARAMETERS, _P | {LoopGain.VELOCITY_FEED_FORWARD: _SECOND}),
+        ),
+    ),
+    ("faulhaber", ((VELOCITY_CONTROL_PARAMETERS, _PI), (POSITION_CONTROL_PARAMETERS, _P))),
+    ("kinco", ((VELOCITY_CONTROL_PARAMETERS, _PI),)),
+    ("nanotec", ((0x321B, _PI),)),
+)
+"""A word of the maker's name, and the records of its drives that hold gains, as its public EDS files have them; what a
+number in them is worth stands in the maker's manual alone."""
+
+
+def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int, int]]:
+    """Return where the maker of a drive holds gains whose scale only its manual tells; nothing where nobody knows."""
+    maker = od.device.vendor_name.lower()
+    for word, records in _MAKERS:
+        places = {
+            gain: (axis_index(index, axis) if index >= _PROFILE else index, subindex)
+            for index, gains in records
+            for gain, subindex in gains.items()
+        }
+        if word in maker and all(places[gain] in od for gain in _PI):
+            return {gain: place for gain, place in places.items() if place in od}
+    return {}
 
 
 def gain_objects(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, GainObject]:

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-    from canopen_control.cli.support.jog_robot import JogDrive
     from canopen_control.scaffold.drive_choice import AxisChoice
     from canopen_control.scaffold.new_robot import NewRobot
+    from canopen_control.service.driven_axis import JogDrive
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 

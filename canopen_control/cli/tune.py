@@ -18,25 +18,29 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.objects import TORQUE_ACTUAL, axis_index
 from canopen_control.cli.support.arguments import number, seconds, whole_number
 from canopen_control.cli.support.jog_robot import dead_man_words, own_robot
+from canopen_control.cli.support.jog_run import SIGNALS
 from canopen_control.cli.support.one_drive import axis_of, look_at_drive, running_drive, tell_event, with_counts
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
 from canopen_control.cli.support.target import parse_node_id, robot_on
-from canopen_control.cli.support.tune_gains import GAIN_NAMES, applied, parse_gain, reverted, settable_gains
-from canopen_control.cli.support.tune_report import identified, proposed, report
-from canopen_control.cli.support.tune_run import TuneRun, choose_tuned
+from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.errors import ConfigError
+from canopen_control.host.signals import on_signals
 from canopen_control.service.jog_motion import JogKind, JogLimits
 from canopen_control.service.jog_units import JogScale, parse_quantity
+from canopen_control.service.tune_gains import GAIN_NAMES, GainPlace, applied, parse_gain, reverted, settable_gains
 from canopen_control.service.tune_motion import PEAK_S
+from canopen_control.service.tune_report import identified, proposed, report
 from canopen_control.service.tune_request import TuneRequest, TuneTest
+from canopen_control.service.tune_run import TuneRun
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-    from canopen_control.cli.support.jog_robot import JogDrive
+    from canopen_control.service.driven_axis import JogDrive
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
@@ -113,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
     _check_gains(args)
     if args.revert:
         with open_session(args) as session:
-            print("\n".join(reverted(session, args)))
+            print("\n".join(_hinted(reverted(session, _place(args)), args)))
         return 0
     request = _request(args)
     output = None if args.output is None else _output(args.output)
@@ -133,8 +137,17 @@ def run(args: argparse.Namespace) -> int:
             drive, scale, limits = stack.enter_context(_own(args, request))
             effort_unit = _EFFORT_UNIT
         excitation = request.excitation(scale)
-        tune = TuneRun(drive, request.kind, excitation, limits, deceleration=_DECELERATION, effort_unit=effort_unit)
-        record = tune.run()
+        tune = TuneRun(
+            drive,
+            request.kind,
+            excitation,
+            limits,
+            deceleration=_DECELERATION,
+            effort_unit=effort_unit,
+            torque_index=axis_index(TORQUE_ACTUAL, args.axis),
+        )
+        with on_signals(SIGNALS, tune.leave):
+            record = tune.run()
     if record.lost:
         print(
             f"canopen-control: {record.lost} of {record.lost + len(record.samples)} cycles were lost", file=sys.stderr
@@ -143,7 +156,9 @@ def run(args: argparse.Namespace) -> int:
     if args.apply:
         gains = proposed(identified(record), request)
         with open_session(args) as session:
-            print("\n".join(applied(session, gains, scale.counts / math.tau, args)))
+            print("\n".join(_hinted(applied(session, gains, scale.counts / math.tau, _place(args)), args)))
+        where = f"--can {args.can} --eds {args.eds}" if args.can else f"--name {args.name}" if args.name else ""
+        print(f"taken back by: canopen-control tune {args.node} {where} --revert".replace("  ", " "))
     return 0
 
 
@@ -157,6 +172,17 @@ def _check_gains(args: argparse.Namespace) -> None:
         raise ConfigError("--gain says which objects --apply sets; leave it away, or say --apply")
     for each in args.gain:
         parse_gain(each)
+
+
+def _place(args: argparse.Namespace) -> GainPlace:
+    return GainPlace(args.axis, tuple(args.gain), args.can or "", args.store)
+
+
+def _hinted(lines: Iterator[str], args: argparse.Namespace) -> Iterator[str]:
+    """Yield lines, the last one with the option that stores."""
+    *first, last = lines
+    yield from first
+    yield last if args.store else f"{last} (--store)"
 
 
 def _look_for_gains(args: argparse.Namespace) -> None:

@@ -217,7 +217,8 @@ class ScopeCapture:
     def feed(self, time: float, values: tuple[float | None, ...]) -> None:
         """Take a sample; one that comes with an older time is of the present."""
         time = self._newest = max(time, self._newest)
-        self.tick(time)
+        if self._begin is not None and time >= self._end:
+            self._finish()
         if self.state is ScopeState.DONE:
             return
         self._rows.append((time, values))
@@ -228,8 +229,10 @@ class ScopeCapture:
         self._last = values
 
     def tick(self, time: float) -> None:
-        """Let time pass: a shot may be over without another sample."""
+        """Let time pass: a shot may be over without another sample; what came last has held until its end then."""
         if self._begin is not None and time >= self._end:
+            if self._rows[-1][0] < self._end:
+                self._rows.append((self._end, self._rows[-1][1]))
             self._finish()
 
     def next_deadline(self) -> float | None:

@@ -27,6 +27,7 @@ __all__ = [
     "joint_signal_of",
     "node_of",
     "signal_of",
+    "statusword_of",
     "statuswords_of",
 ]
 
@@ -146,7 +147,12 @@ def statuswords_of(signals: Iterable[Signal], sessions: Mapping[int, NodeSession
     nodes = dict.fromkeys(signal.node_id for signal in signals if isinstance(signal, ScopeSignal))
     if not nodes:
         raise ConfigError("a trigger on faults looks at drives, and no signal is an object of one; add NODE:0x6041")
-    return [signal_of(f"{node_id}:0x{STATUSWORD:04X}", sessions[node_id]) for node_id in nodes]
+    return [statusword_of(sessions[node_id]) for node_id in nodes]
+
+
+def statusword_of(session: NodeSession) -> ScopeSignal:
+    """Return the statusword of a node; ConfigError where it has none."""
+    return signal_of(f"{session.node_id}:0x{STATUSWORD:04X}", session)
 
 
 class SignalValues:

@@ -90,6 +90,11 @@ class TuneMotion:
         return value
 
     @property
+    def elapsed(self) -> float:
+        """How many seconds of it are over."""
+        return (self._now - self._begin) * 1e-9
+
+    @property
     def travelled(self) -> float:
         """How far the shaft is from where it began, in rad; nan while nobody knows."""
         return self._way

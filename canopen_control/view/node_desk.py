@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.service.node_session import NodeSession
     from canopen_control.service.object_edit import Edit
+    from canopen_control.view.scope_run import ScopeRun
+    from canopen_control.view.tune_job import TuneFound
 
 __all__ = ["NodeDesk", "NodeWork"]
 
@@ -90,6 +92,8 @@ class NodeDesk(NodeObjects):
     ) -> None:
         super().__init__(robot, place, SOURCE, connect)
         self.work: NodeWork | None = None
+        self.scope: ScopeRun | None = None
+        self.tuned: TuneFound | None = None
         self.history = EditHistory()
         self._editing = threading.Lock()
 

@@ -2,7 +2,7 @@ import dataclasses
 
 import pytest
 
-from canopen_control.cia402.loop_gains import LoopGain, gain_objects
+from canopen_control.cia402.loop_gains import LoopGain, gain_objects, gain_places
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 
@@ -31,3 +31,31 @@ def test_another_makers_numbers_are_of_another_scale():
     entry = dataclasses.replace(SERVO[0x1018, 1], default=0xFB)
     entries = dict(SERVO.entries) | {(0x1018, 1): entry}
     assert gain_objects(dataclasses.replace(SERVO, entries=entries)) == {}
+
+
+def of_maker(name, *addresses):
+    """Return a drive of a maker that has these objects too."""
+    entry = SERVO[0x60F9, 1]
+    more = {address: dataclasses.replace(entry, index=address[0], subindex=address[1]) for address in addresses}
+    own = {address: each for address, each in SERVO.entries.items() if address[0] not in (0x60F9, 0x60FB)}
+    return dataclasses.replace(SERVO, entries=own | more, device=dataclasses.replace(SERVO.device, vendor_name=name))
+
+
+@pytest.mark.parametrize(
+    ("maker", "objects", "places"),
+    [
+        ("maxon motor ag", [(0x30A2, 1), (0x30A2, 2), (0x30A1, 1)], [(0x30A2, 1), (0x30A2, 2), (0x30A1, 1)]),
+        ("maxon motor ag", [(0x60F9, 1), (0x60F9, 2)], [(0x60F9, 1), (0x60F9, 2)]),
+        (
+            "Copley Controls",
+            [(0x60F9, 1), (0x60F9, 2), (0x60FB, 1), (0x60FB, 2)],
+            [(0x60F9, 1), (0x60F9, 2), (0x60FB, 1), (0x60FB, 2)],
+        ),
+        ("NANOTEC ELECTRONIC", [(0x321B, 1), (0x321B, 2)], [(0x321B, 1), (0x321B, 2)]),
+        ("NANOTEC ELECTRONIC", [(0x321B, 1)], []),
+        ("Somebody", [(0x60F9, 1), (0x60F9, 2)], []),
+    ],
+)
+def test_makers_hold_gains_in_objects_of_their_own_whose_scale_is_not_known(maker, objects, places):
+    od = of_maker(maker, *objects)
+    assert [*gain_places(od).values()] == places

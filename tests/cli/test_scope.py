@@ -9,7 +9,7 @@ from support.terminal import in_background
 from canopen_control.cli.main import main
 from canopen_control.cli.support.jog_robot import choose_jog, own_robot
 from canopen_control.cli.support.target import find_eds
-from canopen_control.cli.support.tune_run import choose_tuned
+from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.od.eds import read_eds
 from canopen_control.scaffold.new_robot import Device
 from canopen_control.service.jog_motion import JogKind

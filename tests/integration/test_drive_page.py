@@ -79,10 +79,24 @@ def test_a_drive_is_backed_up_compared_and_not_written_while_the_robot_has_it(sh
     keep(page, "drive_parameters")
 
 
+def test_a_shot_of_the_scope_is_drawn_by_the_pages_own_files_and_saved_as_it_is_drawn(show, keep):
+    show = show("vscope")
+    page = opened(show, "scope")
+    page.page.get_by_text("0x606C Velocity actual value").first.wait_for()
+    page.page.get_by_role("button", name="Single", exact=True).click()
+    page.page.locator(".cc-t-scope canvas").first.wait_for()
+    assert eventually(lambda: "1 shot; the robot made" in lines(page, "scope"), 20), lines(page, "scope")
+    with page.page.expect_download() as download:
+        page.page.get_by_role("button", name="PNG", exact=True).click()
+    assert download.value.path().read_bytes().startswith(b"\x89PNG")
+    assert page.foreign() == []
+    keep(page, "drive_scope_shot")
+
+
 def test_stop_is_in_reach_in_every_tab_and_the_page_is_no_wider_than_its_screen(show, keep):
     show = show("vtabs")
     page = opened(show, "status")
-    for tab in ("status", "objects", "parameters", "firmware"):
+    for tab in ("status", "objects", "scope", "tune", "parameters", "firmware"):
         page.page.get_by_role("tab", name=tab.title()).click()
         page.page.locator(f".cc-t-{tab}").wait_for()
         for size in ((1440, 900), (390, 844)):

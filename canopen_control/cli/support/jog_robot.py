@@ -11,14 +11,12 @@ import contextlib
 import os
 import shutil
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.client import RobotClient, find_robots
+from canopen_control.client import find_robots
 from canopen_control.controllers.params import Params
-from canopen_control.errors import ConfigError
-from canopen_control.rpc.messages.robot import GetNodes, ListControllers
 from canopen_control.runtime.background import BackgroundRobot
 from canopen_control.runtime.clearance import limit_speed
 from canopen_control.runtime.robot_files import BUS, find_robot
@@ -26,34 +24,22 @@ from canopen_control.runtime.run_session import RunOptions
 from canopen_control.runtime.setup import read_robot
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.new_robot import plan_robot
+from canopen_control.service.driven_axis import JogDrive
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from canopen_control.master.event_log import Event
-    from canopen_control.rpc.messages.state import ControllerReading
     from canopen_control.runtime.core import RobotCore
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.scaffold.drive_choice import AxisChoice, Supervision
     from canopen_control.scaffold.new_robot import Device, NewRobot
 
-__all__ = ["DEAD_MAN_S", "JogDrive", "choose_jog", "dead_man_words", "drive_of_robot", "own_robot"]
+__all__ = ["DEAD_MAN_S", "choose_jog", "dead_man_words", "own_robot"]
 
 HEARTBEAT_MS: Final = 50
 COMMAND_LIFE_S: Final = 0.4
 DEAD_MAN_S: Final = 5 * HEARTBEAT_MS / 1000  # five of them may be missing
-_TARGET: Final = "target"
-
-
-@dataclass(frozen=True, slots=True)
-class JogDrive:
-    """The drive by its names in a running robot; `mode` is the mode of operation to ask for, "" where it stays."""
-
-    robot: str
-    node: str
-    joint: str
-    controller: str
-    mode: str = ""
 
 
 def choose_jog(device: Device, interface: str, *, allow_unsupervised: bool) -> NewRobot:
@@ -116,30 +102,3 @@ def _short_lived(setup: RobotSetup) -> RobotSetup:
         for name, config in setup.controllers.controllers.items()
     }
     return replace(setup, controllers=replace(setup.controllers, controllers=renewed))
-
-
-def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
-    """Return the drive of a robot that takes targets by itself; ConfigError says what to do with another one."""
-    places = client.ask(GetNodes()).nodes
-    place = next((each for each in places if node in (each.name, str(each.node_id))), None)
-    if place is None:
-        known = ", ".join(f"{each.node_id} {each.name}" for each in places) or "none"
-        raise ConfigError(f"robot {client.robot} has no node {node!r}; its nodes: {known}")
-    if not axis < len(place.joints):
-        raise ConfigError(f"node {place.node_id} ({place.name}) of the running robot {client.robot} moves no joint")
-    joint = place.joints[axis]
-    controllers = client.ask(ListControllers())
-    own = next((each for each in controllers if _takes_targets(each, joint)), None)
-    if own is not None:
-        return JogDrive(client.robot, place.name, joint, own.name, mode)
-    users = [each.name for each in controllers if each.active and joint in each.joints and not each.is_broadcaster]
-    by = users[0] if users else "no controller"
-    raise ConfigError(
-        f"node {place.node_id} ({place.name}) is {joint} of the running robot {client.robot}, commanded by {by}, and "
-        f"two must not move it; drive it by `canopen-control command` or `teleop`, or end the robot first: "
-        f"canopen-control shutdown --name {client.robot}"
-    )
-
-
-def _takes_targets(controller: ControllerReading, joint: str) -> bool:
-    return controller.active and controller.topic == _TARGET and controller.joints == (joint,)

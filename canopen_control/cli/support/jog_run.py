@@ -18,27 +18,29 @@ from canopen_control.client import RobotClient
 from canopen_control.client.teleop_keys import KeyDecoder
 from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.host.signals import on_signals
-from canopen_control.rpc.messages.robot import AxisRequest, CommandController, SdoRead, Subscribe
+from canopen_control.rpc.messages.robot import AxisRequest, CommandController, Subscribe
 from canopen_control.rpc.messages.state import StateSample
+from canopen_control.service.driven_axis import (
+    ENABLE_S,
+    PERIOD_S,
+    RENEWED_S,
+    DriveCurrent,
+    axis_reading,
+    choose_mode,
+    ended_words,
+    stop_drive,
+)
 from canopen_control.service.jog_motion import HELP, JogEnd, JogKind, JogMotion
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.cli.support.jog_robot import JogDrive
-    from canopen_control.rpc.messages.state import AxisReading
+    from canopen_control.service.driven_axis import JogDrive
     from canopen_control.service.jog_motion import JogLimits
     from canopen_control.service.jog_units import JogScale
 
-__all__ = ["ENABLE_S", "RENEWED_S", "SIGNALS", "DriveCurrent", "JogRun", "axis_reading", "choose_mode", "ended_words",
-           "reset_fault", "stop_drive"]  # fmt: skip
+__all__ = ["SIGNALS", "JogRun", "reset_fault"]
 
-PERIOD_S: Final = 0.02
-RENEWED_S: Final = 0.1
-CURRENT_S: Final = 0.2
-ENABLE_S: Final = 15.0
-CURRENTS: Final = ((0x6078, 0), (0x6077, 0))
-"""What tells the current in per mille of the rated one: the current, else the torque."""
 _SOURCE: Final = "jog"
 _RATE_HZ: Final = 50.0
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -49,67 +51,6 @@ def reset_fault(drive: JogDrive) -> str:
     with RobotClient.connect(drive.robot) as client:
         client.ask(AxisRequest(action="fault-reset", node=drive.node, joint=drive.joint), ENABLE_S)
     return f"{drive.joint}: the fault is reset; the drive stays disabled"
-
-
-def choose_mode(client: RobotClient, request: AxisRequest) -> None:
-    """Ask for a mode of operation, again while the drive is not booted yet."""
-    deadline = time.monotonic() + ENABLE_S
-    while True:
-        try:
-            client.ask(request, ENABLE_S)
-        except RemoteError as error:
-            if error.kind != "ControlError" or time.monotonic() > deadline:
-                raise
-            time.sleep(PERIOD_S)
-        else:
-            return
-
-
-class DriveCurrent:
-    """The current of a drive in per mille of the rated one, read by SDO a few times a second; None: it tells none."""
-
-    def __init__(self, drive: JogDrive) -> None:
-        self.value: float | None = None
-        self._drive = drive
-        self._currents = [*CURRENTS]
-        self._asked_ns = 0
-
-    def ask(self, client: RobotClient) -> None:
-        """Read it if it is time to."""
-        now = time.monotonic_ns()
-        if not self._currents or now - self._asked_ns < CURRENT_S * 1e9:
-            return
-        self._asked_ns = now
-        index, subindex = self._currents[0]
-        try:
-            data = client.ask(SdoRead(node=self._drive.node, index=index, subindex=subindex), 1.0).data
-            self.value = float(int.from_bytes(data[:2], "little", signed=True))
-        except RemoteError as error:
-            if error.kind == "BusClosed":
-                raise
-            del self._currents[0]
-
-
-def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | None:
-    """Return what a sample says of the axis; None where it says nothing."""
-    node = None if sample is None else sample.nodes.get(drive.node)
-    axes = () if node is None else node.axes
-    return next((each for each in axes if each.joint == drive.joint), None)
-
-
-def stop_drive(client: RobotClient, drive: JogDrive) -> None:
-    """Stop along the ramp and disable; who is gone or has stopped already is left alone."""
-    with contextlib.suppress(RemoteError):
-        client.ask(AxisRequest(action="disable", node=drive.node, joint=drive.joint), ENABLE_S)
-
-
-def ended_words(sample: StateSample | None, drive: JogDrive) -> str:
-    """Say what became of a drive that is no longer enabled."""
-    axis = axis_reading(sample, drive)
-    if axis is None:
-        return "the drive shows no state any more"
-    error = f": {axis.error}" if axis.error else ""
-    return f"the drive is {(axis.state or 'nowhere').replace('_', ' ')}{error}; nothing is reset by itself"
 
 
 class JogRun:

@@ -7,13 +7,13 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.jog_robot import drive_of_robot
 from canopen_control.cli.support.open_session import open_session
 from canopen_control.cli.support.restoring import reached
 from canopen_control.cli.support.target import find_eds
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.service.drive_faults import fault_words, why_not_free
+from canopen_control.service.driven_axis import drive_of_robot
 from canopen_control.service.jog_units import JogScale
 from canopen_control.service.restore_journal import unfinished_words
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     import argparse
     import contextlib
 
-    from canopen_control.cli.support.jog_robot import JogDrive
     from canopen_control.master.event_log import Event
     from canopen_control.scaffold.drive_choice import AxisChoice
     from canopen_control.scaffold.new_robot import Device, NewRobot
+    from canopen_control.service.driven_axis import JogDrive
 
 __all__ = ["axis_of", "look_at_drive", "running_drive", "tell_event", "with_counts"]
 

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.view.drive.firmware_tab import FirmwareTab
 from canopen_control.view.drive.objects_tab import ObjectsTab
 from canopen_control.view.drive.parameters_tab import ParametersTab
+from canopen_control.view.drive.scope_tab import ScopeTab
 from canopen_control.view.drive.status_tab import StatusTab
+from canopen_control.view.drive.tune_tab import TuneTab
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,6 +32,8 @@ class TabSlot:
 TABS: Final = (
     TabSlot("status", "Status", StatusTab),
     TabSlot("objects", "Objects", ObjectsTab),
+    TabSlot("scope", "Scope", ScopeTab),
+    TabSlot("tune", "Tune", TuneTab),
     TabSlot("parameters", "Parameters", ParametersTab),
     TabSlot("firmware", "Firmware", FirmwareTab),
 )

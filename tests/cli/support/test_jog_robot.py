@@ -8,24 +8,19 @@ from support.onbus import GENERIC, TMCM
 from support.processes import seconds_until
 
 from canopen_control.cli.main import main
-from canopen_control.cli.support.jog_robot import DEAD_MAN_S, choose_jog, dead_man_words, drive_of_robot, own_robot
-from canopen_control.cli.support.jog_run import choose_mode
+from canopen_control.cli.support.jog_robot import DEAD_MAN_S, choose_jog, dead_man_words, own_robot
 from canopen_control.cli.support.target import find_eds
 from canopen_control.client import RobotClient
-from canopen_control.errors import ConfigError, RobotConfigError
+from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import (
     AxisRequest,
     CommandController,
-    GetNodes,
-    ListControllers,
-    NodeListing,
-    NodePlace,
 )
-from canopen_control.rpc.messages.state import ControllerReading
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.drive_choice import Supervision
 from canopen_control.scaffold.new_robot import Device
+from canopen_control.service.driven_axis import choose_mode
 
 
 def device(eds=GENERIC, without=()):
@@ -33,50 +28,6 @@ def device(eds=GENERIC, without=()):
     for address in [each for each in od.entries if each[0] in without]:
         del od.entries[address]
     return Device(NODE_ID, find_eds(eds), od)
-
-
-class FakeRobot:
-    robot = "robby"
-
-    def __init__(self, *controllers):
-        self._controllers = controllers
-
-    def ask(self, request):
-        if isinstance(request, GetNodes):
-            return NodeListing(
-                {}, [NodePlace(name="left", node_id=2, joints=["wheel"]), NodePlace(name="io", node_id=3)]
-            )
-        assert isinstance(request, ListControllers)
-        return self._controllers
-
-
-def controller(name, topic=None, *, active=True, joint="wheel"):
-    return ControllerReading(name=name, type="", state="active" if active else "inactive", joints=(joint,), topic=topic)
-
-
-def test_a_drive_that_takes_targets_by_itself_is_moved_through_its_robot():
-    found = drive_of_robot(FakeRobot(controller("wheel", "target")), "2", 0, "PV")
-    assert (found.robot, found.node, found.joint, found.controller, found.mode) == (
-        "robby",
-        "left",
-        "wheel",
-        "wheel",
-        "PV",
-    )
-
-
-@pytest.mark.parametrize(
-    ("node", "controllers", "why"),
-    [
-        ("left", [controller("forward", "commands")], "commanded by forward, and two must not move it; drive it by"),
-        ("left", [controller("wheel", "target", active=False)], "commanded by no controller"),
-        ("io", [], r"node 3 \(io\) of the running robot robby moves no joint"),
-        ("9", [], "robot robby has no node '9'; its nodes: 2 left, 3 io"),
-    ],
-)
-def test_any_other_drive_of_a_robot_is_left_to_it_with_what_to_do_instead(node, controllers, why):
-    with pytest.raises(ConfigError, match=why):
-        drive_of_robot(FakeRobot(*controllers), node, 0, "PV")
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,11 @@
 import pytest
 
 from canopen_control.cli.support import jog_run
-from canopen_control.cli.support.jog_robot import JogDrive
-from canopen_control.cli.support.jog_run import CURRENTS, DriveCurrent, JogRun, choose_mode, ended_words, reset_fault
+from canopen_control.cli.support.jog_run import JogRun, reset_fault
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.declare import Done
-from canopen_control.rpc.messages.robot import AxisRequest, CommandController, SdoData, SdoRead
+from canopen_control.rpc.messages.robot import CommandController
+from canopen_control.service.driven_axis import JogDrive
 from canopen_control.service.jog_motion import JogEnd, JogKind, JogLimits, JogMotion
 from canopen_control.service.jog_units import JogScale
 
@@ -40,18 +40,6 @@ def motion():
     return JogMotion(JogKind.VELOCITY, 1.0, LIMITS, seconds=5.0, now=0)
 
 
-def test_a_mode_is_asked_for_again_while_the_drive_boots(monkeypatch):
-    monkeypatch.setattr(jog_run, "PERIOD_S", 0.0)
-    client = FakeClient(("ControlError", "has not booted yet"), ("ControlError", "has not booted yet"))
-    choose_mode(client, AxisRequest(action="mode", node="drive", mode="PV"))
-    assert len(client.asked) == 3
-
-
-def test_a_mode_that_the_drive_lacks_is_told_at_once():
-    with pytest.raises(RemoteError, match="no PV"):
-        choose_mode(FakeClient(("UnsupportedMode", "no PV")), AxisRequest(action="mode", node="drive", mode="PV"))
-
-
 def test_a_fault_reset_asks_for_nothing_else(monkeypatch):
     client = FakeClient()
     monkeypatch.setattr(jog_run.RobotClient, "connect", lambda _name: client)
@@ -74,17 +62,3 @@ def test_a_drive_that_is_off_ends_the_jog_and_any_other_refusal_is_told():
     assert moved.ended is JogEnd.STATE
     with pytest.raises(RemoteError, match="latched"):
         jog()._command(FakeClient(("ControlError", "STOP is latched")), motion())
-
-
-def test_the_current_is_read_where_the_drive_tells_it_and_else_its_torque():
-    client = FakeClient(("SdoAbort", "no such object"), answers={SdoRead: SdoData(b"\xce\xff")})
-    current = DriveCurrent(DRIVE)
-    for _ in range(2):
-        current._asked_ns = -(10**12)
-        current.ask(client)
-    assert [each.index for each in client.asked] == [index for index, _ in CURRENTS]
-    assert current.value == -50.0
-
-
-def test_a_drive_of_which_nothing_is_known_is_told_as_such():
-    assert ended_words(None, DRIVE) == "the drive shows no state any more"

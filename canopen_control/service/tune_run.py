@@ -7,23 +7,16 @@ the stop and waits until the drive is disabled. Samples carry the number of thei
 from __future__ import annotations
 
 import math
-import signal
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.modes import OperationMode, supported_modes
-from canopen_control.cia402.objects import (
-    ERROR_CODE,
-    MODES_OF_OPERATION_DISPLAY,
-    POSITION_ACTUAL,
-    STATUSWORD,
-    SUPPORTED_DRIVE_MODES,
-    TORQUE_ACTUAL,
-    VELOCITY_ACTUAL,
-)
-from canopen_control.cli.support.jog_robot import choose_jog
-from canopen_control.cli.support.jog_run import (
+from canopen_control.cia402.objects import TORQUE_ACTUAL
+from canopen_control.client import RobotClient
+from canopen_control.errors import DriveError, RemoteError
+from canopen_control.rpc.messages.robot import AxisRequest, CommandController, ProcessData, Subscribe
+from canopen_control.rpc.messages.state import StateSample
+from canopen_control.service.driven_axis import (
     ENABLE_S,
     RENEWED_S,
     DriveCurrent,
@@ -32,76 +25,27 @@ from canopen_control.cli.support.jog_run import (
     ended_words,
     stop_drive,
 )
-from canopen_control.client import RobotClient
-from canopen_control.errors import DriveError, RemoteError
-from canopen_control.host.signals import on_signals
-from canopen_control.rpc.messages.robot import AxisRequest, CommandController, Subscribe
-from canopen_control.rpc.messages.state import StateSample
 from canopen_control.service.jog_motion import JogEnd, JogKind
 from canopen_control.service.tune_motion import TuneMotion, TuneRecord, TuneSample
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
-    from canopen_control.cli.support.jog_robot import JogDrive
     from canopen_control.rpc.messages.robot import RobotPush
-    from canopen_control.scaffold.drive_choice import DriveChoice
-    from canopen_control.scaffold.new_robot import Device, NewRobot
+    from canopen_control.service.driven_axis import JogDrive
     from canopen_control.service.excitation import Excitation
     from canopen_control.service.jog_motion import JogLimits
 
-__all__ = ["TuneRun", "choose_tuned"]
+__all__ = ["TuneRun"]
 
 _SOURCE: Final = "tune"
-_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_CYCLIC: Final = {OperationMode.PV: OperationMode.CSV, OperationMode.TQ: OperationMode.CST}
-"""What commands the same without a ramp of the drive's own."""
 _REMEDIES: Final = {
     JogEnd.CURRENT: "; excite it less, or raise --max-current, if it is safe",
     JogEnd.SPEED: "; excite it less, or raise --max-speed, if it is safe",
     JogEnd.TRAVEL: "; make it shorter (--for), or raise --max-travel, if it is safe",
 }
-_WITH_SYNC: Final = 1
 _WAIT_S: Final = 1.0  # for the first sample
 _SILENCE_S: Final = 0.3  # without a sample, after which nothing is commanded any more
-_FEEDBACK: Final = (MODES_OF_OPERATION_DISPLAY, POSITION_ACTUAL, VELOCITY_ACTUAL, TORQUE_ACTUAL, ERROR_CODE)
-
-
-def choose_tuned(device: Device, kind: JogKind, period_us: int, *, allow_unsupervised: bool) -> NewRobot:
-    """Choose how a drive is excited: as for a jog, but in a cyclic mode where it has one, and with its torque told."""
-    robot = choose_jog(device, kind.value, allow_unsupervised=allow_unsupervised)
-    nodes = tuple(
-        node if node.drive is None else replace(node, drive=_cyclic(device, node.drive)) for node in robot.nodes
-    )
-    nodes = tuple(
-        node
-        if node.drive is None
-        else replace(
-            node,
-            joints=tuple(replace(joint, axis=axis) for joint, axis in zip(node.joints, node.drive.axes, strict=True)),
-        )
-        for node in nodes
-    )
-    return replace(robot, nodes=nodes, sync_us=period_us)
-
-
-def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:
-    from canopen_control.scaffold.pdo_choice import PdoWish, choose_pdos
-
-    listed = device.od.get(SUPPORTED_DRIVE_MODES, 0)
-    modes = supported_modes(listed.value) if listed is not None and isinstance(listed.value, int) else ()
-    axes = tuple(
-        replace(axis, mode=_CYCLIC[axis.mode]) if _CYCLIC.get(axis.mode) in modes else axis for axis in drive.axes
-    )
-
-    def each(*indices: int) -> tuple[tuple[int, int], ...]:
-        return tuple((axis.index(index), 0) for axis in axes for index in indices)
-
-    tpdos, _ = choose_pdos(device.od, PdoWish(False, each(STATUSWORD), each(*_FEEDBACK)))
-    rpdos = drive.rpdos
-    if axes != drive.axes:
-        rpdos = tuple(replace(use, transmission=_WITH_SYNC) if use.transmission else use for use in rpdos)
-    return replace(drive, axes=axes, rpdos=rpdos, tpdos=tpdos)
 
 
 def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
@@ -115,7 +59,9 @@ def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
 class TuneRun:
     """One excitation of a drive; `run` returns the record, or raises DriveError with what ended it.
 
-    `effort_unit` is how many per mille of the rated torque the unit of its effort is, None where nobody knows.
+    `told` is called with the seconds that are over, again and again; what it raises ends the run, which stops first.
+    `effort_unit` is how many per mille of the rated torque the unit of its effort is, None where nobody knows: then its
+    torque is that of the object `torque_index`, if a TPDO carries it.
     """
 
     def __init__(
@@ -127,6 +73,8 @@ class TuneRun:
         *,
         deceleration: float,
         effort_unit: float | None,
+        told: Callable[[float], object] = lambda _seconds: None,
+        torque_index: int = TORQUE_ACTUAL,
     ) -> None:
         self._drive, self._kind, self._excitation = drive, kind, excitation
         self._limits, self._deceleration, self._effort_unit = limits, deceleration, effort_unit
@@ -134,10 +82,13 @@ class TuneRun:
         self._sent, self._sent_ns = math.nan, 0
         self._sample: StateSample | None = None
         self._gone = self._told = False
+        self._tell = told
+        self._torque_index = torque_index
+        self._torque: float | None = None
 
     def run(self) -> TuneRecord:
         """Enable, excite, stop and disable."""
-        with RobotClient.connect(self._drive.robot) as client, on_signals(_SIGNALS, self._leave):
+        with RobotClient.connect(self._drive.robot) as client:
             try:
                 motion, record = self._begin(client)
                 self._move(client, motion, record)
@@ -152,7 +103,8 @@ class TuneRun:
             )
         return record
 
-    def _leave(self) -> None:
+    def leave(self) -> None:
+        """End it at the next sample: it stops and is disabled, and nothing is concluded."""
         self._gone = True
 
     def _begin(self, client: RobotClient) -> tuple[TuneMotion, TuneRecord]:
@@ -160,11 +112,12 @@ class TuneRun:
         node, joint = self._drive.node, self._drive.joint
         if self._drive.mode:
             choose_mode(client, AxisRequest(action="mode", node=node, joint=joint, mode=self._drive.mode))
-        client.ask(Subscribe(state_rate=1000.0))  # every cycle
+        client.ask(Subscribe(state_rate=1000.0, pdos=self._effort_unit is None))  # every cycle
         period = self._first(client)
         client.ask(AxisRequest(action="enable", node=node, joint=joint), ENABLE_S)
-        for _ in client.messages(0):  # of the time before
-            pass
+        for message in client.messages(0):  # of the time before: what has not changed since is not told again
+            if isinstance(message, ProcessData):
+                self._take_torque(message)
         now = time.monotonic_ns()
         motion = TuneMotion(self._kind, self._excitation, self._limits, now=now, deceleration=self._deceleration)
         return motion, TuneRecord(period)
@@ -174,6 +127,8 @@ class TuneRun:
         deadline = time.monotonic() + _WAIT_S
         while time.monotonic() < deadline:
             for message in client.messages(_WAIT_S):
+                if isinstance(message, ProcessData):
+                    self._take_torque(message)
                 if isinstance(message, StateSample) and message.cycle.period_s:
                     return message.cycle.period_s
         raise DriveError(f"{self._drive.joint}: its robot tells nothing of its cycles")
@@ -185,12 +140,26 @@ class TuneRun:
                 if isinstance(message, StateSample):
                     heard = time.monotonic()
                     self._take(message, motion, record)
+                elif isinstance(message, ProcessData):
+                    self._take_torque(message)
             motion.tick(time.monotonic_ns())
+            self._tell(motion.elapsed)
             if time.monotonic() - heard > _SILENCE_S:
                 motion.end(JogEnd.STATE)
             if self._gone:
                 motion.end(JogEnd.ASKED)
             self._command(client, motion)
+        self._keep_torque(record)
+
+    def _take_torque(self, data: ProcessData) -> None:
+        """Take the torque that a TPDO carries: of the cycle whose sample came before it."""
+        for mapped in data.nodes.get(self._drive.node, ()):
+            if (mapped.index, mapped.subindex) == (self._torque_index, 0):
+                self._torque = float(int.from_bytes(mapped.data, "little", signed=True))
+
+    def _keep_torque(self, record: TuneRecord) -> None:
+        if self._torque is not None and record.samples and record.samples[-1].effort is None:
+            record.samples[-1] = replace(record.samples[-1], effort=self._torque)
 
     def _take(self, sample: StateSample, motion: TuneMotion, record: TuneRecord) -> None:
         """Judge a sample and keep it."""
@@ -201,11 +170,13 @@ class TuneRun:
             motion.see(None, None, None, enabled=enabled)
             return
         unit = self._effort_unit
+        self._keep_torque(record)
         effort = None if joint.effort is None or unit is None else joint.effort * unit
-        motion.see(joint.position, joint.velocity, self._current.value if effort is None else effort, enabled=enabled)
+        known = self._torque if effort is None else effort
+        motion.see(joint.position, joint.velocity, self._current.value if known is None else known, enabled=enabled)
         cycle = sample.cycle.count + sample.cycle.missed
         record.put(TuneSample(cycle, joint.command or 0.0, joint.position, joint.velocity, effort))
-        self._told = effort is not None
+        self._told = known is not None
 
     def _command(self, client: RobotClient, motion: TuneMotion) -> None:
         """Send what is commanded when it changes, and again while it holds."""

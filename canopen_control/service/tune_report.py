@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from canopen_control.service.frequency_response import Bode
     from canopen_control.service.jog_units import JogScale
     from canopen_control.service.loop_design import LoopGains
     from canopen_control.service.plant_model import PlantModel
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.service.tune_motion import TuneRecord, TuneSample
     from canopen_control.service.tune_request import TuneRequest
 
-__all__ = ["identified", "proposed", "report", "step_of"]
+__all__ = ["bode_of", "identified", "proposed", "report", "step_of"]
 
 
 def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Path | None) -> list[str]:
@@ -37,7 +38,7 @@ def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Pa
         plant = identified(record)
         lines = [*plant_lines(plant), *proposal_lines(plant, request)]
     else:
-        bode = frequency_response(*_pairs(record), record.period, low=request.band[0])
+        bode = bode_of(record, request)
         if output is not None:
             _write(output, bode_csv(bode))
         bandwidth = bode.bandwidth()
@@ -47,6 +48,11 @@ def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Pa
             f"bandwidth (-3 dB): {f'{bandwidth:.1f} Hz' if bandwidth is not None else 'beyond what was measured'}",
         ]
     return [*lines, *([] if output is None else [f"written: {output}"])]
+
+
+def bode_of(record: TuneRecord, request: TuneRequest) -> Bode:
+    """Return the frequency response of a record; DriveError where nothing of it can be trusted."""
+    return frequency_response(*_pairs(record), record.period, low=request.band[0])
 
 
 def _write(path: Path, text: str) -> None:

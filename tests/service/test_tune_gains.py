@@ -1,13 +1,14 @@
+import dataclasses
 import math
 
 import pytest
 from support.parameter_node import session_with
 
 from canopen_control.cia402.loop_gains import GainObject, LoopGain
-from canopen_control.cli.support.tune_gains import parse_gain, settable_gains
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
+from canopen_control.service.tune_gains import parse_gain, settable_gains
 
 SERVO, TMCM = (read_eds(data_path("eds", f"{name}.eds"), 5).od for name in ("generic_cia402", "TMCM-1270"))
 
@@ -48,3 +49,13 @@ def test_an_object_that_is_not_there_is_told():
 def test_a_drive_whose_gains_nobody_knows_is_told():
     with pytest.raises(ConfigError, match=r"nobody knows which of its objects hold velocity_p and velocity_i"):
         settable_gains(session_with(TMCM), 0, [], 1.0)
+
+
+def test_the_objects_of_a_known_maker_are_named_and_nothing_is_set_without_their_scale():
+    entries = dict(SERVO.entries) | {(0x1018, 1): dataclasses.replace(SERVO[0x1018, 1], default=0xFB)}
+    device = dataclasses.replace(SERVO.device, vendor_name="maxon motor ag")
+    od = dataclasses.replace(SERVO, entries=entries, device=device)
+    with pytest.raises(ConfigError, match=r"holds gains in 0x60F9:01 .*--gain velocity_p=0x60F9:01\*SCALE"):
+        settable_gains(session_with(od), 0, [], 1.0)
+    named = ["velocity_p=0x60F9:01*0.5", "velocity_i=0x60F9:02*0.5"]
+    assert len(settable_gains(session_with(od), 0, named, 1.0)) == 2

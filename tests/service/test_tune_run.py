@@ -1,19 +1,14 @@
 import pytest
-from support.onbus import GENERIC, TMCM
 
-from canopen_control.cia402.modes import OperationMode
-from canopen_control.cli.support.jog_robot import JogDrive
-from canopen_control.cli.support.target import find_eds
-from canopen_control.cli.support.tune_run import TuneRun, choose_tuned
 from canopen_control.errors import RemoteError
-from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.declare import Done
+from canopen_control.rpc.messages.robot import MappedValue, ProcessData
 from canopen_control.rpc.messages.state import AxisReading, CycleTimes, JointReading, NodeReading, StateSample
-from canopen_control.scaffold.bus_text import bus_text
-from canopen_control.scaffold.new_robot import Device
+from canopen_control.service.driven_axis import JogDrive
 from canopen_control.service.excitation import Step
 from canopen_control.service.jog_motion import JogEnd, JogKind, JogLimits
 from canopen_control.service.tune_motion import TuneMotion, TuneRecord
+from canopen_control.service.tune_run import TuneRun
 
 DRIVE = JogDrive("jog_5", "drive", "joint", "controller", "CSV")
 LIMITS = JogLimits(6.0, 10.0, 500.0)
@@ -33,20 +28,6 @@ def sample(cycle, effort=None, state="OPERATION_ENABLED"):
 
 def motion():
     return TuneMotion(JogKind.VELOCITY, Step(3.0, 2.0), LIMITS, now=0)
-
-
-@pytest.mark.parametrize(
-    ("eds", "mode", "transmission"), [(GENERIC, OperationMode.CSV, 1), (TMCM, OperationMode.PV, 255)]
-)
-def test_a_drive_is_excited_without_its_own_ramp_where_it_can_be(private_folders, eds, mode, transmission):
-    device = Device(5, find_eds(eds), read_eds(find_eds(eds), 5).od)
-    robot = choose_tuned(device, JogKind.VELOCITY, 5000, allow_unsupervised=True)
-    assert robot.joints[0].axis.mode is mode
-    assert {use.transmission for use in robot.nodes[0].drive.rpdos} == {transmission}
-    text = bus_text(robot)
-    assert f"velocity_mode: {int(mode)}" in text
-    assert "sync_period: 5000" in text
-    assert ("0x6077" in text) == (eds == GENERIC)  # its torque comes with every SYNC
 
 
 def test_a_sample_is_kept_with_its_cycle_and_its_torque_in_per_mille():
@@ -97,3 +78,18 @@ def test_a_refused_command_ends_it():
     run._sent = 0.0
     run._command(Refusing(), moved)
     assert moved.ended is JogEnd.STATE
+
+
+def test_a_torque_that_a_tpdo_carries_is_that_of_the_sample_before_it():
+    def data(value):
+        return ProcessData(0.0, {"drive": [MappedValue(0x6077, 0, value.to_bytes(2, "little", signed=True))]})
+
+    record, run, moved = TuneRecord(0.01), tune(None), motion()
+    run._take(sample(7), moved, record)
+    run._take_torque(data(-120))
+    run._take(sample(8), moved, record)
+    run._take_torque(ProcessData(0.0, {"other": []}))
+    run._take(sample(9), moved, record)
+    run._take_torque(data(300))
+    run._keep_torque(record)
+    assert [each.effort for each in record.samples] == [-120.0, -120.0, 300.0]

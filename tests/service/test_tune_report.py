@@ -1,11 +1,11 @@
 import pytest
 from support.tuneplant import COULOMB, INERTIA, loaded, pushed
 
-from canopen_control.cli.support.tune_report import _pairs, identified, report, step_of
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.service.excitation import Prbs
 from canopen_control.service.jog_units import JogScale, parse_quantity
 from canopen_control.service.tune_motion import TuneRecord, TuneSample
+from canopen_control.service.tune_report import _pairs, identified, report, step_of
 from canopen_control.service.tune_request import TuneRequest, TuneTest
 
 SCALE = JogScale(4096.0, told=True)

@@ -1,0 +1,129 @@
+"""One axis of a running robot that is moved from outside its controllers: by a jog, by a tuning run.
+
+A drive that a controller commands is refused: two must not move it. Who moves it chooses the mode, enables, commands so
+that each command dies with the connection, and stops and disables at the end, whatever ends it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.rpc.messages.robot import AxisRequest, GetNodes, ListControllers, SdoRead
+
+if TYPE_CHECKING:
+    from canopen_control.client import RobotClient
+    from canopen_control.rpc.messages.state import AxisReading, ControllerReading, StateSample
+
+__all__ = ["CURRENTS", "ENABLE_S", "PERIOD_S", "RENEWED_S", "DriveCurrent", "JogDrive", "axis_reading", "choose_mode",
+           "drive_of_robot", "ended_words", "stop_drive"]  # fmt: skip
+
+PERIOD_S: Final = 0.02
+RENEWED_S: Final = 0.1
+CURRENT_S: Final = 0.2
+ENABLE_S: Final = 15.0
+CURRENTS: Final = ((0x6078, 0), (0x6077, 0))
+"""What tells the current in per mille of the rated one: the current, else the torque."""
+_TARGET: Final = "target"
+
+
+@dataclass(frozen=True, slots=True)
+class JogDrive:
+    """The drive by its names in a running robot; `mode` is the mode of operation to ask for, "" where it stays."""
+
+    robot: str
+    node: str
+    joint: str
+    controller: str
+    mode: str = ""
+
+
+def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
+    """Return the drive of a robot that takes targets by itself; ConfigError says what to do with another one."""
+    places = client.ask(GetNodes()).nodes
+    place = next((each for each in places if node in (each.name, str(each.node_id))), None)
+    if place is None:
+        known = ", ".join(f"{each.node_id} {each.name}" for each in places) or "none"
+        raise ConfigError(f"robot {client.robot} has no node {node!r}; its nodes: {known}")
+    if not axis < len(place.joints):
+        raise ConfigError(f"node {place.node_id} ({place.name}) of the running robot {client.robot} moves no joint")
+    joint = place.joints[axis]
+    controllers = client.ask(ListControllers())
+    own = next((each for each in controllers if _takes_targets(each, joint)), None)
+    if own is not None:
+        return JogDrive(client.robot, place.name, joint, own.name, mode)
+    users = [each.name for each in controllers if each.active and joint in each.joints and not each.is_broadcaster]
+    by = users[0] if users else "no controller"
+    raise ConfigError(
+        f"node {place.node_id} ({place.name}) is {joint} of the running robot {client.robot}, commanded by {by}, and "
+        f"two must not move it; drive it by `canopen-control command` or `teleop`, or end the robot first: "
+        f"canopen-control shutdown --name {client.robot}"
+    )
+
+
+def _takes_targets(controller: ControllerReading, joint: str) -> bool:
+    return controller.active and controller.topic == _TARGET and controller.joints == (joint,)
+
+
+def choose_mode(client: RobotClient, request: AxisRequest) -> None:
+    """Ask for a mode of operation, again while the drive is not booted yet."""
+    deadline = time.monotonic() + ENABLE_S
+    while True:
+        try:
+            client.ask(request, ENABLE_S)
+        except RemoteError as error:
+            if error.kind != "ControlError" or time.monotonic() > deadline:
+                raise
+            time.sleep(PERIOD_S)
+        else:
+            return
+
+
+class DriveCurrent:
+    """The current of a drive in per mille of the rated one, read by SDO a few times a second; None: it tells none."""
+
+    def __init__(self, drive: JogDrive) -> None:
+        self.value: float | None = None
+        self._drive = drive
+        self._currents = [*CURRENTS]
+        self._asked_ns = 0
+
+    def ask(self, client: RobotClient) -> None:
+        """Read it if it is time to."""
+        now = time.monotonic_ns()
+        if not self._currents or now - self._asked_ns < CURRENT_S * 1e9:
+            return
+        self._asked_ns = now
+        index, subindex = self._currents[0]
+        try:
+            data = client.ask(SdoRead(node=self._drive.node, index=index, subindex=subindex), 1.0).data
+            self.value = float(int.from_bytes(data[:2], "little", signed=True))
+        except RemoteError as error:
+            if error.kind == "BusClosed":
+                raise
+            del self._currents[0]
+
+
+def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | None:
+    """Return what a sample says of the axis; None where it says nothing."""
+    node = None if sample is None else sample.nodes.get(drive.node)
+    axes = () if node is None else node.axes
+    return next((each for each in axes if each.joint == drive.joint), None)
+
+
+def stop_drive(client: RobotClient, drive: JogDrive) -> None:
+    """Stop along the ramp and disable; who is gone or has stopped already is left alone."""
+    with contextlib.suppress(RemoteError):
+        client.ask(AxisRequest(action="disable", node=drive.node, joint=drive.joint), ENABLE_S)
+
+
+def ended_words(sample: StateSample | None, drive: JogDrive) -> str:
+    """Say what became of a drive that is no longer enabled."""
+    axis = axis_reading(sample, drive)
+    if axis is None:
+        return "the drive shows no state any more"
+    error = f": {axis.error}" if axis.error else ""
+    return f"the drive is {(axis.state or 'nowhere').replace('_', ' ')}{error}; nothing is reset by itself"

@@ -1,0 +1,280 @@
+"""The Scope tab: up to eight objects and joint values over time, with triggers, zoom, cursors, an overlay and files."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from nicegui import background_tasks, ui
+
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.service.scope_capture import Condition
+from canopen_control.service.scope_files import csv_of, write_bag
+from canopen_control.service.scope_signals import MOST_SIGNALS
+from canopen_control.view.panels.panel import Html, tell
+from canopen_control.view.robot_connection import in_thread
+from canopen_control.view.scope_chart import chart_options, cursor_change, height_of
+from canopen_control.view.scope_run import ScopeRun, ScopeWish
+from canopen_control.view.words import BAD, GOOD, IDLE, sentence
+
+if TYPE_CHECKING:
+    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.service.scope_files import NamedShot
+    from canopen_control.view.drive.drive_tab import DriveTabContext
+    from canopen_control.view.page_content import PageContent
+
+__all__ = ["ScopeTab"]
+
+_NONE, _FAULT = "none", Condition.FAULT.value
+_TRIGGERS: Final = {
+    _NONE: "at once",
+    Condition.RISING.value: "rises through",
+    Condition.FALLING.value: "falls through",
+    Condition.ABOVE.value: "is above",
+    Condition.BELOW.value: "is below",
+    _FAULT: "a fault comes",
+}
+_FIRST: Final = (0x606C, 0x6064)  # what a person looks at first
+_LIMITS: Final = (0.05, 600.0)  # of a length, in s
+_STEPS: Final = 1000  # of the cursors
+
+
+class ScopeTab:
+    """Begins a scope at the node's desk, which goes on where the page is closed, and shows its shots."""
+
+    def __init__(self, context: DriveTabContext) -> None:
+        self._context, self._desk, self._client = context, context.desk, ui.context.client
+        self._shown: NamedShot | None = None
+        self._overlay: NamedShot | None = None
+        self._seen: tuple[ScopeRun | None, int] = (None, 0)
+        with ui.element("section").classes("cc-panel"):
+            ui.html("What is looked at", sanitize=False, tag="h2")
+            self._make_wish()
+            self._state = Html()
+        with ui.element("section").classes("cc-panel cc-scope") as self._picture:
+            self._chart = ui.echart({}).classes("cc-scope-chart")
+            self._make_cursors()
+            self._make_files()
+        self._picture.visible = False
+        background_tasks.create(self._list_signals(), name="signals")
+
+    def _make_wish(self) -> None:
+        self._signals = ui.select(
+            [], multiple=True, value=[], with_input=True, label=f"signals, {MOST_SIGNALS} at most"
+        )
+        self._signals.props(f"dense use-chips options-dense max-values={MOST_SIGNALS}").style("width: 100%")
+        self._signals.on_value_change(lambda _event: self._list_places())
+        with ui.element("div").classes("cc-row cc-wish"):
+            self._length = ui.number("length, s", value=2.0, min=_LIMITS[0], max=_LIMITS[1], step=0.5).props("dense")
+            self._trigger = ui.select(_TRIGGERS, value=_NONE, label="begins when").props("dense options-dense")
+            self._trigger.on_value_change(lambda _event: self._arrange())
+            self._place = ui.select([], label="signal").props("dense options-dense")
+            self._level = ui.number("level", value=0.0).props("dense")
+            self._before = ui.number("before it, s", value=0.4, min=0.0, step=0.1).props("dense")
+        with ui.element("div").classes("cc-row cc-acts"):
+            self._single = ui.button("Single", color="blue-9", on_click=lambda: self._begin(rolling=False))
+            self._rolling = ui.button("Rolling", color="blue-9", on_click=lambda: self._begin(rolling=True))
+            self._end = ui.button("End it", color="blue-grey-8", on_click=self._end_it)
+            for button in (self._single, self._rolling, self._end):
+                button.props("unelevated dense")
+        self._arrange()
+
+    def _make_cursors(self) -> None:
+        with ui.element("div").classes("cc-slider"):
+            ui.label("cursors")
+            self._range = ui.range(min=0, max=_STEPS, step=1, value={"min": 200, "max": 800})
+            self._range.props('dense aria-label="cursors" color=blue-grey-9')
+            self._range.on_value_change(lambda _event: self._move_cursors())
+        self._readings = Html("cc-wide")
+
+    def _make_files(self) -> None:
+        with ui.element("div").classes("cc-row cc-acts"):
+            for title, act in (("CSV", self._save_csv), ("PNG", self._save_png), ("MCAP", self._save_bag)):
+                ui.button(title, color="blue-grey-8", on_click=act).props("outline dense")
+            self._keep = ui.button("Keep as overlay", color="blue-grey-8", on_click=self._keep_overlay)
+            self._drop = ui.button("Drop the overlay", color="blue-grey-8", on_click=self._drop_overlay)
+            for button in (self._keep, self._drop):
+                button.props("outline dense")
+        self._drop.visible = False
+
+    async def _list_signals(self) -> None:
+        """Offer the objects of the node that are numbers, and the joints of the robot."""
+        try:
+            od = await in_thread(self._desk.dictionary)
+        except CanopenError as error:
+            self._state.show(sentence(str(error), BAD))
+            return
+        offered = signals_of(od, self._context.node)
+        joints = sorted(self._context.panel.robot.state.joints, key=lambda each: each not in self._context.place.joints)
+        offered |= {
+            f"{joint}:{what}": f"{joint} {what}" for joint in joints for what in ("position", "velocity", "command")
+        }
+        run = self._desk.scope
+        first = [f"{self._context.node}:0x{index:04X}:00" for index in _FIRST]
+        chosen = list(run.wish.signals) if run is not None else [each for each in first if each in offered]
+        with self._client:
+            self._signals.set_options(offered, value=[each for each in chosen if each in offered])
+        self._list_places()
+
+    def _list_places(self) -> None:
+        """Offer the chosen signals to the trigger."""
+        options: Any = self._signals.options
+        names = {number + 1: str(options[each]) for number, each in enumerate(self._signals.value or [])}
+        self._place.set_options(
+            names, value=self._place.value if self._place.value in names else next(iter(names), None)
+        )
+
+    def _arrange(self) -> None:
+        has_level = self._trigger.value not in (_NONE, _FAULT)
+        self._place.visible = self._level.visible = has_level
+        self._before.visible = self._trigger.value != _NONE
+
+    # ------------------------------------------------------------------------------------ what the frame asks of it
+
+    def show(self, content: PageContent) -> None:
+        """Follow the scope of the node, whichever page has begun it."""
+        run = self._desk.scope
+        goes_on = run is not None and not run.over
+        for button in (self._single, self._rolling):
+            button.set_enabled(not goes_on and not content.lost)
+        self._end.set_enabled(goes_on)
+        if run is None:
+            return
+        tone = IDLE if goes_on else GOOD if run.good else BAD
+        self._state.show(sentence(run.words if not goes_on else f"{run.words}; {run.taken} taken", tone))
+        if (run, run.taken) != self._seen and run.shots:
+            self._seen = run, run.taken
+            self._draw(run.shots[-1])
+
+    def leave(self) -> None:
+        """Leave it: a scope goes on, its trigger may come in days."""
+
+    # ------------------------------------------------------------------------------------ what the user does
+
+    def _begin(self, *, rolling: bool) -> None:
+        if self._desk.scope is not None and not self._desk.scope.over:
+            return
+        try:
+            self._desk.scope = ScopeRun(self._desk, self._wish(rolling=rolling))
+        except ConfigError as error:
+            self._state.show(sentence(str(error), BAD))
+            return
+        self._desk.scope.start()
+
+    def _wish(self, *, rolling: bool) -> ScopeWish:
+        kind = str(self._trigger.value)
+        trigger = {_NONE: "", _FAULT: _FAULT}.get(kind, f"{self._place.value}:{kind}:{self._level.value or 0.0}")
+        length = min(max(float(self._length.value or 0.0), _LIMITS[0]), _LIMITS[1])
+        before = float(self._before.value or 0.0)
+        return ScopeWish(tuple(self._signals.value or []), length, trigger, before, rolling)
+
+    def _end_it(self) -> None:
+        if self._desk.scope is not None:
+            self._desk.scope.end()
+
+    def _keep_overlay(self) -> None:
+        self._overlay = self._shown
+        self._drop.visible = True
+        self._state.show(sentence("kept: the next shot is drawn over it", GOOD))
+
+    def _drop_overlay(self) -> None:
+        self._overlay, self._drop.visible = None, False
+        if self._shown is not None:
+            self._draw(self._shown)
+
+    # ------------------------------------------------------------------------------------ the picture
+
+    def _draw(self, named: NamedShot) -> None:
+        self._shown, self._picture.visible = named, True
+        overlay = self._overlay if self._overlay is not named else None
+        self._chart.style(f"height: {height_of(named)}px")
+        self._chart.options.clear()
+        self._chart.options.update(chart_options(named, overlay, self._cursors(named)))
+        self._chart.update()
+        self._tell_cursors(named)
+
+    def _cursors(self, named: NamedShot) -> tuple[float, float]:
+        low, high = named.shot.span
+        value = self._range.value
+        return low + (high - low) * value["min"] / _STEPS, low + (high - low) * value["max"] / _STEPS
+
+    def _move_cursors(self) -> None:
+        if (named := self._shown) is not None:
+            self._chart.run_chart_method("setOption", cursor_change(named, self._cursors(named)))
+            self._tell_cursors(named)
+
+    def _tell_cursors(self, named: NamedShot) -> None:
+        self._readings.show(cursor_table(named, self._cursors(named)))
+
+    # ------------------------------------------------------------------------------------ files
+
+    def _save_csv(self) -> None:
+        if self._shown is not None:
+            ui.download.content(csv_of(self._shown).encode(), f"{self._context.node}.csv")
+
+    async def _save_png(self) -> None:
+        """Save the picture as the browser has drawn it, zoom and cursors as they are."""
+        look = {"type": "png", "pixelRatio": 2, "backgroundColor": "#ffffff"}
+        try:
+            address = await self._chart.run_chart_method("getDataURL", look, timeout=5.0)
+        except TimeoutError:
+            address = ""
+        head, _, data = str(address).partition(",")
+        if head != "data:image/png;base64":
+            tell("Not saved", "the browser has drawn no picture")
+            return
+        ui.download.content(base64.b64decode(data), f"{self._context.node}.png")
+
+    async def _save_bag(self) -> None:
+        run, named = self._desk.scope, self._shown
+        if run is None or named is None:
+            return
+
+        def written() -> bytes:
+            with tempfile.TemporaryDirectory(prefix="canopen-control-scope-") as folder:
+                place = Path(folder) / "scope"
+                write_bag(place, named.shot, run.signals)
+                return next(place.glob("*.mcap")).read_bytes()
+
+        try:
+            data = await in_thread(written)
+        except CanopenError as error:
+            tell("Not saved", str(error))
+            return
+        ui.download.content(data, f"{self._context.node}.mcap")
+
+
+def signals_of(od: ObjectDictionary | None, node: str) -> dict[str, str]:
+    """Return what of a node's objects are numbers that can be read, each with its name."""
+    if od is None:
+        return {}
+    return {
+        f"{node}:0x{entry.index:04X}:{entry.subindex:02X}": (
+            f"0x{entry.index:04X}{f':{entry.subindex:02X}' if entry.subindex else ''} {entry.name}"
+        )
+        for entry in od
+        if entry.readable and (entry.data_type.is_integer or entry.data_type.is_real)
+    }
+
+
+def cursor_table(named: NamedShot, cursors: tuple[float, float]) -> str:
+    """Return what the signals are at two times, and between them, as HTML."""
+    first, second = cursors
+    apart = second - first
+    often = f" ({1 / apart:.4g} Hz)" if apart else ""
+    rows = []
+    for place, name in enumerate(named.names):
+        read = named.shot.cursors(place, first, second)
+        values = [] if read is None else [read.first, read.second, read.difference, read.rms]
+        cells = "".join(f"<td>{each:.6g}</td>" for each in values) or "<td>-</td>" * 4
+        unit = named.units[place] if place < len(named.units) else ""
+        rows.append(f"<tr><td>{escape(name)}</td>{cells}<td>{escape(unit)}</td></tr>")
+    heads = "".join(
+        f"<th>{each}</th>" for each in ("signal", f"at {first:.4f} s", f"at {second:.4f} s", "dv", "RMS", "")
+    )
+    return (
+        f"<p class='cc-line'>dt {apart:.6g} s{often}</p><table class='cc-table'><tr>{heads}</tr>{''.join(rows)}</table>"
+    )

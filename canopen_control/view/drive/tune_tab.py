@@ -1,0 +1,247 @@
+"""The Tune tab: excites the drive within limits that are confirmed; curves, metrics, and gains set and taken back."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from html import escape
+from typing import TYPE_CHECKING, Any, Final
+
+from nicegui import ui
+
+from canopen_control.client import RobotClient
+from canopen_control.errors import ConfigError
+from canopen_control.service.tune_request import TuneTest
+from canopen_control.view import tune_job as jobs
+from canopen_control.view.drive.drive_tab import LOOK_ONLY
+from canopen_control.view.drive.work_bar import WorkBar
+from canopen_control.view.elements.nicegui_elements import Presence
+from canopen_control.view.node_desk import NodeWork
+from canopen_control.view.panels.panel import Html
+from canopen_control.view.scope_chart import BODE_HEIGHT, bode_options, chart_options, height_of
+from canopen_control.view.words import BAD, sentence
+
+if TYPE_CHECKING:
+    from canopen_control.service.node_session import NodeSession
+    from canopen_control.view.drive.drive_tab import DriveTabContext
+    from canopen_control.view.page_content import PageContent
+
+__all__ = ["TuneTab"]
+
+_KEY: Final = "tune"
+_TIMEOUT_S: Final = 2.0
+_WARNING: Final = (
+    "The drive moves by itself, at once and within these limits: free the shaft, lift the wheels, stand clear, have "
+    "the hardware emergency stop in reach. STOP, the button End it, a limit, a fault, and the end of this page end it."
+)
+_TESTS: Final = {
+    TuneTest.STEP.name: "step: how it follows",
+    TuneTest.BODE.name: "frequency response",
+    TuneTest.IDENTIFY.name: "identify inertia and friction",
+}
+_APPLY: Final = (
+    "Gains are set with what undoes them, proven, and in the drive until its power goes, unless they are stored. "
+    "Nothing is set while the drive is enabled."
+)
+
+
+class TuneTab:
+    """Begins runs at the node's desk; what was found last is shown on all pages."""
+
+    def __init__(self, context: DriveTabContext) -> None:
+        self._context, self._desk = context, context.desk
+        self._here = jobs.Presence()
+        self._drawn: jobs.TuneFound | None = None
+        self._mine = False
+        self._period = 0.01
+        self._confirmed: jobs.TuneWish | None = None
+        with ui.element("div").classes("cc-tab-columns"):
+            with ui.element("section").classes("cc-panel"):
+                ui.html("Excitation", sanitize=False, tag="h2")
+                self._make_wish()
+            with ui.element("section").classes("cc-panel"):
+                ui.html("Limits", sanitize=False, tag="h2")
+                self._make_limits()
+            with ui.element("section").classes("cc-panel"):
+                ui.html("Gains", sanitize=False, tag="h2")
+                self._make_gains()
+        with ui.element("section").classes("cc-panel"):
+            ui.html("Now", sanitize=False, tag="h2")
+            self._refused = Html()
+            self._bar = WorkBar(self._desk, _KEY)
+            self._lines = Html("cc-wide")
+        with ui.element("section").classes("cc-panel") as self._picture:
+            self._chart = ui.echart({}).classes("cc-scope-chart")
+            self._bode = ui.echart({}).classes("cc-scope-chart")
+        self._picture.visible = self._bode.visible = False
+        self._presence = Presence(self._here.here)
+        self._make_dialog()
+        self._arrange()
+
+    def _make_wish(self) -> None:
+        self._test = ui.select(_TESTS, value=TuneTest.STEP.name, label="test").props("dense options-dense")
+        self._test.on_value_change(lambda _event: self._arrange()).style("width: 100%")
+        with ui.element("div").classes("cc-row cc-wish"):
+            self._speed = ui.number("to, rad/s", value=3.0, step=0.5).props("dense")
+            self._torque = ui.number("torque, per mille", value=150.0, min=1.0, max=300.0, step=10.0).props("dense")
+            self._signal = ui.select(["chirp", "prbs"], value="chirp", label="signal").props("dense options-dense")
+            self._seconds = ui.number("for, s", value=2.0, min=1.0, max=10.0, step=1.0).props("dense")
+            self._crossover = ui.number("crossover, Hz", value=20.0, min=0.1, step=1.0).props("dense")
+            self._margin = ui.number("phase margin, degrees", value=60.0, min=20.0, max=85.0, step=5.0).props("dense")
+
+    def _make_limits(self) -> None:
+        with ui.element("div").classes("cc-row cc-wish"):
+            self._most_speed = ui.number("speed, rad/s", value=round(math.tau, 2), min=0.1, step=0.5).props("dense")
+            self._most_turns = ui.number("each way, turns", value=10.0, min=0.01, step=1.0).props("dense")
+            self._most_current = ui.number("current, per mille", value=1000.0, min=1.0, step=50.0).props("dense")
+        if not self._context.panel.teleop:
+            ui.html(LOOK_ONLY, sanitize=False)
+        with ui.element("div").classes("cc-row cc-acts"):
+            self._run = ui.button("Run ...", color="orange-9", on_click=self._ask).props("unelevated dense")
+
+    def _make_gains(self) -> None:
+        ui.html(f"<p class='cc-note'>{_APPLY}</p>", sanitize=False)
+        with ui.element("div").classes("cc-row cc-wish"):
+            self._counts = ui.number("0x6064 a turn", min=1.0).props("dense")
+        self._store = ui.checkbox("store in the drive (0x1010)").props("dense")
+        with ui.element("div").classes("cc-row cc-acts"):
+            self._apply = ui.button("Set the gains", color="orange-9", on_click=self._begin_apply)
+            self._revert = ui.button("Revert", color="blue-grey-8", on_click=self._begin_revert)
+            for button in (self._apply, self._revert):
+                button.props("unelevated dense")
+
+    def _make_dialog(self) -> None:
+        with ui.dialog() as self._dialog, ui.card():
+            self._words = Html()
+            with ui.element("div").classes("cc-row cc-acts"):
+                ui.button("Move it", color="orange-9", on_click=self._begin).props("unelevated no-caps")
+                ui.button("Cancel", color="blue-grey-8", on_click=self._dialog.close).props("outline no-caps")
+
+    def _arrange(self) -> None:
+        """Show what the chosen test has."""
+        test = TuneTest[str(self._test.value)]
+        self._speed.visible = test is TuneTest.STEP
+        self._signal.visible = test is TuneTest.BODE
+        for each in (self._torque, self._crossover, self._margin):
+            each.visible = test is TuneTest.IDENTIFY
+        self._seconds.value = test.seconds
+
+    # ------------------------------------------------------------------------------------ what the frame asks of it
+
+    def show(self, content: PageContent) -> None:
+        """Follow the run, whichever page has begun it, and show what it found."""
+        self._period = content.state.cycle.period_s or self._period
+        self._bar.show()
+        free = not content.lost and not self._desk.busy and self._context.panel.teleop
+        found = self._desk.tuned
+        self._run.set_enabled(free)
+        self._revert.set_enabled(free)
+        self._apply.set_enabled(free and found is not None and found.gains is not None)
+        if self._mine and not self._desk.busy:
+            self._mine = False
+            self._presence.switch(on=False)
+        if found is not None and found is not self._drawn and found.lines and not self._desk.busy:
+            self._drawn = found
+            self._draw(found)
+
+    def leave(self) -> None:
+        """Leave it: a run that this page began ends, for nobody looks any more."""
+        work = self._desk.work
+        if self._mine and work is not None and work.key == _KEY:
+            work.end()
+        self._mine = False
+        self._presence.switch(on=False)
+
+    # ------------------------------------------------------------------------------------ what the user does
+
+    def _wish(self) -> jobs.TuneWish:
+        def number(element: Any) -> float:  # noqa: ANN401 - an input of the toolkit
+            return float(element.value or 0.0)
+
+        wish = jobs.TuneWish(
+            TuneTest[str(self._test.value)],
+            self._period,
+            number(self._seconds),
+            number(self._speed),
+            number(self._torque),
+            str(self._signal.value),
+            number(self._crossover),
+            number(self._margin),
+            number(self._most_speed),
+            number(self._most_turns) * math.tau,
+            number(self._most_current),
+        )
+        wish.check()
+        return wish
+
+    def _ask(self) -> None:
+        """Have it confirmed what will move how far."""
+        if not self._context.panel.teleop:
+            return
+        try:
+            wish = self._wish()
+        except ConfigError as error:
+            self._refused.show(sentence(str(error), BAD))
+            return
+        self._refused.show("")
+        words = "".join(f"<p class='cc-line'>{escape(each)}</p>" for each in jobs.confirmed_words(wish))
+        self._words.show(
+            f"<p class='cc-ask'>Move {escape(self._context.node)}?</p>{words}<p class='cc-note'>{_WARNING}</p>"
+        )
+        self._confirmed = wish
+        self._dialog.open()
+
+    def _begin(self) -> None:
+        """Move as it was confirmed, whatever the inputs say meanwhile."""
+        self._dialog.close()
+        wish, self._confirmed = self._confirmed, None
+        if wish is None or not self._context.panel.teleop:
+            return
+        found = jobs.TuneFound(wish)
+        self._here.here()
+        here = self._here
+
+        def run(session: NodeSession, work: NodeWork) -> str:
+            with RobotClient.connect(self._desk.robot, _TIMEOUT_S) as client:
+                told = jobs.tune(session, work, client, found, here)
+            self._desk.tuned = found
+            return told
+
+        self._mine = self._start("Tuning", "hundredths of a second", run)
+        self._presence.switch(on=self._mine)
+
+    def _begin_apply(self) -> None:
+        found = self._desk.tuned
+        if not self._context.panel.teleop or found is None or found.gains is None:
+            return
+        if not self._counts.value:
+            self._refused.show(sentence("say how many user units of 0x6064 a turn of the joint is", BAD))
+            return
+        counts, stores = float(self._counts.value), bool(self._store.value)
+        apply = partial(jobs.apply_gains, gains=found.gains, counts=counts, stores=stores)
+        self._start("Setting gains", "objects", apply)
+
+    def _begin_revert(self) -> None:
+        if self._context.panel.teleop:
+            self._start("Taking gains back", "objects", partial(jobs.revert, stores=bool(self._store.value)))
+
+    def _start(self, title: str, unit: str, function: Any) -> bool:  # noqa: ANN401 - takes a session and the work
+        refused = self._desk.begin(NodeWork(_KEY, f"{title} of {self._context.node}", unit), function)
+        self._refused.show("" if refused is None else sentence(refused, BAD))
+        self._bar.show()
+        return refused is None
+
+    def _draw(self, found: jobs.TuneFound) -> None:
+        self._lines.show(f"<pre class='cc-found'>{escape(chr(10).join(found.lines))}</pre>")
+        self._picture.visible = found.curves is not None
+        if found.curves is not None:
+            self._fill(self._chart, chart_options(found.curves, None, None), height_of(found.curves))
+        self._bode.visible = found.bode is not None
+        if found.bode is not None:
+            self._fill(self._bode, bode_options(found.bode), BODE_HEIGHT)
+
+    def _fill(self, chart: ui.echart, options: dict[str, Any], height: int) -> None:
+        chart.style(f"height: {height}px")
+        chart.options.clear()
+        chart.options.update(options)
+        chart.update()

@@ -1,0 +1,190 @@
+"""A tuning run that a page begins: excites a drive, keeps what was found, sets gains. No toolkit; on threads.
+
+The law of this file: a run is a command source as any other. It dies with the page that began it: while it goes on the
+page has to say again and again that it is there, and `GONE_S` without that ends it, as a limit, a fault, STOP and the
+button do; the drive is stopped and disabled then, and nothing is concluded.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, Protocol
+
+from canopen_control.errors import ConfigError, DriveError
+from canopen_control.rpc.messages.robot import Tell
+from canopen_control.service.driven_axis import drive_of_robot
+from canopen_control.service.jog_motion import JogKind, JogLimits
+from canopen_control.service.jog_units import JogScale, parse_quantity
+from canopen_control.service.scope_capture import Shot
+from canopen_control.service.scope_files import NamedShot
+from canopen_control.service.tune_gains import GainPlace, applied, reverted
+from canopen_control.service.tune_report import bode_of, identified, proposed, report
+from canopen_control.service.tune_request import TuneRequest, TuneTest
+from canopen_control.service.tune_run import TuneRun
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.client import RobotClient
+    from canopen_control.service.frequency_response import Bode
+    from canopen_control.service.loop_design import LoopGains
+    from canopen_control.service.node_session import NodeSession
+    from canopen_control.service.tune_motion import TuneRecord
+
+__all__ = ["GONE_S", "SCALE", "Presence", "TuneFound", "TuneWish", "apply_gains", "confirmed_words", "curves_of",
+           "revert", "tune"]  # fmt: skip
+
+GONE_S: Final = 1.0
+SCALE: Final = JogScale(math.tau, told=True)  # a robot's joints are in rad
+_DECELERATION: Final = 20.0  # rad/s^2
+_HUNDREDTHS: Final = 100
+
+
+@dataclass(frozen=True, slots=True)
+class TuneWish:
+    """What is asked for: speeds in rad/s, travel in rad each way, torque and current in per mille, crossover in Hz."""
+
+    test: TuneTest
+    period: float
+    seconds: float
+    speed: float = 3.0
+    torque: float = 150.0
+    signal: str = "chirp"
+    crossover: float = 20.0
+    margin: float = 60.0
+    most_speed: float = math.tau
+    most_travel: float = 10.0 * math.tau
+    most_current: float = 1000.0
+
+    @property
+    def request(self) -> TuneRequest:
+        """The same for who excites; ConfigError for a speed that is none."""
+        return TuneRequest(
+            test=self.test,
+            seconds=self.seconds,
+            period=self.period,
+            speed=parse_quantity(f"{self.speed}rad/s", "velocity") if self.test is TuneTest.STEP else None,
+            torque=self.torque,
+            signal=self.signal,
+            crossover=self.crossover * math.tau,
+            margin=math.radians(self.margin),
+        )
+
+    @property
+    def limits(self) -> JogLimits:
+        """Where it ends."""
+        return JogLimits(self.most_speed, self.most_travel, self.most_current)
+
+    def check(self) -> None:
+        """Raise ConfigError for what is beyond the limits, before anything moves."""
+        if self.test is TuneTest.STEP and not self.speed:
+            raise ConfigError("a step to 0 moves nothing")
+        self.request.check(self.limits, SCALE)
+
+
+def confirmed_words(wish: TuneWish) -> list[str]:
+    """Return what somebody confirms before the drive moves."""
+    limits = wish.limits
+    return [
+        wish.request.words(SCALE),
+        f"within {SCALE.velocity_words(limits.speed)}, {SCALE.position_words(limits.travel)} each way, "
+        f"{limits.current / 10:g} % of the rated current",
+    ]
+
+
+@dataclass(slots=True)
+class TuneFound:
+    """What came of the last run: curves, a frequency response, gains that can be set; written by its thread."""
+
+    wish: TuneWish
+    curves: NamedShot | None = None
+    bode: Bode | None = None
+    gains: LoopGains | None = None
+    lines: list[str] = field(default_factory=list)
+
+
+class Work(Protocol):
+    """The piece of work that pages look at: how far it is, which raises where it is to end, and what came of it."""
+
+    lines: list[str]
+
+    def at(self, done: int, total: int | None = None) -> None:
+        """Tell how far it is."""
+
+
+class Presence:
+    """When a page was there last; `clock` in s."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._seen = clock, clock()
+
+    def here(self) -> None:
+        """Say that it is there."""
+        self._seen = self._clock()
+
+    def check(self) -> None:
+        """Raise DriveError where it is gone."""
+        if self._clock() - self._seen > GONE_S:
+            raise DriveError("the page that began it is gone: stopped and disabled")
+
+
+def tune(
+    session: NodeSession,
+    work: Work,
+    client: RobotClient,
+    found: TuneFound,
+    presence: Presence,
+    run: Callable[..., TuneRun] = TuneRun,
+) -> str:
+    """Excite the first axis of a node within its limits, and keep what it shows; the sentence at its end."""
+    wish, request = found.wish, found.wish.request
+    wish.check()
+    mode = "PV" if request.kind is JogKind.VELOCITY else "TQ"
+    drive = drive_of_robot(client, session.name or str(session.node_id), 0, mode)
+    excitation = request.excitation(SCALE)
+
+    client.ask(Tell(kind="tune", text=f"page: {request.words(SCALE)} of {drive.joint}"))
+
+    def told(seconds: float) -> None:
+        presence.check()
+        work.at(round(seconds * _HUNDREDTHS), round(excitation.seconds * _HUNDREDTHS))
+
+    record = run(
+        drive, request.kind, excitation, wish.limits, deceleration=_DECELERATION, effort_unit=None, told=told
+    ).run()
+    found.curves = curves_of(record, request)
+    found.lines = report(record, request, SCALE, None)
+    if request.test is TuneTest.BODE:
+        found.bode = bode_of(record, request)
+    if request.test is TuneTest.IDENTIFY:
+        try:
+            found.gains = proposed(identified(record), request)
+        except ConfigError:
+            found.gains = None  # the lines say why
+    lost = f"; {record.lost} of {record.lost + len(record.samples)} cycles were lost" if record.lost else ""
+    return f"{session.name}: {request.test.value} done, stopped and disabled{lost}"
+
+
+def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
+    """Return a record as a shot, over the seconds since its first sample."""
+    what = "rad/s" if request.kind is JogKind.VELOCITY else "1/1000 of the rated torque"
+    rows = tuple(
+        (record.seconds(each), (each.command, each.velocity, each.position, each.effort)) for each in record.samples
+    )
+    known = any(each.effort is not None for each in record.samples)
+    names, units = ("command", "velocity", "position", "torque"), (what, "rad/s", "rad", "1/1000 of the rated torque")
+    return NamedShot(Shot(rows), names[: 3 + known], units[: 3 + known], request.test.value)
+
+
+def apply_gains(session: NodeSession, work: Work, gains: LoopGains, counts: float, *, stores: bool) -> str:
+    """Set proposed gains and prove them; `counts` are the user units of 0x6064 of one turn."""
+    work.lines += applied(session, gains, counts / math.tau, GainPlace(stores=stores))
+    return f"{session.name}: gains set and proven; Revert takes them back"
+
+
+def revert(session: NodeSession, work: Work, *, stores: bool) -> str:
+    """Give the drive back the gains from before the first that were set."""
+    work.lines += reverted(session, GainPlace(stores=stores))
+    return f"{session.name}: gains are those from before"

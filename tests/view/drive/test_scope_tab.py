@@ -1,0 +1,166 @@
+"""The Scope tab for a simulated user: what can be chosen, what is drawn, cursors, overlay and files."""
+
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from nicegui import ui
+from support.pages import FakeContext, StubDesk, html, settle, visited
+from support.service_node import NodeStub
+
+from canopen_control.data_files import data_path
+from canopen_control.od.eds import read_eds
+from canopen_control.service.scope_capture import Shot
+from canopen_control.service.scope_files import NamedShot
+from canopen_control.view.drive.drive_tab import DriveTabContext
+from canopen_control.view.drive.scope_tab import ScopeTab, cursor_table, signals_of
+from canopen_control.view.scope_run import ScopeRun
+
+OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
+NAMED = NamedShot(
+    Shot(tuple((10.0 + n / 10, (float(n),)) for n in range(11))), ("left_drive:0x606C",), ("counts/s",), "shot of 10"
+)
+
+
+@pytest.fixture
+def began(monkeypatch):
+    """Keep what is begun from running; its shots are given."""
+    runs = []
+
+    def start(run):
+        runs.append(run)
+
+    monkeypatch.setattr(ScopeRun, "start", start)
+    return runs
+
+
+@pytest.fixture
+def sent(monkeypatch):
+    calls = []
+    monkeypatch.setattr(ui.echart, "run_chart_method", lambda _chart, name, *args, **_more: calls.append((name, *args)))
+    return calls
+
+
+def played(act, od=OD):
+    page = FakeContext()
+    desk = StubDesk(NodeStub({}), od)
+
+    async def begin(user, tab):
+        await settle(lambda: bool(tab._signals.options))
+        tab.show(page.content())
+        return await act(user, tab, page)
+
+    return visited(lambda: ScopeTab(DriveTabContext(page, desk)), begin)
+
+
+def finish(run, *shots):
+    run.shots.extend(shots)
+    run.taken += len(shots)
+    run.words, run.over = "1 shot", True
+
+
+def test_numbers_of_the_node_and_joints_of_the_robot_are_offered():
+    async def act(_user, tab, _page):
+        return tab._signals.options, tab._signals.value
+
+    options, chosen = played(act)
+    assert options["left_drive:0x606C:00"] == "0x606C Velocity actual value"
+    assert options["left:velocity"] == "left velocity"
+    assert chosen == ["left_drive:0x606C:00", "left_drive:0x6064:00"]
+    assert not any("0x1008" in each for each in signals_of(OD, "n"))  # a text
+    assert signals_of(None, "n") == {}
+
+
+def test_a_shot_is_drawn_with_cursors_and_the_next_one_over_it(began, sent):
+    async def act(user, tab, page):
+        user.find("Single").click()
+        await settle(lambda: bool(began))
+        tab.show(page.content())
+        waits = tab._single.enabled, tab._end.enabled
+        finish(began[0], NAMED)
+        tab.show(page.content())
+        first = [each["id"] for each in tab._chart.options["series"]]
+        tab._range.value = {"min": 0, "max": 500}
+        readings = html(user)
+        user.find("Keep as overlay").click()
+        finish(began[0], NamedShot(NAMED.shot, NAMED.names, NAMED.units, "shot of 11"))
+        tab.show(page.content())
+        both = [each["name"] for each in tab._chart.options["series"][:2]]
+        user.find("Drop the overlay").click()
+        return waits, first, readings, both, [each["id"] for each in tab._chart.options["series"]]
+
+    waits, first, readings, both, after = played(act)
+    assert (began[0].wish.length, began[0].wish.trigger, began[0].wish.rolling) == (2.0, "", False)
+    assert waits == (False, True)
+    assert first == after == ["s0", "marks0"]
+    assert [name for name, *_ in sent] == ["setOption"]
+    assert "dt 0.5 s (2 Hz)" in readings
+    assert both == ["left_drive:0x606C (shot of 10)", "left_drive:0x606C"]
+
+
+def test_a_trigger_is_asked_for_as_the_verb_writes_it(began):
+    async def act(user, tab, page):
+        tab._trigger.value = "rising"
+        shown = tab._level.visible, tab._before.visible
+        tab._place.value, tab._level.value = 2, 50
+        user.find("Rolling").click()
+        await settle(lambda: bool(began))
+        began[0].over = True
+        tab._trigger.value = "fault"
+        tab.show(page.content())
+        user.find("Single").click()
+        await settle(lambda: len(began) == 2)
+        return shown, tab._level.visible
+
+    assert played(act) == ((True, True), False)
+    assert (began[0].wish.trigger, began[0].wish.before, began[0].wish.rolling) == ("2:rising:50", 0.4, True)
+    assert began[1].wish.trigger == "fault"
+
+
+def test_nothing_chosen_is_told_and_a_scope_goes_on_when_the_tab_is_left(began):
+    async def act(user, tab, page):
+        chosen, tab._signals.value = tab._signals.value, []
+        user.find("Single").click()
+        words = html(user)
+        tab._signals.value = chosen
+        user.find("Single").click()
+        await settle(lambda: bool(began))
+        tab.leave()
+        goes_on = not began[0]._ending.is_set()
+        tab.show(page.content())
+        user.find("End it").click()
+        return words, goes_on, began[0]._ending.is_set()
+
+    words, goes_on, ended = played(act)
+    assert "one signal at least" in words
+    assert (goes_on, ended) == (True, True)
+
+
+def test_files_are_what_the_scope_writes(began, sent, monkeypatch):
+    saved = {}
+
+    async def picture(_chart, _name, _look, timeout):
+        return "data:image/png;base64,iVBORw=="
+
+    monkeypatch.setattr(ui.echart, "run_chart_method", picture)
+
+    async def act(user, tab, page):
+        monkeypatch.setattr(ui.download, "content", lambda data, name: saved.update({name: data}))
+        user.find("Single").click()
+        await settle(lambda: bool(began))
+        finish(began[0], NAMED)
+        tab.show(page.content())
+        user.find("CSV").click()
+        user.find("PNG").click()
+        await settle(lambda: len(saved) == 2)
+
+    played(act)
+    assert saved["left_drive.csv"].startswith(b"time,t,left_drive:0x606C")
+    assert saved["left_drive.png"] == b"\x89PNG"
+
+
+def test_cursors_where_nothing_is_known_show_nothing():
+    unknown = NamedShot(Shot(((0.0, (None,)), (1.0, (None,)))), ("<b>",), ("",))
+    table = cursor_table(unknown, (0.0, 1.0))
+    assert table.count("<td>-</td>") == 4
+    assert "&lt;b&gt;" in table

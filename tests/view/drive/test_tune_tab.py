@@ -1,0 +1,139 @@
+"""The Tune tab for a simulated user: nothing moves without a confirmation, and what was found is shown."""
+
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from support.pages import FakeContext, StubDesk, html, settle, visited
+from support.service_node import NodeStub
+
+from canopen_control.data_files import data_path
+from canopen_control.od.eds import read_eds
+from canopen_control.service.frequency_response import Bode, BodePoint
+from canopen_control.service.loop_design import LoopGains
+from canopen_control.service.scope_capture import Shot
+from canopen_control.service.scope_files import NamedShot
+from canopen_control.service.tune_request import TuneTest
+from canopen_control.view.drive.drive_tab import DriveTabContext
+from canopen_control.view.drive.tune_tab import TuneTab
+from canopen_control.view.tune_job import TuneFound, TuneWish
+
+OD = read_eds(data_path("eds", "generic_cia402.eds"), 3).od
+
+
+class Desk(StubDesk):
+    """Takes what is begun and runs nothing."""
+
+    def __init__(self):
+        super().__init__(NodeStub({}), OD)
+        self.begun = []
+
+    def begin(self, work, function):
+        self.begun.append((work, function))
+        self.work = work
+
+
+def played(act, *, teleop=True):
+    page, desk = FakeContext(teleop=teleop), Desk()
+
+    async def begin(user, tab):
+        tab.show(page.content())
+        return await act(user, tab, page)
+
+    return visited(lambda: TuneTab(DriveTabContext(page, desk)), begin), desk.begun
+
+
+def found(test=TuneTest.IDENTIFY, **more):
+    rows = tuple((n / 100, (1.0, 0.5, 0.1 * n)) for n in range(5))
+    curves = NamedShot(Shot(rows), ("command", "velocity", "position"), ("rad/s", "rad/s", "rad"))
+    return TuneFound(TuneWish(test, 0.01, 2.0), curves, lines=["inertia <1>"], **more)
+
+
+def test_a_run_begins_only_once_it_is_confirmed_and_as_it_was_confirmed():
+    async def act(user, tab, page):
+        tab._speed.value = 2.0
+        user.find("Run ...").click()
+        words, before = html(user), len(tab._desk.begun)
+        tab._speed.value = 5.0
+        user.find("Move it").click()
+        await settle(lambda: bool(tab._desk.begun))
+        tab._begin()
+        return words, before, tab._presence._props["on"]
+
+    (words, before, present), begun = played(act)
+    assert "a step to 2.00 rad/s (19.1 rpm) for 2 s" in words
+    assert (before, present, len(begun)) == (0, True, 1)
+    assert begun[0][1].__closure__[0] is not None
+
+
+def test_a_page_that_is_left_ends_its_run():
+    async def act(user, tab, page):
+        user.find("Run ...").click()
+        user.find("Move it").click()
+        await settle(lambda: bool(tab._desk.begun))
+        tab.leave()
+        return tab._desk.work._ending.is_set(), tab._presence._props["on"]
+
+    assert played(act)[0] == (True, False)
+
+
+def test_what_is_beyond_the_limits_opens_no_question():
+    async def act(user, tab, page):
+        tab._speed.value = 50.0
+        user.find("Run ...").click()
+        tab._begin()
+        return html(user)
+
+    words, begun = played(act)
+    assert "is beyond the limit of" in words
+    assert begun == []
+
+
+def test_a_page_that_only_looks_moves_and_sets_nothing():
+    async def act(user, tab, page):
+        tab._ask()
+        tab._begin()
+        tab._desk.tuned = found(gains=LoopGains(1.0, 0.1, 2.0, 60.0, 1.0))
+        tab._begin_apply()
+        tab._begin_revert()
+        tab.show(page.content())
+        return tab._run.enabled, tab._apply.enabled, tab._revert.enabled
+
+    assert played(act, teleop=False) == ((False, False, False), [])
+
+
+def test_what_was_found_is_shown_and_its_gains_are_set_with_the_units_of_a_turn():
+    async def act(user, tab, page):
+        tab._desk.tuned = found(
+            gains=LoopGains(1.0, 0.1, 2.0, 60.0, 1.0),
+            bode=Bode((BodePoint(1.0, 0.0, -5.0, 1.0), BodePoint(10.0, -3.0, -60.0, 0.99))),
+        )
+        tab.show(page.content())
+        lines = html(user)
+        user.find("Set the gains").click()
+        refused = html(user)
+        tab._counts.value = 65536
+        user.find("Set the gains").click()
+        await settle(lambda: bool(tab._desk.begun))
+        return lines, refused, tab._chart.options["series"][0]["name"], tab._bode.options["series"][1]["data"]
+
+    (lines, refused, first, phase), begun = played(act)
+    assert "inertia &lt;1&gt;" in lines
+    assert "say how many user units" in refused
+    assert (first, phase) == ("command", [(1.0, -5.0), (10.0, -60.0)])
+    assert begun[0][1].keywords["counts"] == 65536.0
+
+
+def test_each_test_shows_what_it_has():
+    async def act(_user, tab, _page):
+        shown = {}
+        for test in TuneTest:
+            tab._test.value = test.name
+            inputs = (tab._speed, tab._signal, tab._torque, tab._crossover)
+            shown[test] = [each.visible for each in inputs], tab._seconds.value
+        return shown
+
+    shown, _ = played(act)
+    assert shown[TuneTest.STEP] == ([True, False, False, False], 2.0)
+    assert shown[TuneTest.BODE] == ([False, True, False, False], 8.0)
+    assert shown[TuneTest.IDENTIFY] == ([False, False, True, True], 8.0)

@@ -1,0 +1,148 @@
+"""Tuning runs of a page on a drive in virtual time: what is found, what ends them, gains set and taken back."""
+
+import contextlib
+import math
+
+import pytest
+from support.jogbench import NODE_ID, jog_bench
+from support.onbus import GENERIC
+from support.terminal import in_background
+from support.tuneplant import COULOMB, COUNTS, INERTIA, loaded
+
+from canopen_control.cia402.state import State
+from canopen_control.cli.support.jog_robot import own_robot
+from canopen_control.cli.support.target import find_eds
+from canopen_control.cli.support.tune_choice import choose_tuned
+from canopen_control.client import RobotClient
+from canopen_control.errors import CanopenError, ConfigError, DriveError
+from canopen_control.od.eds import read_eds
+from canopen_control.rpc.messages.robot import GetNodes, GetStatus, Stop
+from canopen_control.scaffold.new_robot import Device
+from canopen_control.service.jog_motion import JogKind
+from canopen_control.service.tune_request import TuneTest
+from canopen_control.view.node_desk import NodeDesk, NodeWork
+from canopen_control.view.tune_job import (
+    Presence,
+    TuneFound,
+    TuneWish,
+    apply_gains,
+    confirmed_words,
+    curves_of,
+    revert,
+    tune,
+)
+
+STEP = TuneWish(TuneTest.STEP, 0.01, 1.0)
+
+
+class Page:
+    """A page on a robot of the one drive."""
+
+    def __init__(self, bench, client):
+        self.bench, self.client = bench, client
+        (place,) = client.ask(GetNodes()).nodes
+        self.desk, self.work = NodeDesk(client.robot, place), NodeWork("tune", "Tuning")
+        self.presence = Presence(lambda: 0.0)
+
+    def run(self, wish):
+        found = TuneFound(wish)
+        with self.desk.session() as session, RobotClient.connect(self.client.robot) as client:
+            told = tune(session, self.work, client, found, self.presence)
+        return told, found
+
+    @property
+    def power(self):
+        return self.bench.drive.drives[0].state
+
+
+@contextlib.contextmanager
+def page_for(kind):
+    with jog_bench(channel="memory:pagetune", plant=lambda _axis: loaded()) as bench:
+        device = Device(NODE_ID, find_eds(GENERIC), read_eds(find_eds(GENERIC), NODE_ID).od)
+        robot = choose_tuned(device, kind, 10_000, allow_unsupervised=False)
+        with (
+            own_robot(robot, robot.joints[0].axis, bench.bus.channel, 100.0, lambda _event: None) as drive,
+            RobotClient.connect(drive.robot) as client,
+        ):
+            yield Page(bench, client)
+
+
+def test_a_step_is_found_with_its_curves_and_stands_in_the_events(private_folders):
+    with page_for(JogKind.VELOCITY) as page:
+        told, found = page.run(STEP)
+        events = [event.text for event in page.client.ask(GetStatus()).events]
+        assert page.power is not State.OPERATION_ENABLED
+    assert told.endswith("step done, stopped and disabled")
+    assert "overshoot" in found.lines[1]
+    assert found.curves.names[:3] == ("command", "velocity", "position")
+    assert found.curves.shot.rows[-10][1][1] == pytest.approx(3.0, rel=0.02)
+    assert any(text.startswith("page: a step to 3.00 rad/s") for text in events)
+    assert page.work.done > 90
+
+
+def test_a_plant_is_identified_and_its_gains_are_set_and_taken_back(private_folders):
+    with page_for(JogKind.TORQUE) as page:
+        _, found = page.run(TuneWish(TuneTest.IDENTIFY, 0.01, 8.0, torque=190.0, crossover=10.0))
+        value = {line[:19].strip(): float(line[19:].split()[0]) for line in found.lines[:3]}
+        assert value["inertia"] == pytest.approx(INERTIA, rel=0.03)
+        assert value["Coulomb friction"] == pytest.approx(COULOMB, rel=0.03)
+        before = page.bench.get(0x60F9, 1)
+        with page.desk.session() as session:
+            apply_gains(session, page.work, found.gains, COUNTS * math.tau, stores=False)
+        now = page.bench.get(0x60F9, 1)
+        assert now * 1e-5 * COUNTS == pytest.approx(found.gains.velocity_p, rel=1e-3)
+        with page.desk.session() as session:
+            assert "those from before" in revert(session, page.work, stores=False)
+        assert page.bench.get(0x60F9, 1) == before != now
+        assert any("0x60F9:01" in line for line in page.work.lines)
+
+
+def test_a_page_that_goes_ends_it_at_once(private_folders):
+    with page_for(JogKind.VELOCITY) as page:
+        seconds = iter([0.0, *[0.0] * 60, *[5.0] * 1000])
+        page.presence = Presence(lambda: next(seconds))
+        with pytest.raises(DriveError, match="the page that began it is gone: stopped and disabled"):
+            page.run(STEP)
+        assert page.power is not State.OPERATION_ENABLED
+        assert page.bench.speed == pytest.approx(0.0, abs=200)
+
+
+@pytest.mark.parametrize("end", ["STOP", "button"])
+def test_stop_and_the_button_end_it(private_folders, end):
+    with page_for(JogKind.VELOCITY) as page:
+
+        def press():
+            import time
+
+            while page.bench.speed < 1000:
+                time.sleep(0.02)
+            if end == "STOP":
+                page.client.ask(Stop(source="test"))
+            else:
+                page.work.end()
+
+        with in_background(press), pytest.raises(CanopenError):
+            page.run(TuneWish(TuneTest.STEP, 0.01, 8.0))
+        assert page.power is not State.OPERATION_ENABLED
+        assert 0 < page.work.done < 700
+
+
+@pytest.mark.parametrize(
+    ("wish", "why"),
+    [
+        (TuneWish(TuneTest.STEP, 0.01, 2.0, speed=0.0), "moves nothing"),
+        (TuneWish(TuneTest.STEP, 0.01, 2.0, speed=9.0), "beyond the limit"),
+        (TuneWish(TuneTest.IDENTIFY, 0.01, 8.0, torque=200.0, most_current=100.0), "beyond --max-current"),
+        (TuneWish(TuneTest.BODE, 0.01, 0.1), "too short"),
+    ],
+)
+def test_what_is_beyond_the_limits_is_told_before_anything_moves(wish, why):
+    with pytest.raises(ConfigError, match=why):
+        wish.check()
+
+
+def test_what_is_confirmed_says_what_moves_within_which_limits():
+    words = confirmed_words(STEP)
+    assert words[0].startswith("a step to 3.00 rad/s")
+    assert "6.28 rad/s (60.0 rpm), 3600.0 deg each way, 100 % of the rated current" in words[1]
+    assert curves_of is not None
