@@ -92,9 +92,11 @@ def _panel(
         places = [(_LEFT + _WIDTH * run / last, bottom - _HEIGHT * value / most) for run, value in points]
         corners = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
         parts.append(f'<polyline points="{corners}" fill="none" stroke="{colour}" stroke-width="2"/>')
-        for (run, _), (x, y) in zip(points, places, strict=True):
+        for (run, value), (x, y) in zip(points, places, strict=True):
             fill = colour if (rows[run].get("idle") or 0.0) >= _IDLE_ENOUGH else "#fff"
-            parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="{fill}" stroke="{colour}"/>')
+            parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="{fill}" stroke="{colour}">')
+            told = " ".join(filter(None, (rows[run]["date"][:10], rows[run].get("commit"), f"{value:.3g}")))
+            parts.append(f"<title>{escape(told)}</title></circle>")
         x = _LEFT + 400 + 120 * number
         parts.append(f'<text x="{x}" y="{top - 10}" style="{_STYLE};fill:{colour}">{escape(line)}</text>')
     return parts

@@ -3,15 +3,13 @@
 UTF-8, UTF-16 and Windows-1252; CR, LF and CRLF, also mixed; an end-of-file character of DOS; any case of sections and
 keys. Of two sections or keys with one name the first counts, and the second is an issue.
 
-Large files have hundreds of thousands of lines, nearly all of them plain: a section of nothing but different keys is
-read as a whole, by a few calls that go over all its lines; any other goes line by line. Lines are counted where
-somebody asks for the number of one.
+Large files have hundreds of thousands of lines, nearly all of them plain: those of a section of nothing but different
+keys are not counted before somebody asks for the number of one. Any other section is read line by line.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from operator import methodcaller
 from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.errors import EdsError
@@ -90,7 +88,7 @@ class Section:
 
 
 def _lines_of_keys(body: str, line: int) -> dict[str, int]:
-    """Return the line of each key of a section that is read as a whole, which begins in `line`."""
+    """Return the line of each key of a section of plain lines, which begins in `line`."""
     numbered = enumerate(body.split("\n"), line + 1)
     return {raw.partition("=")[0].strip().lower(): number for number, raw in numbered if _says(raw)}
 
@@ -182,26 +180,15 @@ def _what_else(text: str) -> str:
     return "has no sections, so it is no EDS"
 
 
-_at_equals = methodcaller("split", "=", 1)
+class _Keys(dict[str, tuple[str, str]]):
+    """Keys as written and in lower case, by what stands before the equals sign: a file uses few, thousands of times."""
 
-
-class _Keys(dict[str, str]):
-    """Keys without blanks, by what stands before the equals sign; a file uses few of them thousands of times."""
-
-    def __missing__(self, raw: str) -> str:
+    def __missing__(self, raw: str) -> tuple[str, str]:
         key = raw.strip()
         if key[:1] in ("[", ";", "#"):
             raise ValueError("no key")
-        self[raw] = key
-        return key
-
-
-class _LowerKeys(dict[str, str]):
-    """Keys in lower case, by the key as written."""
-
-    def __missing__(self, key: str) -> str:
-        self[key] = lower = key.lower()
-        return lower
+        self[raw] = found = key, key.lower()
+        return found
 
 
 class _Splitter:
@@ -210,32 +197,35 @@ class _Splitter:
     def __init__(self, report: Report) -> None:
         self.report = report
         self.sections: Sections = {}
-        self._keys, self._lower_keys = _Keys(), _LowerKeys()
+        self._keys = _Keys()
 
     def read_section(self, text: str, number: int) -> int:
         """Read what begins behind the bracket of a section in line `number`; return the number of the line after it."""
         head, newline, body = text.partition("\n")
         section = self.open(f"[{head.rstrip()}", number)
         lines = body.split("\n") if newline else []
-        if not self._read_whole(section, body, lines):
-            return self.read_lines(section, lines, number + 1)
-        return number + 1 + len(lines)
+        if self._read_plain(section, lines):
+            section.body, section.lines = body, None
+            return number + 1 + len(lines)
+        return self.read_lines(section, lines, number + 1)
 
-    def _read_whole(self, section: Section, body: str, lines: list[str]) -> bool:
-        """Read the lines of a section at once; return false, with nothing done, where one of them is not plain."""
-        if ";" in body or "#" in body:
-            lines = [line for line in lines if line[:1] not in (";", "#")]
-        try:
-            raw_keys, raw_values = zip(*map(_at_equals, filter(None, lines)), strict=True)
-            keys = tuple(map(self._keys.__getitem__, raw_keys))
-        except ValueError:  # no equals sign, a comment after blanks, or no lines at all
+    def _read_plain(self, section: Section, lines: list[str]) -> bool:
+        """Read the lines of a section; return false, with nothing done, where one of them is not plain."""
+        keys, values, written, count = self._keys, dict[str, str](), dict[str, str](), 0
+        for line in lines:
+            raw, equals, value = line.partition("=")
+            if equals:
+                try:
+                    key, lower = keys[raw]
+                except ValueError:  # a comment or a section after blanks
+                    return False
+                values[lower] = written[key] = value.strip()
+                count += 1
+            elif line and line[0] not in _COMMENT:
+                return False
+        if len(values) < count:
             return False
-        values = tuple(map(str.strip, raw_values))
-        by_lower = dict(zip(map(self._lower_keys.__getitem__, keys), values, strict=True))
-        if len(by_lower) < len(keys):
-            return False
-        section.values, section.written = by_lower, dict(zip(keys, values, strict=True))
-        section.body, section.lines = body, None
+        section.values, section.written = values, written
         return True
 
     def read_lines(self, section: Section | None, lines: list[str], first: int) -> int:

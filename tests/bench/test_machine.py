@@ -1,11 +1,13 @@
 """The machine: CPU of processes, idleness, description."""
 
 import os
+import re
 import subprocess
 import sys
 import time
 
 import pytest
+from canopen_control_bench import machine
 from canopen_control_bench.machine import apart, cpu_ns, describe, idle_part, may_be_realtime, resident_bytes, wakeups
 
 from canopen_control.version import build
@@ -49,6 +51,7 @@ def test_the_description_names_date_kernel_and_load():
     found = describe()
     assert {"date", "machine", "kernel", "python", "package", "load", "idle"} <= set(found)
     assert found["package"] == build()
+    assert found["commit"] is None or re.fullmatch("[0-9a-f]{12}", found["commit"])
     assert str(found["kernel"]).startswith(os.uname().sysname)
 
 
@@ -85,3 +88,9 @@ def test_who_waits_and_is_woken_is_counted():
         time.sleep(0.001)
     assert before + 3 <= wakeups(os.getpid()) < before + 100
     assert wakeups(2**22 + 1) == 0
+
+
+def test_a_package_that_is_installed_elsewhere_has_no_commit(tmp_path, monkeypatch):
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    monkeypatch.setattr(machine.canopen_control, "__file__", str(tmp_path / "__init__.py"))
+    assert describe()["commit"] is None

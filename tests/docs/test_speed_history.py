@@ -53,6 +53,16 @@ def test_runs_on_a_busy_machine_are_rings(tmp_path):
     assert (busy, idle) == ("#fff", "#1f77b4")
 
 
+def test_a_run_says_which_commit_it_measured(tmp_path):
+    path = tmp_path / "history.json"
+    path.write_text(json.dumps({"history": [row(1, compiled=1.5) | {"commit": "abc123"}, row(2, compiled=2.0)]}))
+    root = ElementTree.fromstring(drawn(path, "simulate"))
+    assert [each.findtext(f"{SVG}title") for each in root.iter(f"{SVG}circle")] == [
+        "2026-11-01 abc123 1.5",
+        "2026-11-02 2",
+    ]
+
+
 def test_the_page_of_this_repository_shows_a_drawing_of_each_family_and_is_written_once(tmp_path):
     write_history(tmp_path)
     made = {each.name: each.stat().st_mtime_ns for each in tmp_path.iterdir()}

@@ -182,7 +182,7 @@ _PARTS = (
 
 
 @given(st.lists(st.sampled_from(_PARTS), max_size=30).map(lambda parts: f"[A]\n{''.join(parts)}"))
-def test_a_section_that_is_read_as_a_whole_is_what_it_is_line_by_line(text):
+def test_a_section_of_plain_lines_is_what_it_is_line_by_line(text):
     def told(found):
         sections, issues = found
         return [
@@ -192,5 +192,5 @@ def test_a_section_that_is_read_as_a_whole_is_what_it_is_line_by_line(text):
 
     at_once = told(split(text))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(eds_sections._Splitter, "_read_whole", lambda *_: False)
+        patch.setattr(eds_sections._Splitter, "_read_plain", lambda *_: False)
         assert told(split(text)) == at_once

@@ -1,8 +1,9 @@
 """What earlier runs have seen: a row for each run, kept in the file that `--json` writes, the newest last.
 
-A row has the date, the machine, the package, whether processors were kept awake, how idle the machine was before the
-run, and of each figure the number that is judged: the ratio, or what was measured where there is no peer. Whoever draws
-it finds all he needs in the file. A run is held against the last one of the same machine and package, figure by figure.
+A row has the date, the commit, the machine, the package, whether processors were kept awake, how idle the machine was
+before the run, and of each figure the number that is judged: the ratio, or what was measured where there is no peer.
+Whoever draws it finds all he needs in the file. A run is held against the last one of the same machine and package,
+figure by figure.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ __all__ = ["MOST_RUNS", "SLOWER", "kept_rows", "row_of", "slower_than_before"]
 MOST_RUNS = 500
 SLOWER = 1.25  # times what it was is worth a word: a ratio of medians differs by a tenth from run to run
 _IDLE_ENOUGH = 0.9
+_OF_MACHINE = ("date", "commit", "package", "machine", "processors", "idle")
 _SAME = ("machine", "package", "processors", "quick")
 _PARTS = {"date": str, "package": str, "figures": dict}
 
@@ -33,7 +35,7 @@ def row_of(machine: Mapping[str, Any], figures: Mapping[str, Sequence[Figure]], 
         family: dict(zip(_names(found), (each.judged for each in found), strict=True))
         for family, found in figures.items()
     }
-    of_machine = {name: machine.get(name) for name in ("date", "package", "machine", "processors", "idle")}
+    of_machine = {name: machine.get(name) for name in _OF_MACHINE}
     return {**of_machine, "quick": quick, "figures": judged}
 
 

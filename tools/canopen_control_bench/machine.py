@@ -11,10 +11,12 @@ import datetime
 import os
 import platform
 import re
+import subprocess
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import canopen_control
 from canopen_control.version import build
 
 if TYPE_CHECKING:
@@ -117,10 +119,22 @@ def describe() -> dict[str, str | int | float | None]:
         "kernel": f"{platform.system()} {platform.release()}",
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "package": build(),
+        "commit": _commit(),
         "nice": os.getpriority(os.PRIO_PROCESS, 0),
         "load": round(os.getloadavg()[0], 2),
         "idle": None if idle is None else round(idle, 2),
     }
+
+
+def _commit() -> str | None:
+    """Return the commit of the checkout that is measured, None of a package that is installed somewhere else."""
+    asked = ["git", "-C", str(Path(canopen_control.__file__).parent), "rev-parse", "--show-toplevel", "HEAD"]
+    with contextlib.suppress(OSError):
+        done = subprocess.run(asked, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+        folder, _, commit = done.stdout.strip().partition("\n")
+        if not done.returncode and Path(folder, "tools", __package__).is_dir():
+            return commit[:12]
+    return None
 
 
 def _processor() -> str:
