@@ -21,7 +21,7 @@ def kept(od=OD, channel="can0"):
 
 def numbered(serial):
     return dataclasses.replace(
-        OD, entries={**OD.entries, (0x1018, 4): dataclasses.replace(OD[0x1018, 4], default=serial)}
+        OD, entries={**OD.entries, (0x1018, 4): dataclasses.replace(OD[0x1018, 4], parameter_value=serial)}
     )
 
 
