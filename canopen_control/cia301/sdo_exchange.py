@@ -5,6 +5,8 @@ The law of this file:
   means; what follows from that is decided here. How often what is tried again: sdo_request.py.
 - A timeout sends an abort with the true multiplexer. A block transfer that the server refuses, or whose CRC is wrong,
   is done again in segments. Every other abort ends the request.
+- The data of a program (0x1F50, CiA 302-3) that broke off are never sent again by themselves, nor in segments: the
+  server wants a fresh clear before.
 - What an upload of a known object brought has the length of its type; else it is an error, and never a value.
 - A request that died (timed out or cancelled) may still be answered: until that is settled, its object is in
   quarantine (sdo_quarantine.py), so that no late answer can be taken for that of the retry.
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Phase", "SdoExchange"]
 
+_PROGRAM_DATA: Final = 0x1F50
 _UNARMED: Final = 0  # the deadline of a request whose caller did not say when it is; the next tick does
 
 
@@ -247,7 +250,11 @@ class SdoExchange:
     def refused(self, request: SdoRequest, code: int, now: int) -> None:
         """Decide what follows from an abort, be it the server's or ours."""
         budget = self._trouble()
-        if self.phase.block and code in BLOCK_ERRORS:
+        if self._broke_off(request):
+            if self.phase.block and code in BLOCK_ERRORS:
+                self.block_supported = False  # whoever clears it and sends it anew does so in segments
+            self.finish(request, now, self._abort_error(request, code))
+        elif self.phase.block and code in BLOCK_ERRORS:
             if code == AbortCode.UNKNOWN_COMMAND and self.phase.transfer is None:
                 self.block_supported = False
             budget.plain = True
@@ -271,14 +278,19 @@ class SdoExchange:
         """Abort the try that got no answer, and make another one or end the request."""
         budget = self._trouble()
         budget.waited_ns += request.timeout_ns
+        broke_off = self._broke_off(request)
         if self.phase.block:
             budget.plain = True  # some servers do not answer what they do not know
         self.die(AbortCode.TIMED_OUT)
-        if budget.has_try(AbortCode.TIMED_OUT):
+        if not broke_off and budget.has_try(AbortCode.TIMED_OUT):
             self.again(request, now)
         else:
             seconds = budget.waited_ns / 1e9
             self.finish(request, now, SdoTimeout(self.node_id, request.index, request.subindex, seconds, self.name))
+
+    def _broke_off(self, request: SdoRequest) -> bool:
+        """Whether a program's data have begun to flow, so that no other try may follow by itself."""
+        return request.is_write and request.index == _PROGRAM_DATA and self.phase.transfer is not None
 
     def die(self, code: int) -> None:
         """Abort a transfer whose last answer is still owed."""

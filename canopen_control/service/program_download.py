@@ -247,7 +247,7 @@ def _command(number: int, command: int, wanted: tuple[int, ...], seconds: float,
 
     A node that resets is asked again soon: a boot-loader that nobody talks to starts the program that was to stop.
     """
-    refusal, rounds = "", 0
+    refusal, rounds, status = "", 0, None
     while seconds > 0.0:
         rounds += 1
         soon = 0.0 if command not in _RESETTING or rounds % _QUICK_ROUNDS == 0 else _QUICK_S
@@ -266,7 +266,8 @@ def _command(number: int, command: int, wanted: tuple[int, ...], seconds: float,
                 "node, which brings the one before it back"
             )
         seconds -= _POLL_S + ((soon or _SILENCE_S) if status == _SILENT else 0.0)
-    raise DriveError(f"the program does not {word} (0x1F51 <- {command}){f': {refusal}' if refusal else ''}")
+    why = f": {refusal}" if refusal else ", and the node gives no answer" if status == _SILENT else ""
+    raise DriveError(f"the program does not {word} (0x1F51 <- {command}){why}")
 
 
 def _flash(number: int) -> Generator[Order, Outcome, str]:

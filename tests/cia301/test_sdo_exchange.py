@@ -15,6 +15,7 @@ from canopen_control.cia301.sdo_phases import first_phase
 from canopen_control.cia301.sdo_request import SdoOptions, SdoRequest
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.errors import BusClosed, SdoAbort, SdoTimeout
+from canopen_control.frame import CanFrame
 
 HALF = 500 * MS
 
@@ -196,3 +197,43 @@ def test_whatever_goes_wrong_a_request_is_not_tried_for_ever(retries, block, tro
         assert exchange.finished == ([request] if request.done else [])
         assert (exchange.active is None) is request.done
     assert exchange.retried <= retries + 10
+
+
+def broken_off(index, abort=None):
+    """Begin a block download of an object, let the server fall silent or abort, and return client and request."""
+    client = SdoClient(5, timeout_ns=100, retries=1)
+    request = client.write(index, 1, bytes(2000), block=True, now=0)
+    client.frames()
+    client.receive(CanFrame(0x585, bytes((0xA4, index & 0xFF, index >> 8, 1, 127, 0, 0, 0))), 1)
+    assert len(client.frames()) == 127
+    if abort is not None:
+        client.receive(CanFrame(0x585, bytes((0x80, index & 0xFF, index >> 8, 1)) + abort.to_bytes(4, "little")), 2)
+    else:
+        while not request.done and not client.retried:
+            client.tick(client.next_deadline())
+    return client, request
+
+
+def test_the_data_of_a_program_that_broke_off_are_not_sent_again():
+    client, request = broken_off(0x1F50)
+    assert isinstance(request.error, SdoTimeout)
+    assert client.retried == 0
+    client, request = broken_off(0x2000)
+    assert (request.done, client.retried) == (False, 1)  # in segments
+
+
+def test_a_block_of_a_program_that_was_refused_is_not_sent_again_and_the_next_time_goes_in_segments():
+    client, request = broken_off(0x1F50, 0x05040004)  # CRC error
+    assert isinstance(request.error, SdoAbort)
+    assert (client.retried, client.block_supported) == (0, False)
+    client, request = broken_off(0x1F50, 0x08000022)
+    assert isinstance(request.error, SdoAbort)
+    assert (client.retried, client.block_supported) == (0, True)
+
+
+def test_a_server_that_knows_no_blocks_gets_a_program_in_segments():
+    client = SdoClient(5, timeout_ns=100, retries=1)
+    request = client.write(0x1F50, 1, bytes(2000), block=True, now=0)
+    client.frames()
+    client.receive(CanFrame(0x585, bytes((0x80, 0x50, 0x1F, 1)) + (0x05040001).to_bytes(4, "little")), 1)
+    assert (request.done, client.retried, client.block_supported) == (False, 1, False)

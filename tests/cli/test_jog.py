@@ -7,6 +7,7 @@ import sys
 import time
 
 import pytest
+from support.drive_shapes import SHAPES, write_shape
 from support.host import eventually
 from support.jogbench import NODE_ID, jog_bench
 from support.mockrobot import running
@@ -156,10 +157,10 @@ def test_a_drive_that_its_robot_commands_is_left_to_it(private_folders, no_termi
 
 
 @contextlib.contextmanager
-def jog_on_a_terminal(stage, channel):
+def jog_on_a_terminal(stage, channel, eds=TMCM):
     """Start `jog` on a terminal of its own, which holds the key down; yield the process and that terminal's end."""
     master, slave = pty.openpty()
-    words = ["jog", str(NODE_ID), "--can", channel, "--eds", TMCM, "--velocity", "650pps"]
+    words = ["jog", str(NODE_ID), "--can", channel, "--eds", str(eds), "--velocity", "650pps"]
     code = (
         "import fcntl, sys, termios\nfrom canopen_control.cli.main import main\nfcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
     )
@@ -211,3 +212,17 @@ def test_it_turns_soon_and_stops_by_itself_when_its_terminal_or_the_program_dies
         assert eventually(lambda: drive.power != "OPERATION_ENABLED")
         assert process.wait(10) == (0 if end == "terminal" else -signal.SIGKILL)
     assert find_robots() == []
+
+
+@pytest.mark.process
+def test_a_drive_that_is_guarded_alone_stops_by_itself_when_the_program_is_killed(stage, tmp_path):
+    eds = write_shape(tmp_path, SHAPES["node guarding, no heartbeat"][0]())
+    stage.start("drive", "--node-id", NODE_ID, "--eds", eds, "--can", "local:desk").until("ready on")
+    with (
+        contextlib.closing(DriveProbe("desk", NODE_ID)) as drive,
+        jog_on_a_terminal(stage, "local:desk", eds) as (process, master),
+    ):
+        held_until(master, lambda: drive.speed > 300)
+        process.send_signal(signal.SIGKILL)
+        assert seconds_until(lambda: drive.speed == 0, 5.0) < DEAD_MAN_S
+        assert eventually(lambda: drive.power != "OPERATION_ENABLED")
