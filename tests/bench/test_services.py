@@ -2,10 +2,12 @@
 
 import itertools
 from contextlib import contextmanager
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 from canopen_control_bench import services
+from canopen_control_bench.eds_files import SHAPES
 from canopen_control_bench.sdo_client import Client
 
 from canopen_control.errors import CanopenError
@@ -38,3 +40,19 @@ def test_rounds_are_paired_ours_first(monkeypatch):
     rounds = services._rounds(lambda client: None, (opener, opener), 3)
     assert services._each(rounds, lambda spent: spent.cpu_s) == [(1.0, 2.0)] * 3
     assert services._each(rounds, lambda spent: spent.wall_s) == [(10.0, 20.0)] * 3
+
+
+def test_large_files_are_read_by_both_and_the_least_good_is_named(monkeypatch):
+    small = [replace(shape, entries=60, pdos=1) for shape in SHAPES[:2]]
+    monkeypatch.setattr(services, "SHAPES", small)
+    for quick, limit in ((False, services.LARGE_EDS_LIMIT), (True, None)):
+        median, least = services._large_eds(quick=quick)
+        assert (median.limit, least.limit) == (limit, 1.0)
+        assert set(median.absolutes) == {shape.name for shape in small}
+        assert least.judged == max(median.absolutes.values())
+
+
+def test_a_reader_that_misses_an_object_is_seen(monkeypatch, tmp_path):
+    monkeypatch.setattr(services, "DUMMIES", services.DUMMIES + 1)
+    with pytest.raises(CanopenError, match="find"):
+        services._shape(replace(SHAPES[0], entries=60, pdos=1), tmp_path / "large.eds")

@@ -7,7 +7,8 @@ is moved is compared with what came back first.
 
 A round moves a block once; segments, which take canopen seconds for 64 KiB, are moved in two rounds only. EDS files are
 the drive's and large ones that are made up in the shapes of public ones: the two readers take turns with each of them,
-and judged are the median of the shapes' ratios and the largest, since who is slow for one shape is slow for somebody.
+the least CPU of each counts (what neighbours of the machine take comes on top of it), and judged are the median of the
+shapes' ratios and the largest, since who is slow for one shape is slow for somebody.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ def measure(options: Options) -> list[Figure]:
             figures = [*_round_trips(trips), *_blocks(quick=options.quick)]
             if not options.quick:
                 figures += _segmented()
-    return [*figures, _eds(), *_large_eds(SHAPES[:QUICK_SHAPES] if options.quick else SHAPES)]
+    return [*figures, _eds(), *_large_eds(quick=options.quick)]
 
 
 def check(client: Client, payload: bytes) -> None:
@@ -172,8 +173,9 @@ def _eds() -> Figure:
     return compared("EDS load, TMCM-1270: CPU", "ms", _loads(EDS, ROUNDS, LOADS), peer_name=CANOPEN, limit=EDS_LIMIT)
 
 
-def _large_eds(shapes: Sequence[Shape]) -> list[Figure]:
-    """Have both read a file of each shape: the median, and the one that is least good."""
+def _large_eds(*, quick: bool) -> list[Figure]:
+    """Have both read a file of each shape: the median, which a few shapes only show, and the one that is least good."""
+    shapes = SHAPES[:QUICK_SHAPES] if quick else SHAPES
     with tempfile.TemporaryDirectory() as folder:
         figures = [_shape(shape, Path(folder, "large.eds")) for shape in shapes]
     rounds = [(each.ours, each.peer or 0.0) for each in figures]
@@ -185,7 +187,7 @@ def _large_eds(shapes: Sequence[Shape]) -> list[Figure]:
             "ms",
             rounds,
             peer_name=CANOPEN,
-            limit=LARGE_EDS_LIMIT,
+            limit=None if quick else LARGE_EDS_LIMIT,
             absolutes=ratios,
         ),
         replace(worst, name=f"the least good of them ({worst.name})", limit=1.0),
@@ -197,7 +199,9 @@ def _shape(shape: Shape, path: Path) -> Figure:
     ours, theirs = len(read_eds(path, NODE).od.objects), len(import_eds(str(path), NODE)) - DUMMIES
     if ours != theirs:
         raise CanopenError(f"{shape.name}: the two readers find {ours} and {theirs} objects")
-    return compared(shape.name, "ms", _loads(str(path), LARGE_ROUNDS, 1), peer_name=CANOPEN)
+    loads = _loads(str(path), LARGE_ROUNDS, 1)
+    best = [(min(ours for ours, _ in loads), min(theirs for _, theirs in loads))]
+    return compared(shape.name, "ms", best, peer_name=CANOPEN)
 
 
 def _loads(path: str, rounds: int, loads: int) -> list[tuple[float, float]]:
