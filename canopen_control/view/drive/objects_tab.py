@@ -107,7 +107,7 @@ class ObjectsTab:
     def search(self, text: str) -> None:
         """Show what the words mean."""
         if self._list is not None and self._tree is not None:
-            self._tree.matches(*self._list.search(text))
+            self._tree.matches(text, *self._list.search(text))
 
     def write(self, address: str, text: str) -> None:
         """Write an object, and say at it what came of that."""

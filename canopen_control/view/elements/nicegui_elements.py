@@ -205,9 +205,9 @@ class ObjectTree(Element, component="object_tree.js"):
         """Show what these objects hold."""
         self.run_method("values", dict(news))
 
-    def matches(self, addresses: Sequence[str] | None, problem: str = "") -> None:
-        """Show these objects alone; None: all."""
-        self.run_method("matches", None if addresses is None else list(addresses), problem)
+    def matches(self, text: str, addresses: Sequence[str] | None, problem: str = "") -> None:
+        """Show the objects alone that a search for `text` has found; None: all."""
+        self.run_method("matches", None if addresses is None else list(addresses), problem, text)
 
     def answer(self, address: str, text: str, *, good: bool) -> None:
         """Say at an object what came of writing it."""

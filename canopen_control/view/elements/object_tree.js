@@ -39,7 +39,7 @@ export default {
   template: `
     <div class="cc-objects">
       <div class="cc-o-bar">
-        <input v-model="search" type="search" aria-label="search objects" placeholder="Search: 0x6081, 0x60*, velocity" @input="ask" autocomplete="off" spellcheck="false">
+        <input v-model="search" type="search" maxlength="200" aria-label="search objects" placeholder="Search: 0x6081, 0x60*, velocity" @input="ask" autocomplete="off" spellcheck="false">
         <button v-for="[key, words] in filters" :key="key" type="button" :class="['cc-filter', { 'cc-on-now': filter === key }]" :aria-pressed="filter === key" @click="filter = key">{{ words }}</button>
         <span class="cc-note">{{ shown.size }} of {{ rows.length }}</span>
       </div>
@@ -92,6 +92,8 @@ export default {
       this.stars = {};
     }
     this.seen = new Set();
+    this.heard = false;
+    this.answered = "";
     this.watcher = new IntersectionObserver((entries) => {
       for (const each of entries) {
         if (each.isIntersecting) this.seen.add(each.target.dataset.a);
@@ -100,6 +102,14 @@ export default {
       this.tell();
     });
     this.observe();
+    // what was told before the connection stood is lost: it is told again until it has been answered
+    this.again = setInterval(() => {
+      if (!this.heard) {
+        this.before = null;
+        this.tell();
+      }
+      if (this.search !== this.answered) this.ask();
+    }, 1000);
   },
   updated() {
     this.observe();
@@ -107,6 +117,7 @@ export default {
   beforeUnmount() {
     this.watcher.disconnect();
     clearTimeout(this.telling);
+    clearInterval(this.again);
   },
   methods: {
     observe() {
@@ -152,9 +163,11 @@ export default {
     },
     // what the server sends
     values(news) {
+      this.heard = true;
       Object.assign(this.live, news);
     },
-    matches(addresses, problem) {
+    matches(addresses, problem, text) {
+      this.answered = text;
       this.found = addresses && new Set(addresses);
       this.problem = problem;
     },

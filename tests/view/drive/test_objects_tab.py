@@ -87,8 +87,8 @@ def test_a_search_is_answered_with_what_it_means(sent):
         user.find(kind=ObjectTree).trigger("search", "nonsense")
 
     played(act)
-    assert sent[0] == ("matches", ["0x6081:00"], "")
-    assert sent[1] == ("matches", None, "")
+    assert sent[0] == ("matches", ["0x6081:00"], "", "0x6081")
+    assert sent[1] == ("matches", None, "", "")
     assert sent[2][:2] == ("matches", [])
 
 

@@ -128,14 +128,14 @@ def test_a_tree_is_sent_values_matches_and_answers(monkeypatch):
 
     async def act(_user, tree):
         tree.values({"0x6081:00": {"value": "5", "meaning": None, "changed": True, "error": None, "bits": []}})
-        tree.matches(None)
-        tree.matches(("0x6081:00",), "")
+        tree.matches("", None)
+        tree.matches("speed", ("0x6081:00",))
         tree.answer("0x6081:00", "written", good=True)
 
     visited(lambda: ObjectTree([], "", Heard(), writes=True), act)
     assert [each[0] for each in sent] == ["values", "matches", "matches", "answer"]
     assert sent[1:] == [
-        ("matches", None, ""),
-        ("matches", ["0x6081:00"], ""),
+        ("matches", None, "", ""),
+        ("matches", ["0x6081:00"], "", "speed"),
         ("answer", "0x6081:00", "written", True),
     ]
