@@ -52,9 +52,11 @@ class ObjectMethods:
 
     def _nmt(self, call: Call[NmtRequest]) -> None:
         name, wanted, robot = call.request.command, str(call.request.node), self._robot
+        who = call.request.source or call.who
         if name not in COMMAND_NAMES:
             raise UnknownName(f"no NMT command {name!r}; there are: {', '.join(COMMAND_NAMES)}")
         for node in list(robot.nodes.values()) if wanted == "all" else [robot.node(wanted)]:
+            self._robot.report(Event(robot.reactor.now(), "nmt_asked", node.name, f"{who} asked for NMT {name}"))
             node.command(COMMAND_NAMES[name], robot.reactor.now(), boot=call.request.boot)
             robot.bus_of(node).send_waiting()
         call.reply(Done())

@@ -11,7 +11,7 @@ from canopen_control.cia402.modes import MODE_BITS, OperationMode
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["NamedBit", "bits_of", "statusword_bits"]
+__all__ = ["NamedBit", "axis_word", "bits_of", "statusword_bits"]
 
 _STATUSWORD: Final = {
     0: "ready to switch on",
@@ -45,6 +45,11 @@ class NamedBit(NamedTuple):
     bit: int
     name: str
     on: bool
+
+
+def axis_word(index: int) -> bool:
+    """Whether an object is a statusword or a controlword: some of their bits are those of the mode of operation."""
+    return objects.axis_of(index)[0] in (objects.STATUSWORD, objects.CONTROLWORD)
 
 
 def statusword_bits(word: int, mode: int | str | None = None) -> list[NamedBit]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError
 from canopen_control.od.model import SCALAR_CODES
-from canopen_control.service.object_bits import bits_of
+from canopen_control.service.object_bits import axis_word, bits_of
 from canopen_control.service.object_edit import limit_words, why_fixed
 from canopen_control.service.object_rows import LiveObject, rows_of
 from canopen_control.service.object_selection import select_objects
@@ -70,6 +70,13 @@ class ObjectList:
     def entries(self, addresses: Iterable[str]) -> list[Entry]:
         """Return those of these addresses that there are."""
         return [self._entries[each] for each in addresses if each in self._entries]
+
+    def entries_with_mode(self, addresses: Iterable[str]) -> list[Entry]:
+        """Return the same, with the mode that is displayed where bits of a word depend on it."""
+        found = self.entries(addresses)
+        mode = self._entries.get(address_text(_MODE))
+        wants = any(axis_word(entry.index) for entry in found)
+        return [*found, mode] if wants and mode is not None and mode not in found else found
 
     def search(self, text: str) -> tuple[list[str] | None, str]:
         """Return the addresses that words mean, None for all, and what is to be said where they mean none."""

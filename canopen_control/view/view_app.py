@@ -232,7 +232,10 @@ class ViewApp:
         self._judge_silence()
         content, rows = self._known.content(self._lost), self._known.history.take_new_rows()
         for page in list(self._pages.values()):
-            page.show(content)
+            try:
+                page.show(content)
+            except Exception as error:  # noqa: BLE001 - its feed goes on, and the other pages do
+                self._complain(error)
             changes = page.changes(content)
             if rows:
                 changes["plots"] = {"rows": rows}

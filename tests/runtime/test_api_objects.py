@@ -62,3 +62,12 @@ def test_what_a_node_refuses_was_not_written(client, robby):
 def test_a_client_may_ask_how_far_a_transfer_is(client, robby):
     assert client.ask("sdo_progress", node="left_drive")["result"] == {"done": 0, "total": None}
     assert client.ask("sdo_progress", node="nobody")["error"]["kind"] == "UnknownName"
+
+
+def test_the_events_say_who_has_taken_a_node_out(client, robby):
+    for source in ({"source": "view"}, {}):
+        assert client.ask("nmt", node="left_drive", command="preop", **source)["result"] == {}
+    told = [event for event in robby.robot.events.recent if event.kind == "nmt_asked"]
+    assert [event.node for event in told] == ["left_drive", "left_drive"]
+    assert told[0].text == "view asked for NMT preop"
+    assert told[1].text.startswith("client ")

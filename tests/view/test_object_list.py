@@ -79,6 +79,13 @@ def test_the_bits_of_a_statusword_are_those_of_the_mode_that_is_displayed():
     assert (12, "speed is zero", True) in listed().news(known)["0x6041:00"]["bits"]
 
 
+def test_the_mode_is_read_beside_a_word_whose_bits_depend_on_it():
+    objects = listed()
+    assert [each.index for each in objects.entries_with_mode(["0x6041:00"])] == [0x6041, 0x6061]
+    assert [each.index for each in objects.entries_with_mode(["0x6040:00", "0x6061:00"])] == [0x6040, 0x6061]
+    assert [each.index for each in objects.entries_with_mode(["0x6081:00"])] == [0x6081]
+
+
 def test_an_address_that_is_none_is_no_object():
     assert listed().entry("0x6081:00") is OD[0x6081, 0]
     assert listed().entry("<script>") is None

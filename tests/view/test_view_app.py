@@ -364,8 +364,11 @@ def test_a_page_that_cannot_be_drawn_takes_nothing_with_it(robot, play):
 
     async def act(app):
         await connected(app)
+        other = Page("page 2")
         app._page_opened(Broken())
+        app._page_opened(other)
         await until(lambda: any("ZeroDivisionError" in text for text in app.said))
+        await until(lambda: other.shown)  # the others go on
         assert app.stop() is None
         await until(lambda: robot.status().latched)
 

@@ -86,12 +86,14 @@ class GetNodes(Request[NodeListing], frozen=True):
 class NmtRequest(Request[Done], frozen=True, kw_only=True):
     """`command`: start, stop, preop, reset-node, reset-comm; `node` may be "all".
 
-    `boot` true: after a reset it is booted again; else that waits for `start`.
+    `boot` true: after a reset it is booted again; else that waits for `start`. `source` is by whose name the robot's
+    events tell it.
     """
 
     command: str
     node: NodeName
     boot: bool = False
+    source: str | None = None
 
 
 class SdoData(msgspec.Struct, frozen=True):

@@ -31,6 +31,7 @@ class ObjectsTab:
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
         self._page = f"{self._client.id} {context.node}"
+        self._reader = context.panel.robot.live_reader  # of this robot, also when another one is there
         self._list: ObjectList | None = None
         self._tree: ObjectTree | None = None
         self._seen: list[str] = []
@@ -84,7 +85,7 @@ class ObjectsTab:
     def leave(self) -> None:
         """Read no more."""
         self._is_left = True
-        self._context.panel.robot.live_reader.watch(self._page, self._context.desk, ())
+        self._reader.watch(self._page, self._context.desk, ())
 
     # ------------------------------------------------------------------------------------ what the tree tells
 
@@ -100,8 +101,8 @@ class ObjectsTab:
             self._tree.values(self._list.known(self._context.desk.live, self._seen))
 
     def _watch(self) -> None:
-        entries = self._list.entries(self._seen) if self._list is not None else []
-        self._context.panel.robot.live_reader.watch(self._page, self._context.desk, entries)
+        entries = self._list.entries_with_mode(self._seen) if self._list is not None else []
+        self._reader.watch(self._page, self._context.desk, entries)
 
     def search(self, text: str) -> None:
         """Show what the words mean."""
@@ -122,7 +123,7 @@ class ObjectsTab:
             self._tree.answer(address, str(error), good=False)
         else:
             self._tree.answer(address, f"written: {edit.words}", good=True)
-        self._context.panel.robot.live_reader.soon(self._context.desk, entry)
+        self._reader.soon(self._context.desk, entry)
 
     async def _take_back(self) -> None:
         if not self._context.panel.teleop:
@@ -136,7 +137,7 @@ class ObjectsTab:
         if self._tree is not None:
             self._tree.answer(address_text(edit.entry.address), f"undone: {edit.words}", good=True)
         self._last.show(sentence(f"undone: {edit.words}", GOOD))
-        self._context.panel.robot.live_reader.soon(self._context.desk, edit.entry)
+        self._reader.soon(self._context.desk, edit.entry)
 
 
 def _product(od: ObjectDictionary) -> str:

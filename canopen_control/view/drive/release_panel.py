@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 from nicegui import ui
 
 from canopen_control.rpc.messages.robot import NmtRequest
+from canopen_control.view.dead_man import SOURCE
 from canopen_control.view.panels.panel import Html, tell
 from canopen_control.view.words import GOOD, IDLE, WARN, sentence
 
@@ -52,7 +53,8 @@ class ReleasePanel:
         await self._ask("start", "not given back")
 
     async def _ask(self, command: str, problem: str) -> None:
-        refused = await self._context.panel.ask(NmtRequest(command=command, node=self._context.node))
+        request = NmtRequest(command=command, node=self._context.node, source=SOURCE)
+        refused = await self._context.panel.ask(request)
         if refused is not None:
             tell(f"{self._context.node}: {problem}", refused)
 

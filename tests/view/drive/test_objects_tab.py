@@ -62,7 +62,7 @@ def test_what_is_in_sight_is_read_until_the_tab_is_left(sent):
         tab.leave()
         return page.robot.live_reader.watched
 
-    assert played(act) == [[0x6081, 0x6041], [], [0x6081, 0x6041], []]
+    assert played(act) == [[0x6081, 0x6041, 0x6061], [], [0x6081, 0x6041, 0x6061], []]
 
 
 def test_values_are_sent_once_the_tree_is_there(sent):

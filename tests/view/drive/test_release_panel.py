@@ -38,8 +38,10 @@ def test_a_drive_is_taken_out_and_given_back_by_the_robot():
         await settle(lambda: page.asked)
         return page.asked
 
-    assert played(press, drive_state(OFF)) == [NmtRequest(command="preop", node="left_drive")]
-    assert played(press, drive_state(OFF, taken_out=True)) == [NmtRequest(command="start", node="left_drive")]
+    assert played(press, drive_state(OFF)) == [NmtRequest(command="preop", node="left_drive", source="view")]
+    assert played(press, drive_state(OFF, taken_out=True)) == [
+        NmtRequest(command="start", node="left_drive", source="view")
+    ]
 
 
 def test_what_the_robot_refuses_is_told():
