@@ -48,6 +48,18 @@ def test_results_of_another_version_are_begun_anew(short, tmp_path, monkeypatch)
     assert (found.code, [each.seeds for each in found.robots]) == ("0ther", [1, 1])
 
 
+def test_seeds_of_two_builds_are_told_as_such(short, tmp_path, monkeypatch):
+    path = tmp_path / "r.json"
+    monkeypatch.setattr(nightly, "build", lambda: "pure Python")
+    night(path, "--seeds", "2")
+    assert read_results(path).build == "sources"
+    monkeypatch.setattr(nightly, "build", lambda: nightly.COMPILED)
+    night(path, "--seeds", "4")
+    found = read_results(path)
+    assert (found.build, found.seeds) == ("both", 4)
+    assert "a part from the sources, the rest with the modules" in page_of(found)
+
+
 def test_hours_that_are_over_leave_seeds_for_the_next(short, tmp_path):
     path = tmp_path / "r.json"
     assert main(["--hours", "1e-7", "--out", str(path)]) == 1

@@ -163,7 +163,8 @@ def _run(args: argparse.Namespace) -> int:
     if args.hours is not None:
         if results.code != code or results.plans != PLANS:
             results = Results(code, PLANS)
-        results.build = "compiled" if build() == COMPILED else "sources"
+        mine = "compiled" if build() == COMPILED else "sources"
+        results.build = mine if not results.seeds or results.build == mine else "both"
         wanted, folder = wanted_of(args.seeds), args.out.parent / f"{args.out.stem}-breaches"
         robots = [NightlyRobot(plan, each, folder) for plan, each in zip(PLANS, results.robots, strict=True)]
         run_plans(robots, wanted, args.out, results, Limits(time.monotonic() + args.hours * 3600, args.jobs))

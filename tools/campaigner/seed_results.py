@@ -73,7 +73,8 @@ class RobotResults:
 class Results:
     """What came of a night; `code` is the check sum of the package, `date` that of the last seed.
 
-    `build` is how the package ran: "sources" or "compiled", which changes the time that it takes and nothing else.
+    `build` is how the package ran: "sources", "compiled" or "both", which changes the time that it takes and nothing
+    else.
     """
 
     code: str
@@ -157,15 +158,19 @@ def _robot_of(row: dict[str, Any]) -> RobotResults:
 
 # -- the page
 
-_BUILDS: Final = {"sources": "from the sources", "compiled": "with the modules of its cycle compiled"}
+_BUILDS: Final = {
+    "sources": "from the sources",
+    "compiled": "with the modules of its cycle compiled",
+    "both": "a part from the sources, the rest with the modules of its cycle compiled",
+}
 _HEAD: Final = """# Seeds of the nightly campaign
 
 What came of the nightly campaign in virtual time, `tools/campaign --hours 1`, up to {date}: {seeds:,} of {planned:,}
 seeds, each with a schedule of its own of commands, stops, switches and everything that can break
 ([a robot in virtual time](../guide/simulation.md)), and an observer that judges
 [what must hold](../guide/simulation.md#what-must-hold). `tools/campaign --page` writes this page of `seeds.json`. All
-were run by one version of the package, `{code}` by the check sum of its files, of those of the robots and of the EDS
-files, {build}; the times are those of a machine that did other things too.
+were run by one version of the package, `{code}` by the check sum of its files, of those of the robots and of the
+EDS files, {build}; the times are those of a machine that did other things too.
 
 | robot | seeds | planned | each, s | hours of the robot | times real time | frames | breaches | SHA-256 of all |
 |---|---|---|---|---|---|---|---|---|
