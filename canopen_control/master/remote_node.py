@@ -105,6 +105,11 @@ class RemoteNode:
         """What a boot under way is doing, "" if there is none."""
         return self._task.step if self._task is not None else ""
 
+    @property
+    def is_taken_out(self) -> bool:
+        """Whether an NMT command has taken it out of the robot, which leaves it alone until another one starts it."""
+        return self.expected_state is not None
+
     def begin_boot(self, now: int, *, reset: bool = True) -> None:
         """Start the boot, from the beginning if one is under way."""
         self._abandon()
@@ -159,14 +164,28 @@ class RemoteNode:
         if kind is HeartbeatEventKind.BOOT_UP:
             self._on_boot_up(now, since)
         elif kind is HeartbeatEventKind.MISSED:
-            self.nmt_state = None
-            lost = HeartbeatLost(self.node_id, event.age_ns / 1e9, self.name)
-            self._drop(now, str(lost), Level.ERROR, kind="heartbeat_lost", error=lost)
+            self._on_silence(event.age_ns, now)
         elif kind is HeartbeatEventKind.RESOLVED:
-            self.log.tell(now, "heartbeat_back", "its heartbeat is back; booting it again")
-            self.begin_boot(now)
+            self._on_return(now)
         elif self.ready and event.state is not NmtState.OPERATIONAL:
             self._left_operational(event.state, now)
+
+    def _on_silence(self, age_ns: int, now: int) -> None:
+        """Take a missing heartbeat; one of a node that was taken out is told, and its SDO transfers go on."""
+        self.nmt_state = None
+        lost = HeartbeatLost(self.node_id, age_ns / 1e9, self.name)
+        if self.is_taken_out:
+            self._report(Event(now, "heartbeat_lost", self.name, f"{lost}; it was taken out", Level.WARNING))
+            return
+        self._drop(now, str(lost), Level.ERROR, kind="heartbeat_lost", error=lost)
+
+    def _on_return(self, now: int) -> None:
+        """Take that heartbeats come again: what was taken out stays out, for somebody may be writing into it."""
+        if self.is_taken_out:
+            self.log.tell(now, "heartbeat_back", "its heartbeat is back; it was taken out, and nmt start boots it")
+            return
+        self.log.tell(now, "heartbeat_back", "its heartbeat is back; booting it again")
+        self.begin_boot(now)
 
     def on_state(self, state: NmtState | None, now: int, since: int | None = None) -> None:
         """Take the state of any heartbeat, told or not."""
@@ -268,7 +287,7 @@ class RemoteNode:
                 Level.ERROR,
                 kind="restarted",
             )
-        if self.expected_state is None:
+        if not self.is_taken_out:
             self.begin_boot(now, reset=False)
 
     def _toggled(self, now: int) -> None:

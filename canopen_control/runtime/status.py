@@ -214,7 +214,7 @@ def _node(robot: RobotCore, node: RemoteNode, now: int, axes: list[AxisReading])
         nmt_state=node.nmt_state.name if node.nmt_state is not None else None,
         ready=node.ready,
         age=age / 1e9 if age is not None else None,
-        taken_out=node.expected_state is not None,
+        taken_out=node.is_taken_out,
         error=node.error,
         sdo=SdoCounts(node.sdo_reads, node.sdo_writes, node.sdo_failed),
         axes=tuple(axes),

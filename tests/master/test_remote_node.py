@@ -57,6 +57,27 @@ def test_a_command_of_the_user_is_no_fault_and_is_not_repaired(robby):
     robby.until(lambda: left(robby).ready)
 
 
+def test_what_was_taken_out_stays_out_when_it_falls_silent_and_its_transfers_go_on(robby):
+    node, ended = left(robby), []
+    node.command(NmtCommand.ENTER_PRE_OPERATIONAL, robby.reactor.now())
+    robby.robot.buses["can"].send_waiting()
+    robby.run(200)
+    robby.bus.cut("drive 3")
+    robby.until(lambda: robby.texts("heartbeat_lost"))
+    node.read(0x1008, 0, ended.append)
+    robby.run(100)
+    robby.bus.uncut("drive 3")
+    robby.until(lambda: robby.texts("heartbeat_back"))
+    assert "taken out" in robby.texts("heartbeat_back")[0]
+    robby.until(lambda: ended, ms=3000)
+    robby.run(3000)
+    assert node.boots == 1
+    assert node.state is NodeState.WAITING
+    node.command(NmtCommand.START, robby.reactor.now())
+    robby.robot.buses["can"].send_waiting()
+    robby.until(lambda: node.ready, ms=3000)
+
+
 def test_silence_longer_than_the_heartbeat_time_is_a_loss_and_its_return_a_boot(robby):
     robby.bus.cut("drive 3")
     lost = robby.until(lambda: robby.texts("heartbeat_lost"))
