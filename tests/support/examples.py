@@ -36,6 +36,7 @@ NOT_RUN = {
     r"^replay .*--page": "a flight recording: tests/cli/test_replay.py has one",
     r"--plant floor\.yml": "a plant file: tests/integration/test_true_pose_of_a_run.py has one",
     r"^diff left_drive right_drive": "drives that no example before has written to: tests/cli/test_diff.py has two",
+    r"^simulate .*--(serve|ros)\b": "minutes of real time: tests/simulation/test_served_simulation.py serves one",
     r"^bench\b": "minutes of measuring: tests/bench runs every family of it",
 }
 #: Other programs in the blocks of the pages -> why they are not run from there.
