@@ -47,6 +47,7 @@ def test_trying_realtime_changes_nothing_here():
     assert os.sched_getscheduler(0) == before
 
 
+@pytest.mark.process
 def test_the_description_names_date_kernel_and_load():
     found = describe()
     assert {"date", "machine", "kernel", "python", "package", "load", "idle"} <= set(found)
@@ -90,6 +91,7 @@ def test_who_waits_and_is_woken_is_counted():
     assert wakeups(2**22 + 1) == 0
 
 
+@pytest.mark.process
 def test_a_package_that_is_installed_elsewhere_has_no_commit(tmp_path, monkeypatch):
     subprocess.run(["git", "init", "-q", tmp_path], check=True)
     monkeypatch.setattr(machine.canopen_control, "__file__", str(tmp_path / "__init__.py"))

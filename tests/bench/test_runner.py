@@ -4,11 +4,17 @@ import json
 from types import SimpleNamespace
 
 import pytest
-from canopen_control_bench import runner
+from canopen_control_bench import machine, runner
 from canopen_control_bench.figure import compared, limited
 from support.benches import MACHINE
 
 from canopen_control.errors import CanopenError
+
+
+@pytest.fixture(autouse=True)
+def no_commit(monkeypatch):
+    """Leave git alone, which the description of the machine asks."""
+    monkeypatch.setattr(machine, "_commit", lambda: None)
 
 
 def report(**options):
