@@ -168,6 +168,7 @@ def events(arm):
     return [each.text for each in arm.client.ask(GetStatus()).events]
 
 
+@pytest.mark.timed
 def test_a_bridge_that_is_stopped_for_long_loses_its_goal_and_goes_on_with_the_next_one(arm):
     end, bridge = near(4), arm.stage.pid_of("canopen_control.ros.bridge")
     assert send(arm, "hung", goal_to(arm, end, 9.0))
@@ -188,6 +189,7 @@ def test_a_bridge_that_is_stopped_for_long_loses_its_goal_and_goes_on_with_the_n
     assert result(arm, "after it")[0] == SUCCEEDED
 
 
+@pytest.mark.timed
 def test_the_death_of_the_client_and_of_the_bridge_stop_the_arm_on_its_way(arm):
     end = near(4)
     with ros.Peer(arm.domain, "--interfaces") as mortal:
