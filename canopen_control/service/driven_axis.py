@@ -7,18 +7,19 @@ that each command dies with the connection, and stops and disables at the end, w
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ConfigError, RemoteError
-from canopen_control.rpc.messages.robot import AxisRequest, GetNodes, ListControllers, SdoRead
+from canopen_control.rpc.messages.robot import AxisRequest, CommandController, GetNodes, ListControllers, SdoRead
 
 if TYPE_CHECKING:
     from canopen_control.client import RobotClient
     from canopen_control.rpc.messages.state import AxisReading, ControllerReading, StateSample
 
-__all__ = ["CURRENTS", "ENABLE_S", "PERIOD_S", "RENEWED_S", "DriveCurrent", "JogDrive", "axis_reading", "choose_mode",
+__all__ = ["CURRENTS", "ENABLE_S", "PERIOD_S", "AxisCommand", "DriveCurrent", "JogDrive", "axis_reading", "choose_mode",
            "drive_of_robot", "ended_words", "stop_drive"]  # fmt: skip
 
 PERIOD_S: Final = 0.02
@@ -80,6 +81,36 @@ def choose_mode(client: RobotClient, request: AxisRequest) -> None:
             time.sleep(PERIOD_S)
         else:
             return
+
+
+class AxisCommand:
+    """The command of `drive` in the name of `source`: `interface` is velocity, position or effort; it dies with us."""
+
+    def __init__(self, drive: JogDrive, interface: str, source: str) -> None:
+        self._drive, self._interface, self._source = drive, interface, source
+        self._sent, self._sent_ns = math.nan, 0
+
+    def send(self, client: RobotClient, value: float) -> bool:
+        """Send it when it changes, and again while it holds; return False where the drive is not enabled."""
+        now = time.monotonic_ns()
+        if value == self._sent and (not value or now - self._sent_ns < RENEWED_S * 1e9):
+            return True
+        request = CommandController(
+            controller=self._drive.controller,
+            values=[value],
+            source=self._source,
+            dead_man=True,
+            interface=self._interface,
+        )
+        enabled = True
+        try:
+            client.ask(request, 1.0)
+        except RemoteError as error:
+            if error.kind not in ("NotEnabled", "NotYetEnabled"):
+                raise
+            enabled = False
+        self._sent, self._sent_ns = value, now
+        return enabled
 
 
 class DriveCurrent:

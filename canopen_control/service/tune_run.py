@@ -6,19 +6,18 @@ the stop and waits until the drive is disabled. Samples carry the number of thei
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.objects import TORQUE_ACTUAL
 from canopen_control.client import RobotClient
-from canopen_control.errors import DriveError, RemoteError
-from canopen_control.rpc.messages.robot import AxisRequest, CommandController, ProcessData, Subscribe
+from canopen_control.errors import DriveError
+from canopen_control.rpc.messages.robot import AxisRequest, ProcessData, Subscribe
 from canopen_control.rpc.messages.state import StateSample
 from canopen_control.service.driven_axis import (
     ENABLE_S,
-    RENEWED_S,
+    AxisCommand,
     DriveCurrent,
     axis_reading,
     choose_mode,
@@ -79,7 +78,7 @@ class TuneRun:
         self._drive, self._kind, self._excitation = drive, kind, excitation
         self._limits, self._deceleration, self._effort_unit = limits, deceleration, effort_unit
         self._current = DriveCurrent(drive)
-        self._sent, self._sent_ns = math.nan, 0
+        self._sender = AxisCommand(drive, kind.value, _SOURCE)
         self._sample: StateSample | None = None
         self._gone = self._told = False
         self._tell = told
@@ -179,19 +178,8 @@ class TuneRun:
         self._told = known is not None
 
     def _command(self, client: RobotClient, motion: TuneMotion) -> None:
-        """Send what is commanded when it changes, and again while it holds."""
+        """Send what is commanded, and ask for the current where no sample tells it."""
         if not self._told:
             self._current.ask(client)
-        value, now = motion.command, time.monotonic_ns()
-        if value == self._sent and (not value or now - self._sent_ns < RENEWED_S * 1e9):
-            return
-        request = CommandController(
-            controller=self._drive.controller, values=[value], source=_SOURCE, dead_man=True, interface=self._kind.value
-        )
-        try:
-            client.ask(request, 1.0)
-        except RemoteError as error:
-            if error.kind not in ("NotEnabled", "NotYetEnabled"):
-                raise
+        if not self._sender.send(client, motion.command):
             motion.end(JogEnd.STATE)
-        self._sent, self._sent_ns = value, now

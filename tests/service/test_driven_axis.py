@@ -1,7 +1,7 @@
 import pytest
+from support.fake_client import FakeClient
 
 from canopen_control.errors import ConfigError, RemoteError
-from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import (
     AxisRequest,
     GetNodes,
@@ -67,25 +67,6 @@ def test_a_drive_that_takes_targets_by_itself_is_moved_through_its_robot():
 def test_any_other_drive_of_a_robot_is_left_to_it_with_what_to_do_instead(node, controllers, why):
     with pytest.raises(ConfigError, match=why):
         drive_of_robot(FakeRobot(*controllers), node, 0, "PV")
-
-
-class FakeClient:
-    """Refuses the first requests with `refusals`, answers the others by type."""
-
-    def __init__(self, *refusals, answers=()):
-        self.refusals, self.asked, self.answers = list(refusals), [], dict(answers)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-    def ask(self, request, timeout=None):
-        self.asked.append(request)
-        if self.refusals:
-            raise RemoteError(*self.refusals.pop(0))
-        return self.answers.get(type(request), Done())
 
 
 def test_a_mode_is_asked_for_again_while_the_drive_boots(monkeypatch):

@@ -75,7 +75,7 @@ def test_a_refused_command_ends_it():
     run._command(taking := Taking(), moved)
     assert (taking.asked[0].values, taking.asked[0].dead_man, taking.asked[0].source) == ([3.0], True, "tune")
     moved.tick(int(1.5e9))
-    run._sent = 0.0
+    run._sender._sent = 0.0
     run._command(Refusing(), moved)
     assert moved.ended is JogEnd.STATE
 

@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cli.support.keyboard import Keyboard
 from canopen_control.client import RobotClient
 from canopen_control.client.teleop_keys import KeyDecoder
-from canopen_control.errors import CanopenError, RemoteError
+from canopen_control.errors import CanopenError
 from canopen_control.host.signals import on_signals
-from canopen_control.rpc.messages.robot import AxisRequest, CommandController, Subscribe
+from canopen_control.rpc.messages.robot import AxisRequest, Subscribe
 from canopen_control.rpc.messages.state import StateSample
 from canopen_control.service.driven_axis import (
     ENABLE_S,
     PERIOD_S,
-    RENEWED_S,
+    AxisCommand,
     DriveCurrent,
     axis_reading,
     choose_mode,
@@ -61,7 +61,7 @@ class JogRun:
     ) -> None:
         self._drive, self._scale, self._kind = drive, scale, kind
         self._value, self._limits, self._seconds = value, limits, seconds
-        self._sent, self._sent_ns = math.nan, 0
+        self._sender = AxisCommand(drive, kind.value, _SOURCE)
         self._sample: StateSample | None = None
         self._current = DriveCurrent(drive)
         self._gone = False
@@ -139,20 +139,10 @@ class JogRun:
             )
 
     def _command(self, client: RobotClient, motion: JogMotion) -> None:
-        """Send what is commanded when it changes, and again while it holds."""
-        value, now = motion.command, time.monotonic_ns()
-        if value is None or (value == self._sent and (not value or now - self._sent_ns < RENEWED_S * 1e9)):
-            return
-        request = CommandController(
-            controller=self._drive.controller, values=[value], source=_SOURCE, dead_man=True, interface=self._kind.value
-        )
-        try:
-            client.ask(request, 1.0)
-        except RemoteError as error:
-            if error.kind not in ("NotEnabled", "NotYetEnabled"):
-                raise
+        """Send what is commanded, if anything is."""
+        value = motion.command
+        if value is not None and not self._sender.send(client, value):
             motion.end(JogEnd.STATE)
-        self._sent, self._sent_ns = value, now
 
     def _words(self, motion: JogMotion) -> str:
         axis = axis_reading(self._sample, self._drive)

@@ -1,9 +1,9 @@
 import pytest
+from support.fake_client import FakeClient
 
 from canopen_control.cli.support import jog_run
 from canopen_control.cli.support.jog_run import JogRun, reset_fault
 from canopen_control.errors import RemoteError
-from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import CommandController
 from canopen_control.service.driven_axis import JogDrive
 from canopen_control.service.jog_motion import JogEnd, JogKind, JogLimits, JogMotion
@@ -11,25 +11,6 @@ from canopen_control.service.jog_units import JogScale
 
 DRIVE = JogDrive("jog_5", "drive", "joint", "controller", "PV")
 LIMITS = JogLimits(2.0, 10.0, 1000.0)
-
-
-class FakeClient:
-    """Refuses the first requests with `refusals`, answers the others by type."""
-
-    def __init__(self, *refusals, answers=()):
-        self.refusals, self.asked, self.answers = list(refusals), [], dict(answers)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-    def ask(self, request, timeout=None):
-        self.asked.append(request)
-        if self.refusals:
-            raise RemoteError(*self.refusals.pop(0))
-        return self.answers.get(type(request), Done())
 
 
 def jog(value=1.0):
