@@ -84,8 +84,13 @@ def refusal(joints: Mapping[str, JointDrive], waiting: Sequence[CommandInterface
 
 def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
     """Whether a node that is required is missing, or a drive is in fault."""
-    missing = any(not node.ready or node.stale for node in nodes if node.config.required)
-    return missing or any(joint.machine.fault for joint in joints)
+    for node in nodes:  # loops and no generators: each sample of the state asks
+        if (not node.ready or node.stale) and node.config.required:
+            return True
+    for joint in joints:  # noqa: SIM110 - as above
+        if joint.machine.fault:
+            return True
+    return False
 
 
 def settled(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
