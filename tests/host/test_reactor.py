@@ -586,6 +586,20 @@ def test_the_alarm_is_set_only_when_the_earliest_deadline_changes(monkeypatch, p
     assert alarm.settings == [far, far - 5, far]
 
 
+def test_a_timer_of_a_rhythm_fires_at_each_of_its_times(real):
+    deadline, late = real.now() + MS, []
+
+    def tick():
+        nonlocal deadline
+        late.append(real.now() - deadline)
+        deadline += MS // 2
+        real.call_at(deadline, tick)
+
+    real.call_at(deadline, tick)
+    assert real.run_until(lambda: len(late) >= 100, timeout_ns=60 * SECOND)
+    assert min(late) >= 0
+
+
 def test_run_for_on_the_real_clock_takes_that_long_and_ends(real):
     started = time.monotonic_ns()
     assert real.run_for(5 * MS)

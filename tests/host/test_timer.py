@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.host import timer as timer_module
-from canopen_control.host.timer import ManualClock, MonotonicClock, TimerQueue, open_alarm
+from canopen_control.host.timer import ManualClock, MonotonicClock, Rhythm, TimerQueue, open_alarm
 
 MS = 1_000_000
 
@@ -166,6 +166,74 @@ def test_setting_an_alarm_anew_silences_it_without_a_read(alarm):
     assert readable(alarm, 5.0)
     alarm.set(None)
     assert not readable(alarm)
+
+
+def test_a_rhythm_is_one_after_two_equal_steps_and_ends_with_another():
+    rhythm = Rhythm()
+    told = [(rhythm.goes_on(deadline), rhythm.interval_ns) for deadline in (50, 60, 70, 80, 90, 95, 100, 105, 0, 0, 7)]
+    assert told == [
+        (False, 0),
+        (False, 0),
+        (False, 10),
+        (True, 10),
+        (True, 10),
+        (False, 0),
+        (False, 5),
+        (True, 5),
+        (False, 0),
+        (False, 0),
+        (False, 0),
+    ]
+
+
+@given(st.lists(st.integers(1, 4), max_size=40))
+def test_a_timer_with_its_rhythm_rings_at_every_deadline(steps):
+    rhythm = Rhythm()
+    deadline, initial, interval = 100, 0, 0
+    for step in steps:
+        deadline += step
+        if not rhythm.goes_on(deadline):
+            initial, interval = deadline, rhythm.interval_ns
+        assert deadline == initial or (interval and (deadline - initial) % interval == 0)
+
+
+@pytest.fixture
+def settings(alarm):
+    """How often the alarm was set in the kernel."""
+    settime, found = alarm._settime, []
+    alarm._settime = lambda *args, **options: (found.append(args), settime(*args, **options))
+    return found
+
+
+def test_an_alarm_of_a_rhythm_rings_at_each_moment_and_is_set_less_often(alarm, settings):
+    first, count = time.monotonic_ns() + 2 * MS, 40
+    for number in range(count):
+        deadline = first + number * MS
+        alarm.set(deadline)
+        assert readable(alarm, 5.0)
+        assert time.monotonic_ns() >= deadline
+    assert 3 <= len(settings) <= count
+
+
+def test_an_alarm_of_a_rhythm_that_is_set_before_it_has_rung_rings_at_the_later_moment(alarm, settings):
+    first = time.monotonic_ns() + 3600 * 1000 * MS
+    for number in range(5):
+        alarm.set(first + number * MS)
+    assert len(settings) == 5
+    alarm.set(1)
+    assert readable(alarm, 5.0)
+
+
+def test_an_alarm_of_a_rhythm_that_was_slept_through_rings_at_once(alarm, settings):
+    first = time.monotonic_ns() - 100 * MS
+    for number in range(3):
+        alarm.set(first + number * MS)
+    assert readable(alarm, 5.0)
+    alarm.set(first + 3 * MS)  # it has rung a hundred times since
+    assert len(settings) == 4
+    assert readable(alarm)
+    alarm.set(None)
+    assert not readable(alarm, 0.01)
 
 
 def test_linux_has_an_alarm():
