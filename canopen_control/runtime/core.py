@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.errors import BusError, CanopenError
 from canopen_control.hardware.command_limits import CommandLimits
-from canopen_control.hardware.joint import Action
+from canopen_control.hardware.joint import Action, JointDrive
 from canopen_control.hardware.stop_group import regroup
 from canopen_control.master.event_log import Event, EventLog, Level
 from canopen_control.runtime.assembly import Assembly
@@ -126,18 +126,33 @@ class RobotCore:
     @property
     def state(self) -> RobotState:
         """The state of the robot; FAULT while running and a node is missing or a drive is in fault."""
-        if self._phase is not RobotState.RUNNING:
-            return self._phase
-        if in_fault(self.nodes.values(), self.joints.values()):
-            return RobotState.FAULT
-        return RobotState.DISABLED if claimed_off(self.joints.values()) else RobotState.RUNNING
+        return self._state(self._waiting())
 
     @property
     def hint(self) -> str | None:
         """What keeps it from moving, and what to do next, in one sentence; None while it could move, starts or ends."""
+        return self._hint(self._waiting())
+
+    @property
+    def outlook(self) -> tuple[RobotState, str | None]:
+        """State and hint, of one look at the drives."""
+        waiting = self._waiting()
+        return self._state(waiting), self._hint(waiting)
+
+    def _waiting(self) -> list[JointDrive]:
+        return claimed_off(self.joints.values()) if self._phase is RobotState.RUNNING else []
+
+    def _state(self, waiting: list[JointDrive]) -> RobotState:
+        if self._phase is not RobotState.RUNNING:
+            return self._phase
+        if in_fault(self.nodes.values(), self.joints.values()):
+            return RobotState.FAULT
+        return RobotState.DISABLED if waiting else RobotState.RUNNING
+
+    def _hint(self, waiting: list[JointDrive]) -> str | None:
         if self._phase is not RobotState.RUNNING:  # what starts goes on to run when STOP is released
             return self.latch.hint if self._phase is RobotState.STARTING else None
-        return self.needed.hint or hint(claimed_off(self.joints.values()))
+        return self.needed.hint or hint(waiting)
 
     def join(self) -> None:
         """Open the buses, which starts those that a program serves; raises BusError. `start` begins."""

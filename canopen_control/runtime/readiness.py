@@ -56,9 +56,9 @@ def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
 
 def hint(joints: Sequence[JointDrive]) -> str | None:
     """Say which of these drives follow no command, and what to call; None where there are none."""
-    waiting = [joint for joint in joints if not is_rising(joint)]
     if not joints:
         return None
+    waiting = [joint for joint in joints if not is_rising(joint)]
     if not waiting:
         homing = [joint for joint in joints if joint.homing is not None]
         return f"{_names(homing)}: homing is under way" if homing else f"{_names(joints)}: being enabled"

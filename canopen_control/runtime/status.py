@@ -51,6 +51,8 @@ _LEVELS = {level: level.name.lower() for level in Level}
 class Readings(NamedTuple):
     """What status and samples both tell of a moment."""
 
+    state: str
+    hint: str | None
     cycle: CycleTimes
     nodes: dict[str, NodeReading]
     joints: dict[str, JointReading]
@@ -59,7 +61,9 @@ class Readings(NamedTuple):
 
 def readings_of(robot: RobotCore) -> Readings:
     """Return what is read now."""
-    return Readings(_cycle(robot), _nodes(robot), _joints(robot), robot.manager.states)
+    state, hint = robot.outlook
+    hint = robot.cycle.clock.hint or hint
+    return Readings(state.value, hint, _cycle(robot), _nodes(robot), _joints(robot), robot.manager.states)
 
 
 def status_message(robot: RobotCore, readings: Readings | None = None) -> Status:
@@ -69,8 +73,8 @@ def status_message(robot: RobotCore, readings: Readings | None = None) -> Status
         robot=robot.setup.name,
         version=__version__,
         build=build(),
-        state=robot.state.value,
-        hint=robot.cycle.clock.hint or robot.hint,
+        state=read.state,
+        hint=read.hint,
         latched=robot.latch.held,
         latched_by=robot.latch.by,
         cycle=read.cycle,
@@ -92,8 +96,8 @@ def state_sample(robot: RobotCore, readings: Readings | None = None) -> StateSam
     read = readings_of(robot) if readings is None else readings
     return StateSample(
         time=(robot.reactor.now() + robot.wall_offset_ns) / 1e9,
-        state=robot.state.value,
-        hint=robot.cycle.clock.hint or robot.hint,
+        state=read.state,
+        hint=read.hint,
         latched=robot.latch.held,
         latched_by=robot.latch.by,
         cycle=read.cycle,
@@ -120,8 +124,9 @@ def simulated_epoch(robot: RobotCore) -> float | None:
     """Return the Unix seconds at which the simulation would have begun, had its time never stood; None as above."""
     if robot.in_virtual_time:
         return robot.wall_offset_ns / 1e9
-    seconds, clock = simulated_seconds(robot), robot.cycle.clock
-    if seconds is None or not clock.simulated:
+    clock = robot.cycle.clock
+    seconds = simulated_seconds(robot) if clock.simulated else None
+    if seconds is None:
         return None
     return (clock.edge + clock.stood_ns + robot.wall_offset_ns) / 1e9 - seconds
 
