@@ -306,7 +306,7 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Act, .
     seed, duration_ns = args.seed or 0, args.length or DEFAULT_NS
     if (args.serve or args.ros) and args.seed is None and not faults:
         return (), seed, duration_ns  # the programs ask for what happens
-    nodes = [node.node_id for bus in setup.buses.values() for node in bus.nodes.values()]
+    nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
     return draw_schedule(seed, duration_ns, motions_of(setup), nodes, faults), seed, duration_ns
 
 

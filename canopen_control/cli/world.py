@@ -3,11 +3,11 @@
 Without more words it tells where the robot really is. `payload` puts kg on a link (negative: takes them off), `push` a
 force in N along the axes of the world, `block` a joint that a drive moves, `friction` changes the grip of the floor.
 
-A robot that a simulation plugin of ros2_control moves, without drives, can be paused: `pause`, `step` by a number of
-cycles, `play`, and `reset` to where it began or to a key frame of its MJCF. What was commanded before `play` or `reset`
-is forgotten.
+A robot that a simulation plugin of ros2_control moves, without drives, can be paused too: `pause`, `step` by a number
+of cycles, `play`, and `reset` to where it began or to a key frame of its MJCF, which takes back what happened in its
+world. What was commanded before `play` or `reset` is forgotten.
 
-Exit codes: 0 done; 1 no drives run, or refused; 2 wrong usage, no physics, or no such link or joint.
+Exit codes: 0 done; 1 nothing simulated runs, or refused; 2 wrong usage, no physics, or no such link or joint.
 """
 
 from __future__ import annotations
@@ -19,7 +19,12 @@ from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.support.arguments import finite
 from canopen_control.cli.support.node_names import known_nodes
 from canopen_control.cli.support.output import json_line
-from canopen_control.cli.support.simulation_acts import SIMULATION_ACTS, act_on_simulation, tell_simulation
+from canopen_control.cli.support.simulation_acts import (
+    SIMULATION_ACTS,
+    act_in_simulation,
+    act_on_simulation,
+    tell_simulation,
+)
 from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
@@ -59,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--at", default="0,0,0", metavar="X,Y,Z", help="payload: where on the link, in m")
     parser.add_argument("--for", type=finite, default=0.2, dest="seconds", metavar="S", help="push: how long")
     parser.add_argument("--can", metavar="CHANNEL", help="the bus of the drives (default: that of the running robot)")
-    parser.add_argument("--name", help="pause, play, step, reset: the robot (default: the only one that runs)")
+    parser.add_argument("--name", help="a robot without drives (default: the only one that runs)")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -74,6 +79,8 @@ def run(args: argparse.Namespace) -> int:
     if args.state is not None and args.what != "block":
         raise ConfigError(f"world {args.what} {args.value} {args.state}: on and off are for block")
     act = None if args.what is None else _ACTS[args.what](args)
+    if act is not None and args.can is None and act_in_simulation(args, act):
+        return 0
     channel, node_id = _drive(args.can)
     with DriveClient.connect(channel, node_id) as client:
         if act is not None:

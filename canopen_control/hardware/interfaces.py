@@ -17,6 +17,7 @@ from canopen_control.urdf.declared_interface import ACCELERATION, EFFORT, POSITI
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.simulation import LaserScanReading
 
 __all__ = [
@@ -187,6 +188,15 @@ class HardwareComponent(Protocol):
 
     def reset(self, keyframe: str) -> None:
         """Bring what is simulated back to where it began, or to a key frame of its model; ControlError for no such."""
+        ...
+
+    @property
+    def changeable(self) -> bool:
+        """Whether physics moves it, so that something may happen in its world."""
+        ...
+
+    def act(self, what: WorldAct) -> None:
+        """Let something happen in the world of a simulation; ConfigError for what is not there."""
         ...
 
     def scan(self) -> Sequence[LaserScanReading]:

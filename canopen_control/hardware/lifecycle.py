@@ -12,6 +12,7 @@ from canopen_control.hardware.interfaces import LifecycleState
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.simulation import LaserScanReading
 
 __all__ = ["Lifecycle"]
@@ -28,6 +29,11 @@ class Lifecycle(ABC):
     def simulated_ns(self) -> int | None:
         """None: it runs in real time."""
         return None
+
+    @property
+    def changeable(self) -> bool:
+        """False: no physics moves it."""
+        return False
 
     def configure(self) -> None:
         """Let the states become known."""
@@ -59,6 +65,9 @@ class Lifecycle(ABC):
 
     def reset(self, keyframe: str) -> None:  # noqa: B027 - most have nothing to do
         """Do nothing: nothing is simulated."""
+
+    def act(self, what: WorldAct) -> None:  # noqa: B027 - as above
+        """Do nothing: it is in no world."""
 
     def scan(self) -> Sequence[LaserScanReading]:
         """Return nothing: it has no lidars."""

@@ -30,6 +30,7 @@ from canopen_control.hardware.lifecycle import Lifecycle
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.simulation import LaserScanReading
     from canopen_control.urdf.joint_element import Joint, Limits
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
@@ -78,6 +79,9 @@ class Engine(Protocol):
 
     def reset(self, keyframe: str) -> None:
         """Bring everything back to where it began, or to a key frame; ControlError for one that is not there."""
+
+    def act(self, what: WorldAct) -> None:
+        """Let something happen in its world now; ConfigError for what is not there."""
 
 
 class FirstOrderMotor:
@@ -223,6 +227,16 @@ class SimulatedSystem(Lifecycle):
     def scan(self) -> Sequence[LaserScanReading]:
         """Return what the lidars of the engine see now."""
         return () if self._engine is None else self._engine.scan(self._elapsed_ns / 1e9)
+
+    @property
+    def changeable(self) -> bool:
+        """Whether an engine moves it."""
+        return self._engine is not None
+
+    def act(self, what: WorldAct) -> None:
+        """Let something happen in the world of the engine; ConfigError for what is not there."""
+        if self._engine is not None:
+            self._engine.act(what)
 
     def reset(self, keyframe: str) -> None:
         """Bring the joints back to where they began, at rest; a `keyframe` is one of the engine's model."""

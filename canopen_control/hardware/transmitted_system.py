@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.hardware.interfaces import HardwareComponent, LifecycleState
+    from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.simulation import LaserScanReading
     from canopen_control.urdf.transmission import Transmission
 
@@ -126,6 +127,15 @@ class TransmittedSystem:
     def reset(self, keyframe: str) -> None:
         """Reset the component."""
         self.component.reset(keyframe)
+
+    @property
+    def changeable(self) -> bool:
+        """See the component."""
+        return self.component.changeable
+
+    def act(self, what: WorldAct) -> None:
+        """Let it happen in the component's world."""
+        self.component.act(what)
 
     def scan(self) -> Sequence[LaserScanReading]:
         """Return the component's."""

@@ -54,6 +54,12 @@ class JointPlace:
     lock: int
     motor: Motor
 
+    def hold(self, model: Any, data: Any, on: bool) -> None:  # noqa: ANN401 - MuJoCo has no types
+        """Hold the joint where it is, or let it go."""
+        if on:
+            model.eq_data[self.lock, 0] = data.qpos[self.qpos] - model.qpos0[self.qpos]
+        data.eq_active[self.lock] = on
+
 
 @dataclass(frozen=True)
 class Body:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["Disturbances"]
 
 _LIGHTEST: Final = 1e-4  # kg that is left of a link
+_CHANGED: Final = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "geom_friction")  # of the model
 
 
 class Disturbances:
@@ -45,7 +46,9 @@ class Disturbances:
         self._data: Any = None
         self._wheels = tuple(each for body in bodies.values() for each in body.wheels)
         self._casters = tuple(each for body in bodies.values() for each in body.casters)
-        self._grip, self._slide, self.patches = floor.friction, floor.caster_friction, world.patches
+        self._floor, self._slide, self.patches = floor.friction, floor.caster_friction, world.patches
+        self._grip = self._floor
+        self._before = {name: getattr(self._model, name).copy() for name in _CHANGED}
         self.block: Callable[[str, str, bool], None] = lambda _robot, _joint, _on: None
         self._due: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
@@ -73,6 +76,15 @@ class Disturbances:
         self._data = data
         for at_ns, robot, act in self._timeline:
             self._plan(at_ns, partial(self.act, act, at_ns, robot))
+
+    def reset(self) -> None:
+        """Take back all that has happened, of a state that was brought back to its beginning."""
+        for name, before in self._before.items():
+            getattr(self._model, name)[:] = before
+        mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
+        self._grip = self._floor
+        self._due.clear()
+        self.begin(self._data)
 
     @property
     def patched(self) -> bool:

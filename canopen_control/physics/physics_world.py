@@ -112,9 +112,7 @@ class PhysicsWorld:
 
     def set_lock(self, place: JointPlace, locked: bool) -> None:
         """Hold a joint where it is, or let it go."""
-        if locked:
-            self.model.eq_data[place.lock, 0] = self.angles[place.qpos] - self.model.qpos0[place.qpos]
-        self.data.eq_active[place.lock] = locked
+        place.hold(self.model, self.data, locked)
 
     def set_friction(self, place: JointPlace, torque: float) -> None:
         """Change the friction of a joint, in N m."""

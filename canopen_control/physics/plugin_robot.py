@@ -2,7 +2,7 @@
 
 Each joint follows a position, a velocity or an effort through a servo of its own, as behind a drive; all of them move
 together once every cycle. A position is gone to evenly within the cycle. Sensors of the tag (`tag_sensors`) measure in
-the world.
+the world. Payloads, pushes, blocked joints and another grip happen as in the world of drives, until the next reset.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from canopen_control.errors import ControlError, nearest
 from canopen_control.physics.body_model import alone, prepared, read_spec
+from canopen_control.physics.disturbances import Disturbances
 from canopen_control.physics.joint_servo import ServoLoop
 from canopen_control.physics.lidar_scan import LidarScanner
 from canopen_control.physics.mjcf_model import build_mjcf
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from canopen_control.physics.body_model import Body, JointPlace
+    from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.simulation import LaserScanReading
     from canopen_control.urdf.description import Description
     from canopen_control.urdf.ros2_control import Ros2ControlSystem
@@ -200,6 +202,10 @@ class SimulatedRobot:
             self.data.qpos[place.qpos] = self.model.qpos0[place.qpos]
         mujoco.mj_forward(self.model, self.data)
         self._start: NDArray[np.float64] | None = None  # the state before the first step
+        self._steps = 0  # since it began
+        self._disturbances = Disturbances({"": body}, Floor(), WorldDescription())
+        self._disturbances.block = self._block
+        self._disturbances.begin(self.data)
         self._look()
 
     def motor(self, joint: str) -> JointMotor | None:
@@ -222,13 +228,22 @@ class SimulatedRobot:
         for number in range(1, count + 1):
             for motor in motors:
                 motor.push(number / count, count * self._period)
+            self._disturbances.advance(self._steps * self._period_ns)
             mujoco.mj_step(self.model, self.data)
+            self._steps += 1
         if self._sensors:
             self._look()
 
     def scan(self, seconds: float) -> list[LaserScanReading]:
         """Return what its lidars see now, `seconds` into the simulation."""
         return [lidar.scan(seconds) for lidar in self.lidars]
+
+    def act(self, what: WorldAct) -> None:
+        """Let something happen now; ConfigError for a link or joint that is not there."""
+        self._disturbances.act(what, self._steps * self._period_ns)
+
+    def _block(self, _robot: str, joint: str, on: bool) -> None:
+        self.body.joints[joint].hold(self.model, self.data, on)
 
     def reset(self, keyframe: str) -> None:
         """Go back to the state before the first step, or to a key frame of the model; ControlError for no such."""
@@ -242,7 +257,8 @@ class SimulatedRobot:
             mujoco.mj_setState(self.model, self.data, self._start, _STATE)
         for motor in self._motors.values():
             motor.rest()
-        self._left_ns = 0
+        self._left_ns = self._steps = 0
+        self._disturbances.reset()
         for lidar in self.lidars:
             lidar.begin()
         self._reader = SensorReader(self.model, self.data, self._sensors)  # its noise begins anew

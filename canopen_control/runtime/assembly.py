@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import InterfaceRegistry
-from canopen_control.hardware.plugins import Kind, kind_of, made_up, transmitted
+from canopen_control.hardware.plugins import Kind, made_up, transmitted
 from canopen_control.hardware.system import CanopenSystem
 from canopen_control.master.event_log import Event
 from canopen_control.runtime.robot_bus import RobotBus
@@ -62,11 +62,8 @@ class Assembly:
             raise RobotConfigError(
                 f"{setup.files.description}: no <ros2_control> tag; it says which drive moves which joint"
             )
-        kinds = [
-            kind_of(setup.description, tag, mock=setup.mock, real=setup.on_drives) for tag in setup.description.hardware
-        ]
-        if Kind.CANOPEN in kinds or setup.files.bus_alone:
-            self._add_buses()
+        kinds = setup.kinds
+        self._add_buses()
         engine = None if Kind.SIMULATION not in kinds else simulation_engine(setup, kinds, self._tell_once_it_runs)
         for tag, kind in zip(setup.description.hardware, kinds, strict=True):
             if kind is Kind.CANOPEN:
@@ -83,7 +80,7 @@ class Assembly:
 
     def _add_buses(self) -> None:
         setup = self.setup
-        for name, config in setup.buses.items():
+        for name, config in setup.joined.items():
             bus = RobotBus(
                 name,
                 setup.channels[name],

@@ -78,6 +78,17 @@ class RobotSetup:
         return self.real or self.physics or self.drives
 
     @property
+    def kinds(self) -> list[Kind]:
+        """What each <ros2_control> tag is to be."""
+        tags, real = self.description.hardware, self.on_drives
+        return [kind_of(self.description, tag, mock=self.mock, real=real) for tag in tags]
+
+    @property
+    def joined(self) -> Mapping[str, BusConfig]:
+        """The buses that it is on: none where plugins simulate or mock all of it, whatever its folder holds."""
+        return self.buses if self.files.bus_alone or Kind.CANOPEN in self.kinds else {}
+
+    @property
     def bus(self) -> BusConfig:
         """The bus of bus.yml; all others have its SYNC period."""
         return self.buses[BUS_NAME]

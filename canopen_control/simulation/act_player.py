@@ -17,7 +17,7 @@ from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame
 from canopen_control.hardware.axis_power import Action
-from canopen_control.rpc.messages.drive import SetPlant, SwitchFault
+from canopen_control.rpc.messages.drive import BlockJoint, SetPlant, SwitchFault
 from canopen_control.simulation.acts import KINDS
 from canopen_control.simulation.fault_coverage import is_met, kind_of
 from canopen_control.simulation.simulated_clients import SimulatedClients
@@ -102,6 +102,15 @@ class ActPlayer:
         drive.power_off()
         if act.for_ns is not None:
             self._later(act.for_ns, drive.power_on)
+
+    def world(self, act: Act) -> None:
+        """Let something happen in the world; a joint that is blocked for a time is let go again."""
+        floor, what = self.robot.floor, act.world
+        if floor is None or what is None:
+            return
+        floor.act(what)
+        if act.for_ns is not None and isinstance(what, BlockJoint):
+            self._later(act.for_ns, partial(floor.act, BlockJoint(joint=what.joint, on=False)))
 
     # -- processes
 
@@ -270,6 +279,7 @@ _PLAY: Final[dict[str, Callable[[ActPlayer, Act], None]]] = {
     "fault": ActPlayer.fault,
     "heal": ActPlayer.heal,
     "plant": ActPlayer.plant,
+    "world": ActPlayer.world,
     "power": ActPlayer.power,
     "stall": ActPlayer.stall,
     "kill": ActPlayer.kill,

@@ -6,7 +6,12 @@ A schedule is a list of acts. It is drawn from a seed or read from a scenario fi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from canopen_control.virtual.world_acts import world_words
+
+if TYPE_CHECKING:
+    from canopen_control.rpc.messages.drive import WorldAct
 
 __all__ = ["KINDS", "Act", "Kind"]
 
@@ -28,6 +33,7 @@ KINDS: Final = {
     "fault": Kind("node", "switches a fault of a virtual drive on, and off after `for`", lasts=True, breaks=True),
     "heal": Kind("node", "switches a fault of a virtual drive off"),
     "plant": Kind("node", "sets numbers of what hangs on an axis"),
+    "world": Kind("", "puts on a payload, pushes, blocks a joint, or changes the grip of the floor", lasts=True),
     "power": Kind("node", "takes the supply of a drive away, for good or for a while", lasts=True, breaks=True),
     "stall": Kind(
         "member", "lets a process do nothing for a while: `master`, or a drive's node id", lasts=True, breaks=True
@@ -70,7 +76,8 @@ KINDS: Final = {
 class Act:
     """One act `at_ns` after the start, of a kind of KINDS; `for_ns` is how long it lasts, None: for good, or at once.
 
-    `target` is a node id, `master`, or a controller; `name` that of a fault or of an action. `times` are those of the
+    `target` is a node id, `master`, or a controller; `name` that of a fault or of an action, `world` what happens in
+    the world. `times` are those of the
     points of a trajectory in s, whose values come one after the other; none: it has one point. `when` is a machine and
     its state, as "axis power BRAKING", which it waits for from its time on: that of its node, or of any.
     """
@@ -85,11 +92,13 @@ class Act:
     axis: int = 0
     times: tuple[float, ...] = ()
     when: str = ""
+    world: WorldAct | None = None
 
     @property
     def words(self) -> str:
         """The act in one line."""
-        what = " ".join(each for each in (self.kind, self.target, self.name) if each)
+        world = "" if self.world is None else " ".join(f"{key} {value}" for key, value in world_words(self.world))
+        what = " ".join(each for each in (self.kind, self.target, self.name, world) if each)
         values = " ".join(f"{each:g}" for each in self.values)
         lasts = f" for {self.for_ns / 1e9:g} s" if self.for_ns is not None else ""
         when = f", as soon as {self.when}" if self.when else ""

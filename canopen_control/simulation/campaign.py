@@ -112,11 +112,11 @@ class Campaign:
         self._setup, self._duration_ns, self._faults = setup, duration_ns, list(faults)
         self._motions: Sequence[Motion] = motions_of(setup)
         self._aims: dict[int, Cell] = {}
-        self._nodes = [node.node_id for bus in setup.buses.values() for node in bus.nodes.values()]
+        self._nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
 
     def aim(self, seeds: Sequence[int], hit: Container[Cell]) -> list[int]:
         """Aim seeds at cells that were not hit; return those of them that there is a cell for."""
-        cells = cells_to_aim_at(hit, self._faults, len(seeds))
+        cells = cells_to_aim_at(hit, self._faults, len(seeds)) if self._nodes else []
         self._aims.update(zip(seeds, cells, strict=False))
         return list(seeds[: len(cells)])
 

@@ -50,7 +50,7 @@ _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 def draw_schedule(
     seed: int, duration_ns: int, motions: Sequence[Motion], nodes: Sequence[int], faults: Sequence[str]
 ) -> tuple[Act, ...]:
-    """Return the acts of a seed in the order of time; without `faults` nothing goes wrong."""
+    """Return the acts of a seed in the order of time; without `faults`, or nodes to have them, nothing goes wrong."""
     return DrawnSchedule(seed, duration_ns, motions, nodes, faults).acts()
 
 
@@ -62,7 +62,7 @@ class DrawnSchedule:
     ) -> None:
         self._seed, self._random = seed, Random(f"{seed}/schedule").random
         self._duration = duration_ns
-        self._motions, self._nodes, self._faults = list(motions), list(nodes), list(faults)
+        self._motions, self._nodes, self._faults = list(motions), list(nodes), list(faults if nodes else ())
         self._acts: list[Act] = []
         self._active = next((each for each in motions if each.starts), None)
 

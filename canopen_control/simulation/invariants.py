@@ -79,7 +79,7 @@ class Invariants:
     ) -> None:
         self.breaches: list[Breach] = []
         self._robot, self._began = robot, robot.now_ns
-        views = {name: WireView(bus) for name, bus in robot.setup.buses.items()}
+        views = {name: WireView(bus) for name, bus in robot.setup.joined.items()}
         self._motion = MotionRules(robot, views, motions, self._tell)
         self._disturbed = DisturbedNodes(robot)
         self._targets = TargetRules(robot, views, motions, self._disturbed, self._tell)

@@ -82,7 +82,8 @@ class MotionRules:
         self._kept: set[int] = set()  # nodes that a stop left enabled, which was told
         self._facts: dict[int, list[AxisFacts]] = {node.node_id: [] for node in self._nodes}
         for facts in axis_facts(robot.setup):
-            self._facts[facts.node_id].append(facts)
+            if facts.node_id in self._facts:
+                self._facts[facts.node_id].append(facts)
         self._ramps: dict[int, tuple[float, int]] = {}  # node -> of which greatest speed, and the ramp from it
 
     def asked(self, now: int, act: Act) -> None:

@@ -7,6 +7,7 @@
       - {at: 2s, node: 3, fault: heartbeat_lost, for: 1s}    # as in the scenario of `drive`
       - {at: 4s, do: axis, name: enable}
       - {at: 6s, do: stall, target: master, for: 300ms}
+      - {at: 8s, payload: {mass: 12}}                        # with physics: see `virtual.world_acts`
 
 `for` is how long it is simulated, `seed` draws what the steps do not say: how late processes wake, and the oscillators.
 `do` is one of the kinds of `acts`, `target` the node id, `master` or controller that it takes. A step with `when`, as
@@ -21,11 +22,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import nearest
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
 from canopen_control.simulation.acts import KINDS, Act
 from canopen_control.simulation.fault_coverage import STATES
 from canopen_control.simulation.simulated_robot import MASTER
 from canopen_control.virtual.fault_table import FAULTS
 from canopen_control.virtual.scenario import ScenarioError, seconds_of
+from canopen_control.virtual.world_acts import Happening, world_words
 from canopen_control.yamlfile.convert import position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
 from canopen_control.yamlfile.reader import load
@@ -34,12 +37,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
+    from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.yamlfile.problems import Problems
 
 __all__ = ["Scenario", "nanoseconds_of", "read_scenario_steps", "scenario_text"]
 
 _ACTIONS: Final = ("enable", "disable", "halt", "quick-stop", "fault-reset")
+_SAYS: Final = "do, fault, plant, or with physics payload, push, block or friction"
 _LONGEST_NS: Final = 10**15
 _MOMENTS: Final = [f"{machine} {state}" for machine, states in STATES.items() for state in states]
 
@@ -54,7 +59,7 @@ class Scenario:
 
 
 @dataclass(frozen=True)
-class SimulationStep:
+class SimulationStep(Happening):
     """One entry of the file."""
 
     at: float | str
@@ -94,14 +99,14 @@ def nanoseconds_of(text: float | str) -> int:
 
 def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
     """Return what a file says for a robot; ScenarioError with every mistake and its line."""
-    nodes = [node.node_id for bus in setup.buses.values() for node in bus.nodes.values()]
+    nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
     controllers = list(setup.controllers.controllers)
     acts: list[Act] = []
     found: list[Scenario] = []
 
     def check(file: SimulationFile, _problems: Problems) -> None:
         for step in file.steps:
-            acts.extend(_Checked(step, nodes, controllers).acts())
+            acts.extend(_Checked(step, nodes, controllers, setup).acts())
         length = None if file.length is None else _time(file.here, file.length)
         if length == 0:
             file.here.error("for: 0 simulates nothing; give a time above 0, as 20s")
@@ -139,12 +144,20 @@ def _time(here: Node, value: float | str) -> int:
 class _Checked:
     """One step, held against the robot."""
 
-    def __init__(self, step: SimulationStep, nodes: Sequence[int], controllers: Sequence[str]) -> None:
-        self._step, self._nodes, self._controllers = step, nodes, controllers
+    def __init__(
+        self, step: SimulationStep, nodes: Sequence[int], controllers: Sequence[str], setup: RobotSetup
+    ) -> None:
+        self._step, self._nodes, self._controllers, self._setup = step, nodes, controllers, setup
 
     def acts(self) -> Iterator[Act]:
         """Yield what it means; mistakes are reported."""
         step = self._step
+        if happens := step.acts():
+            yield from self._world(happens)
+            return
+        if step.do == "world" or not (step.do or step.fault or step.plant):
+            step.here.error(f"a step says what happens: {_SAYS}")
+            return
         kind = step.do or ("plant" if step.plant else "fault" if step.state else "heal")
         target = str(step.target if step.node is None else step.node)
         name = step.fault or step.name
@@ -167,6 +180,33 @@ class _Checked:
             step.here.error(f"when: {step.when} is no state{nearest(step.when, _MOMENTS)}")
         numbers, plant, times = tuple(values), tuple(step.plant.items()), tuple(step.times)
         yield Act(_time(step.here, step.at), kind, target, name, numbers, lasts, plant, step.axis, times, step.when)
+
+    def _world(self, happens: Sequence[WorldAct]) -> Iterator[Act]:
+        """Yield what happens in the world; a robot has one with physics alone."""
+        step, setup = self._step, self._setup
+        other = step.node is not None or step.fault or step.plant or step.values or step.target or step.name
+        if len(happens) > 1 or other or step.do not in ("", "world"):
+            step.here.error("a step has one of payload, push, block and friction, and at, for and when beside it alone")
+        if not setup.physics:
+            step.here.error("payload, push, block and friction need a floor: give --physics")
+        lasts = None if step.length is None else _time(step.here, step.length)
+        if lasts is not None and not step.block:
+            self._no("for", "payload, push and friction")
+        if step.when and step.when not in _MOMENTS:
+            step.here.error(f"when: {step.when} is no state{nearest(step.when, _MOMENTS)}")
+        for what in happens:
+            self._check_part(what)
+            yield Act(_time(step.here, step.at), "world", for_ns=lasts, when=step.when, world=what)
+
+    def _check_part(self, what: WorldAct) -> None:
+        """Tell of a link or joint that the robot does not have."""
+        here, model = self._step.here, self._setup.description.model
+        if isinstance(what, BlockJoint):
+            joints = [joint.name for tag in self._setup.description.hardware for joint in tag.joints]
+            if what.joint not in joints:
+                here.error(f"block: no drive moves a joint {what.joint!r}{nearest(what.joint, joints)}")
+        elif isinstance(what, AddPayload | PushRobot) and what.on and what.on not in model.links:
+            here.error(f"on: the robot has no link {what.on!r}{nearest(what.on, list(model.links))}")
 
     def _no(self, key: str, kind: str) -> tuple[float, ...]:
         self._step.here.error(f"{key}: does not go with {kind}")
@@ -231,6 +271,8 @@ def _line(act: Act) -> str:
         words["times"] = f"[{', '.join(f'{each:g}' for each in act.times)}]"
     if act.for_ns is not None:
         words["for"] = _seconds(act.for_ns)
+    if act.world is not None:
+        words.update(world_words(act.world))
     if act.plant:
         words["plant"] = f"{{{', '.join(f'{name}: {value!r}' for name, value in act.plant)}}}"
     if act.when:

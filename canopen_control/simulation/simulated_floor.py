@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.runtime.physics_plant import write_buses, write_plant
 from canopen_control.virtual.bus_group import open_world, read_group
+from canopen_control.virtual.plant import ChangeableWorld
 from canopen_control.virtual.worldfile import read_world
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from canopen_control.hardware.joint import JointDrive
-    from canopen_control.rpc.messages.drive import WorldState
+    from canopen_control.rpc.messages.drive import WorldAct, WorldState
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.virtual_time import VirtualTime
     from canopen_control.virtual.plant import Plant, SharedWorld, World
@@ -68,8 +69,16 @@ class SimulatedFloor:
         """Return the true pose of the base."""
         return self._world.describe()
 
+    def act(self, what: WorldAct) -> None:
+        """Let something happen now; ConfigError for a link or joint that is not there."""
+        self._keep_up_with(self._time.now_ns)
+        if isinstance(self._world, ChangeableWorld):
+            self._world.act(what)
+
     def _keep_up(self) -> None:
-        now = self._time.now_ns
+        self._keep_up_with(self._time.now_ns)
+        self._time.later(self._world.period_ns or _AWAKE_NS, self._keep_up)
+
+    def _keep_up_with(self, now: int) -> None:
         for device in self._devices():
             device.advance_drives(now)
-        self._time.later(self._world.period_ns or _AWAKE_NS, self._keep_up)

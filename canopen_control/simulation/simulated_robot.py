@@ -138,10 +138,10 @@ class SimulatedRobot:
         self.setup = dataclasses.replace(setup, channels={name: f"memory:{name}" for name in setup.channels})
         self._ppm = Random(f"{seed}/ppm")
         self.wires = {
-            name: SimulatedWire(self.time, name, bus.master.baudrate * 1000) for name, bus in setup.buses.items()
+            name: SimulatedWire(self.time, name, bus.master.baudrate * 1000) for name, bus in setup.joined.items()
         }
         self.drives: dict[int, SimulatedDrive] = {}
-        for name, bus in setup.buses.items():
+        for name, bus in setup.joined.items():
             self.wires[name].heard.append(self.digest.frame)
             for node in bus.nodes.values():
                 eds = bus.eds_paths[node.name]

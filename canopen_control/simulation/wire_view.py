@@ -186,7 +186,7 @@ class WireView:
 
 def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
     """Yield each joint behind the first axis of a drive, whose words a listener knows, with its node in bus.yml."""
-    for config in setup.buses.values():
+    for config in setup.joined.values():
         for joint in (each for tag in setup.description.hardware for each in tag.joints):
             node = node_of(config, joint)
             plan = None if node is None or axis_number(joint) else config.plans.get(node.name)

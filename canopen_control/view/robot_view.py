@@ -40,7 +40,7 @@ class RobotView:
         self.history, self.trail = History(names(info.joints, info.buses)), Trail()
         self.true_trail, self.world = Trail(), WorldView()
         self.fault_client, self.faults = FaultClient(info.nodes), DriveFaults()
-        self.world_client = WorldClient(info.nodes)
+        self.world_client = WorldClient(info.robot, info.nodes)
         self.controllers: tuple[ControllerReading, ...] = ()
         self._desks = {place.name: NodeDesk(info.robot, place) for place in info.places}
         self.live_reader = LiveReader()

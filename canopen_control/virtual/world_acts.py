@@ -13,9 +13,11 @@ from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
 from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from canopen_control.rpc.messages.drive import WorldAct
 
-__all__ = ["Happening", "Payload", "Push"]
+__all__ = ["Happening", "Payload", "Push", "world_words"]
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,27 @@ class Push:
     force: tuple[float, float, float]
     on: str = ""
     seconds: float = setting(0.2, low=1e-3)
+
+
+def world_words(act: WorldAct) -> list[tuple[str, str]]:
+    """Return what happens as the keys of a step have it, with the text of their values."""
+    if isinstance(act, BlockJoint):
+        return [("block", act.joint)]
+    if isinstance(act, SetGrip):
+        return [("friction", f"{act.friction:g}")]
+    numbers = {"mass": f"{act.mass:g}"} if isinstance(act, AddPayload) else {"force": _list(act.force)}
+    if act.on:
+        numbers["on"] = act.on
+    if isinstance(act, AddPayload):
+        numbers["position"] = _list(act.position)
+    else:
+        numbers["seconds"] = f"{act.seconds:g}"
+    text = f"{{{', '.join(f'{key}: {value}' for key, value in numbers.items())}}}"
+    return [("payload" if isinstance(act, AddPayload) else "push", text)]
+
+
+def _list(numbers: Iterable[float]) -> str:
+    return f"[{', '.join(f'{each:g}' for each in numbers)}]"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,9 +1,10 @@
 import pytest
 
-from canopen_control.errors import ControlError
+from canopen_control.errors import ConfigError, ControlError
 from canopen_control.hardware.simulation import SimulatedSystem
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.plugin_robot import axes_of, make_simulated, sensors_of
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
 from canopen_control.urdf.description import parse_description
 
 ROBOT = """<robot name="arm">
@@ -74,6 +75,45 @@ def test_a_reset_is_the_start_to_the_bit_with_its_noise_and_forgets_what_was_fol
     assert moved.states()["swing/position"] == 0.5
     assert moved.states()["swing/velocity"] == 0.0
     assert moved.go(0.9, 0.5) == first
+
+
+def test_a_payload_weighs_on_a_joint_until_the_reset():
+    moved = Moved("position")
+    light = moved.go(0.5, 0.5)["swing/effort"]
+    moved.system.act(AddPayload(mass=2.0, on="rod", position=(0.3, 0.0, 0.0)))
+    assert moved.go(0.5, 1.0)["swing/effort"] == pytest.approx(2.0 * light, rel=0.05)
+    moved.system.reset("")
+    assert moved.go(0.5, 0.5)["swing/effort"] == light
+
+
+def test_a_push_is_felt_as_long_as_it_lasts():
+    moved = Moved("position")
+    light = moved.go(0.5, 0.5)["swing/effort"]
+    moved.system.act(PushRobot(force=(0.0, 0.0, -20.0), on="rod", seconds=0.2))
+    assert moved.go(0.5, 0.18)["swing/effort"] < 1.5 * light
+    assert moved.go(0.5, 0.5)["swing/effort"] == pytest.approx(light, rel=0.05)
+
+
+def test_a_joint_that_is_blocked_stays_and_is_let_go_again():
+    moved = Moved("velocity")
+    moved.go(0.0, 0.2)
+    moved.system.act(BlockJoint(joint="swing"))
+    before = moved.states()["swing/position"]
+    assert moved.go(1.0, 0.5)["swing/position"] == pytest.approx(before, abs=0.02)
+    moved.system.act(BlockJoint(joint="swing", on=False))
+    assert moved.go(1.0, 0.5)["swing/position"] > before + 0.3
+    moved.system.act(BlockJoint(joint="swing"))
+    moved.system.reset("")
+    assert moved.go(1.0, 0.5)["swing/velocity"] == pytest.approx(1.0, rel=0.05)
+
+
+def test_what_is_not_there_is_told_and_changes_nothing():
+    moved = Moved("position")
+    for act in (AddPayload(mass=1.0, on="rad"), PushRobot(force=(0.0, 1.0, 0.0), on="rad")):
+        with pytest.raises(ConfigError, match=r"no link 'rad', did you mean 'rod'"):
+            moved.system.act(act)
+    with pytest.raises(ConfigError, match="no drive moves a joint 'sing', did you mean 'swing'"):
+        moved.system.act(BlockJoint(joint="sing"))
 
 
 def test_a_key_frame_is_where_its_model_says(tmp_path):

@@ -129,6 +129,34 @@ def test_reset_brings_back_the_start_and_enables_nothing(robot):
     assert robot.events == []
 
 
+def test_what_happens_in_the_world_is_told_with_who_asked_for_it(robot):
+    if not robot.ask("simulation")["changeable"]:
+        assert "simple motors move" in robot.ask("push", force=[0.0, 30.0, 0.0])
+        return
+    robot.events.clear()
+    assert robot.ask("payload", mass=5.0) == {}
+    assert robot.ask("push", force=[0.0, 30.0, 0.0], on="base_link") == {}
+    assert robot.ask("block", joint="left_wheel_joint") == {}
+    assert robot.ask("grip", friction=0.2) == {}
+    texts = [event.text for event in robot.events if event.kind == "world"]
+    assert [text.split(",")[0] for text in texts] == [
+        "a payload of 5 kg is put on the heaviest link",
+        "base_link is pushed with 0",
+        "left_wheel_joint is blocked",
+        "the floor has a friction of 0.2",
+    ]
+    assert all(text.endswith("asked for it") for text in texts)
+    robot.drive(0.3, 50)
+    left, right = robot.wheels
+    assert abs(left) < 0.05 < 1.0 < right
+    robot.ask("reset_simulation")
+    robot.drive(0.3, 50)
+    assert robot.wheels[0] == pytest.approx(robot.wheels[1], rel=0.1)
+    robot.events.clear()
+    assert "no drive moves a joint 'left'; known: left_wheel_joint" in robot.ask("block", joint="left")
+    assert robot.events == []
+
+
 def test_a_stop_and_the_end_work_in_a_pause(robot):
     robot.ask("pause_simulation", paused=True)
     robot.twist(0.3)

@@ -136,3 +136,10 @@ def test_use_sim_time_of_a_simulated_robot_is_as_it_should_be():
     setup = read_robot(find_robot("diffbot_sim"))
     assert setup.controllers.manager.use_sim_time
     assert not [each for each in setup.notes if "use_sim_time" in each]
+
+
+def test_a_robot_is_on_its_buses_where_drives_move_it():
+    assert list(read_robot(find_robot("robby")).joined) == ["can"]
+    assert not read_robot(find_robot("robby"), mock=True).joined
+    assert not read_robot(find_robot("diffbot_sim")).joined
+    assert list(read_robot(find_robot("diffbot_sim"), real=True).joined) == ["can"]

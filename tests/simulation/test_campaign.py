@@ -42,3 +42,9 @@ def test_a_breach_is_shrunk_to_what_it_takes(campaign, monkeypatch):
     assert len(found) < len(long.schedule(6))
     assert any(act.name == "fault-reset" for act in found)
     assert tries
+
+
+def test_there_is_nothing_to_aim_at_on_a_robot_without_drives():
+    campaign = Campaign(setup_of("diffbot_sim"), 2 * S, known_faults())
+    assert campaign.aim(range(100, 103), ()) == []
+    assert campaign.run_seed(1).breaches == ()

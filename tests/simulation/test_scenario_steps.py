@@ -1,8 +1,11 @@
+import dataclasses
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.simulated import S, setup_of
 
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
 from canopen_control.simulation.acts import Act
 from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
 from canopen_control.simulation.motions import motions_of
@@ -131,3 +134,63 @@ def test_a_step_waits_for_a_state_that_there_is(tmp_path):
     assert read(tmp_path, text).acts == read_steps.acts
     with pytest.raises(ScenarioError, match=r"when: NMT STOPED is no state, did you mean 'NMT STOPPED'"):
         read(tmp_path, "steps:\n  - {at: 1s, do: kill, when: NMT STOPED}\n")
+
+
+def on_a_floor(folder, steps):
+    path = folder / "floor.yml"
+    path.write_text(f"steps:\n{steps}")
+    return read_scenario_steps(path, dataclasses.replace(setup_of(), physics=True)).acts
+
+
+def test_what_happens_in_the_world_is_written_and_read(tmp_path):
+    acts = on_a_floor(
+        tmp_path,
+        """
+  - {at: 1s, payload: {mass: 8.5, on: base_link, position: [0, 0.5, 1]}}
+  - {at: 2s, push: {force: [0, 60, 0], seconds: 0.3}}
+  - {at: 3s, block: left_wheel_joint, for: 2s, when: axis power BRAKING}
+  - {at: 4s, do: world, friction: 0.3}
+""",
+    )
+    assert acts == (
+        Act(S, "world", world=AddPayload(mass=8.5, on="base_link", position=(0.0, 0.5, 1.0))),
+        Act(2 * S, "world", world=PushRobot(force=(0.0, 60.0, 0.0), seconds=0.3)),
+        Act(3 * S, "world", for_ns=2 * S, when="axis power BRAKING", world=BlockJoint(joint="left_wheel_joint")),
+        Act(4 * S, "world", world=SetGrip(friction=0.3)),
+    )
+    text = scenario_text(acts, seed=0, duration_ns=5 * S)
+    assert on_a_floor(tmp_path, text.partition("steps:\n")[2]) == acts
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        (
+            "{at: 1s, payload: {mass: 8, on: base_lnk}}",
+            "on: the robot has no link 'base_lnk', did you mean",
+        ),
+        ("{at: 1s, block: left_wheel}", "block: no drive moves a joint 'left_wheel', did you mean 'left_wheel_joint'"),
+        ("{at: 1s, push: {force: [0, 9, 0]}, for: 1s}", "for: does not go with payload, push and friction"),
+        ("{at: 1s, friction: 1, block: left_wheel_joint}", "a step has one of payload, push, block and friction"),
+        ("{at: 1s, friction: 1, node: 3}", "a step has one of payload, push, block and friction"),
+        ("{at: 1s, friction: 1, do: stop}", "a step has one of payload, push, block and friction"),
+        ("{at: 1s, friction: 1, when: now}", "when: now is no state"),
+        ("{at: 1s, do: world}", "a step says what happens: do, fault, plant, or with physics payload"),
+    ],
+)
+def test_a_mistake_of_what_happens_in_the_world_is_told_once(tmp_path, step, said):
+    with pytest.raises(ScenarioError, match=r"floor\.yml:2:5") as caught:
+        on_a_floor(tmp_path, f"  - {step}\n")
+    assert said in str(caught.value)
+    assert str(caught.value).count("floor.yml:") == 1
+
+
+def test_without_a_floor_nothing_happens_in_a_world(tmp_path):
+    with pytest.raises(ScenarioError, match="payload, push, block and friction need a floor: give --physics"):
+        read(tmp_path, "steps:\n  - {at: 1s, friction: 0.5}\n")
+
+
+def test_a_step_without_anything_that_happens_is_told_once(tmp_path):
+    with pytest.raises(ScenarioError, match="a step says what happens") as caught:
+        read(tmp_path, "steps:\n  - {at: 1s}\n")
+    assert str(caught.value).count("scenario.yml:") == 1

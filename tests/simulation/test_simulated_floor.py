@@ -3,6 +3,7 @@ import dataclasses
 import pytest
 from support.simulated import FORWARD, MS, S, setup_of
 
+from canopen_control.rpc.messages.drive import BlockJoint, PushRobot
 from canopen_control.simulation.acts import Act
 from canopen_control.simulation.simulation_run import SimulationRun
 
@@ -61,3 +62,17 @@ def test_wheels_that_strain_against_each_other_relax(twist):
     assert states == {"OPERATION_ENABLED"}
     assert max(torques) < 500.0  # of 1000, and falling
     assert heading == pytest.approx(twist[1] * 4.4, abs=0.15)
+
+
+def test_what_happens_in_the_world_happens_to_the_robot_and_is_undone_in_time():
+    pushed = Act(1 * S, "world", world=PushRobot(force=(0.0, 400.0, 0.0), seconds=0.5))
+    run = simulated(pushed, seconds=2.0)
+    assert pose(run).y > 0.05
+    run.close()
+    blocked = Act(1500 * MS, "world", for_ns=300 * MS, world=BlockJoint(joint="left_wheel_joint"))
+    run = simulated(DRIVE, blocked, seconds=1.7)
+    shaft = run.robot.drives[3].device.drives[0].mover.plant
+    assert (shaft.stalled, abs(shaft.velocity)) == (True, pytest.approx(0.0, abs=10.0))
+    run.robot.run_for(300 * MS)
+    assert not shaft.stalled
+    run.close()

@@ -2,7 +2,10 @@ import pytest
 from support.simulated import Played, S, setup_of
 
 from canopen_control.runtime.core import RobotState
+from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
+from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.simulated_robot import SimulatedRobot, Timings, dictionary_of
+from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.virtual_time import Timing
 
 
@@ -81,3 +84,15 @@ def test_a_robot_that_was_closed_does_nothing_any_more():
     frames = played.robot.frames
     played.robot.run_for(S)
     assert played.robot.frames == frames
+
+
+def test_a_robot_that_a_plugin_simulates_has_no_drives_whatever_its_folder_holds():
+    setup = setup_of("diffbot_sim")
+    assert list(setup.buses)
+    run = SimulationRun(setup, 1, draw_schedule(1, 10 * S, motions_of(setup), (), known_faults()))
+    assert (run.robot.wires, run.robot.drives) == ({}, {})
+    run.run(10 * S)
+    assert run.robot.running
+    assert (run.breaches, run.robot.errors, run.player.refused) == ((), [], 0)
+    assert any(act.kind == "command" for act in run.player.played)
+    run.close()

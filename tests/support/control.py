@@ -28,6 +28,8 @@ DIFF_DRIVE = "diff_drive_controller/DiffDriveController"
 class Hardware:
     """A component that records what it is asked; `refuse` and `broken` make it say no and fail."""
 
+    changeable = False
+
     def __init__(self, *commands: str, states: tuple[str, ...] = (), name: str = "robot") -> None:
         self.name = name
         self.state, self.simulated_ns = LifecycleState.ACTIVE, None

@@ -22,6 +22,7 @@ class Witness:
 
     name, state, simulated_ns = "witness", LifecycleState.ACTIVE, None
     state_interfaces = command_interfaces = ()
+    changeable = False
 
     def __init__(self, on_read=lambda now, period: None, on_write=lambda now, period: None):
         self._on_read, self._on_write = on_read, on_write

@@ -4,6 +4,8 @@ from support.virtualbench import served, servo
 
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint
+from canopen_control.rpc.messages.simulation import GetSimulation, Simulation
+from canopen_control.view import world_client
 from canopen_control.view.robot_info import VirtualNode
 from canopen_control.view.world_client import WorldClient
 from canopen_control.virtual.plant import PlainWorld
@@ -31,7 +33,7 @@ def served_in(tmp_path, monkeypatch):
 def test_what_is_asked_for_happens_in_the_world_of_the_drives(served_in):
     world = Noting()
     with served_in(world):
-        client = WorldClient(NODES)
+        client = WorldClient("robby", NODES)
         assert client.changeable()
         client.act(AddPayload(mass=3.0))
         with pytest.raises(RemoteError, match="no drive moves a joint 'roof'"):
@@ -41,7 +43,43 @@ def test_what_is_asked_for_happens_in_the_world_of_the_drives(served_in):
 
 def test_without_physics_nothing_can_be_asked_for(served_in):
     with served_in(PlainWorld()):
-        assert not WorldClient(NODES).changeable()
+        assert not WorldClient("robby", NODES).changeable()
         with pytest.raises(RemoteError, match="no world with physics"):
-            WorldClient(NODES).act(AddPayload(mass=3.0))
-    assert not WorldClient(NODES).changeable()
+            WorldClient("robby", NODES).act(AddPayload(mass=3.0))
+    assert not WorldClient("robby", NODES).changeable()
+
+
+class Asked:
+    """A robot's client that notes what it is asked for."""
+
+    def __init__(self, changeable):
+        self.acts, self._changeable = [], changeable
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def ask(self, request):
+        if isinstance(request, GetSimulation):
+            return Simulation(seconds=1.0, paused=False, period=0.02, changeable=self._changeable)
+        self.acts.append(request)
+        return None
+
+
+@pytest.mark.parametrize("changeable", [True, False])
+def test_a_robot_without_drives_is_asked_itself_and_tells_of_it(monkeypatch, changeable):
+    robot = Asked(changeable)
+    monkeypatch.setattr(
+        world_client.RobotClient, "connect", lambda name, _timeout: robot if name == "diffbot" else None
+    )
+    client = WorldClient("diffbot", ())
+    assert client.changeable() is changeable
+    assert client.act(AddPayload(mass=3.0))
+    assert robot.acts == [AddPayload(mass=3.0)]
+
+
+def test_a_robot_that_is_gone_is_in_no_world(tmp_path, monkeypatch):
+    use_private_folders(monkeypatch, tmp_path)
+    assert not WorldClient("diffbot", ()).changeable()

@@ -1,10 +1,11 @@
-"""What the verb `world` does to a robot that a simulation plugin moves: pause, play, step by cycles, reset.
+"""What the verb `world` does to a robot that a simulation plugin moves: pause, play, step, reset, what happens in it.
 
 Such a robot has no drives and no bus; its own process holds the world, so that its own socket is asked.
 """
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.output import json_line
@@ -23,11 +24,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.simulation import Simulation
 
     Acts = dict[str, Callable[[str | None], Request[Simulation]]]
 
-__all__ = ["SIMULATION_ACTS", "act_on_simulation", "tell_simulation"]
+__all__ = ["SIMULATION_ACTS", "act_in_simulation", "act_on_simulation", "tell_simulation"]
 
 _TIMEOUT_S = 600.0  # of as many steps as somebody asks for
 
@@ -66,6 +68,19 @@ def act_on_simulation(args: argparse.Namespace) -> int:
     request = SIMULATION_ACTS[args.what](args.value)
     with RobotClient.connect(args.name) as robot:
         return _tell(robot.ask(request, _TIMEOUT_S), args)
+
+
+def act_in_simulation(args: argparse.Namespace, act: WorldAct) -> bool:
+    """Let something happen in the world of the running robot; False where no simulation plugin moves it."""
+    with contextlib.ExitStack() as opened:
+        try:
+            robot = opened.enter_context(RobotClient.connect(args.name))
+            robot.ask(GetSimulation())
+        except CanopenError:
+            return False
+        robot.ask(act)
+        _tell(robot.ask(GetSimulation()), args)
+    return True
 
 
 def tell_simulation(args: argparse.Namespace) -> bool:

@@ -1,7 +1,8 @@
 """What a running robot may be asked of its simulation, where a plugin of ros2_control simulates it without drives.
 
 Its time goes on by the robot's cycles; real and virtual drives have a time of their own, so that a robot on a bus
-refuses all of these. Refused in a sentence, nothing is changed.
+refuses all of these, and what happens in its world is asked of its virtual drives (`drive`). Refused in a sentence,
+nothing is changed.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Annotated, Final
 import msgspec
 
 from canopen_control.rpc.messages.declare import Effect, Request
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
 
 __all__ = ["MAX_STEPS", "SIMULATION_METHODS", "GetLaserScans", "GetSimulation", "LaserScanReading", "PauseSimulation",
            "ResetSimulation", "Simulation", "StepSimulation"]  # fmt: skip
@@ -19,11 +21,15 @@ MAX_STEPS: Final = 1_000_000
 
 
 class Simulation(msgspec.Struct, frozen=True, kw_only=True):
-    """How a simulation goes: `seconds` simulated, whether it is paused, and the `period` of a cycle in s."""
+    """How a simulation goes: `seconds` simulated, whether it is paused, and the `period` of a cycle in s.
+
+    In one that is `changeable`, by physics, payloads, pushes, blocked joints and another grip may be asked for.
+    """
 
     seconds: float
     paused: bool
     period: float
+    changeable: bool = False
 
 
 class LaserScanReading(msgspec.Struct, frozen=True, kw_only=True):
@@ -85,4 +91,8 @@ SIMULATION_METHODS: Final = (
     ("pause_simulation", Effect.CHANGES, PauseSimulation),
     ("step_simulation", Effect.CHANGES, StepSimulation),
     ("reset_simulation", Effect.CHANGES, ResetSimulation),
+    ("payload", Effect.CHANGES, AddPayload),
+    ("push", Effect.CHANGES, PushRobot),
+    ("block", Effect.CHANGES, BlockJoint),
+    ("grip", Effect.CHANGES, SetGrip),
 )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from nicegui import background_tasks, ui
 
-from canopen_control.errors import RemoteError
+from canopen_control.errors import CanopenError
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
 from canopen_control.rpc.messages.robot import Tell
 from canopen_control.view.panels.panel import tell
@@ -34,7 +34,7 @@ class WorldPanel:
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
-        self._asked: frozenset[str] = frozenset()
+        self._asked: frozenset[str] | None = None
         self._whole = ui.expansion("Let something happen in the world").props("dense").classes("cc-stale w-full")
         self._whole.set_visibility(False)
         robot = context.robot
@@ -101,10 +101,11 @@ class WorldPanel:
     async def _act(self, what: WorldAct, text: str) -> None:
         """Let it happen, and tell everybody who watches the robot."""
         try:
-            await in_thread(partial(self._context.robot.world_client.act, what))
-        except RemoteError as error:
+            told = await in_thread(partial(self._context.robot.world_client.act, what))
+        except CanopenError as error:
             tell("Not done", str(error))
-        else:
+            return
+        if not told:
             await self._context.ask(Tell(kind="world", text=f"from a page: {text}"))
 
 
