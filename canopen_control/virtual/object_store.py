@@ -70,6 +70,7 @@ class ObjectStore:
         self._indices = frozenset(entry.index for entry in od)
         self._sources: dict[Address, Source] = {}
         self._guards: dict[int, Guard] = {}
+        self._gates: dict[int, Callable[[], None]] = {}
         self._moody: set[int] = set()  # indices whose guards judge by more than the values
         self._watchers: dict[int, list[Watcher]] = {}
 
@@ -154,6 +155,10 @@ class ObjectStore:
             self._moody.update(added)
         self.version += 1
 
+    def gate(self, index: int, check: Callable[[], None]) -> None:
+        """Let `check` raise SdoServerAbort before the data of a download in several frames come."""
+        self._gates[index] = check
+
     def on_write(self, indices: Iterable[int], watcher: Watcher) -> None:
         """Let `watcher` hear of every value taken at `indices`, after it is in place."""
         for index in indices:
@@ -180,7 +185,12 @@ class ObjectStore:
             raise SdoServerAbort(AbortCode.GENERAL_ERROR) from None
 
     def size_of(self, index: int, subindex: int) -> int | None:
-        """Return the length in bytes that an entry must have, None where it is open or there is no entry."""
+        """Return the length in bytes that an entry must have, None where it is open or there is no entry.
+
+        SdoServerAbort where a gate is closed.
+        """
+        if (gate := self._gates.get(index)) is not None:
+            gate()
         entry = self.od.get(index, subindex)
         bits = None if entry is None else entry.data_type.bits
         return None if bits is None else (bits + 7) // 8

@@ -3,7 +3,7 @@
 A device whose EDS has 0x1F51 can be given a new program. The law:
 
 - 0x1F51 is written in PRE-OPERATIONAL alone: 0 stop, 1 start, 3 clear; what the state does not allow is 0x08000022.
-- Data are taken after a clear, and each download needs a fresh one. A program ends in the CRC-32 of what is before it
+- Data are taken after a clear, and each download needs a fresh one: it is refused with its first frame. A program ends in the CRC-32 of what is before it
   (little-endian); one whose sum is wrong, or that was not written to its end, never runs.
 - While the program does not run, the boot-loader does: another 0x1000 and product code, no object but its own, no PDO.
   It takes over, and hands over, with a reset after the answer has left; at power-on a whole program starts by itself.
@@ -94,6 +94,7 @@ class ProgramArea:
         self.number = od.subindices(CONTROL)[-1] if len(od.subindices(CONTROL)) < 2 else od.subindices(CONTROL)[1]
         store.guard([CONTROL], self._control)
         store.guard([DATA], self._take)
+        store.gate(DATA, self._admit)
         store.on_read(CONTROL, self.number, lambda: int(self.state))
         store.on_read(IDENTIFICATION, self.number, lambda: self.identification)
         store.on_read(FLASH, self.number, lambda: 1 if self._busy else self.error << 1)
@@ -186,9 +187,7 @@ class ProgramArea:
         """Write the flash; what it fails at is in there in part, and its error is told by 0x1F57."""
         if entry.subindex != self.number:
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
-        if self.state is not ProgramState.CLEARED:
-            self.error = FlashError.NOT_CLEARED
-        self._require(self.state is ProgramState.CLEARED and not self._busy)
+        self._admit()
         data = value if isinstance(value, bytes) else b""
         if self.damages.value and data:
             data = bytes((data[0] ^ 1,)) + data[1:]
@@ -200,6 +199,12 @@ class ProgramArea:
         self.error = FlashError.NONE if self.is_whole else FlashError.CRC
         self._busy_until = self._clock.now + self.write_ns
         return b""  # it cannot be read, and is in the flash
+
+    def _admit(self) -> None:
+        """Refuse data that nobody has cleared the flash for, before they are sent."""
+        if self.state is not ProgramState.CLEARED:
+            self.error = FlashError.NOT_CLEARED
+        self._require(self.state is ProgramState.CLEARED and not self._busy)
 
     def _reset_for(self, state: ProgramState) -> None:
         self._next, self.reset_at = state, self._clock.now + _RESET_NS

@@ -150,3 +150,16 @@ def test_a_program_may_tell_its_date_and_the_boot_loader_knows_it(bench):
     control(bench, 1)
     bench.on(0.5)
     assert int.from_bytes(bench.read(0x1F52, 2), "little") == 43_200_000
+
+
+def test_data_without_a_clear_are_refused_with_their_first_frame(bench):
+    loader(bench)
+    for initiate in (b"\x21\x50\x1f\x01\x00\x04\x00\x00", b"\xc2\x50\x1f\x01\x00\x04\x00\x00"):
+        (answer,) = [frame for frame in bench.put(0x605, initiate) if frame.can_id == 0x585]
+        assert answer.data == b"\x80\x50\x1f\x01" + WRONG_STATE.to_bytes(4, "little")
+    assert flash(bench) >> 1 == 4  # not cleared
+    cleared(bench)
+    (answer,) = [
+        frame for frame in bench.put(0x605, b"\x21\x50\x1f\x01\x00\x04\x00\x00") if frame.can_id == 0x585
+    ]
+    assert answer.data[0] == 0x60
