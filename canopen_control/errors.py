@@ -223,6 +223,18 @@ class SdoStopped(SdoTimeout):
         super().__init__(silence.node_id, silence.index, silence.subindex, silence.seconds, silence.name)
 
 
+class SdoRestarted(RemoteProtocolError):
+    """A node has booted in the middle of a transfer, and has lost its data."""
+
+    def __init__(self, node_id: int, index: int, subindex: int, name: str = "") -> None:
+        self.index, self.subindex = index, subindex
+        super().__init__(
+            node_id,
+            f"{_node(node_id, name)}: 0x{index:04X}:{subindex:02X}: the node has restarted in the middle of the "
+            "transfer; is its supply stable?",
+        )
+
+
 class SdoLengthError(RemoteProtocolError):
     """The bytes that an upload brought are no value of the object: `data`; `wanted` names type and length."""
 

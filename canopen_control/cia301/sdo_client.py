@@ -14,7 +14,7 @@ from canopen_control.cia301.sdo_codec import ANSWER_BASE, REQUEST_BASE
 from canopen_control.cia301.sdo_exchange import SdoExchange
 from canopen_control.cia301.sdo_phases import first_phase
 from canopen_control.cia301.sdo_request import SdoOptions, SdoRequest
-from canopen_control.errors import LocalProtocolError
+from canopen_control.errors import LocalProtocolError, SdoRestarted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -113,7 +113,10 @@ class SdoClient:
             self._exchange.report(self._queue.popleft(), error)
 
     def forget(self) -> None:
-        """Forget what is known of the server: it has booted, and owes no answers any more."""
+        """Forget what is known of the server, which has booted: it owes no answers, and a transfer's data are lost."""
+        active = self._exchange.active
+        if active is not None and self._exchange.phase.transfer is not None:
+            self.cancel(active, SdoRestarted(self.node_id, active.index, active.subindex, self.name))
         self._exchange.forget()
 
     @property

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PARALLEL", "Core", "DirectBus"]
 
+_BOOT_UP = b"\0"
 FLUSH_S = 1.0  # what the last frames have to leave before the port is closed
 _FIRST_HEARTBEAT, _LAST_HEARTBEAT = ERROR_CONTROL_COB_ID + 1, ERROR_CONTROL_COB_ID + MAX_NODE_ID
 _FEW = (SHORTEST_RUN - 1) * RECORD_SIZE  # bytes: no run among them
@@ -247,7 +248,10 @@ class DirectBus:
         for core in cores:
             core.receive(frame, now)
         if _FIRST_HEARTBEAT <= can_id <= _LAST_HEARTBEAT and len(data) == 1:
-            self.heard[can_id - ERROR_CONTROL_COB_ID] = state_of_byte(data[0])
+            node_id = can_id - ERROR_CONTROL_COB_ID
+            self.heard[node_id] = state_of_byte(data[0])
+            if data == _BOOT_UP and (client := self._clients.get(node_id)) is not None:
+                client.forget()
 
     def _look_at_events(self) -> None:
         if any(event.kind is BusEventKind.BUS_OFF for event in self.port.events()):

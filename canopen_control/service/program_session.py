@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.nmt import NmtCommand
-from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError, SdoTimeout
+from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError, SdoRestarted, SdoTimeout
 from canopen_control.service.node_session import IDENTITY, is_abort
 from canopen_control.service.program_download import Act, Order, Outcome, ProgramOptions, program_download
 from canopen_control.service.read_parameters import device_identity
@@ -97,9 +97,10 @@ def _transferred(session: NodeSession, order: Order) -> bytes:
 
 
 def _is_answer(error: CanopenError) -> bool:
-    """Whether the node has refused or was silent; what is left is the bus or the robot."""
-    silent = isinstance(error, SdoTimeout | DriveError)
-    return silent or is_abort(error) or (isinstance(error, RemoteError) and error.kind == SdoTimeout.__name__)
+    """Whether the node has refused, was silent or has restarted; what is left is the bus or the robot."""
+    kinds = (SdoTimeout, SdoRestarted, DriveError)
+    told = isinstance(error, RemoteError) and error.kind in (SdoTimeout.__name__, SdoRestarted.__name__)
+    return told or isinstance(error, kinds) or is_abort(error)
 
 
 def boot_check(session: NodeSession, before: DeviceIdentity) -> DeviceIdentity:

@@ -3,8 +3,8 @@
 A device whose EDS has 0x1F51 can be given a new program. The law:
 
 - 0x1F51 is written in PRE-OPERATIONAL alone: 0 stop, 1 start, 3 clear; what the state does not allow is 0x08000022.
-- Data are taken after a clear, and each download needs a fresh one: it is refused with its first frame. A program ends in the CRC-32 of what is before it
-  (little-endian); one whose sum is wrong, or that was not written to its end, never runs.
+- Data are taken after a clear, and each download needs a fresh one, or is refused with its first frame. A program ends
+  in the CRC-32 of what is before it (little-endian); one whose sum is wrong, or that is not whole, never runs.
 - While the program does not run, the boot-loader does: another 0x1000 and product code, no object but its own, no PDO.
   It takes over, and hands over, with a reset after the answer has left; at power-on a whole program starts by itself.
 - 0x1F57 bit 0 is set while the flash is busy; then bits 1 to 7 say what went wrong. 0x1F56 is that CRC-32, 0 for none.

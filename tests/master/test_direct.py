@@ -18,6 +18,7 @@ from canopen_control.errors import (
     LocalProtocolError,
     RemoteProtocolError,
     SdoAbort,
+    SdoRestarted,
     SdoStopped,
     SdoTimeout,
 )
@@ -210,3 +211,49 @@ def test_a_node_heard_in_stopped_is_not_asked_whether_it_is_powered(bus, drives)
     assert isinstance(bus.read_many([(3, 0x1000, 0)])[3, 0x1000, 0], SdoStopped)
     bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, 3, 0.5)
     assert bus.read(3, 0x1000)
+
+
+class Restarting:
+    """A device that takes the beginning of a block download, and boots after some of its segments."""
+
+    def __init__(self, after):
+        self.out, self._left = [], after
+
+    def receive(self, frame, now):
+        if frame.can_id != 0x609:
+            return
+        if frame.data[0] & 0xE1 == 0xC0:
+            self.out.append(CanFrame(0x589, b"\xa4" + frame.data[1:4] + b"\x7f\0\0\0"))
+            return
+        self._left -= 1
+        if not self._left:
+            self.out.append(CanFrame(0x709, b"\0"))
+
+    def tick(self, now):
+        pass
+
+    def next_deadline(self):
+        return None
+
+    def frames(self):
+        out, self.out = self.out, []
+        return out
+
+
+def test_a_node_that_boots_in_the_middle_of_a_transfer_is_not_waited_for():
+    device = Restarting(after=30)
+    with (
+        OnBus("memory:restarting", cores=(device,)),
+        DirectBus.open("memory:restarting", timeout_s=1000.0) as bus,
+        pytest.raises(SdoRestarted, match="node 9: 0x1F50:01: the node has restarted in the middle of the transfer"),
+    ):
+        bus.write(9, 0x1F50, 1, bytes(20_000), block=True)
+
+
+def test_a_request_that_came_before_the_boot_up_is_made_again():
+    with (
+        OnBus("memory:booting", {5: GENERIC}, (Stubborn(),)) as others,
+        DirectBus.open("memory:booting", timeout_s=0.3) as bus,
+    ):
+        others.send(CanFrame(0x705, b"\0"))
+        assert bus.read(5, 0x1000)

@@ -159,7 +159,5 @@ def test_data_without_a_clear_are_refused_with_their_first_frame(bench):
         assert answer.data == b"\x80\x50\x1f\x01" + WRONG_STATE.to_bytes(4, "little")
     assert flash(bench) >> 1 == 4  # not cleared
     cleared(bench)
-    (answer,) = [
-        frame for frame in bench.put(0x605, b"\x21\x50\x1f\x01\x00\x04\x00\x00") if frame.can_id == 0x585
-    ]
+    (answer,) = [frame for frame in bench.put(0x605, b"\x21\x50\x1f\x01\x00\x04\x00\x00") if frame.can_id == 0x585]
     assert answer.data[0] == 0x60
