@@ -15,6 +15,7 @@ from canopen_control.cia402.modes import mode_name
 from canopen_control.rpc.messages.samples import JointStatesSample
 from canopen_control.runtime.status import readings_of, state_sample, status_message
 from canopen_control.simulation.wire_view import watched_joints
+from canopen_control.virtual.axis_objects import wrap32
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -49,7 +50,7 @@ class _Shaft:
     """A joint behind the first axis of a node, and where its shaft was in the last cycles.
 
     A drive that boots anew counts from 0, and a robot goes on from where it saw it last: `offset` is by how much they
-    differ, None until the next place that is told.
+    differ, None until the next place that is told. Where the drive's count passes over its 32 bits, both go on.
     """
 
     def __init__(self, joint: str, view: NodeView, units: Mapping[str, float]) -> None:
@@ -57,6 +58,7 @@ class _Shaft:
         self._position, self._velocity = units["pos_from_dev"], units["vel_from_dev"]
         self.truth: deque[Truth] = deque()
         self.offset: float | None = 0.0
+        self._shown = self._counts = 0  # what it counts, and without the turns of its 32 bits
         self._blur = 0.0  # of the offset, which was taken while it turned
         self._zero = 0.0
         self._bounds: dict[int, tuple[float, float]] = {}  # of each kind of value in the last cycles
@@ -72,8 +74,10 @@ class _Shaft:
         if units.zero != self._zero:
             truth.clear()
             self.offset, self._zero = None, units.zero
-        position = units.user(plant.position) * self._position
-        truth.append((now, position, plant.velocity / units.velocity * self._velocity))
+        shown = units.user(plant.position)
+        self._counts = self._counts + wrap32(shown - self._shown) if truth else shown
+        self._shown = shown
+        truth.append((now, self._counts * self._position, plant.velocity / units.velocity * self._velocity))
         while truth[0][0] < now - _LAG_NS:
             truth.popleft()
         if self._bounds:

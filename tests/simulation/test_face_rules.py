@@ -1,8 +1,10 @@
 import pytest
 from support.mutants import MUTANTS
-from support.simulated import Judged
+from support.simulated import MS, Judged, setup_of
 
+from canopen_control.simulation.acts import Act
 from canopen_control.simulation.face_rules import FaceRules
+from canopen_control.simulation.simulation_run import SimulationRun
 
 
 @pytest.fixture
@@ -85,3 +87,18 @@ def test_a_drive_that_counts_anew_goes_on_where_it_was_seen_last(judged):
     judged.drive(5.0, 5.0, seconds=1.0).run(1.5).do("power", 2, 0.5).run(4.0)
     judged.do("axis", name="enable").run(0.5).drive(5.0, 5.0, seconds=1.0).run(1.5)
     assert judged.told == []
+
+
+def test_a_drive_whose_count_passes_over_its_32_bits_goes_on():
+    """Seed 1582 of the forklift: the count of a drive is brought to its end, and its wheel turns on."""
+    acts = (
+        Act(612 * MS, "fault", "2", "position_wrap", for_ns=11 * MS),
+        Act(1228 * MS, "axis", name="enable"),
+        Act(1828 * MS, "command", "forklift_base_controller", values=(0.386, -0.459), for_ns=19 * MS),
+    )
+    run = SimulationRun(setup_of("forklift"), 1582, acts)
+    run.run(4847 * MS)
+    counted = run.robot.drives[2].device.get(0x6064)
+    run.close()
+    assert counted < 0  # it has passed over
+    assert run.breaches == ()
