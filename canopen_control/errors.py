@@ -18,6 +18,7 @@ CanopenError
       SdoAbort               the transfer was aborted: node_id, index, subindex, code
       SdoTimeout             no answer: node_id, index, subindex
         SdoStopped             because the node is in NMT STOPPED
+      SdoRestarted           the node has booted in the middle of a transfer: node_id, index, subindex
       SdoLengthError         an answer of another length than the object has: node_id, index, subindex, data
       BootError              CiA 302 boot failed: node_id, letter, step
       HeartbeatLost          silent for longer than its heartbeat time: node_id, age
@@ -70,6 +71,7 @@ __all__ = [
     "RobotConfigError",
     "SdoAbort",
     "SdoLengthError",
+    "SdoRestarted",
     "SdoStopped",
     "SdoTimeout",
     "TrajectoryRefused",

@@ -35,6 +35,10 @@ MESSAGES = [
     ),
     (errors.SdoStopped(errors.SdoTimeout(3, 0x1000, 0, 1.5)), "`nmt preop`"),
     (
+        errors.SdoRestarted(3, 0x1F50, 1, "left"),
+        "node 3 (left): 0x1F50:01: the node has restarted in the middle of the transfer",
+    ),
+    (
         errors.SdoLengthError(3, 0x6041, 0, b"\x50", "UNSIGNED16 has 2", "Statusword", "left"),
         "node 3 (left): 0x6041:00 Statusword: answered 1 byte (50), UNSIGNED16 has 2; is this the EDS",
     ),

@@ -35,7 +35,9 @@ def run(args: argparse.Namespace) -> int:
         args.usage("axis mode NODE MODE: a mode goes with the action mode, and only with it")
     if args.method is not None and args.action != "home":
         args.usage("--method goes with axis home")
-    request = AxisRequest(action=args.action, node=args.node, joint=args.joint, method=args.method, mode=args.mode)
+    request = AxisRequest(
+        action=args.action, node=args.node, joint=args.joint, method=args.method, mode=args.mode, source="axis"
+    )
     with RobotClient.connect(args.name) as robot:
         answer = robot.ask(request, HOMING_S if args.action == "home" else TIMEOUT_S)
     together = f" ({answer.text})" if answer.text else ""

@@ -261,7 +261,7 @@ class MonitorApp(App[None]):
         """Enable, disable or fault-reset the selected drive, or all."""
         who = node or (self._drives.selected or "").partition("/")[0]
         if who:
-            self._ask(f"{action} {who}", AxisRequest(action=action, node=who))
+            self._ask(f"{action} {who}", AxisRequest(action=action, node=who, source=SOURCE))
 
     def action_tab(self, name: str) -> None:
         """Show one of the tabs."""

@@ -16,7 +16,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.endpoint import COMMANDER, Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.sdo_services import NodeSdo, master_handlers
 from canopen_control.rpc.messages.robot import AxisDone, AxisRequest, CommandController, NmtRequest
@@ -39,7 +39,7 @@ def _nmt(command: str, *, boot: bool = False) -> Asking:
 
 
 def _axis(action: str, mode: str | None = None) -> Asking:
-    return lambda node, joint: AxisRequest(node=node, joint=joint, action=action, mode=mode)
+    return lambda node, joint: AxisRequest(node=node, joint=joint, action=action, mode=mode, source=COMMANDER)
 
 
 #: service -> what it asks of the robot, by the node and the joint of one axis (None: all its axes)

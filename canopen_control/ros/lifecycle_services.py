@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.endpoint import COMMANDER, Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.rpc.messages.robot import AxisRequest, Stop
 
@@ -126,7 +126,9 @@ class Lifecycle(Endpoint):
         elif self._node is None:
             self._ros.ask(Stop(), lambda _done, error: done(error))
         else:
-            self._ros.ask(AxisRequest(action="disable", node=self._node), lambda _done, error: done(error))
+            self._ros.ask(
+                AxisRequest(action="disable", node=self._node, source=COMMANDER), lambda _done, error: done(error)
+            )
 
     def _get(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         response.current_state = self._message(self.state)

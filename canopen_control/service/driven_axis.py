@@ -145,10 +145,10 @@ def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | N
     return next((each for each in axes if each.joint == drive.joint), None)
 
 
-def stop_drive(client: RobotClient, drive: JogDrive) -> None:
-    """Stop along the ramp and disable; who is gone or has stopped already is left alone."""
+def stop_drive(client: RobotClient, drive: JogDrive, source: str) -> None:
+    """Stop along the ramp and disable, in the name of `source`; who is gone or has stopped already is left alone."""
     with contextlib.suppress(RemoteError):
-        client.ask(AxisRequest(action="disable", node=drive.node, joint=drive.joint), ENABLE_S)
+        client.ask(AxisRequest(action="disable", node=drive.node, joint=drive.joint, source=source), ENABLE_S)
 
 
 def ended_words(sample: StateSample | None, drive: JogDrive) -> str:

@@ -92,7 +92,7 @@ class TuneRun:
                 motion, record = self._begin(client)
                 self._move(client, motion, record)
             finally:
-                stop_drive(client, self._drive)
+                stop_drive(client, self._drive, _SOURCE)
         if motion.ended is JogEnd.STATE:
             raise DriveError(f"{self._drive.joint}: {ended_words(self._sample, self._drive)}")
         if motion.ended is not JogEnd.OVER:
@@ -110,10 +110,12 @@ class TuneRun:
         """Choose the mode, enable, and return the motion, which begins now."""
         node, joint = self._drive.node, self._drive.joint
         if self._drive.mode:
-            choose_mode(client, AxisRequest(action="mode", node=node, joint=joint, mode=self._drive.mode))
+            choose_mode(
+                client, AxisRequest(action="mode", node=node, joint=joint, mode=self._drive.mode, source=_SOURCE)
+            )
         client.ask(Subscribe(state_rate=1000.0, pdos=self._effort_unit is None))  # every cycle
         period = self._first(client)
-        client.ask(AxisRequest(action="enable", node=node, joint=joint), ENABLE_S)
+        client.ask(AxisRequest(action="enable", node=node, joint=joint, source=_SOURCE), ENABLE_S)
         for message in client.messages(0):  # of the time before: what has not changed since is not told again
             if isinstance(message, ProcessData):
                 self._take_torque(message)

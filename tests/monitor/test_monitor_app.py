@@ -194,13 +194,13 @@ def test_a_refusal_is_told_as_it_is():
     ("keys", "expected"),
     [
         ("r", Release(source="monitor")),
-        ("e", AxisRequest(action="enable", node="left")),
-        ("d", AxisRequest(action="disable", node="left")),
-        ("f", AxisRequest(action="fault-reset", node="left")),
-        (["down", "f"], AxisRequest(action="fault-reset", node="right")),
-        ("E", AxisRequest(action="enable", node="all")),
-        ("D", AxisRequest(action="disable", node="all")),
-        ("F", AxisRequest(action="fault-reset", node="all")),
+        ("e", AxisRequest(action="enable", node="left", source="monitor")),
+        ("d", AxisRequest(action="disable", node="left", source="monitor")),
+        ("f", AxisRequest(action="fault-reset", node="left", source="monitor")),
+        (["down", "f"], AxisRequest(action="fault-reset", node="right", source="monitor")),
+        ("E", AxisRequest(action="enable", node="all", source="monitor")),
+        ("D", AxisRequest(action="disable", node="all", source="monitor")),
+        ("F", AxisRequest(action="fault-reset", node="all", source="monitor")),
     ],
 )
 def test_keys_ask_the_robot(keys, expected):
@@ -215,7 +215,7 @@ def test_a_click_selects_a_drive():
     async def check(app, pilot, source):
         await pilot.click("#drives", offset=(5, 2))
         await pilot.press("e")
-        assert await asked(pilot, source) == [AxisRequest(action="enable", node="right")]
+        assert await asked(pilot, source) == [AxisRequest(action="enable", node="right", source="monitor")]
 
     on_screen(check)
 
@@ -391,7 +391,7 @@ def test_a_robot_without_drives_has_no_table_of_them_until_it_has():
         assert app.query_one("#drives").display
         assert app.focused is app.query_one("#drives")  # so that the arrow keys select one
         await pilot.press("down", "e")
-        assert await asked(pilot, source) == [AxisRequest(action="enable", node="right")]
+        assert await asked(pilot, source) == [AxisRequest(action="enable", node="right", source="monitor")]
 
     on_screen(check, source)
 

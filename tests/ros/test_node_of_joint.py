@@ -105,7 +105,7 @@ def test_a_drive_has_its_states_and_modes_besides(ros):
 def test_a_trigger_is_for_its_joint_alone_and_answers_with_an_empty_message(ros, service, action, mode):
     made(ros, "Device", "mirror")
     request, response = call(ros, service, answer=AxisDone())
-    assert request == AxisRequest(node="left_drive", joint="mirror", action=action, mode=mode)
+    assert request == AxisRequest(node="left_drive", joint="mirror", action=action, mode=mode, source="ros")
     assert (response.success, response.message) == (True, "")
     _, response = call(ros, service, error="node 3 (left_drive) is not operational")
     assert (response.success, response.message) == (False, "node 3 (left_drive) is not operational")

@@ -1,5 +1,7 @@
 """The API as a client sees it, byte by byte, in simulated time."""
 
+import re
+
 import pytest
 from support.apiclient import Client
 from support.busalone import AloneBench, write_drives
@@ -193,6 +195,16 @@ def test_stop_and_axis_are_answered_when_they_are_done(robby, client):
     assert robby.joint(LEFT).enabled
     assert client.ask("axis", action="disable", node="left_drive") == {"id": 1, "result": {}}
     assert not robby.joint(LEFT).machine.enabled
+
+
+def test_an_axis_request_is_told_with_who_asked_for_it(robby, client):
+    client.ask("axis", action="disable", node="left_drive", source="monitor")
+    client.ask("axis", action="enable", node="all")
+    client.ask("axis", action="enable", node="nobody")
+    told = [event for event in robby.events if event.kind == "axis_asked"]
+    assert [event.node for event in told] == ["left_drive", ""]
+    assert told[0].text == "monitor asked for disable of left_drive"
+    assert re.fullmatch(r"client .* \(pid \d+\) asked for enable of all axes", told[1].text)
 
 
 def test_an_axis_that_a_base_controller_holds_is_answered_for_with_the_whole_base(robby, client):

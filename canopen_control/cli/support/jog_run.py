@@ -49,7 +49,7 @@ SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def reset_fault(drive: JogDrive) -> str:
     """Reset the fault of a drive, enable nothing; return a sentence, or raise CanopenError while its cause is there."""
     with RobotClient.connect(drive.robot) as client:
-        client.ask(AxisRequest(action="fault-reset", node=drive.node, joint=drive.joint), ENABLE_S)
+        client.ask(AxisRequest(action="fault-reset", node=drive.node, joint=drive.joint, source=_SOURCE), ENABLE_S)
     return f"{drive.joint}: the fault is reset; the drive stays disabled"
 
 
@@ -77,7 +77,7 @@ class JogRun:
                 motion = self._begin(client)
                 self._move(client, keyboard, motion)
             finally:
-                stop_drive(client, self._drive)
+                stop_drive(client, self._drive, _SOURCE)
         with contextlib.suppress(OSError, ValueError):  # the terminal may be what is gone
             print(f"\n{motion.ended.value}: stopped and disabled", flush=True)
         if motion.ended is JogEnd.STATE:
@@ -91,8 +91,10 @@ class JogRun:
         """Choose the mode, enable, and return the motion, which begins now."""
         node, joint = self._drive.node, self._drive.joint
         if self._drive.mode:
-            choose_mode(client, AxisRequest(action="mode", node=node, joint=joint, mode=self._drive.mode))
-        client.ask(AxisRequest(action="enable", node=node, joint=joint), ENABLE_S)
+            choose_mode(
+                client, AxisRequest(action="mode", node=node, joint=joint, mode=self._drive.mode, source=_SOURCE)
+            )
+        client.ask(AxisRequest(action="enable", node=node, joint=joint, source=_SOURCE), ENABLE_S)
         client.ask(Subscribe(state_rate=_RATE_HZ))
         motion = JogMotion(self._kind, self._value, self._limits, seconds=self._seconds, now=time.monotonic_ns())
         if motion.by_keys:

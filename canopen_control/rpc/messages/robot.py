@@ -249,7 +249,8 @@ class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):
 class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
     """`action`: enable, disable, halt, quick-stop, fault-reset, home (`method`), mode (`mode`: a name such as CSP).
 
-    `node` may be "all"; `joint` is that one alone, of a node with several axes.
+    `node` may be "all"; `joint` is that one alone, of a node with several axes. The events say that `source`, or else
+    the client, asked for it.
     """
 
     action: str
@@ -257,6 +258,7 @@ class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
     joint: str | None = None
     method: int | None = None
     mode: str | None = None
+    source: str | None = None
 
 
 # -- controllers and hardware components

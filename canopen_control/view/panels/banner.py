@@ -23,8 +23,8 @@ __all__ = ["BannerPanel"]
 #: what is to be done next, by the banner's word for it: button, colour, what the robot is asked
 _ACTIONS: Final[dict[str, tuple[str, str, Request[Any]]]] = {
     "release": ("Release STOP", "orange-9", Release(source=SOURCE)),
-    "enable": ("Enable", "green-8", AxisRequest(action="enable", node="all")),
-    "fault-reset": ("Reset fault", "red-8", AxisRequest(action="fault-reset", node="all")),
+    "enable": ("Enable", "green-8", AxisRequest(action="enable", node="all", source=SOURCE)),
+    "fault-reset": ("Reset fault", "red-8", AxisRequest(action="fault-reset", node="all", source=SOURCE)),
 }
 
 

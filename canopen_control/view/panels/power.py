@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 from nicegui import ui
 
 from canopen_control.rpc.messages.robot import AxisRequest
+from canopen_control.view.dead_man import SOURCE
 from canopen_control.view.panels.panel import tell
 
 if TYPE_CHECKING:
@@ -50,6 +51,6 @@ class PowerPanel:
                     button.props(outline).props(f'aria-label="{label}"')
 
     async def _act(self, drive: str, action: str, label: str) -> None:
-        refused = await self._context.ask(AxisRequest(action=action, node=drive))
+        refused = await self._context.ask(AxisRequest(action=action, node=drive, source=SOURCE))
         if refused is not None:
             tell(f"{drive}: {label.lower()}", refused)

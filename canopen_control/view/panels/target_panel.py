@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from nicegui import ui
 
 from canopen_control.rpc.messages.robot import AxisRequest
-from canopen_control.view.dead_man import joint_motion
+from canopen_control.view.dead_man import SOURCE, joint_motion
 from canopen_control.view.drive_targets import MODES, DriveTarget, drive_targets
 from canopen_control.view.elements.nicegui_elements import HoldButton
 from canopen_control.view.panels.held import LARGEST, LOOK, hold_buttons, value_slider
@@ -125,12 +125,15 @@ class _Row:
         return joint_motion(drive.controller, [float(slider.value)], [rest], drive.quantity)
 
     async def _act(self, label: str, action: str) -> None:
-        await self._ask(label, AxisRequest(action=action, node=self._drive.node, joint=self._drive.joint))
+        await self._ask(label, self._request(action))
+
+    def _request(self, action: str, mode: str | None = None) -> AxisRequest:
+        drive = self._drive
+        return AxisRequest(action=action, node=drive.node, joint=drive.joint, mode=mode, source=SOURCE)
 
     async def _choose(self, mode: str | None) -> None:
         if mode and mode != self._drive.mode:
-            request = AxisRequest(action="mode", node=self._drive.node, joint=self._drive.joint, mode=mode)
-            await self._ask(f"mode {mode}", request)
+            await self._ask(f"mode {mode}", self._request("mode", mode))
 
     async def _ask(self, what: str, request: AxisRequest) -> None:
         refused = await self._context.ask(request)

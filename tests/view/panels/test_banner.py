@@ -46,7 +46,7 @@ def test_a_latched_stop_has_its_way_out():
 def test_drives_that_are_off_are_enabled_from_here():
     _, labels, asked = shown(drive_state({"cia402_state": "SWITCH_ON_DISABLED"}), press=True)
     assert labels == ["Enable"]
-    assert asked == [AxisRequest(action="enable", node="all")]
+    assert asked == [AxisRequest(action="enable", node="all", source="view")]
 
 
 def test_a_fault_says_its_cause_and_is_reset_from_here():

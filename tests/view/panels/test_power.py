@@ -25,7 +25,7 @@ def pressed(label, refusal=None, **status):
 
 @pytest.mark.parametrize(("label", "action"), [("Disable", "disable"), ("Reset fault", "fault-reset")])
 def test_a_button_asks_for_its_action(label, action):
-    assert pressed(label) == [AxisRequest(action=action, node="left_drive")]
+    assert pressed(label) == [AxisRequest(action=action, node="left_drive", source="view")]
 
 
 def test_a_node_without_an_axis_has_no_row():

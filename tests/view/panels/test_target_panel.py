@@ -103,7 +103,7 @@ def test_each_drive_is_enabled_and_stopped_by_itself_and_a_refusal_is_told(label
         await user.should_see("no RPDO carries its target")
 
     played(context, act)
-    assert context.asked == [AxisRequest(action=action, node="left_drive", joint="left")]
+    assert context.asked == [AxisRequest(action=action, node="left_drive", joint="left", source="view")]
 
 
 def test_a_mode_is_asked_for_and_that_of_the_drive_is_shown():
@@ -117,7 +117,7 @@ def test_a_mode_is_asked_for_and_that_of_the_drive_is_shown():
         return shown
 
     assert played(context, act) == "PV"
-    assert context.asked == [AxisRequest(action="mode", node="left_drive", joint="left", mode="CSP")]
+    assert context.asked == [AxisRequest(action="mode", node="left_drive", joint="left", mode="CSP", source="view")]
 
 
 def test_a_page_that_only_looks_may_stop_and_nothing_else():
