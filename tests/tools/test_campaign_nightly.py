@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from campaigner import nightly
 from campaigner.__main__ import main
-from campaigner.seed_results import Plan, Results, RobotResults, page_of, read_results, write_results
+from campaigner.seed_results import REPAIRED, Plan, Results, RobotResults, page_of, read_results, write_results
 
 from canopen_control.errors import ConfigError
 from canopen_control.simulation.campaign import SeedResult
@@ -129,6 +129,9 @@ def test_the_check_sum_is_of_what_is_simulated(tmp_path):
 def test_the_page_in_the_documentation_is_made_of_the_results_there():
     found = read_results(REFERENCE / "seeds.json")
     assert (REFERENCE / "seeds.md").read_text(encoding="utf-8") == page_of(found)
-    assert [row["breaches"] for row in json.loads((REFERENCE / "seeds.json").read_text())["robots"]] == [[]] * len(
-        nightly.PLANS
-    )
+    names = [plan.name for plan in nightly.PLANS]
+    rows = json.loads((REFERENCE / "seeds.json").read_text())["robots"]
+    broken = {
+        f"{name}, {text.partition(':')[0]}" for name, row in zip(names, rows, strict=True) for text in row["breaches"]
+    }
+    assert broken <= REPAIRED.keys()
