@@ -121,8 +121,6 @@ def run(args: argparse.Namespace) -> int:
         return 0
     request = _request(args)
     output = None if args.output is None else _output(args.output)
-    if not (args.yes or sys.stdin.isatty()):
-        raise ConfigError("nothing moves unless the limits are confirmed: say --yes, or ask at a terminal")
     if args.apply:
         _look_for_gains(args)
     with contextlib.ExitStack() as stack:
@@ -267,6 +265,8 @@ def _confirm(lines: list[str], args: argparse.Namespace) -> None:
     print("\n".join(lines), flush=True)
     if args.yes:
         return
+    if not sys.stdin.isatty():
+        raise ConfigError("nothing moves unless the limits are confirmed: say --yes, or ask at a terminal")
     try:
         answer = input("the shaft is free, and it may move so? [y/N] ")
     except (EOFError, KeyboardInterrupt):

@@ -1,7 +1,7 @@
-"""The objects of the drive that the monitor looks at: rows by address, live where they are in sight, and a search.
+"""The objects of the drive that the monitor looks at: rows by address, live where they are in sight, search and edit.
 
 The law of the file: nobody who draws waits. The EDS is read on a thread, objects by the reader that all screens share,
-at the rate of the verb `objects`; nothing is ever written from here.
+at the rate of the verb `objects`; `write` and `undo` are for threads that may wait.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.monitor.monitor_content import Cell, Tone, plain
 from canopen_control.service.live_reader import LiveReader
 from canopen_control.service.node_objects import NodeObjects
+from canopen_control.service.object_edit import EditHistory
 from canopen_control.service.object_rows import LiveObject, rows_of
 from canopen_control.service.object_selection import select_objects
 
@@ -37,6 +38,7 @@ class DriveObjects:
         self._source, self._reader = source, LiveReader()
         self._nodes: dict[tuple[str, str], NodeObjects] = {}
         self._node: NodeObjects | None = None
+        self._edits: dict[NodeObjects, EditHistory] = {}
         self._od: ObjectDictionary | None = None
         self._why = "no drive is selected"
         self._words = ""
@@ -71,6 +73,32 @@ class DriveObjects:
         if self._od is not None and words:
             select_objects(self._od, words.split(","))
         self._words, self._entries, self._cells, self._sent = words, {}, {}, 0
+
+    def write(self, text: str) -> str:
+        """Write an object, as in 0x6081=1000, and return what it changed; CanopenError with the reason. Waits."""
+        node, od = self._node, self._od
+        address, equals, value = text.partition("=")
+        if node is None or od is None:
+            raise ConfigError(f"set: {self._why}")
+        if not (equals and address.strip() and value.strip()):
+            raise ConfigError(f"set {text}: write an object and its value, as in 0x6081=1000")
+        entry, *others = select_objects(od, [address.strip()])
+        if others:
+            raise ConfigError(
+                f"set {text}: {address} is {1 + len(others)} objects; name one, as {_address(entry.address)}"
+            )
+        with node.session() as session:
+            return self._history(node).write(session, entry, value).words
+
+    def undo(self) -> str:
+        """Undo the newest write at this node, and return what that changed; CanopenError with the reason. Waits."""
+        if (node := self._node) is None:
+            raise ConfigError(f"undo: {self._why}")
+        with node.session() as session:
+            return self._history(node).undo(session).words
+
+    def _history(self, node: NodeObjects) -> EditHistory:
+        return self._edits.setdefault(node, EditHistory())
 
     @property
     def title(self) -> str:

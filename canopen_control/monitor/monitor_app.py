@@ -21,10 +21,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 from rich.text import Text
 from textual.app import App
 from textual.binding import Binding, BindingType
-from textual.widgets import Footer, Input, RichLog, Static, TabbedContent, TabPane
+from textual.widgets import Footer, Input, OptionList, RichLog, Static, TabbedContent, TabPane
 
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.monitor.drive_objects import OBJECT_COLUMNS
+from canopen_control.monitor.drive_pane import SET, DrivePane
+from canopen_control.monitor.drive_work import WORKS
 from canopen_control.monitor.frame_tables import parse_filter
 from canopen_control.monitor.monitor_content import DRIVE_COLUMNS, JOINT_COLUMNS
 from canopen_control.monitor.sources import SOURCE
@@ -34,7 +35,7 @@ from canopen_control.rpc.messages.robot import AxisRequest, Release, Stop
 from canopen_control.trace.frame_lines import LineWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from textual.app import ComposeResult
     from textual.notifications import SeverityLevel
@@ -51,7 +52,7 @@ __all__ = ["MonitorApp"]
 PERIOD_S: Final = 0.2
 TRACE_LINES: Final = 60  # new ones at a time; a busy bus has more than anybody reads
 KEPT_LINES: Final = 1000
-_COMMANDS: Final = ("release", "axis")
+_COMMANDS: Final = ("release", "axis", "work", "undo", "end_work")
 _WORDS: Final = "pdo, sdo, a node's name, 0x181, 0x180-0x1FF, changes; empty: everything"
 _FONT_FACES: Final = re.compile(r"@font-face\s*\{[^}]*\}\s*")
 _SCROLLBAR: Final = 2
@@ -60,7 +61,7 @@ _TABS: Final = ("events", "emergencies", "identifiers", "trace", "drive")
 _TABLES: Final = ("identifiers", "drive")
 _DRIVE_TAB: Final = "tab-drive"
 _OBJECT_WORDS: Final = "search objects: 0x6081, 0x60*, velocity; several with commas; empty: everything"
-_LISTENS: Final = "this monitor only listens: to read objects is to send"
+_SET_WORDS: Final = "an object and its value, as in 0x6081=1000"
 _FRAME_TABS: Final = ("tab-identifiers", "tab-trace")
 _LATE_S: Final = 0.9 * PERIOD_S
 
@@ -83,6 +84,9 @@ class MonitorApp(App[None]):
         Binding("F", "axis('fault-reset', 'all')", "Reset all", show=False),
         Binding("slash", "filter", "Filter"),
         Binding("p", "pause", "Pause"),
+        Binding("w", "work", "Work"),
+        Binding("u", "undo", "Undo", show=False),
+        Binding("x", "end_work", "End work", show=False),
         *(Binding(str(number), f"tab('{tab}')", tab, show=False) for number, tab in enumerate(_TABS, 1)),
         Binding("escape", "leave_filter", "Back", show=False),
         Binding("ctrl+c", "quit", "Quit", show=False, priority=True),
@@ -95,7 +99,7 @@ class MonitorApp(App[None]):
         self._drives = LiveTable(DRIVE_COLUMNS, id="drives")
         self._joints = LiveTable(JOINT_COLUMNS, id="joints")
         self._frames = LiveTable(FRAME_COLUMNS, id="identifiers-table")
-        self._objects, self._object_title = LiveTable(OBJECT_COLUMNS, id="drive-table"), Static(id="drive-title")
+        self._drive = DrivePane()
         self._head, self._alarm = Static(id="head"), Static(id="alarm")
         self._head_lines = 0
         self._logs = {
@@ -106,6 +110,7 @@ class MonitorApp(App[None]):
         self._drawn = 0.0
         self._lines: LineWriter | None = None
         self._looking: DriveObjects | None = None
+        self._chosen = ""  # of what may be done with the drive, while its line is filled in
 
     # -- the screen
 
@@ -115,13 +120,11 @@ class MonitorApp(App[None]):
         yield self._alarm
         yield self._drives
         yield self._joints
-        yield FilterLine(placeholder=_WORDS, id="filter")
+        yield FilterLine(placeholder=_WORDS, select_on_focus=False, id="filter")
         with TabbedContent(id="tabs"):
             for number, name in enumerate(_TABS, 1):
                 with TabPane(f"{number} {name}", id=f"tab-{name}"):
-                    if name == "drive":
-                        yield self._object_title
-                    yield {"identifiers": self._frames, "drive": self._objects}.get(name) or self._logs[name]
+                    yield {"identifiers": self._frames, "drive": self._drive}.get(name) or self._logs[name]
         yield Footer()
 
     def on_mount(self) -> None:
@@ -139,6 +142,7 @@ class MonitorApp(App[None]):
 
     def on_unmount(self) -> None:
         """End what was begun."""
+        self._drive.close()
         self.source.close()
 
     def _refresh_if_late(self) -> None:
@@ -167,6 +171,7 @@ class MonitorApp(App[None]):
         self._write("emergencies", self.source.emergencies())
         self._show_frames()
         self._show_objects()
+        self._drive.show_work()
 
     def _show_head(self, content: MonitorContent) -> None:
         state = content.state
@@ -213,13 +218,8 @@ class MonitorApp(App[None]):
                 self._looking.leave()
                 self._looking = None
             return
-        self._looking = self.source.choose((self._drives.selected or "").partition("/")[0])
-        title = _LISTENS if self._looking is None else self._looking.title
-        if str(self._object_title.content) != title:
-            self._object_title.update(Text(title))
-        if self._looking is not None:
-            self._objects.show(self._looking.rows())
-            self._looking.look(self._objects.in_sight)
+        self._looking = self.source.choose(self._selected)
+        self._drive.show(self._looking)
 
     def _show_trace(self) -> None:
         fresh = self.source.trace.fresh()
@@ -259,7 +259,7 @@ class MonitorApp(App[None]):
 
     def action_axis(self, action: str, node: str = "") -> None:
         """Enable, disable or fault-reset the selected drive, or all."""
-        who = node or (self._drives.selected or "").partition("/")[0]
+        who = node or self._selected
         if who:
             self._ask(f"{action} {who}", AxisRequest(action=action, node=who, source=SOURCE))
 
@@ -272,30 +272,79 @@ class MonitorApp(App[None]):
         self.paused = not self.paused
         self.notify("frames stand still; p goes on" if self.paused else "frames go on", timeout=2)
 
+    @property
+    def _selected(self) -> str:
+        """The node of the row with the cursor, "" for none."""
+        return (self._drives.selected or "").partition("/")[0]
+
     def action_filter(self) -> None:
         """Ask for a filter of the trace, or for a search of the objects where these are looked at."""
         on_objects = self.query_one("#tabs", TabbedContent).active == _DRIVE_TAB
         if not on_objects:
             self.action_tab("trace")
+        self._chosen = ""
+        self._ask_for(_OBJECT_WORDS if on_objects else _WORDS)
+
+    def _ask_for(self, words: str, value: str = "") -> None:
+        """Show a line to be filled in."""
         field = self.query_one(FilterLine)
-        field.placeholder = _OBJECT_WORDS if on_objects else _WORDS
+        field.placeholder, field.value = words, value
+        field.cursor_position = len(value)
         field.add_class("shown")
         field.focus()
 
     def action_leave_filter(self) -> None:
-        """Put the filter away."""
-        self.query_one(FilterLine).remove_class("shown")
-        (self._drives if self._looking is None else self._objects).focus()
+        """Put the line and the choice away."""
+        self._chosen = ""
+        for each in (self.query_one(FilterLine), self._drive.choice):
+            each.remove_class("shown")
+        (self._drives if self._looking is None else self._drive.objects).focus()
+
+    def action_work(self) -> None:
+        """Let the user choose what to do with the selected drive."""
+        self.action_tab("drive")
+        self._drive.choose()
+
+    def action_end_work(self) -> None:
+        """Ask the verb that runs for its end, as Ctrl-C does."""
+        self._drive.end()
+
+    def action_undo(self) -> None:
+        """Undo the newest write of an object of this drive."""
+        if (looking := self._looking) is not None:
+            self._on_thread("undo", looking.undo)
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """Ask for the line of what was chosen."""
+        self._chosen = event.option.id or ""
+        self._drive.choice.remove_class("shown")
+        if self._chosen == SET:
+            row = self._drive.objects.selected
+            self._ask_for(_SET_WORDS, f"{row}=" if row else "")
+        else:
+            self._ask_for(WORKS[self._chosen].asks)
+
+    def _begin(self, chosen: str, text: str) -> None:
+        """Begin what was chosen; ConfigError, CanopenError where that cannot be."""
+        if chosen == SET:
+            if (looking := self._looking) is not None:
+                self._on_thread("set", lambda: looking.write(text))
+            return
+        if self._drive.busy:
+            raise ConfigError("a verb runs already; x ends it")
+        self._drive.follow(self.source.begin(chosen, text, self._selected))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Use the filter; what is wrong with it is told, and can be mended."""
+        """Use what was filled in; what is wrong with it is told, and can be mended."""
         try:
-            if self._looking is not None:
+            if self._chosen:
+                self._begin(self._chosen, event.value)
+            elif self._looking is not None:
                 self._looking.search(event.value)
             else:
                 self.source.trace.choose(parse_filter(event.value, self.source.network))
                 self._logs["trace"].clear()
-        except ConfigError as error:
+        except CanopenError as error:
             self.notify(str(error), severity="error", markup=False)
             return
         self.action_leave_filter()
@@ -303,16 +352,23 @@ class MonitorApp(App[None]):
     def _ask(self, what: str, request: Request[Any]) -> None:
         """Ask the robot on a thread of its own, and tell how it went."""
 
-        def ask() -> None:
+        def ask() -> str:
+            self.source.command(request)
+            return "done"
+
+        self._on_thread(what, ask)
+
+    def _on_thread(self, what: str, work: Callable[[], str]) -> None:
+        """Do what waits on a thread of its own, and tell what it returns, or raises."""
+
+        def run() -> None:
             try:
-                self.source.command(request)
+                self._told.append((f"{what}: {work()}", "information"))
             except CanopenError as error:
                 self._told.append((f"{what}: {error}", "error"))
-            else:
-                self._told.append((f"{what}: done", "information"))
 
         # Not one of textual's workers: those are few, and a STOP may not wait for the others.
-        threading.Thread(target=ask, name=what, daemon=True).start()
+        threading.Thread(target=run, name=what, daemon=True).start()
 
 
 class FilterLine(Input):

@@ -9,9 +9,10 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from canopen_control.errors import RemoteError
+from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.monitor.bus_rows import BusTable
 from canopen_control.monitor.drive_objects import DriveObjects
+from canopen_control.monitor.drive_work import WorkRun, work_words
 from canopen_control.monitor.frame_tables import FrameTable, TraceLog
 from canopen_control.monitor.robot_link import RobotLink
 from canopen_control.monitor.robot_rows import content_of, is_emergency, log_line, without_robot
@@ -72,6 +73,10 @@ class Source(Protocol):
 
     def command(self, request: Request[Any]) -> None:
         """Ask the robot and wait; RemoteError. For threads that may wait."""
+
+    def begin(self, what: str, text: str, node: str) -> WorkRun:
+        """Begin a verb of `drive_work` on a node, with the line that was filled in; CanopenError where it cannot be."""
+        ...
 
 
 class RobotSource:
@@ -150,6 +155,10 @@ class RobotSource:
         """Ask the robot."""
         self._link.ask(request, TIMEOUT_S)
 
+    def begin(self, what: str, text: str, node: str) -> WorkRun:
+        """Begin it through the running robot."""
+        return WorkRun(work_words(what, text, node, self._link.name or ""))
+
     def _tap(self) -> None:
         """Listen to the buses of a robot that was found, or has come back, perhaps with others; or not any more."""
         for tap in self.taps:
@@ -214,6 +223,10 @@ class BusSource:
         raise RemoteError(
             "LocalProtocolError", f"{ROBOT.of(type(request)).name}: this monitor only listens on {self.network.channel}"
         )
+
+    def begin(self, what: str, text: str, node: str) -> WorkRun:  # noqa: ARG002 - as every source has it
+        """Refuse, likewise."""
+        raise ConfigError(f"{what}: this monitor only listens on {self.network.channel}")
 
     def _take(self, decoded: DecodedFrame) -> None:
         self._table.feed(decoded)

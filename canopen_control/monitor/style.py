@@ -48,6 +48,9 @@ TabbedContent { height: 1fr; }
 TabPane { padding: 0; }
 RichLog, #identifiers-table, #drive-table { height: 1fr; }
 #drive-title { height: auto; padding: 0 1; }
+#works, #work { display: none; height: auto; max-height: 50%; border-top: solid $panel; }
+#work { height: 10; }
+#works.shown, #work.shown { display: block; }
 #filter { display: none; height: 3; }
 #filter.shown { display: block; }
 DataTable { background: $surface; }

@@ -281,8 +281,9 @@ class ApiServer:
             _action(wanted.action), str(wanted.node), done, joint=wanted.joint, method=wanted.method, mode=wanted.mode
         )
         node = "" if wanted.node == "all" else self._robot.node(str(wanted.node)).name
-        what = " ".join(each for each in (wanted.action, wanted.mode, wanted.joint) if each)
-        text = f"{wanted.source or call.who} asked for {what} of {node or 'all axes'}"
+        what = f"{wanted.action} {wanted.mode}" if wanted.mode else wanted.action
+        joint = f" ({wanted.joint})" if wanted.joint not in (None, node) else ""
+        text = f"{wanted.source or call.who} asked for {what} of {node or 'all axes'}{joint}"
         self._robot.report(Event(self._robot.reactor.now(), "axis_asked", node, text))
 
     def _touch_probe(self, call: Call[messages.ReadTouchProbe]) -> None:

@@ -151,6 +151,15 @@ def test_what_cannot_be_is_refused_before_anything_moves(bench, no_terminal, cap
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
 
 
+def test_without_a_terminal_the_limits_are_told_that_yes_would_confirm(bench, no_terminal, capsys):
+    assert bench.verb("tune", "--step", "30rpm") == 2
+    said = capsys.readouterr()
+    assert "excitation: a step to 3.14 rad/s (30.0 rpm)" in said.out
+    assert "limits: 6.28 rad/s (60.0 rpm)" in said.out
+    assert "say --yes" in said.err
+    assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
+
+
 def test_an_answer_that_is_no_yes_moves_nothing(bench, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("builtins.input", lambda _prompt: "n")

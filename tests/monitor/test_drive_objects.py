@@ -1,5 +1,8 @@
+import contextlib
+
 import pytest
 from support.host import eventually
+from support.parameter_node import session_with
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
@@ -92,3 +95,51 @@ def test_what_keeps_it_from_being_read_is_told(objects, tmp_path):
     assert eventually(lambda: "cannot be read" in objects.title)
     looked_at(objects)._node.lost = "node 3 does not answer"
     assert "node 3 does not answer" in objects.title
+
+
+@pytest.fixture
+def edited(objects, monkeypatch):
+    """The left drive, whose objects are those of a stub."""
+    made = session_with(OD)
+    made.write_value(OD[0x6081, 0], 1000)
+
+    @contextlib.contextmanager
+    def session(_node):
+        yield made
+
+    monkeypatch.setattr(drive_objects.NodeObjects, "session", session)
+    return looked_at(objects)
+
+
+def test_an_object_is_written_within_its_limits_and_the_write_is_undone(edited):
+    assert edited.write("0x6081=2500") == "0x6081:00 Profile velocity: 1000 -> 2500"
+    assert edited.write(" 6081:00 = 0x10 ").endswith("2500 -> 16")
+    assert edited.undo().endswith("16 -> 2500")
+    assert edited.undo().endswith("2500 -> 1000")
+    with pytest.raises(ConfigError, match="nothing was written here that could be undone"):
+        edited.undo()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0x6081", r"set 0x6081: write an object and its value, as in 0x6081=1000"),
+        ("=5", "write an object and its value"),
+        ("0x6081=", "write an object and its value"),
+        ("velocity=5", r"velocity is \d+ objects; name one, as 0x"),
+        ("0x6041=5", "read-only; nothing was written"),
+        ("0x60FF=5", "moves the axis"),
+        ("0x6081=fast", "'fast' is no UNSIGNED32: .*; nothing was written"),
+        ("0x9999=1", "no object '0x9999' in the EDS"),
+    ],
+)
+def test_what_cannot_be_written_is_told(edited, text, said):
+    with pytest.raises(ConfigError, match=said):
+        edited.write(text)
+
+
+def test_without_a_drive_nothing_is_written(objects):
+    objects.choose("robby", None)
+    for work in (lambda: objects.write("0x6081=1"), objects.undo):
+        with pytest.raises(ConfigError, match="no drive is selected"):
+            work()

@@ -82,10 +82,60 @@ class FakeSource:
         if self.refusal:
             raise RemoteError("ControlError", self.refusal)
 
+    def begin(self, what, text, node):
+        if self.refusal:
+            raise ConfigError(self.refusal)
+        self.run = Run([what, text, node])
+        return self.run
+
     def hear(self, can_id, data):
         decoded = self.decoder.decode(CanFrame(can_id, bytes(data)), 0)
         self.frames.add(decoded)
         self.trace.add(decoded)
+
+
+class Run:
+    """A verb that runs as long as a test wants it."""
+
+    def __init__(self, words):
+        self.title, self.lines, self.code, self.ended = " ".join(words), ["begun"], None, 0
+
+    def fresh(self):
+        lines, self.lines = self.lines, []
+        return lines
+
+    def end(self):
+        self.ended += 1
+
+    close = end
+
+
+class Objects:
+    """The objects of a drive, one of which is edited."""
+
+    title = "left, node 3"
+
+    def __init__(self):
+        self.written, self.undone = [], 0
+
+    def rows(self):
+        return {"0x6081:00": tuple(Cell("-") for _ in OBJECT_COLUMNS)}
+
+    def look(self, _addresses):
+        pass
+
+    def leave(self):
+        pass
+
+    def write(self, text):
+        self.written.append(text)
+        if text.endswith("x"):
+            raise ConfigError("'x' is no UNSIGNED32")
+        return "1000 -> 2500"
+
+    def undo(self):
+        self.undone += 1
+        return "2500 -> 1000"
 
 
 def on_screen(check, source=None, size=(120, 36)):
@@ -518,7 +568,7 @@ def test_the_objects_of_the_selected_drive_are_read_while_their_tab_is_open():
         await pilot.pause()
         app.refresh_picture()
         assert source.chosen == "right"
-        assert "left, node 3" in str(app._object_title.content)
+        assert "left, node 3" in str(app._drive.title.content)
         assert source.objects.looked[:2] == ["0x2000:00", "0x2001:00"]
         assert len(source.objects.looked) < 100  # what is in sight, and no more
         await pilot.press("1")
@@ -551,6 +601,129 @@ def test_a_monitor_that_only_listens_reads_no_objects():
     async def check(app, pilot, source):
         await pilot.press("5")
         app.refresh_picture()
-        assert "to read objects is to send" in str(app._object_title.content)
+        assert "to read objects is to send" in str(app._drive.title.content)
+
+    on_screen(check, FakeSource(can_command=False))
+
+
+# -- the work at a drive
+
+
+def typed(text):
+    return [{"=": "equals_sign", ".": "full_stop", "-": "minus", ",": "comma"}.get(each, each) for each in text]
+
+
+async def told(pilot, app):
+    """Wait for what a thread has to say."""
+    for _ in range(200):
+        app.refresh_picture()
+        await pilot.pause(0.01)
+        if app._notifications:
+            break
+    return [each.message for each in app._notifications]
+
+
+def test_what_may_be_done_with_a_drive_is_chosen_and_filled_in():
+    source = FakeSource()
+    source.objects = Objects()
+
+    async def check(app, pilot, source):
+        await pilot.press("down", "w")
+        app.refresh_picture()
+        assert app.query_one("#works").display
+        await pilot.press("down", "down", "down", "down", "enter")
+        await pilot.pause()
+        assert app.query_one("#filter").placeholder == "FILE.dcf"
+        assert not app.query_one("#works").display
+        await pilot.press(*typed("a.dcf"), "enter")
+        await pilot.pause()
+        assert source.run.title == "backup a.dcf right"
+        app.refresh_picture()
+        await pilot.pause()
+        assert text_of(app, "work").splitlines() == ["backup a.dcf right", "begun"]
+        await pilot.press("x")
+        assert source.run.ended == 1
+        source.run.lines, source.run.code = ["134 parameters"], 0
+        app.refresh_picture()
+        await pilot.pause()
+        assert text_of(app, "work").splitlines()[-2:] == ["134 parameters", "done"]
+        source.run.code = 1
+        app.refresh_picture()
+        assert text_of(app, "work").count("done") == 1
+
+    on_screen(check, source)
+    assert source.run.ended == 2  # with the monitor
+
+
+def test_stop_works_while_a_line_is_filled_in():
+    source = FakeSource()
+    source.objects = Objects()
+
+    async def check(app, pilot, source):
+        await pilot.press("w", "down", "enter")
+        await pilot.pause()
+        await pilot.press("2", "0", "space")
+        assert await asked(pilot, source) == [STOP]
+        assert app.query_one("#filter").value == "20"
+        await pilot.press("escape", "w", "space")
+        assert await asked(pilot, source, 2) == [STOP, STOP]
+
+    on_screen(check, source)
+
+
+def test_one_verb_runs_at_a_time_and_a_refusal_is_told():
+    source = FakeSource()
+    source.objects = Objects()
+
+    async def check(app, pilot, source):
+        await pilot.press("w", "down", "enter", *typed("20rpm"), "enter")
+        await pilot.pause()
+        first = source.run
+        await pilot.press("w", "down", "enter", *typed("20rpm"), "enter")
+        await pilot.pause()
+        assert source.run is first
+        assert "a verb runs already; x ends it" in [each.message for each in app._notifications]
+        first.code = 1
+        app.refresh_picture()
+        assert "ended with 1" in text_of(app, "work")
+        source.refusal = "jog: no drive is selected"
+        await pilot.press("enter")
+        await pilot.pause()
+        assert "jog: no drive is selected" in [each.message for each in app._notifications]
+        assert app.query_one("#filter").display  # it can be mended
+
+    on_screen(check, source)
+
+
+def test_an_object_is_written_and_the_write_is_undone():
+    source = FakeSource()
+    source.objects = Objects()
+
+    async def check(app, pilot, source):
+        await pilot.press("5")
+        app.refresh_picture()
+        await pilot.pause()
+        await pilot.press("w", "enter")
+        await pilot.pause()
+        assert app.query_one("#filter").value == "0x6081:00="
+        await pilot.press(*typed("2500"), "enter")
+        assert await told(pilot, app) == ["set: 1000 -> 2500"]
+        await pilot.press("u")
+        for _ in range(200):
+            app.refresh_picture()
+            await pilot.pause(0.01)
+            if len(app._notifications) == 2:
+                break
+        assert [each.message for each in app._notifications][-1] == "undo: 2500 -> 1000"
+        assert (source.objects.written, source.objects.undone) == (["0x6081:00=2500"], 1)
+
+    on_screen(check, source)
+
+
+def test_who_only_listens_does_nothing_with_a_drive():
+    async def check(app, pilot, source):
+        await pilot.press("w", "u", "x")
+        await pilot.pause()
+        assert not app.query_one("#works").display
 
     on_screen(check, FakeSource(can_command=False))

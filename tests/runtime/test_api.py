@@ -201,8 +201,10 @@ def test_an_axis_request_is_told_with_who_asked_for_it(robby, client):
     client.ask("axis", action="disable", node="left_drive", source="monitor")
     client.ask("axis", action="enable", node="all")
     client.ask("axis", action="enable", node="nobody")
+    client.ask("axis", action="mode", node="left_drive", joint="left_wheel_joint", mode="PV", source="jog")
     told = [event for event in robby.events if event.kind == "axis_asked"]
-    assert [event.node for event in told] == ["left_drive", ""]
+    assert [event.node for event in told] == ["left_drive", "", "left_drive"]
+    assert told[2].text == "jog asked for mode PV of left_drive (left_wheel_joint)"
     assert told[0].text == "monitor asked for disable of left_drive"
     assert re.fullmatch(r"client .* \(pid \d+\) asked for enable of all axes", told[1].text)
 
