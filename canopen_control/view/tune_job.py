@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Protocol
 
+from canopen_control.cia402.objects import TORQUE_ACTUAL, axis_index
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.rpc.messages.robot import Tell
 from canopen_control.service.driven_axis import drive_of_robot
@@ -44,7 +45,10 @@ _HUNDREDTHS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class TuneWish:
-    """What is asked for: speeds in rad/s, travel in rad each way, torque and current in per mille, crossover in Hz."""
+    """What is asked for: speeds in rad/s, travel in rad each way, torque and current in per mille, crossover in Hz.
+
+    `axis` is that of the drive, of one with several.
+    """
 
     test: TuneTest
     period: float
@@ -57,6 +61,7 @@ class TuneWish:
     most_speed: float = math.tau
     most_travel: float = 10.0 * math.tau
     most_current: float = 1000.0
+    axis: int = 0
 
     @property
     def request(self) -> TuneRequest:
@@ -138,11 +143,11 @@ def tune(
     presence: Presence,
     run: Callable[..., TuneRun] = TuneRun,
 ) -> str:
-    """Excite the first axis of a node within its limits, and keep what it shows; the sentence at its end."""
+    """Excite an axis of a node within its limits, and keep what it shows; the sentence at its end."""
     wish, request = found.wish, found.wish.request
     wish.check()
     mode = "PV" if request.kind is JogKind.VELOCITY else "TQ"
-    drive = drive_of_robot(client, session.name or str(session.node_id), 0, mode)
+    drive = drive_of_robot(client, session.name or str(session.node_id), wish.axis, mode)
     excitation = request.excitation(SCALE)
 
     client.ask(Tell(kind="tune", text=f"page: {request.words(SCALE)} of {drive.joint}"))
@@ -152,7 +157,14 @@ def tune(
         work.at(round(seconds * _HUNDREDTHS), round(excitation.seconds * _HUNDREDTHS))
 
     record = run(
-        drive, request.kind, excitation, wish.limits, deceleration=_DECELERATION, effort_unit=None, told=told
+        drive,
+        request.kind,
+        excitation,
+        wish.limits,
+        deceleration=_DECELERATION,
+        effort_unit=None,
+        torque_index=axis_index(TORQUE_ACTUAL, wish.axis),
+        told=told,
     ).run()
     found.curves = curves_of(record, request)
     found.lines = report(record, request, SCALE, None)
@@ -178,13 +190,15 @@ def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
     return NamedShot(Shot(rows), names[: 3 + known], units[: 3 + known], request.test.value)
 
 
-def apply_gains(session: NodeSession, work: Work, gains: LoopGains, counts: float, *, stores: bool) -> str:
-    """Set proposed gains and prove them; `counts` are the user units of 0x6064 of one turn."""
-    work.lines += applied(session, gains, counts / math.tau, GainPlace(stores=stores))
+def apply_gains(
+    session: NodeSession, work: Work, gains: LoopGains, counts: float, *, axis: int = 0, stores: bool
+) -> str:
+    """Set proposed gains of an axis and prove them; `counts` are the user units of 0x6064 of one turn."""
+    work.lines += applied(session, gains, counts / math.tau, GainPlace(axis, stores=stores))
     return f"{session.name}: gains set and proven; Revert takes them back"
 
 
-def revert(session: NodeSession, work: Work, *, stores: bool) -> str:
-    """Give the drive back the gains from before the first that were set."""
-    work.lines += reverted(session, GainPlace(stores=stores))
+def revert(session: NodeSession, work: Work, *, axis: int = 0, stores: bool) -> str:
+    """Give an axis back the gains from before the first that were set."""
+    work.lines += reverted(session, GainPlace(axis, stores=stores))
     return f"{session.name}: gains are those from before"

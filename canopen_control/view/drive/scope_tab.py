@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import csv
 import tempfile
 from html import escape
 from pathlib import Path
@@ -12,7 +13,7 @@ from nicegui import background_tasks, ui
 
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.service.scope_capture import Condition
-from canopen_control.service.scope_files import csv_of, write_bag
+from canopen_control.service.scope_files import csv_of, parse_csv, write_bag
 from canopen_control.service.scope_signals import MOST_SIGNALS
 from canopen_control.view.panels.panel import Html, tell
 from canopen_control.view.robot_connection import in_thread
@@ -21,6 +22,8 @@ from canopen_control.view.scope_run import ScopeRun, ScopeWish
 from canopen_control.view.words import BAD, GOOD, IDLE, sentence
 
 if TYPE_CHECKING:
+    from nicegui.events import UploadEventArguments
+
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.service.scope_files import NamedShot
     from canopen_control.view.drive.drive_tab import DriveTabContext
@@ -40,6 +43,7 @@ _TRIGGERS: Final = {
 _FIRST: Final = (0x606C, 0x6064)  # what a person looks at first
 _LIMITS: Final = (0.05, 600.0)  # of a length, in s
 _STEPS: Final = 1000  # of the cursors
+_MOST_BYTES: Final = 16_000_000  # of a file that is laid below
 
 
 class ScopeTab:
@@ -99,6 +103,14 @@ class ScopeTab:
             for button in (self._keep, self._drop):
                 button.props("outline dense")
         self._drop.visible = False
+        upload = ui.upload(
+            label="Overlay a CSV",
+            max_file_size=_MOST_BYTES,
+            auto_upload=True,
+            on_upload=self._take_overlay,
+            on_rejected=lambda: tell("Not read", f"a CSV of {_MOST_BYTES} bytes at most is wanted"),
+        )
+        self._upload = upload.props("flat bordered accept='.csv'").classes("cc-upload")
 
     async def _list_signals(self) -> None:
         """Offer the objects of the node that are numbers, and the joints of the robot."""
@@ -180,6 +192,19 @@ class ScopeTab:
         self._drop.visible = True
         self._state.show(sentence("kept: the next shot is drawn over it", GOOD))
 
+    async def _take_overlay(self, event: UploadEventArguments) -> None:
+        """Lay a file that was saved earlier below the shot."""
+        self._upload.reset()
+        name = event.file.name
+        try:
+            overlay = read_overlay(await event.file.read(), name, self._shown)
+        except ConfigError as error:
+            tell("Not read", str(error))
+            return
+        self._overlay, self._drop.visible = overlay, True
+        if self._shown is not None:
+            self._draw(self._shown)
+
     def _drop_overlay(self) -> None:
         self._overlay, self._drop.visible = None, False
         if self._shown is not None:
@@ -245,6 +270,17 @@ class ScopeTab:
             tell("Not saved", str(error))
             return
         ui.download.content(data, f"{self._context.node}.mcap")
+
+
+def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
+    """Return the shot of a file; ConfigError for what is none, or has no signal of the shot that is shown."""
+    try:
+        overlay = parse_csv(data.decode("utf-8-sig"), name)
+    except (UnicodeDecodeError, csv.Error):
+        raise ConfigError(f"{name} is no text; give a file that a scope has saved as CSV") from None
+    if shown is not None and not any(overlay.place(each) is not None for each in shown.names):
+        raise ConfigError(f"{name} holds {', '.join(overlay.names)}, nothing of {', '.join(shown.names)}")
+    return overlay
 
 
 def signals_of(od: ObjectDictionary | None, node: str) -> dict[str, str]:

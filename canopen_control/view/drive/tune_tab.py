@@ -79,6 +79,9 @@ class TuneTab:
         self._arrange()
 
     def _make_wish(self) -> None:
+        axes = {number: f"{number}: {joint}" for number, joint in enumerate(self._context.place.joints)} or {0: "0"}
+        self._axis = ui.select(axes, value=0, label="axis").props("dense options-dense").style("width: 100%")
+        self._axis.visible = len(axes) > 1
         self._test = ui.select(_TESTS, value=TuneTest.STEP.name, label="test").props("dense options-dense")
         self._test.on_value_change(lambda _event: self._arrange()).style("width: 100%")
         with ui.element("div").classes("cc-row cc-wish"):
@@ -170,9 +173,15 @@ class TuneTab:
             number(self._most_speed),
             number(self._most_turns) * math.tau,
             number(self._most_current),
+            int(self._axis.value),
         )
         wish.check()
         return wish
+
+    @property
+    def _moved(self) -> str:
+        """What a run moves, in words."""
+        return f"{self._context.node}, axis {self._axis.value}" if self._axis.visible else self._context.node
 
     def _ask(self) -> None:
         """Have it confirmed what will move how far."""
@@ -185,9 +194,7 @@ class TuneTab:
             return
         self._refused.show("")
         words = "".join(f"<p class='cc-line'>{escape(each)}</p>" for each in jobs.confirmed_words(wish))
-        self._words.show(
-            f"<p class='cc-ask'>Move {escape(self._context.node)}?</p>{words}<p class='cc-note'>{_WARNING}</p>"
-        )
+        self._words.show(f"<p class='cc-ask'>Move {escape(self._moved)}?</p>{words}<p class='cc-note'>{_WARNING}</p>")
         self._confirmed = wish
         self._dialog.open()
 
@@ -217,13 +224,14 @@ class TuneTab:
         if not self._counts.value:
             self._refused.show(sentence("say how many user units of 0x6064 a turn of the joint is", BAD))
             return
-        counts, stores = float(self._counts.value), bool(self._store.value)
-        apply = partial(jobs.apply_gains, gains=found.gains, counts=counts, stores=stores)
+        counts, stores, axis = float(self._counts.value), bool(self._store.value), found.wish.axis
+        apply = partial(jobs.apply_gains, gains=found.gains, counts=counts, axis=axis, stores=stores)
         self._start("Setting gains", "objects", apply)
 
     def _begin_revert(self) -> None:
         if self._context.panel.teleop:
-            self._start("Taking gains back", "objects", partial(jobs.revert, stores=bool(self._store.value)))
+            revert = partial(jobs.revert, axis=int(self._axis.value), stores=bool(self._store.value))
+            self._start("Taking gains back", "objects", revert)
 
     def _start(self, title: str, unit: str, function: Any) -> bool:  # noqa: ANN401 - takes a session and the work
         refused = self._desk.begin(NodeWork(_KEY, f"{title} of {self._context.node}", unit), function)

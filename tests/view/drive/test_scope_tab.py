@@ -5,15 +5,17 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import FakeContext, StubDesk, html, settle, visited
+from support.pages import FakeContext, StubDesk, html, settle, upload, visited
 from support.service_node import NodeStub
 
 from canopen_control.data_files import data_path
+from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.service.scope_capture import Shot
-from canopen_control.service.scope_files import NamedShot
+from canopen_control.service.scope_files import NamedShot, csv_of
+from canopen_control.view.drive import scope_tab
 from canopen_control.view.drive.drive_tab import DriveTabContext
-from canopen_control.view.drive.scope_tab import ScopeTab, cursor_table, signals_of
+from canopen_control.view.drive.scope_tab import ScopeTab, cursor_table, read_overlay, signals_of
 from canopen_control.view.scope_run import ScopeRun
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
@@ -164,3 +166,36 @@ def test_cursors_where_nothing_is_known_show_nothing():
     table = cursor_table(unknown, (0.0, 1.0))
     assert table.count("<td>-</td>") == 4
     assert "&lt;b&gt;" in table
+
+
+def test_a_file_that_was_saved_is_laid_below_the_shot_and_a_bad_one_is_told(began, monkeypatch):
+    told = []
+    monkeypatch.setattr(scope_tab, "tell", lambda what, why: told.append(why))
+
+    async def act(user, tab, page):
+        user.find("Single").click()
+        await settle(lambda: bool(began))
+        finish(began[0], NAMED)
+        tab.show(page.content())
+        await upload(user, "old.csv", csv_of(NAMED).encode())
+        await settle(lambda: tab._overlay is not None)
+        both = [each["name"] for each in tab._chart.options["series"][:2]]
+        await upload(user, "photo.csv", b"\xff\xd8\xff")
+        await settle(lambda: bool(told))
+        return both, tab._overlay.label, tab._drop.visible
+
+    both, label, can_be_dropped = played(act)
+    assert both == ["left_drive:0x606C (old.csv)", "left_drive:0x606C"]
+    assert (label, can_be_dropped) == ("old.csv", True)
+    assert told == ["photo.csv is no text; give a file that a scope has saved as CSV"]
+
+
+def test_an_overlay_has_a_signal_of_the_shot():
+    text = csv_of(NAMED).encode()
+    assert read_overlay(b"\xef\xbb\xbf" + text, "a.csv", None).names == NAMED.names
+    other = NamedShot(NAMED.shot, ("right_drive:0x606C",))
+    with pytest.raises(ConfigError, match=r"a\.csv holds left_drive:0x606C, nothing of right_drive:0x606C"):
+        read_overlay(text, "a.csv", other)
+    for bad in (b"", b"a,b\n", b'"', text.replace(b"3", b"x"), text + b"1,2\n"):
+        with pytest.raises(ConfigError):
+            read_overlay(bad, "a.csv", NAMED)

@@ -4,6 +4,7 @@ import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
+from msgspec import structs
 from support.pages import FakeContext, StubDesk, html, settle, visited
 from support.service_node import NodeStub
 
@@ -33,8 +34,9 @@ class Desk(StubDesk):
         self.work = work
 
 
-def played(act, *, teleop=True):
+def played(act, *, teleop=True, joints=()):
     page, desk = FakeContext(teleop=teleop), Desk()
+    desk.place = structs.replace(desk.place, joints=list(joints))
 
     async def begin(user, tab):
         tab.show(page.content())
@@ -137,3 +139,28 @@ def test_each_test_shows_what_it_has():
     assert shown[TuneTest.STEP] == ([True, False, False, False], 2.0)
     assert shown[TuneTest.BODE] == ([False, True, False, False], 8.0)
     assert shown[TuneTest.IDENTIFY] == ([False, False, True, True], 8.0)
+
+
+def test_of_a_drive_with_several_axes_one_is_chosen_and_named():
+    async def act(user, tab, page):
+        shown = tab._axis.visible
+        tab._axis.value = 1
+        user.find("Run ...").click()
+        words = html(user)
+        user.find("Move it").click()
+        await settle(lambda: bool(tab._desk.begun))
+        return shown, words, tab._wish().axis
+
+    (shown, words, axis), _ = played(act, joints=("shoulder", "elbow"))
+    assert (shown, axis) == (True, 1)
+    assert "Move left_drive, axis 1?" in words
+
+
+def test_of_a_drive_with_one_axis_nothing_is_to_be_chosen():
+    async def act(user, tab, page):
+        user.find("Run ...").click()
+        return tab._axis.visible, html(user), tab._wish().axis
+
+    (shown, words, axis), _ = played(act, joints=("wheel",))
+    assert (shown, axis) == (False, 0)
+    assert "Move left_drive?" in words
