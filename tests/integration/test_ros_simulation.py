@@ -9,6 +9,9 @@ import sys
 
 import pytest
 from support import ros
+from support.simulated import setup_of
+
+from canopen_control.testing.tested_robot import TestedRobot
 
 pytestmark = pytest.mark.ros
 
@@ -55,3 +58,25 @@ def test_a_node_with_use_sim_time_drives_it_and_lives_in_its_time():
     assert 1.0 < stamp < 60.0
     assert clock == pytest.approx(stamp, abs=1.0)
     assert json.loads(said)["breaches"] == []
+
+
+def test_a_robot_of_a_test_is_served_to_a_node_whose_left_drive_dies(monkeypatch):
+    with ros.domain() as number:
+        for name, value in ros.ros_environment(number).items():
+            monkeypatch.setenv(name, value)
+        robot = TestedRobot(setup_of(), 1)
+        try:
+            robot.serve(ros=[])
+            node = subprocess.Popen(
+                [sys.executable, "-c", JOINS], env=ros.ros_environment(number), stdout=subprocess.PIPE
+            )
+            try:
+                robot.until(lambda: robot.velocity("left_wheel_joint") > 4.9, timeout=60.0)
+                robot.drives["left_drive"].power_off()
+                assert robot.stopped_within(1.0)
+                assert "left_drive" in " ".join(event.node for event in robot.events[-20:])
+            finally:
+                node.kill()
+                node.communicate(timeout=30)
+        finally:
+            robot.close()
