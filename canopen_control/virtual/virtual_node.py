@@ -121,6 +121,11 @@ class VirtualNode:
         for axis in range(o.axis_count({entry.index for entry in od})):
             self._add_drive(axis, None if plant is None else plant(axis))
         self.function = self.error_control.function = self.pdos.gate = make_function(od, store, outbox, self.clock)
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        """Lay out in tuples what every frame asks: the services, their deadlines, what they send and what happened."""
+        outbox = self.outbox
         self._cores: tuple[Timed, ...] = (
             self.heartbeat,
             self.consumer,
