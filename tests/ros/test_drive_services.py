@@ -43,10 +43,10 @@ def test_each_axis_of_a_node_with_several_is_commanded_alone_below_its_channel(f
     for service in ("/shoulder/halt", "/arm/right/init", "/arm/right/velocity_mode", "/arm/disable"):
         assert call(service)["success"], service
     assert fresh.robot.commands("axis") == [
-        {"node": "arm", "action": "halt", "joint": "left"},
-        {"node": "arm", "action": "enable", "joint": "right"},
-        {"node": "arm", "action": "mode", "mode": "PV", "joint": "right"},
-        {"node": "arm", "action": "disable"},
+        {"node": "arm", "action": "halt", "source": "ros", "joint": "left"},
+        {"node": "arm", "action": "enable", "source": "ros", "joint": "right"},
+        {"node": "arm", "action": "mode", "source": "ros", "mode": "PV", "joint": "right"},
+        {"node": "arm", "action": "disable", "source": "ros"},
     ]
 
 

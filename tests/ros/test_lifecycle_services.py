@@ -46,7 +46,7 @@ def test_deactivating_stops_and_disables(fresh, change):
     if change.path != "/left_drive":
         assert len(fresh.robot.commands("stop")) == 1
     else:
-        assert fresh.robot.commands("axis") == [{"action": "disable", "node": "left_drive"}]
+        assert fresh.robot.commands("axis") == [{"action": "disable", "node": "left_drive", "source": "ros"}]
 
 
 def test_a_state_that_is_reached_is_no_error_and_an_impossible_one_is(fresh, change):

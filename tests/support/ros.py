@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import itertools
 import json
 import os
 import subprocess
@@ -35,10 +36,16 @@ def forget_ports(number, folder=Path("/dev/shm")):
             (folder / name).unlink(missing_ok=True)
 
 
+_DOMAINS = range(20, 100)  # up to 101 the ports are no ephemeral ones
+_TURNS = itertools.count(os.getpid())
+
+
 @contextlib.contextmanager
 def domain():
-    """Yield a ROS domain that no other test of this host uses now; up to 101 the ports are no ephemeral ones."""
-    for number in range(20, 100):
+    """Yield a ROS domain that no other test of this host uses now, nor has just used: programs of it may still end."""
+    first = next(_TURNS) * 7
+    for turn in range(len(_DOMAINS)):
+        number = _DOMAINS[(first + turn) % len(_DOMAINS)]
         fd = os.open(
             f"{tempfile.gettempdir()}/canopen_control_test_domain_{number}",
             os.O_RDWR | os.O_CREAT | os.O_CLOEXEC,
