@@ -18,7 +18,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.objects import TORQUE_ACTUAL, axis_index
 from canopen_control.cli.support.arguments import number, seconds, whole_number
 from canopen_control.cli.support.jog_robot import dead_man_words, own_robot
 from canopen_control.cli.support.jog_run import SIGNALS
@@ -34,7 +33,7 @@ from canopen_control.service.tune_gains import GAIN_NAMES, GainPlace, applied, p
 from canopen_control.service.tune_motion import PEAK_S
 from canopen_control.service.tune_report import identified, proposed, report
 from canopen_control.service.tune_request import TuneRequest, TuneTest
-from canopen_control.service.tune_run import TuneRun
+from canopen_control.service.tune_run import TuneRun, torque_index_of
 
 if TYPE_CHECKING:
     import argparse
@@ -142,7 +141,7 @@ def run(args: argparse.Namespace) -> int:
             limits,
             deceleration=_DECELERATION,
             effort_unit=effort_unit,
-            torque_index=axis_index(TORQUE_ACTUAL, args.axis),
+            torque_index=torque_index_of(args.axis),
         )
         with on_signals(SIGNALS, tune.leave):
             record = tune.run()

@@ -10,7 +10,7 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.objects import TORQUE_ACTUAL
+from canopen_control.cia402.objects import TORQUE_ACTUAL, axis_index
 from canopen_control.client import RobotClient
 from canopen_control.errors import DriveError
 from canopen_control.rpc.messages.robot import AxisRequest, ProcessData, Subscribe
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from canopen_control.service.excitation import Excitation
     from canopen_control.service.jog_motion import JogLimits
 
-__all__ = ["TuneRun"]
+__all__ = ["TuneRun", "torque_index_of"]
 
 _SOURCE: Final = "tune"
 _REMEDIES: Final = {
@@ -53,6 +53,11 @@ def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
         yield message
         break
     yield from client.messages(0)
+
+
+def torque_index_of(axis: int) -> int:
+    """Return the object that tells the torque of an axis: 0x6077, or that of a further one."""
+    return axis_index(TORQUE_ACTUAL, axis)
 
 
 class TuneRun:

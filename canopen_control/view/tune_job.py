@@ -12,7 +12,6 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Protocol
 
-from canopen_control.cia402.objects import TORQUE_ACTUAL, axis_index
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.rpc.messages.robot import Tell
 from canopen_control.service.driven_axis import drive_of_robot
@@ -23,7 +22,7 @@ from canopen_control.service.scope_files import NamedShot
 from canopen_control.service.tune_gains import GainPlace, applied, reverted
 from canopen_control.service.tune_report import bode_of, identified, proposed, report
 from canopen_control.service.tune_request import TuneRequest, TuneTest
-from canopen_control.service.tune_run import TuneRun
+from canopen_control.service.tune_run import TuneRun, torque_index_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -163,7 +162,7 @@ def tune(
         wish.limits,
         deceleration=_DECELERATION,
         effort_unit=None,
-        torque_index=axis_index(TORQUE_ACTUAL, wish.axis),
+        torque_index=torque_index_of(wish.axis),
         told=told,
     ).run()
     found.curves = curves_of(record, request)
