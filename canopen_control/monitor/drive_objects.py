@@ -39,6 +39,7 @@ class DriveObjects:
         self._nodes: dict[tuple[str, str], NodeObjects] = {}
         self._node: NodeObjects | None = None
         self._edits: dict[NodeObjects, EditHistory] = {}
+        self._editing = threading.Lock()  # keys come faster than a drive answers
         self._od: ObjectDictionary | None = None
         self._why = "no drive is selected"
         self._words = ""
@@ -87,14 +88,14 @@ class DriveObjects:
             raise ConfigError(
                 f"set {text}: {address} is {1 + len(others)} objects; name one, as {_address(entry.address)}"
             )
-        with node.session() as session:
+        with self._editing, node.session() as session:
             return self._history(node).write(session, entry, value).words
 
     def undo(self) -> str:
         """Undo the newest write at this node, and return what that changed; CanopenError with the reason. Waits."""
         if (node := self._node) is None:
             raise ConfigError(f"undo: {self._why}")
-        with node.session() as session:
+        with self._editing, node.session() as session:
             return self._history(node).undo(session).words
 
     def _history(self, node: NodeObjects) -> EditHistory:

@@ -1,4 +1,5 @@
 import contextlib
+import threading
 
 import pytest
 from support.host import eventually
@@ -118,6 +119,32 @@ def test_an_object_is_written_within_its_limits_and_the_write_is_undone(edited):
     assert edited.undo().endswith("2500 -> 1000")
     with pytest.raises(ConfigError, match="nothing was written here that could be undone"):
         edited.undo()
+
+
+def test_a_second_undo_waits_for_the_first(edited, monkeypatch):
+    edited.write("0x6081=2500")
+    edited.write("0x6081=16")
+    real, first, go_on, inside = drive_objects.NodeObjects.session, threading.Event(), threading.Event(), []
+
+    @contextlib.contextmanager
+    def slow(node):
+        inside.append(node)
+        first.set()
+        assert go_on.wait(10)
+        with real(node) as session:
+            yield session
+
+    monkeypatch.setattr(drive_objects.NodeObjects, "session", slow)
+    words = []
+    undos = [threading.Thread(target=lambda: words.append(edited.undo())) for _ in range(2)]
+    for each in undos:
+        each.start()
+    assert first.wait(10)
+    assert len(inside) == 1
+    go_on.set()
+    for each in undos:
+        each.join(10)
+    assert [each.rpartition(": ")[2] for each in words] == ["16 -> 2500", "2500 -> 1000"]
 
 
 @pytest.mark.parametrize(

@@ -110,34 +110,6 @@ class Run:
     close = end
 
 
-class Objects:
-    """The objects of a drive, one of which is edited."""
-
-    title = "left, node 3"
-
-    def __init__(self):
-        self.written, self.undone = [], 0
-
-    def rows(self):
-        return {"0x6081:00": tuple(Cell("-") for _ in OBJECT_COLUMNS)}
-
-    def look(self, _addresses):
-        pass
-
-    def leave(self):
-        pass
-
-    def write(self, text):
-        self.written.append(text)
-        if text.endswith("x"):
-            raise ConfigError("'x' is no UNSIGNED32")
-        return "1000 -> 2500"
-
-    def undo(self):
-        self.undone += 1
-        return "2500 -> 1000"
-
-
 def on_screen(check, source=None, size=(120, 36)):
     source = source or FakeSource()
 
@@ -607,6 +579,25 @@ def test_a_monitor_that_only_listens_reads_no_objects():
 
 
 # -- the work at a drive
+
+
+class Objects(FakeObjects):
+    """One object, which is edited."""
+
+    def __init__(self):
+        super().__init__()
+        self.written, self.undone = [], 0
+
+    def rows(self):
+        return {"0x6081:00": tuple(Cell("-") for _ in OBJECT_COLUMNS)}
+
+    def write(self, text):
+        self.written.append(text)
+        return "1000 -> 2500"
+
+    def undo(self):
+        self.undone += 1
+        return "2500 -> 1000"
 
 
 def typed(text):

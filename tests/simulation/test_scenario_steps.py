@@ -13,10 +13,10 @@ from canopen_control.simulation.scenario_steps import nanoseconds_of, read_scena
 from canopen_control.virtual.scenario import ScenarioError
 
 
-def read(folder, text):
-    path = folder / "scenario.yml"
+def read(folder, text, *, name="scenario.yml", physics=False):
+    path = folder / name
     path.write_text(text)
-    return read_scenario_steps(path, setup_of())
+    return read_scenario_steps(path, dataclasses.replace(setup_of(), physics=physics))
 
 
 def test_a_scenario_says_what_happens_and_when(tmp_path):
@@ -137,9 +137,7 @@ def test_a_step_waits_for_a_state_that_there_is(tmp_path):
 
 
 def on_a_floor(folder, steps):
-    path = folder / "floor.yml"
-    path.write_text(f"steps:\n{steps}")
-    return read_scenario_steps(path, dataclasses.replace(setup_of(), physics=True)).acts
+    return read(folder, f"steps:\n{steps}", name="floor.yml", physics=True).acts
 
 
 def test_what_happens_in_the_world_is_written_and_read(tmp_path):
