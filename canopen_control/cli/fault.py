@@ -13,10 +13,10 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
-from canopen_control.cli.support.node_names import find_node, known_nodes
+from canopen_control.cli.support.node_names import KnownNode, ask_nodes, find_node
 from canopen_control.cli.support.output import json_text
 from canopen_control.client.drive_client import DriveClient, signal_values
-from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.errors import CanopenError, ConfigError, RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
 from canopen_control.rpc.messages.drive import ListFaults, SetSignals, SwitchFault
 from canopen_control.virtual.fault_table import FAULTS, find_fault
@@ -96,16 +96,27 @@ def _sentence(does: str) -> str:
 
 def _drive(word: str, can: str | None) -> tuple[str, int]:
     """Return the channel and the node id of the drive that is meant; ConfigError with what to write instead."""
-    nodes = known_nodes(can)
+    nodes, silent = ask_nodes(can)
     node = find_node(word, nodes)
     if node is not None:
         return node.channel, node.node_id
-    where = "of a running robot" if can is None else f"on {can}"
-    there = f" {where}; there are: {', '.join(map(str, nodes))}" if nodes else ""
+    there = _others_than(nodes, silent, can)
     node_id = _node_id(word, there)
     if can is None:
-        raise ConfigError(f"no node {word!r}{there}; for another bus: --can CHANNEL" if nodes else _WHICH_BUS)
+        raise ConfigError(f"no node {word!r}{there}" if there else _WHICH_BUS)
     return str(parse_channel(can)), node_id
+
+
+def _others_than(nodes: list[KnownNode], silent: dict[str, CanopenError], can: str | None) -> str:
+    """Say which nodes there are, or why none is known, and how to go on; nothing where no robot runs."""
+    if nodes:
+        where = "of a running robot" if can is None else f"on {can}"
+        there = f" {where}; there are: {', '.join(map(str, nodes))}"
+        return f"{there}; for another bus: --can CHANNEL" if can is None else there
+    if silent:
+        why = "; ".join(f"the robot {robot!r} does not tell its nodes: {error}" for robot, error in silent.items())
+        return f" is known: {why}; with --can CHANNEL a drive is reached by its node id, without the robot"
+    return ""
 
 
 _WHICH_BUS = "which bus is the drive on? No robot runs; --can CHANNEL, as in --can local:robby"

@@ -10,6 +10,7 @@ from support.virtualbench import served, servo
 
 from canopen_control.cli.main import main
 from canopen_control.cli.support.node_names import KnownNode
+from canopen_control.errors import RemoteError
 from canopen_control.virtual.fault_table import FAULTS
 
 CAN = "memory:cli-fault"
@@ -94,7 +95,7 @@ def test_without_any_drive_it_says_how_to_start_one(private_folders, capsys):
 
 def test_a_drive_of_a_running_robot_has_its_users_names_and_needs_no_channel(node, capsys, monkeypatch):
     known = [KnownNode("robby", CAN, 5, "left_drive", ("left_wheel_joint",))]
-    monkeypatch.setattr("canopen_control.cli.fault.known_nodes", lambda _channel: known)
+    monkeypatch.setattr("canopen_control.cli.fault.ask_nodes", lambda _channel: (known, {}))
     assert main(["fault", "left_drive", "silent", "on"]) == 0
     assert main(["fault", "left_wheel_joint", "silent", "off"]) == 0
     assert main(["fault", "5"]) == 0
@@ -105,3 +106,15 @@ def test_a_drive_of_a_running_robot_has_its_users_names_and_needs_no_channel(nod
     ]
     assert main(["fault", "right_drive", "silent"]) == 2
     assert "no node 'right_drive' of a running robot; there are: left_drive (5)" in capsys.readouterr().err
+
+
+def test_a_robot_that_hangs_is_named_and_its_drives_are_reached_by_their_ids(node, capsys, monkeypatch):
+    silent = {"robby": RemoteError("Timeout", "robot robby has not answered 'GetNodes' within 2 s")}
+    monkeypatch.setattr("canopen_control.cli.fault.ask_nodes", lambda _channel: ([], silent))
+    for channel in ([], ["--can", CAN]):
+        assert main(["fault", "left_drive", "silent", "on", *channel]) == 2
+        assert capsys.readouterr().err.rstrip().endswith(
+            "no node 'left_drive' is known: the robot 'robby' does not tell its nodes: robot robby has not answered "
+            "'GetNodes' within 2 s; with --can CHANNEL a drive is reached by its node id, without the robot"
+        )
+    assert main(["fault", "5", "silent", "on", "--can", CAN]) == 0

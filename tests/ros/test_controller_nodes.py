@@ -41,16 +41,15 @@ def nodes(stage):
 
 def test_each_controller_and_the_manager_is_a_node_as_long_as_it_is_loaded(fresh):
     expected = {"/base", "/forward", "/joint_state_broadcaster", "/controller_manager", "/canopen_control_bridge"}
-    eventually(lambda: expected <= nodes(fresh))
-    topics = fresh.peer.order("endpoints", topic="/joint_states")["publishers"]
-    assert [each["node"] for each in topics] == ["joint_state_broadcaster"]
+    assert eventually(lambda: expected <= nodes(fresh))
+    assert fresh.peer.publisher("/joint_states")["node"] == "joint_state_broadcaster"
     base = next(each for each in fresh.robot.controllers if each["name"] == "base")
     fresh.robot.on_loop(lambda: fresh.robot.controllers.remove(base))
     try:
-        eventually(lambda: "/base" not in nodes(fresh))
+        assert eventually(lambda: "/base" not in nodes(fresh))
     finally:
         fresh.robot.on_loop(lambda: fresh.robot.controllers.append(base))
-    eventually(lambda: "/base" in nodes(fresh))
+    assert eventually(lambda: "/base" in nodes(fresh))
 
 
 @pytest.mark.parametrize("node", ["base", "controller_manager"])

@@ -35,5 +35,5 @@ def test_interfaces_beyond_the_usual_ones_are_told_too(listening, fresh):
 
 
 def test_its_type_hash_is_upstreams(listening, fresh):
-    (publisher,) = listening.order("endpoints", topic=TOPIC)["publishers"]
+    publisher = listening.publisher(TOPIC)
     assert publisher["hash"] == "RIHS01_18024c98a62697680f581108eeed40b28fb4542fa0ac5a8e36f56c62b6813d26"

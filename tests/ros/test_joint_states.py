@@ -141,7 +141,7 @@ def test_its_topics_move_when_it_is_configured_anew(listening, fresh):
 
 
 def test_the_publisher_satisfies_every_subscriber(stage):
-    (publisher,) = stage.peer.order("endpoints", topic=TOPIC)["publishers"]
+    publisher = stage.peer.publisher(TOPIC)
     assert (publisher["reliability"], publisher["durability"]) == ("RELIABLE", "TRANSIENT_LOCAL")
 
 

@@ -12,6 +12,6 @@ def test_whoever_comes_late_still_gets_the_description(stage):
 
 
 def test_it_is_kept_by_a_reliable_publisher(stage):
-    (publisher,) = stage.peer.order("endpoints", topic="/robot_description")["publishers"]
+    publisher = stage.peer.publisher("/robot_description")
     assert (publisher["reliability"], publisher["durability"]) == ("RELIABLE", "TRANSIENT_LOCAL")
     assert publisher["node"] == "canopen_control_bridge"

@@ -143,6 +143,17 @@ class Peer:
         """Call a service that may take a drive's time, and return its response."""
         return self.order("call", service=service, of=of, data=data, timeout=TIMEOUT)["response"]
 
+    def publisher(self, topic):
+        """Return the only publisher of a topic, once DDS has told of it and of its node, which are two messages."""
+        found = []
+
+        def look():
+            found[:] = self.order("endpoints", topic=topic)["publishers"]
+            return len(found) == 1 and found[0]["node"] != "_NODE_NAME_UNKNOWN_"
+
+        assert eventually(look), f"publishers of {topic}: {found}"
+        return found[0]
+
     def message(self, topic, matching=lambda message: True, timeout=TIMEOUT):
         """Return the next message of a topic that it subscribed to, for which `matching` holds."""
         deadline, last = time.monotonic() + timeout, None

@@ -6,7 +6,6 @@ here: what these verbs do must work while it hangs.
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,7 @@ from canopen_control.rpc.messages.robot import GetNodes
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["KnownNode", "find_node", "known_nodes"]
+__all__ = ["KnownNode", "ask_nodes", "find_node", "known_nodes"]
 
 _TIMEOUT_S = 2.0
 
@@ -44,12 +43,20 @@ class KnownNode:
 
 def known_nodes(channel: str | None = None) -> list[KnownNode]:
     """Return the nodes of the robots that run; those on `channel` alone where one is given."""
+    return ask_nodes(channel)[0]
+
+
+def ask_nodes(channel: str | None = None) -> tuple[list[KnownNode], dict[str, CanopenError]]:
+    """Return the nodes as `known_nodes`, and why robots that run have told none: they hang, or end just now."""
     wanted = None if channel is None else str(parse_channel(channel))
     found: list[KnownNode] = []
+    silent: dict[str, CanopenError] = {}
     for name in find_robots():
-        with contextlib.suppress(CanopenError):  # it has ended meanwhile, or hangs
+        try:
             found.extend(_nodes_of(name))
-    return [node for node in found if wanted in (None, node.channel)]
+        except CanopenError as error:
+            silent[name] = error
+    return [node for node in found if wanted in (None, node.channel)], silent
 
 
 def _nodes_of(robot: str) -> list[KnownNode]:

@@ -86,7 +86,7 @@ def test_made_messages_and_services_work_between_two_processes():
         assert (transform["header"]["frame_id"], transform["child_frame_id"]) == ("odom", "base_link")
         assert transform["transform"]["translation"] == {"x": 1.5, "y": 0.0, "z": 0.0}
         assert transform["transform"]["rotation"]["w"] == 1.0
-        (publisher,) = other.order("endpoints", topic="/tf")["publishers"]
+        publisher = other.publisher("/tf")
         assert publisher["hash"] == "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
 
 
