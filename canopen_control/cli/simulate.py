@@ -124,6 +124,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="with --seeds: where breaches and the summary go (simulate-ROBOT); with --recording: its scenario",
     )
+    parser.add_argument("--json", action="store_true", help="print one object at the end")
+    _add_served(parser)
+
+
+def _add_served(parser: argparse.ArgumentParser) -> None:
+    """Declare for whom the robot runs, and how fast."""
     parser.add_argument(
         "--speed", type=_speed, metavar="max|F", help="times real time at most (default: max, with --serve 1)"
     )
@@ -133,7 +139,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--ros", action="store_true", help="--serve, with the ROS 2 bridge, which publishes /clock")
     parser.add_argument("--namespace", metavar="NS", help="with --ros: of all its ROS names and frames")
-    parser.add_argument("--json", action="store_true", help="print one object at the end")
     parser.add_argument(
         "--ros-args",
         nargs=argparse.REMAINDER,

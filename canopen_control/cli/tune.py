@@ -59,20 +59,7 @@ _DECELERATION: Final = 20.0  # rad/s^2, what a drive without ramps of its own is
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_session_arguments(parser)
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--step", metavar="X[rad/s|rpm|pps]", help="ask for a velocity at once")
-    what.add_argument(
-        "--bode",
-        nargs="?",
-        const="chirp",
-        choices=("chirp", "prbs"),
-        help="gain and phase of the velocity loop (default: chirp)",
-    )
-    torque = number("torque in per mille of the rated one, above 0 to 300", lambda value: 0 < value <= _TORQUE)
-    what.add_argument(
-        "--identify", metavar="PERMILLE", type=torque, help="push with a torque: inertia, friction, gains"
-    )
-    what.add_argument("--revert", action="store_true", help="give the drive back the gains from before --apply")
+    _add_what(parser)
     positive = number("number above 0", lambda value: value > 0)
     parser.add_argument("--for", dest="seconds", type=seconds, metavar="S", help="how long (default: 2, 8 and 8)")
     parser.add_argument("--crossover", type=positive, default=20.0, metavar="HZ", help="of the proposal (default: 20)")
@@ -109,6 +96,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--allow-unsupervised", action="store_true", help="as of `jog`")
     parser.add_argument("--yes", action="store_true", help="confirm limits and excitation without being asked")
     parser.add_argument("-o", "--output", metavar="FILE", help="the record, or with --bode the response, as CSV")
+
+
+def _add_what(parser: argparse.ArgumentParser) -> None:
+    """Declare what is done, of which there is one."""
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--step", metavar="X[rad/s|rpm|pps]", help="ask for a velocity at once")
+    what.add_argument(
+        "--bode",
+        nargs="?",
+        const="chirp",
+        choices=("chirp", "prbs"),
+        help="gain and phase of the velocity loop (default: chirp)",
+    )
+    torque = number("torque in per mille of the rated one, above 0 to 300", lambda value: 0 < value <= _TORQUE)
+    what.add_argument(
+        "--identify", metavar="PERMILLE", type=torque, help="push with a torque: inertia, friction, gains"
+    )
+    what.add_argument("--revert", action="store_true", help="give the drive back the gains from before --apply")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ three files are held against each other.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import ChannelKind, parse_channel
@@ -24,13 +25,15 @@ from canopen_control.runtime.sync_choice import SyncChoice, SyncSender, choose_s
 from canopen_control.urdf.description import DescriptionReader
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.config import BusConfig
     from canopen_control.master.plan import NodePlan
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.urdf.description import Description
+
+    _ReadBuses = Callable[[], dict[str, BusConfig]]
 
 __all__ = ["BUS_NAME", "RobotSetup", "clashes_of", "plans_of", "read_robot"]
 
@@ -157,20 +160,18 @@ def read_robot(
     """
     name = name or files.name
     on_drives = real or physics or drives
+    read = partial(_buses, files, peer_merge, allow_unsupervised)
     if files.bus_alone:
-        buses, description, control = _read_bus_alone(files, name, peer_merge, allow_unsupervised, mock=mock)
+        buses, description, control = _read_bus_alone(files, name, read, mock=mock)
     else:
-        buses, description, control = _read_files(files, peer_merge, allow_unsupervised, mock=mock, strict=strict)
-    written = control, description
-    free = tuple(control.controllers) if files.bus_alone else ()
+        buses, description, control = _read_files(files, read, mock=mock, strict=strict)
+    written, free = (control, description), tuple(control.controllers) if files.bus_alone else ()
     if not files.bus_alone and not mock:
         description, control, free = with_free_drives(description, control, buses)
     if not buses:
         _refuse_drives(files, description, mock=mock, real=on_drives)
     channels = _channels(name, buses, can)
-    if kernel_sync:
-        _require_kernel_sync(buses, channels, mock=mock)
-    sync = {each: choose_sync(bus, channels[each], description, by_option=kernel_sync) for each, bus in buses.items()}
+    sync = _choose_sync(buses, channels, description, kernel_sync=kernel_sync, mock=mock)
     return RobotSetup(
         name,
         files,
@@ -191,22 +192,22 @@ def read_robot(
 
 
 def _read_bus_alone(
-    files: RobotFiles, name: str, peer_merge: bool, allow_unsupervised: bool, *, mock: bool
+    files: RobotFiles, name: str, read: _ReadBuses, *, mock: bool
 ) -> tuple[dict[str, BusConfig], Description, ControllersFile]:
     """Return the buses of a bus.yml without ros2_control, and what its nodes make of the other two files."""
     _refuse_for_a_bus(files, mock=mock)
-    buses = _buses(files, peer_merge, allow_unsupervised)
+    buses = read()
     description = description_of(name, str(files.bus), buses)
     return buses, description, controllers_of(str(files.bus), description)
 
 
 def _read_files(
-    files: RobotFiles, peer_merge: bool, allow_unsupervised: bool, *, mock: bool, strict: bool
+    files: RobotFiles, read: _ReadBuses, *, mock: bool, strict: bool
 ) -> tuple[dict[str, BusConfig], Description, ControllersFile]:
     """Return the buses, the description and the controllers as the three files have them."""
     mappings = files.mappings(mock=mock)
     with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
-        buses = _buses(files, peer_merge, allow_unsupervised)
+        buses = read()
         control = read_controllers(files.controllers, strict=strict)
         return buses, with_interfaces_of_plugins(reader.result(), plans_of(buses)), control
 
@@ -292,6 +293,22 @@ def _refuse_drives(files: RobotFiles, description: Description, *, mock: bool, r
                 f"{files.controllers.parent} has no bus.yml, and {tag.name} at {description.path}:{tag.place.line} "
                 "moves CANopen drives; write one or give --bus, or run it with --mock"
             )
+
+
+def _choose_sync(
+    buses: Mapping[str, BusConfig],
+    channels: Mapping[str, str],
+    description: Description,
+    *,
+    kernel_sync: bool,
+    mock: bool,
+) -> dict[str, SyncChoice]:
+    """Return who sends SYNC on each bus."""
+    if kernel_sync:
+        _require_kernel_sync(buses, channels, mock=mock)
+    return {
+        name: choose_sync(config, channels[name], description, by_option=kernel_sync) for name, config in buses.items()
+    }
 
 
 def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, str], *, mock: bool) -> None:

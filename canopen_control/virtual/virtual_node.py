@@ -107,7 +107,14 @@ class VirtualNode:
         self.lss: NodeLss | None = None
         if od.device.lss_supported:
             self.lss = NodeLss(store, node_id, outbox, assigned=self._power_up_with, stored=self._stored)
-        self.routing = FrameRoutes(
+        self.routing = self._routes()
+        for axis in range(o.axis_count({entry.index for entry in od})):
+            self._add_drive(axis, None if plant is None else plant(axis))
+        self.function = self.error_control.function = self.pdos.gate = make_function(od, store, outbox, self.clock)
+        self._lay_out()
+
+    def _routes(self) -> FrameRoutes:
+        return FrameRoutes(
             self.nmt,
             self.sdo,
             self.consumer,
@@ -115,13 +122,9 @@ class VirtualNode:
             self.sync,
             self.pdos,
             self.lss,
-            outbox,
+            self.outbox,
             self.advance_drives,
         )
-        for axis in range(o.axis_count({entry.index for entry in od})):
-            self._add_drive(axis, None if plant is None else plant(axis))
-        self.function = self.error_control.function = self.pdos.gate = make_function(od, store, outbox, self.clock)
-        self._lay_out()
 
     def _lay_out(self) -> None:
         """Lay out in tuples what every frame asks: the services, their deadlines, what they send and what happened."""
