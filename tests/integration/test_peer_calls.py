@@ -127,7 +127,7 @@ def test_a_drive_has_the_services_of_a_drive_below_its_namespace(drive):
     assert call(f"{name}/init") == DONE
     assert call(f"{name}/position_mode") == DONE
     assert call(f"{name}/target", TARGET, target=float("nan")) == {"success": False}
-    assert call(f"{name}/target", TARGET, target=1.0) == {"success": True}
+    assert call(f"{name}/target", TARGET, target=1.0) == {"success": True}, str(drive.robot)
     assert ros.eventually(lambda: position(drive) == pytest.approx(1.0, abs=0.01))
     assert drive.peer.message(f"{name}/joint_states")["name"] == ["cia402_device_1"]
     assert call(f"{name}/velocity_mode") == DONE
