@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -303,28 +304,33 @@ def _slow_down(session: Session, unclear: SlowReason) -> None:
 def read_setup(args: argparse.Namespace) -> RobotSetup:
     """Read the files that the arguments name; raises ConfigError."""
     from canopen_control.host.sockets import check_name
-    from canopen_control.runtime.setup import read_robot
+    from canopen_control.urdf.description import DescriptionReader
 
     if args.real and (args.mock or args.no_drives):
         raise ConfigError("--real goes with neither --mock nor --no-drives")
     files = find_files(args)
     if args.name is not None:
         check_name(args.name)
-    return read_robot(
-        files,
-        name=args.name,
-        can=args.can,
-        controllers=args.controller,
-        mock=args.mock,
-        real=args.real,
-        strict=args.strict,
-        peer_merge=args.peer_merge,
-        allow_unsupervised=args.allow_unsupervised,
-        kernel_sync=getattr(args, "kernel_sync", False),
-        physics=getattr(args, "physics", False),
-        drives=bool(args.can),
-        simulate=True,
-    )
+    mappings = files.mappings(mock=args.mock)
+    with nullcontext() if files.bus_alone else DescriptionReader(files.description, mappings=mappings) as reader:
+        from canopen_control.runtime.setup import read_robot  # takes as long as xacro does, on another processor
+
+        return read_robot(
+            files,
+            name=args.name,
+            can=args.can,
+            controllers=args.controller,
+            mock=args.mock,
+            real=args.real,
+            strict=args.strict,
+            peer_merge=args.peer_merge,
+            allow_unsupervised=args.allow_unsupervised,
+            kernel_sync=getattr(args, "kernel_sync", False),
+            physics=getattr(args, "physics", False),
+            drives=bool(args.can),
+            simulate=True,
+            reader=reader,
+        )
 
 
 def _teller(announcer: Announcer, table: bool, nodes: int = 0, prefix: str = "") -> Callable[[Event], None]:

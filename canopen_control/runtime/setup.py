@@ -149,6 +149,7 @@ def read_robot(
     physics: bool = False,
     drives: bool = False,
     simulate: bool = False,
+    reader: DescriptionReader | None = None,
 ) -> RobotSetup:
     """Read and check all three files; raises a ConfigError.
 
@@ -156,7 +157,7 @@ def read_robot(
     ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes;
     `allow_unsupervised` accepts drives that nothing stops when the master dies; `kernel_sync` leaves SYNC to the
     kernel; with `physics` virtual drives move the robot in a world, with `drives` drives do where simulation plugins
-    would; `simulate` lets these move it in a world.
+    would; `simulate` lets these move it in a world. A `reader` has begun to read the description already.
     """
     name = name or files.name
     on_drives = real or physics or drives
@@ -164,7 +165,8 @@ def read_robot(
     if files.bus_alone:
         buses, description, control = _read_bus_alone(files, name, read, mock=mock)
     else:
-        buses, description, control = _read_files(files, read, mock=mock, strict=strict)
+        with reader or DescriptionReader(files.description, mappings=files.mappings(mock=mock)) as begun:
+            buses, description, control = _read_files(files, read, begun, strict=strict)
     written, free = (control, description), tuple(control.controllers) if files.bus_alone else ()
     if not files.bus_alone and not mock:
         description, control, free = with_free_drives(description, control, buses)
@@ -202,14 +204,12 @@ def _read_bus_alone(
 
 
 def _read_files(
-    files: RobotFiles, read: _ReadBuses, *, mock: bool, strict: bool
+    files: RobotFiles, read: _ReadBuses, reader: DescriptionReader, *, strict: bool
 ) -> tuple[dict[str, BusConfig], Description, ControllersFile]:
     """Return the buses, the description and the controllers as the three files have them."""
-    mappings = files.mappings(mock=mock)
-    with DescriptionReader(files.description, mappings=mappings) as reader:  # xacro runs while the rest is read
-        buses = read()
-        control = read_controllers(files.controllers, strict=strict)
-        return buses, with_interfaces_of_plugins(reader.result(), plans_of(buses)), control
+    buses = read()  # while xacro runs
+    control = read_controllers(files.controllers, strict=strict)
+    return buses, with_interfaces_of_plugins(reader.result(), plans_of(buses)), control
 
 
 def _told_by_files(
