@@ -91,7 +91,7 @@ WHOLE = ("integration", "socketcan", "hardware_can", "tools")
 ONLY_STAGED = frozenset(
     f"test_{name}.py"
     for name in ("boot", "clients", "cycle", "machine", "memory", "ros_latency", "sdo_canopen", "sdo_client", "stage",
-                 "system_calls", "witness")
+                 "start", "system_calls", "witness")
 )  # fmt: skip
 #: Kinds whose files tools/test finds by the mark in them; the bench's by their folder. `process` has many: MORE.
 FOUND_BY_MARK = ("alone", "timed")

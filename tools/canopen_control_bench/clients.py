@@ -1,8 +1,9 @@
 """`clients`: what the ROS bridge, the view and the monitor do to the cycle of the robot they look at.
 
-They are processes of their own, so that all they can take from the cycle is the machine. Runs with and without them
-are paired, one right after the other, now this one first and now that one. Processors are kept awake for them, and the
-robot has one for itself: two runs without anybody differ by a third where they may sleep, and by a tenth even so.
+They are processes of their own, so that all they can take from the cycle is the machine. Blocks of two seconds with and
+without them take turns, now this one first and now that one: a client that looks on is stopped by a signal for those
+without, so that the machine, which changes from minute to minute, is the same for both. Processors are kept awake, and
+the robot has one for itself: two runs without anybody differ by a third where they may sleep, and by a tenth even so.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import os
+import signal
 import subprocess
 import threading
 import time
@@ -31,13 +33,13 @@ if TYPE_CHECKING:
     from canopen_control_bench.stage import Contender
     from canopen_control_bench.turns import Turn
 
-__all__ = ["has_ros", "measure", "on_a_terminal"]
+__all__ = ["has_ros", "measure", "on_a_terminal", "p99_of", "stopped"]
 
 INFLUENCE_LIMIT = 1.05
 PERIOD_US = 10_000
-ROUNDS = 5
-SECONDS, PAIRED_SECONDS = 60.0, 20.0  # a p99 of 300 cycles would be the third worst of them
-_SETTLE_S = 3.0
+ROUNDS, BLOCKS = 5, 5  # of each kind in a round: a p99 of 200 cycles would be the second worst of them
+SECONDS, BLOCK_S = 60.0, 2.0
+_SETTLE_S, _CATCH_UP_S = 3.0, 0.3
 _LAST_WORDS_S = 2.0
 
 
@@ -66,45 +68,57 @@ def has_ros() -> bool:
 
 
 def _influence(contender: Contender, processors: str, *, as_is: bool) -> list[Figure]:
-    """Pair turns with and without the view, and the monitor; the p99 of the whole cycle is compared."""
+    """Compare the p99 of the whole cycle with and without the view, and the monitor."""
     figures = []
     for name, verb in (("view", ("view", "--port", "0")), ("monitor", ("monitor",))):
         if not _has_extra(name):
             continue
-        pairs = [_pair(contender, name, verb, watched_first=number % 2 == 1, as_is=as_is) for number in range(ROUNDS)]
+        with on_a_terminal(*verb, "--name", ROBOT) as pid:
+            time.sleep(_SETTLE_S)
+            contender.others[name] = pid
+            rounds = [_round(contender, pid, as_is=as_is) for _ in range(ROUNDS)]
+            del contender.others[name]
         figures.append(
             compared(
                 f"with the {name}: cycle, p99",
                 "us",
-                [(_p99(watched), _p99(alone)) for watched, alone in pairs],
+                [(p99_of(watched), p99_of(alone)) for watched, alone in rounds],
                 peer_name="without",
                 limit=INFLUENCE_LIMIT,
-                absolutes=absolutes_of([watched for watched, _ in pairs]) | {"processors": processors},
+                absolutes=absolutes_of([turn for watched, _ in rounds for turn in watched])
+                | {"processors": processors},
             )
         )
     return figures
 
 
-def _pair(
-    contender: Contender, name: str, verb: Sequence[str], *, watched_first: bool, as_is: bool
-) -> tuple[Turn, Turn]:
-    """Return a turn with a client and one without, right after another."""
-
-    def turn() -> Turn:
-        with contextlib.nullcontext() if as_is else apart(contender.pid, contender.others.values()):
-            return contender.turn(round(PAIRED_SECONDS * 1e6 / PERIOD_US), PERIOD_US * 1000)
-
-    before = None if watched_first else turn()
-    with on_a_terminal(*verb, "--name", ROBOT) as pid:
-        time.sleep(_SETTLE_S)
-        contender.others[name] = pid
-        watched = turn()
-        del contender.others[name]
-    return watched, before or turn()
+def _round(contender: Contender, client: int, *, as_is: bool) -> tuple[list[Turn], list[Turn]]:
+    """Return blocks in which a client looks on, and blocks in which it is stopped."""
+    watched: list[Turn] = []
+    alone: list[Turn] = []
+    for number in range(BLOCKS):
+        for looks_on in (number % 2 == 0, number % 2 == 1):
+            with contextlib.nullcontext() if looks_on else stopped(client):
+                time.sleep(_CATCH_UP_S)
+                with contextlib.nullcontext() if as_is else apart(contender.pid, contender.others.values()):
+                    turn = contender.turn(round(BLOCK_S * 1e6 / PERIOD_US), PERIOD_US * 1000)
+            (watched if looks_on else alone).append(turn)
+    return watched, alone
 
 
-def _p99(turn: Turn) -> float:
-    return percentiles(turn.whole_ns, 1e-3)["p99"]
+@contextlib.contextmanager
+def stopped(leader: int) -> Iterator[None]:
+    """Stop a process and those of its group, and let them go on."""
+    os.killpg(leader, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.killpg(leader, signal.SIGCONT)
+
+
+def p99_of(turns: Sequence[Turn]) -> float:
+    """Return the p99 of the whole cycles of several turns, in us."""
+    return percentiles([each for turn in turns for each in turn.whole_ns], 1e-3)["p99"]
 
 
 def _has_extra(name: str) -> bool:

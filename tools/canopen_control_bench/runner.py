@@ -36,6 +36,7 @@ FAMILIES = {
     "memory": "what a million cycles leave behind; a cycle without a wire",
     "soak": "random commands and breaking drives, for a minute (--seconds 3600: an hour)",
     "boot": "from nothing to all drives operational, 2 and 64 of them",
+    "start": "from the command line to wheels under command, and to the first /joint_states",
     "services": "SDO and EDS beside the canopen package",
     "drive": "one drive on a desk, on a paced bus: its first turn, what stops it, a clone, a program",
     "bridge": "CPU of the ROS bridge beside a node that publishes alone; from a topic to the runtime",
