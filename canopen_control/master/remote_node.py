@@ -268,8 +268,10 @@ class RemoteNode:
 
     def age_ns(self, now: int) -> int | None:
         """Return how long ago the node gave a sign of life, None if never."""
-        newest = max((pdo.stamp for pdo in self.received), default=-1)
-        newest = max(newest, -1 if self.last_seen is None else self.last_seen)
+        newest = -1 if self.last_seen is None else self.last_seen
+        for pdo in self.received:  # no generator: each sample of the state asks
+            if pdo.stamp > newest:
+                newest = pdo.stamp
         return now - newest if newest >= 0 else None
 
     def _on_boot_up(self, now: int, since: int | None) -> None:

@@ -30,6 +30,7 @@ from canopen_control.runtime.axis_request import (
 )
 from canopen_control.runtime.latch import StopLatch
 from canopen_control.runtime.needed_nodes import NeededNodes
+from canopen_control.runtime.node_readings import NodeReadings
 from canopen_control.runtime.pacer import Pacer
 from canopen_control.runtime.readiness import (
     by_stop_group,
@@ -119,6 +120,7 @@ class RobotCore:
             self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
         self.manager.on_switch(self._regroup)
+        self.node_readings = NodeReadings(self.nodes, self._bus_by_node, self.joints.values(), self.systems)
         self.needed = NeededNodes(made, self.latch, self.manager.running.forget, self.report, self.after_cycle)
 
     # ------------------------------------------------------------------------------------------- life

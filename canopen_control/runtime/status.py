@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from canopen_control.cia402.modes import mode_name
 from canopen_control.controllers.state_copy import finite
 from canopen_control.hardware.interfaces import POSITION
 from canopen_control.master.event_log import Level
@@ -13,14 +12,12 @@ from canopen_control.master.pdo_layout import layout_of
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.robot import BusPlace, NodeIdentity, NodeListing, NodePlace
 from canopen_control.rpc.messages.state import (
-    AxisReading,
     BootStep,
     BusTraffic,
     CycleTimes,
     JointReading,
     NodeReading,
     RobotEvent,
-    SdoCounts,
     StateSample,
     Status,
     TrackingReading,
@@ -63,7 +60,8 @@ def readings_of(robot: RobotCore) -> Readings:
     """Return what is read now."""
     state, hint = robot.outlook
     hint = robot.cycle.clock.hint or hint
-    return Readings(state.value, hint, _cycle(robot), _nodes(robot), _joints(robot), robot.manager.states)
+    nodes = robot.node_readings.at(robot.reactor.now())
+    return Readings(state.value, hint, _cycle(robot), nodes, _joints(robot), robot.manager.states)
 
 
 def status_message(robot: RobotCore, readings: Readings | None = None) -> Status:
@@ -200,43 +198,6 @@ def _buses(robot: RobotCore) -> dict[str, BusTraffic]:
         counts = (0, 0, 0) if stats is None else (stats.rx, stats.tx, stats.lost)
         found[name] = BusTraffic(bus.channel, *counts, bus.network.unknown, bus.load, bus.sync_words)
     return found
-
-
-def _nodes(robot: RobotCore) -> dict[str, NodeReading]:
-    now = robot.reactor.now()
-    axes: dict[RemoteNode, list[AxisReading]] = {}
-    for joint in robot.joints.values():
-        axes.setdefault(joint.node, []).append(_axis(joint))
-    return {name: _node(robot, node, now, axes.get(node, [])) for name, node in robot.nodes.items()}
-
-
-def _node(robot: RobotCore, node: RemoteNode, now: int, axes: list[AxisReading]) -> NodeReading:
-    age = node.age_ns(now)
-    return NodeReading(
-        name=node.name,
-        node_id=node.node_id,
-        bus=robot.bus_of(node).name,
-        nmt_state=node.nmt_state.name if node.nmt_state is not None else None,
-        ready=node.ready,
-        age=age / 1e9 if age is not None else None,
-        taken_out=node.is_taken_out,
-        error=node.error,
-        sdo=SdoCounts(node.sdo_reads, node.sdo_writes, node.sdo_failed),
-        axes=tuple(axes),
-        void_outputs=tuple(name for system in robot.systems for name in system.devices.void_outputs(node)),
-    )
-
-
-def _axis(joint: JointDrive) -> AxisReading:
-    state, machine = joint.state, joint.machine
-    return AxisReading(
-        joint.joint,
-        joint.axis.number,
-        state.name if state is not None else None,
-        joint.statusword if state is not None else None,
-        mode_name(machine.mode) if machine.mode is not None else None,
-        joint.node.error if machine.fault else None,
-    )
 
 
 def _joints(robot: RobotCore) -> dict[str, JointReading]:

@@ -15,9 +15,10 @@ from canopen_control.hardware.system import CanopenSystem
 from canopen_control.host.lineserver import Connection, LineServer
 from canopen_control.master.network import Network
 from canopen_control.master.remote_node import RemoteNode
-from canopen_control.runtime import status
+from canopen_control.runtime import node_readings, status
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.latch import StopLatch
+from canopen_control.runtime.node_readings import NodeReadings
 from canopen_control.runtime.pacer import Pacer
 from canopen_control.virtual.axis_limits import AxisLimits
 
@@ -184,8 +185,9 @@ def joint_states_stand(patch):
 
 
 def states_told_as_they_were(patch):
-    real, first = status._axis, {}
-    patch.setattr(status, "_axis", lambda joint: first.setdefault(joint, real(joint)))
+    real, first = node_readings._axis, {}
+    patch.setattr(node_readings, "_axis", lambda joint: first.setdefault(joint, real(joint)))
+    patch.setattr(node_readings._ReadNode, "_look", lambda self: (object(),))  # gathered anew each time
 
 
 def velocities_told_reversed(patch):
@@ -203,12 +205,12 @@ def troubles_without_an_event(patch):
 
 
 def lost_nodes_told_as_ready(patch):
-    real = status._nodes
+    real = NodeReadings.at
 
-    def nodes(robot):
-        return {name: structs.replace(each, ready=True) for name, each in real(robot).items()}
+    def nodes(self, now):
+        return {name: structs.replace(each, ready=True) for name, each in real(self, now).items()}
 
-    patch.setattr(status, "_nodes", nodes)
+    patch.setattr(NodeReadings, "at", nodes)
 
 
 def gone_clients_hold_commands(patch):

@@ -1,0 +1,105 @@
+"""The nodes as status and state samples tell them; what has not changed since the last ones is not gathered again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cia402.modes import mode_name
+from canopen_control.rpc.messages.state import AxisReading, NodeReading, SdoCounts
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping, Sequence
+
+    from canopen_control.hardware.device_parts import DeviceParts
+    from canopen_control.hardware.joint import JointDrive
+    from canopen_control.hardware.system import CanopenSystem
+    from canopen_control.master.remote_node import RemoteNode
+    from canopen_control.runtime.robot_bus import RobotBus
+
+__all__ = ["NodeReadings"]
+
+
+class NodeReadings:
+    """The readings of all nodes of a robot, by name."""
+
+    def __init__(
+        self,
+        nodes: Mapping[str, RemoteNode],
+        buses: Mapping[str, RobotBus],
+        joints: Collection[JointDrive],
+        systems: Sequence[CanopenSystem],
+    ) -> None:
+        devices = [system.devices for system in systems]
+        self._nodes = {
+            name: _ReadNode(node, buses[name].name, [joint for joint in joints if joint.node is node], devices)
+            for name, node in nodes.items()
+        }
+
+    def at(self, now: int) -> dict[str, NodeReading]:
+        """Return what is read at `now` in ns."""
+        return {name: node.at(now) for name, node in self._nodes.items()}
+
+
+class _ReadNode:
+    """One node; all but the age of its last sign of life is kept as long as what it is made of stays the same."""
+
+    def __init__(
+        self, node: RemoteNode, bus: str, joints: Sequence[JointDrive], devices: Sequence[DeviceParts]
+    ) -> None:
+        self._node, self._bus, self._joints, self._devices = node, bus, joints, devices
+        self._seen: tuple[object, ...] = ()
+        self._nmt_state: str | None = None
+        self._sdo = SdoCounts()
+        self._axes: tuple[AxisReading, ...] = ()
+        self._void: tuple[str, ...] = ()
+
+    def at(self, now: int) -> NodeReading:
+        node = self._node
+        seen = self._look()
+        if seen != self._seen:
+            self._seen = seen
+            self._gather()
+        age = node.age_ns(now)
+        return NodeReading(
+            name=node.name,
+            node_id=node.node_id,
+            bus=self._bus,
+            nmt_state=self._nmt_state,
+            ready=node.ready,
+            age=None if age is None else age / 1e9,
+            taken_out=node.is_taken_out,
+            error=node.error,
+            sdo=self._sdo,
+            axes=self._axes,
+            void_outputs=self._void,
+        )
+
+    def _look(self) -> tuple[object, ...]:
+        """Return everything that the kept parts are made of."""
+        node = self._node
+        seen: list[object] = [node.nmt_state, node.error, node.sdo_reads, node.sdo_writes, node.sdo_failed]
+        for joint in self._joints:
+            machine = joint.machine
+            seen += (joint.state, joint.statusword, machine.mode, machine.state)
+        for each in self._devices:
+            seen += each.void_outputs(node)
+        return tuple(seen)
+
+    def _gather(self) -> None:
+        node = self._node
+        self._nmt_state = node.nmt_state.name if node.nmt_state is not None else None
+        self._sdo = SdoCounts(node.sdo_reads, node.sdo_writes, node.sdo_failed)
+        self._axes = tuple(map(_axis, self._joints))
+        self._void = tuple(name for each in self._devices for name in each.void_outputs(node))
+
+
+def _axis(joint: JointDrive) -> AxisReading:
+    state, machine = joint.state, joint.machine
+    return AxisReading(
+        joint.joint,
+        joint.axis.number,
+        state.name if state is not None else None,
+        joint.statusword if state is not None else None,
+        mode_name(machine.mode) if machine.mode is not None else None,
+        joint.node.error if machine.fault else None,
+    )

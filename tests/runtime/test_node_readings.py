@@ -1,0 +1,57 @@
+"""Readings of nodes: what has not changed is kept, and what is kept is never anything else than what is read anew."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+
+import msgspec
+import pytest
+from support.robots import RIGHT, Bench
+
+from canopen_control.errors import CanopenError
+from canopen_control.hardware.axis_power import Action
+from canopen_control.runtime.node_readings import NodeReadings
+
+
+def read_anew(robot):
+    buses = {name: robot.bus_of(node) for name, node in robot.nodes.items()}
+    return NodeReadings(robot.nodes, buses, robot.joints.values(), robot.systems).at(robot.reactor.now())
+
+
+def test_of_a_robot_that_stands_only_the_age_is_new():
+    bench = Bench("readings")
+    bench.start()
+    before = bench.robot.node_readings.at(bench.reactor.now())["left_drive"]
+    bench.run(100)
+    after = bench.robot.node_readings.at(bench.reactor.now())["left_drive"]
+    assert after.axes is before.axes
+    assert after.sdo is before.sdo
+    later = bench.robot.node_readings.at(bench.reactor.now() + 7_000_000)["left_drive"]
+    assert later.age - after.age == pytest.approx(0.007)
+    assert msgspec.structs.replace(later, age=0.0) == msgspec.structs.replace(before, age=0.0)
+    bench.close()
+
+
+def test_whatever_happens_they_are_what_is_read_anew():
+    draw = random.Random(7)
+    bench = Bench("readings_drawn")
+    robot, met = bench.robot, set()
+    robot.start()
+    for _ in range(300):
+        bench.run(draw.randrange(1, 60))
+        chance = draw.random()
+        if chance < 0.2 and bench.drives:
+            action = draw.choice((Action.ENABLE, Action.DISABLE, Action.HALT, Action.FAULT_RESET))
+            with contextlib.suppress(CanopenError):
+                robot.axis(action, "all", lambda _error: None)
+        elif chance < 0.25:
+            for device in bench.drives.values():
+                device.drives[0].fault(0x4310, bench.reactor.now())
+        elif chance < 0.3:
+            bench.power_off(RIGHT) if RIGHT in bench.drives else bench.power_on(RIGHT)
+        told = robot.node_readings.at(bench.reactor.now())
+        assert told == read_anew(robot)
+        met |= {(node.nmt_state, node.axes[0].state, node.axes[0].error) for node in told.values()}
+    assert len(met) > 6, met
+    bench.close()
