@@ -182,7 +182,8 @@ class FaceRules:
         self, faces: Faces, who: str, what: str, claim: str | None, truth: str, calm: bool, now: int
     ) -> None:
         if claim is None or claim == truth or not calm:
-            self._wrong_since.pop((faces, who, what), None)
+            if self._wrong_since:
+                self._wrong_since.pop((faces, who, what), None)
         elif self._lasts((faces, who, what), _SOON_NS, now):
             self._tell_of(faces, f"{who} is told as {claim}, it is {truth}")
 
@@ -198,7 +199,8 @@ class FaceRules:
     def _judge_value(self, faces: Faces, shaft: _Shaft, which: int, value: float | None, calm: bool, now: int) -> None:
         what = _VALUES[which]
         if not calm or shaft.agrees(which, value):
-            self._wrong_since.pop((faces, shaft.joint, what), None)
+            if self._wrong_since:
+                self._wrong_since.pop((faces, shaft.joint, what), None)
         elif self._lasts((faces, shaft.joint, what), _EVERY_NS, now):
             true = shaft.truth[-1][which]
             self._tell_of(faces, f"the {what} of {shaft.joint} is told as {value}, it is {true:.4f}")

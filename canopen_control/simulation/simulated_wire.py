@@ -126,7 +126,7 @@ class SimulatedWire:
     def _report(self, label: str, frame: CanFrame) -> None:
         for port in self._ports.values():
             if port.label == label:
-                port.put(pack_records([frame]))
+                port.report(frame)
 
     def _plan(self) -> None:
         """Be there when the frame on the wire ends."""
@@ -222,7 +222,7 @@ class SimulatedPort:
         self._events = EventLog()
         self.events: Callable[[], list[BusEvent]] = self._events.drain
         """Return what happened since the last call."""
-        self._closed = False
+        self._closed = self._errors_wait = False
 
     @property
     def channel(self) -> str:
@@ -244,6 +244,11 @@ class SimulatedPort:
             self._actor.arrived()
         self._queue.append(records)
 
+    def report(self, frame: CanFrame) -> None:
+        """Queue an error frame, which its own controller makes."""
+        self._errors_wait = True
+        self.put(pack_records([frame]))
+
     def receive(self) -> bytes:
         """Return the whole records that wait, or ``b""``; raise `BusClosed` when the port was closed."""
         if self._closed:
@@ -255,7 +260,8 @@ class SimulatedPort:
         queue.clear()
         self._actor.selector.unmark(self._fileno)
         self.stats.rx += len(records) // RECORD_SIZE
-        if error_frames.has_error_frames(records):
+        if self._errors_wait:
+            self._errors_wait = False
             self._events.extend(note_errors(records, self.stats))
         return records
 
