@@ -285,7 +285,8 @@ class Session:
                 self._endpoints[name] = self._made(controller)
             for endpoint in self._endpoints[name]:
                 endpoint.on_controller(controller)
-        self.controllers, self._told = controllers, told
+        # what the answer says, which is newer than the sample that made us ask: they may have been switched in between
+        self.controllers, self._told = controllers, {name: each.state for name, each in controllers.items()}
         self._tell_outpaced()
 
     def _tell_outpaced(self) -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import json
+
 import pytest
 from support.ros import eventually
 
@@ -42,7 +44,29 @@ def test_a_controller_whose_name_ros_refuses_has_no_topics_and_the_next_one_has(
     assert "\n" not in told
 
 
+def knows_that_base_is_inactive(robot):
+    """Wait until the bridge has asked for the controllers, and for nothing of them since."""
+    assert eventually(lambda: robot.listed.get("base") == "inactive")
+    samples = robot._published
+    assert eventually(lambda: robot._published > samples + 10)
+
+
+def test_a_controller_that_is_switched_while_the_bridge_asks_is_not_taken_for_what_it_was_then(fresh):
+    robot = fresh.robot
+    knows_that_base_is_inactive(robot)
+    robot.holds = ("controllers",)
+    robot.switch(base="active")
+    assert eventually(lambda: robot._held)  # a sample has told it, and the bridge asks for all of them
+    robot.switch(base="inactive")
+    answer = json.loads(json.dumps(robot._list_controllers()))
+    robot.switch(base="active")
+    robot.holds = ()
+    robot.release_one(answer)
+    assert eventually(lambda: robot.listed["base"] == "active")
+
+
 def test_who_publishes_more_often_than_ros_is_given_is_told_once(fresh):
+    knows_that_base_is_inactive(fresh.robot)
     states = fresh.robot.controllers[0]
     states["publish_rate"] = 500.0
     try:

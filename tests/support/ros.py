@@ -114,7 +114,11 @@ class Peer:
 
     def _read(self):
         for line in self._process.stdout:
-            answer = json.loads(line)
+            try:
+                answer = json.loads(line)
+            except ValueError:  # what DDS prints there by itself, for who waits for an answer in vain
+                self._errors.append(line)
+                continue
             if "topic" in answer:
                 self._messages.setdefault(answer["topic"], Queue()).put(answer["message"])
             else:
