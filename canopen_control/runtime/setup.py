@@ -162,16 +162,9 @@ def read_robot(
     name = name or files.name
     on_drives = real or physics or drives
     read = partial(_buses, files, peer_merge, allow_unsupervised)
-    if files.bus_alone:
-        buses, description, control = _read_bus_alone(files, name, read, mock=mock)
-    else:
-        with reader or DescriptionReader(files.description, mappings=files.mappings(mock=mock)) as begun:
-            buses, description, control = _read_files(files, read, begun, strict=strict)
-    written, free = (control, description), tuple(control.controllers) if files.bus_alone else ()
-    if not files.bus_alone and not mock:
-        description, control, free = with_free_drives(description, control, buses)
-    if not buses:
-        _refuse_drives(files, description, mock=mock, real=on_drives)
+    buses, written, given = _read(files, name, read, reader, mock=mock, strict=strict)
+    description, control, free = _add_free_drives(files, buses, written, given, mock=mock)
+    _require_bus(files, buses, description, mock=mock, real=on_drives)
     channels = _channels(name, buses, can)
     sync = _choose_sync(buses, channels, description, kernel_sync=kernel_sync, mock=mock)
     return RobotSetup(
@@ -181,7 +174,7 @@ def read_robot(
         channels,
         description,
         control,
-        (*_wanted(files, *written, controllers), *free),
+        (*_wanted(files, given, written, controllers), *free),
         mock,
         tuple(_told_by_files(buses, control, description, mock=mock, real=on_drives)),
         real,
@@ -191,6 +184,25 @@ def read_robot(
         drives,
         simulate,
     )
+
+
+def _read(
+    files: RobotFiles, name: str, read: _ReadBuses, reader: DescriptionReader | None, *, mock: bool, strict: bool
+) -> tuple[dict[str, BusConfig], Description, ControllersFile]:
+    """Return the buses, the description and the controllers: as the files have them, else as a bus alone makes them."""
+    if files.bus_alone:
+        return _read_bus_alone(files, name, read, mock=mock)
+    with reader or DescriptionReader(files.description, mappings=files.mappings(mock=mock)) as begun:
+        return _read_files(files, read, begun, strict=strict)
+
+
+def _add_free_drives(
+    files: RobotFiles, buses: Mapping[str, BusConfig], description: Description, control: ControllersFile, *, mock: bool
+) -> tuple[Description, ControllersFile, tuple[str, ...]]:
+    """Return both with the controllers of the drives that take targets by themselves, and the names of these."""
+    if files.bus_alone:
+        return description, control, tuple(control.controllers)
+    return (description, control, ()) if mock else with_free_drives(description, control, buses)
 
 
 def _read_bus_alone(
@@ -285,9 +297,11 @@ def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
     return differing + doubled
 
 
-def _refuse_drives(files: RobotFiles, description: Description, *, mock: bool, real: bool) -> None:
-    """Raise RobotConfigError for a description that wants drives which no bus.yml describes."""
-    for tag in description.hardware:
+def _require_bus(
+    files: RobotFiles, buses: Mapping[str, BusConfig], description: Description, *, mock: bool, real: bool
+) -> None:
+    """Raise RobotConfigError for a description that wants drives where no bus.yml describes any."""
+    for tag in () if buses else description.hardware:
         if kind_of(description, tag, mock=mock, real=real) is Kind.CANOPEN:
             raise RobotConfigError(
                 f"{files.controllers.parent} has no bus.yml, and {tag.name} at {description.path}:{tag.place.line} "
