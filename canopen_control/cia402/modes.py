@@ -11,6 +11,7 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
+from canopen_control.cia402 import objects
 from canopen_control.errors import UnsupportedMode
 
 if TYPE_CHECKING:
@@ -19,12 +20,14 @@ if TYPE_CHECKING:
 __all__ = [
     "INTERFACE_MODES",
     "MODE_BITS",
+    "TARGET_OBJECTS",
     "ModeBits",
     "OperationMode",
     "mode_for_interface",
     "mode_name",
     "require_mode",
     "supported_modes",
+    "target_address",
 ]
 
 
@@ -68,6 +71,25 @@ INTERFACE_MODES: Mapping[str, tuple[OperationMode, ...]] = MappingProxyType(
     }
 )
 """Which modes serve a command interface, the best first."""
+
+TARGET_OBJECTS: Mapping[int, tuple[int, int]] = MappingProxyType(
+    {
+        OperationMode.PP: (objects.TARGET_POSITION, 0),
+        OperationMode.VL: (objects.VL_TARGET_VELOCITY, 0),
+        OperationMode.PV: (objects.TARGET_VELOCITY, 0),
+        OperationMode.TQ: (objects.TARGET_TORQUE, 0),
+        OperationMode.IP: (objects.INTERPOLATION_DATA, 1),
+        OperationMode.CSP: (objects.TARGET_POSITION, 0),
+        OperationMode.CSV: (objects.TARGET_VELOCITY, 0),
+        OperationMode.CST: (objects.TARGET_TORQUE, 0),
+    }
+)
+"""Mode to index and subindex of its target on axis 0; homing and the manufacturer's modes have none that we know."""
+
+
+def target_address(mode: int) -> tuple[int, int] | None:
+    """Return index and subindex of a mode's target on axis 0, None for a mode without one."""
+    return TARGET_OBJECTS.get(mode)
 
 
 def mode_for_interface(interface: str, supported: Iterable[int]) -> OperationMode:

@@ -22,8 +22,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ACCELERATION",
+    "DIGITAL_OUTPUTS",
     "EFFORT",
     "ERROR",
+    "MOTION",
     "OK",
     "POSITION",
     "TARGET",
@@ -37,6 +39,8 @@ __all__ = [
 ]
 
 
+MOTION: Final = (POSITION, VELOCITY, EFFORT)
+DIGITAL_OUTPUTS: Final = "digital_outputs"
 TARGET: Final = "target"
 """A command interface of what the drive's present mode of operation takes: a position, a velocity or an effort."""
 

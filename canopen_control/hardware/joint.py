@@ -2,7 +2,7 @@
 
 The law of this file: whether the axis may move is the state of its chart (`axis_power`), whose triggers are fired here:
 a target reaches the drive only in FOLLOWING; in every other state the target is standstill at the actual position, or
-ramps towards it (`mode_targets`). A drive whose statusword is gone while its node lives is told to quick stop, since
+ramps towards it (`joint_targets`). A drive whose statusword is gone while its node lives is told to quick stop, since
 nobody can see what else it would do.
 """
 
@@ -22,7 +22,7 @@ from canopen_control.hardware.homing_run import HomingPhase, HomingRun
 from canopen_control.hardware.interfaces import POSITION, TARGET
 from canopen_control.hardware.joint_events import JointEvent, StatusWatch, joint_event_of
 from canopen_control.hardware.joint_parts import JointParts
-from canopen_control.hardware.joint_targets import listed_modes
+from canopen_control.hardware.mode_choice import listed_modes
 from canopen_control.hardware.stop_group import Base, StopGroup
 from canopen_control.master.event_log import Level
 

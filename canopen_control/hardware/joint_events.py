@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.cia301.sdo_client import SdoRequest
     from canopen_control.cia402.events import DriveEvent
     from canopen_control.hardware.axis import Axis
-    from canopen_control.hardware.mode_target import ModeTarget
+    from canopen_control.hardware.joint_targets import ModeTarget
     from canopen_control.master.cycle import Output
 
 __all__ = ["FaultReason", "JointEvent", "StatusWatch", "joint_event_of"]

@@ -15,9 +15,9 @@ from canopen_control.hardware.axis_power import AxisPower, AxisState
 from canopen_control.hardware.axis_status import BLIND_STOP_NS
 from canopen_control.hardware.feedback import Feedback
 from canopen_control.hardware.homing_run import HomingRun, Reference
-from canopen_control.hardware.interfaces import POSITION, TARGET, VELOCITY, StateInterface
+from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, POSITION, TARGET, VELOCITY, StateInterface
 from canopen_control.hardware.joint_events import FaultReason, JointEvent
-from canopen_control.hardware.joint_targets import DIGITAL_OUTPUTS, JointTargets
+from canopen_control.hardware.joint_targets import JointTargets
 from canopen_control.master.event_log import Level
 
 if TYPE_CHECKING:

@@ -1,66 +1,60 @@
-"""From a command interface to the target object of a drive: the claimed interface, the mode that serves it, its target.
+"""From a command interface to the target object of a drive: what a joint is told, and what each mode makes of it.
 
-The law of this file: bus.yml decides the mode where it says something, else the best mode that the drive lists (0x6502)
-and whose target an RPDO carries, cyclic before profile; what cannot be is refused before anything is sent. One
-interface of motion at a time, but for what feeds a position forward (`feed_forward`). A mode change of an enabled drive
-is preceded by a cycle in which every target is at rest, since the new mode acts upon its target at once; whatever is
-not followed is held at the actual position, without velocity and effort.
+`JointTargets` has the interface that a controller claimed and the mode that serves it (`mode_choice`); the target of
+that mode (CiA 402-2) is a `ModeTarget`: `hold` is standstill where the axis is, for every cycle in which nothing may
+move, `follow` takes a target in SI units, nan for none, `slow` is one cycle of a controlled stop and tells when its
+target stands. A target that did not change costs one comparison.
+
+The law of this file: one interface of motion at a time, but for what feeds a position forward (`feed_forward`). A mode
+change of an enabled drive is preceded by a cycle in which every target is at rest, since the new mode acts upon its
+target at once; whatever is not followed is held at the actual position, without velocity and effort. CSP, IP and CSV
+have no ramp in the drive, so the master ramps, also to a stop; PP and PV leave the way to the drive. What is more than
+half a turn of the counter away, or does not fit its object, is no target: the axis stands, and `Axis.misfit` says so.
 """
 
 from __future__ import annotations
 
 import math
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
-from canopen_control.cia402.modes import (
-    INTERFACE_MODES,
-    OperationMode,
-    mode_for_interface,
-    require_mode,
-    supported_modes,
+from canopen_control.cia402.modes import OperationMode, require_mode, target_address
+from canopen_control.cia402.setpoint import SetPointHandshake
+from canopen_control.cia402.units import INT16_MAX, INT16_MIN, INT32_MAX, INT32_MIN, to_object, wrap_int32
+from canopen_control.errors import ControlError, DriveError
+from canopen_control.hardware.feed_forward import FeedForward
+from canopen_control.hardware.interfaces import (
+    DIGITAL_OUTPUTS,
+    EFFORT,
+    POSITION,
+    TARGET,
+    VELOCITY,
+    CommandInterface,
 )
-from canopen_control.cia402.units import INT32_MIN
-from canopen_control.errors import ControlError, DriveError, RobotConfigError
-from canopen_control.hardware.feed_forward import FEED_FORWARD, FeedForward
-from canopen_control.hardware.interfaces import EFFORT, POSITION, TARGET, VELOCITY, CommandInterface
-from canopen_control.hardware.mode_targets import make_target, target_address
+from canopen_control.hardware.mode_choice import choose_mode, listed_modes, require_mapped, require_targets
+from canopen_control.hardware.place_ramp import PlaceRamp
 from canopen_control.hardware.tracking import Tracking
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from canopen_control.cia402.drive import DriveMachine
+    from canopen_control.cia402.setpoint import SetPointEvent
     from canopen_control.hardware.axis import Axis
     from canopen_control.hardware.axis_parameters import AxisParameters
-    from canopen_control.hardware.mode_target import ModeTarget
+    from canopen_control.master.cycle import Output
     from canopen_control.urdf.ros2_control import ControlJoint
 
-__all__ = [
-    "DIGITAL_OUTPUTS",
-    "MOTION",
-    "JointTargets",
-    "choose_mode",
-    "listed_modes",
-    "require_targets",
-    "serving_objects",
-]
+__all__ = ["JointTargets", "ModeTarget", "VelocityTarget", "stop_slope"]
 
 UINT32_MAX: Final = (1 << 32) - 1
-DIGITAL_OUTPUTS: Final = "digital_outputs"
-MOTION: Final = (POSITION, VELOCITY, EFFORT)
+_NAN: Final = math.nan
 _PROFILE: Final = (objects.PROFILE_VELOCITY, objects.PROFILE_ACCELERATION)
-_M: Final = OperationMode
-_SERVED: Final = {
-    POSITION: (*INTERFACE_MODES[POSITION], OperationMode.IP),
-    VELOCITY: (*INTERFACE_MODES[VELOCITY], OperationMode.VL),
-    EFFORT: INTERFACE_MODES[EFFORT],
-    TARGET: (_M.PP, _M.PV, _M.VL, _M.CSP, _M.CSV, _M.IP, _M.TQ, _M.CST),
-}
-"""Command interface to the modes that serve it; the last ones only where no better one is there.
-
-A TARGET is served by all of them. The first is what a drive begins with: those in which the drive makes the ramp.
-"""
+_DEFAULT_STOP_S: Final = 0.5  # of a ramp where the drive tells no deceleration
+_VL_RUN: Final = 0x70  # bits 4, 5 and 6: enable ramp, unlock ramp, use the reference
+_INTERPOLATE: Final = 0x10
+_NEAR: Final = 1 << 30  # counts: closer than this no rounding makes a target lie beyond half a turn of its counter
 
 
 class JointTargets:
@@ -148,7 +142,7 @@ class JointTargets:
         if self.claimed == TARGET:
             if target_address(mode) is None:
                 raise DriveError(f"{self._axis.node.who}: mode {mode.name} takes no target; stay in one that does")
-            _require_mapped(self._axis, mode)
+            require_mapped(self._axis, mode)
         elif self.claimed is not None and self.mode_serves(mode) != self.claimed:
             raise ControlError(
                 f"{self._axis.node.who}: a controller commands its {self.claimed}, which mode "
@@ -272,89 +266,378 @@ class JointTargets:
             self.tracking.compare(name, positions=name == POSITION)
 
 
-def listed_modes(axis: Axis, parameters: AxisParameters) -> tuple[OperationMode, ...]:
-    """Return what 0x6502 lists: as read from the drive, else as the EDS has it; () where neither says.
+class ModeTarget:
+    """The target of one mode: what the modes share, and their verbs.
 
-    0 says nothing: a drive has a mode, and a maker who gives no value writes it too.
+    `output` carries it, `bits` are the mode's bits of the controlword; `handshakes` says that it has events of its own,
+    `tracks` that the axis is to be where the target is, or as fast, in every cycle.
     """
-    identity, entry = axis.node.identity, axis.node.od.get(axis.index(objects.SUPPORTED_DRIVE_MODES), 0)
-    at_boot = identity.supported_modes if identity is not None and len(axis.node.plan.axes) == 1 else None
-    in_eds = entry.value if entry is not None and isinstance(entry.value, int) else None
-    return supported_modes(parameters.get(objects.SUPPORTED_DRIVE_MODES) or at_boot or in_eds or 0)
+
+    interface = ""
+    bits = 0
+    handshakes = False
+    tracks = False
+
+    def __init__(self, axis: Axis, output: Output, machine: DriveMachine) -> None:
+        self._axis, self.output, self._machine = axis, output, machine
+        self._value = _NAN
+        self._blocked = 0
+        self._slope = 0.0  # of a stop that the master ramps
+
+    def hold(self) -> None:
+        """Stay where the axis is."""
+        raise NotImplementedError
+
+    def follow(self, value: float, now: int, period: float) -> None:
+        """Take a target in SI units, nan for none."""
+        raise NotImplementedError
+
+    def ramp(self, velocity: float, slope: float) -> None:
+        """Take a speed and an acceleration, in device units, for targets that are places to go to and no set-points."""
+
+    def slow(self, period: float) -> bool:
+        """Make one cycle of a controlled stop; True when the target stands."""
+        raise NotImplementedError
+
+    def span(self) -> tuple[float, float]:
+        """Return the lowest and the highest value that its object can hold now, in SI units."""
+        raise NotImplementedError
+
+    def pushes(self, value: float) -> bool:  # noqa: ARG002 - the verb of every mode
+        """Whether a target in SI units leads beyond the active limit; a position never does, it stays before it."""
+        return False
+
+    def events(self) -> Sequence[SetPointEvent]:
+        """Return what happened since the last call."""
+        return ()
+
+    def _same(self, value: float) -> bool:
+        """Whether the target is the one of the last cycle, under the same limits."""
+        if value == self._value and self._axis.limits.blocked == self._blocked:
+            return True
+        self._value, self._blocked = value, self._axis.limits.blocked
+        return False
 
 
-def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> OperationMode:
-    """Return the mode for a command interface; raises DriveError (UnsupportedMode) where there is none."""
-    config = axis.node.config
-    keys = config.motion
-    given = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}
-    given[TARGET] = next((mode for mode in given.values() if mode is not None), None)
-    wanted = given[interface]
-    listed = listed_modes(axis, parameters)
-    if wanted is not None:
-        require_mode(wanted, listed)
-        _require_mapped(axis, OperationMode(wanted))
-        return OperationMode(wanted)
-    if not listed:
-        raise DriveError(
-            f"{axis.node.who}: neither the drive nor its EDS tells which modes it has (0x6502); "
-            f"give {POSITION if interface == TARGET else interface}_mode in bus.yml"
-        )
-    candidates = [mode for mode in _SERVED[interface] if mode in listed]
-    for mode in candidates:
-        if _is_mapped(axis, mode):
-            return mode
-    for mode in candidates[:1]:
-        _require_mapped(axis, mode)
-    return mode_for_interface(POSITION if interface == TARGET else interface, listed)
+def stop_slope(axis: Axis, speed: float) -> float:
+    """Return units/s^2 of a stop: the drive's (0x6084), or what stops this speed in half a second."""
+    slope = axis.limits.deceleration
+    return slope if math.isfinite(slope) and slope > 0 else speed / _DEFAULT_STOP_S
 
 
-def serving_objects(interface: str) -> tuple[tuple[int, int], ...]:
-    """Return index and subindex, on axis 0, of the targets of all modes that serve a command interface."""
-    return tuple(each for each in map(target_address, _SERVED[interface]) if each is not None)
+class _ScaledTarget(ModeTarget):
+    """What the targets of velocities and torques share: a factor, and the ends of the object."""
+
+    low = INT16_MIN
+    high = INT16_MAX
+
+    def _factor(self) -> float:
+        """Return device units per SI unit."""
+        raise NotImplementedError
+
+    def span(self) -> tuple[float, float]:
+        """Return what the object holds, for a reversed axis too; not finite where the factor is that small."""
+        factor = self._factor()
+        ends = self.low / factor, self.high / factor
+        return min(ends), max(ends)
+
+    def pushes(self, value: float) -> bool:
+        """Whether a velocity or torque leads beyond the limit that is active."""
+        return value * self._factor() * self._axis.limits.blocked > 0  # not for nan
+
+    def _scaled(self, value: float) -> int:
+        """Return a target in device units; 0 for none, and for one that does not fit, which is noted."""
+        raw = to_object(value * self._factor(), self.low, self.high)
+        self._axis.misfit = _NAN if raw is not None else value
+        return 0 if raw is None else raw
 
 
-def require_targets(axis: Axis, interfaces: Collection[str]) -> None:
-    """Raise RobotConfigError for a command interface that no RPDO could serve, whatever the drive lists."""
-    for name in interfaces:
-        if name == DIGITAL_OUTPUTS:
-            if axis.digital_outputs is None:
-                raise _unmapped(axis, name, "0x60FE:01")
-        elif name == TARGET or (name in FEED_FORWARD and POSITION in interfaces and _feeds(axis, name)):
-            continue  # a drive on a bus alone may be there to be looked at: its enable says what is missing
-        elif name not in _SERVED:
-            raise RobotConfigError(
-                f"joint {axis.joint}: no command interface {name!r}; there are: {', '.join((*MOTION, DIGITAL_OUTPUTS))}"
-            )
-        elif not any(_is_mapped(axis, mode) for mode in _SERVED[name]):
-            index, _ = target_address(_SERVED[name][0]) or (0, 0)
-            what = f"0x{axis.index(index):04X}"
-            if name in FEED_FORWARD and POSITION in interfaces:
-                what += f", or beside its position give feed_forward: [{name}],"
-            raise _unmapped(axis, name, what)
+class VelocityTarget(_ScaledTarget):
+    """PV, where the drive ramps."""
+
+    interface = VELOCITY
+    tracks = True
+    low = INT32_MIN
+    high = INT32_MAX
+    ramped = False  # by the master
+
+    def hold(self) -> None:
+        """Command no velocity."""
+        self._value = _NAN
+        self._slope = 0.0
+        self.output.set(0)
+
+    def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
+        """Send a velocity within the drive's limits."""
+        axis = self._axis
+        blocked = axis.limits.blocked
+        if value == self._value and blocked == self._blocked:
+            return  # as `_same`, without the call
+        self._value, self._blocked = value, blocked
+        self._slope = 0.0
+        raw = self._scaled(value)
+        self.output.set(axis.limits.of_velocity(raw))
+
+    def _factor(self) -> float:
+        return self._axis.scale.vel_to_dev
+
+    def slow(self, period: float) -> bool:
+        """Go towards zero along the drive's deceleration; at once where the drive makes the ramp."""
+        raw: int = self.output.value
+        self._value = _NAN
+        if not self.ramped or raw == 0:
+            self.output.set(0)
+            return True
+        self._slope = self._slope or stop_slope(self._axis, abs(raw))
+        step = max(1, round(self._slope * period))
+        raw = max(0, raw - step) if raw > 0 else min(0, raw + step)
+        self.output.set(raw)
+        return raw == 0
 
 
-def _feeds(axis: Axis, interface: str) -> bool:
-    """Whether an RPDO carries the offset of a command interface that has no target of its own."""
-    return (axis.velocity_offset if interface == VELOCITY else axis.torque_offset) is not None
+class RampedVelocityTarget(VelocityTarget):
+    """CSV, where the master ramps."""
+
+    ramped = True
 
 
-def _is_mapped(axis: Axis, mode: int) -> bool:
+class WordVelocityTarget(VelocityTarget):
+    """VL: revolutions per minute in a word (0x6042), with the ramp of the drive unlocked."""
+
+    bits = _VL_RUN
+    low = INT16_MIN
+    high = INT16_MAX
+
+    def _factor(self) -> float:
+        return self._axis.rpm_to_dev
+
+
+class EffortTarget(_ScaledTarget):
+    """TQ and CST: a stop takes the torque away."""
+
+    interface = EFFORT
+
+    def hold(self) -> None:
+        """Command no torque."""
+        self._value = _NAN
+        self.output.set(0)
+
+    def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
+        """Send a torque within the drive's limits."""
+        if not self._same(value):
+            raw = self._scaled(value)
+            self.output.set(self._axis.limits.of_torque(raw))
+
+    def _factor(self) -> float:
+        return self._axis.scale.eff_to_dev
+
+    def slow(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
+        """Take the torque away."""
+        self.hold()
+        return True
+
+
+class _PositionTarget(ModeTarget):
+    """What the targets of positions share: where the axis is, turns of its counter included."""
+
+    def span(self) -> tuple[float, float]:
+        """Return what is less than half a turn of the counter away: beyond that the drive would go the other way."""
+        here, scale = self._axis.raw_position + self._axis.unwrap.offset, self._axis.scale
+        ends = [(here + way - scale.offset_pos_to_dev) / scale.pos_to_dev for way in (INT32_MIN + 1, INT32_MAX)]
+        return min(ends), max(ends)
+
+    def _count_of(self, value: float, none: int) -> int:
+        """Return the count of a target; `none` without one, and for one that does not fit, which is noted."""
+        axis = self._axis
+        scale = axis.scale
+        count = value * scale.pos_to_dev + scale.offset_pos_to_dev
+        if -_NEAR <= count - (axis.raw_position + axis.unwrap.offset) <= _NEAR:  # False for nan
+            axis.misfit = _NAN
+            return round(count)
+        if value != value:
+            return none
+        low, high = self.span()
+        fits = low <= value <= high
+        axis.misfit = _NAN if fits else value
+        return scale.position_count(value) if fits else none
+
+
+class PositionTarget(_PositionTarget):
+    """CSP: a target for every SYNC, in steps the drive can make; the master's ramp ends the motion."""
+
+    interface = POSITION
+    tracks = True
+
+    def __init__(self, axis: Axis, output: Output, machine: DriveMachine) -> None:
+        super().__init__(axis, output, machine)
+        self._count: int | None = None  # of the target, turns of the counter included; None: where the axis is
+        self._speed = 0.0  # counts per second
+        self._ramp = PlaceRamp()
+
+    def hold(self) -> None:
+        """Target the actual position."""
+        self._count, self._value = None, _NAN
+        self._speed = self._slope = 0.0
+        self._ramp.rest()
+        self.output.set(self._axis.raw_position)
+
+    def ramp(self, velocity: float, slope: float) -> None:
+        """See `ModeTarget`; infinite ones leave the way to the drive."""
+        counts = abs(self._axis.scale.pos_to_dev / self._axis.scale.vel_to_dev)
+        self._ramp.limit(velocity * counts, slope * counts)
+
+    def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
+        """Send a position, no faster than the drive's largest velocity; without one stay."""
+        if self._same(value) and self._speed == 0.0:
+            return
+        if self._ramp.speed and value != value:
+            if self.slow(period):
+                self._ramp.rest()
+            return
+        here = self._here() if self._count is None else self._count
+        self._go(here, self._towards(here, self._count_of(value, here), period), period)
+
+    def slow(self, period: float) -> bool:
+        """Let the target run out along the drive's deceleration."""
+        self._value = _NAN
+        if self._speed == 0.0:
+            return True
+        here = self._here()
+        self._slope = self._slope or stop_slope(self._axis, abs(self._speed))
+        left = max(0.0, abs(self._speed) - self._slope * period)
+        speed = math.copysign(left, self._speed)
+        self._go(here, here + round(speed * period), period)
+        self._speed = speed
+        return left == 0.0
+
+    def _here(self) -> int:
+        if self._count is None:
+            self._count = self._axis.raw_position + self._axis.unwrap.offset
+        return self._count
+
+    def _towards(self, here: int, target: int, period: float) -> int:
+        limits, way = self._axis.limits, target - here
+        if way * limits.blocked > 0:
+            self._ramp.rest()
+            return here
+        if self._ramp.limited:
+            return here + self._ramp.step(way, period, limits.velocity)
+        step = int(limits.velocity * period)
+        if -step <= way <= step:
+            return target
+        step = max(1, step)
+        return max(here - step, min(here + step, target))
+
+    def _go(self, here: int, count: int, period: float) -> None:
+        """Send a count, as far as the software limits let it, instead of the one sent last."""
+        axis = self._axis
+        limits, offset = axis.limits, axis.unwrap.offset
+        raw = wrap_int32(count - offset)
+        if not limits.low <= raw <= limits.high:
+            bounded = limits.of_position(raw)
+            if bounded != raw:
+                raw, count = bounded, bounded + offset
+        self._speed = (count - here) / period if period > 0 else 0.0
+        self._count = count
+        if raw != self.output.value:
+            self.output.set(raw)
+
+
+class InterpolatedTarget(PositionTarget):
+    """IP: as CSP, with interpolation switched on."""
+
+    bits = _INTERPOLATE
+
+
+class SetPointTarget(_PositionTarget):
+    """PP: every new target is a set-point with its own handshake; a stop is the drive's halt (0x605D)."""
+
+    interface = POSITION
+    handshakes = True
+
+    def __init__(self, axis: Axis, output: Output, machine: DriveMachine) -> None:
+        super().__init__(axis, output, machine)
+        self._handshake = SetPointHandshake()
+        self._given: int | None = None
+
+    def hold(self) -> None:
+        """Give up the set-point and target the actual position."""
+        self._value, self._given = _NAN, None
+        if self._handshake.busy:
+            self._handshake.abort("the axis is not enabled")
+            self._handshake.update(None, ready=False, now=0)
+        self.bits = 0
+        self.output.set(self._axis.raw_position)
+
+    def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
+        """Hand a new target to the drive, in place of one it is under way to; with none it comes to rest on the way."""
+        handshake, machine = self._handshake, self._machine
+        if self._same(value):
+            pass
+        elif not math.isnan(value):
+            self._give(value)
+        elif self._given is not None:
+            self._take_back(self._given)
+        if handshake.busy:
+            self.bits = handshake.update(machine.statusword, ready=True, now=now, halted=machine.halted)
+            if handshake.target is not None:
+                self.output.set(handshake.target)
+
+    def move(self, count: int, *, relative: bool) -> None:
+        """Give one set-point in device units, from outside any controller."""
+        self._handshake.move(count, relative=relative, immediately=True)
+
+    def slow(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
+        """Let the drive ramp down by its halt option."""
+        self._value, self._given = _NAN, None
+        if self._handshake.busy:
+            self._handshake.abort("stopped")
+            self._handshake.update(self._machine.statusword, ready=False, now=0)
+        self.bits = 0
+        self._machine.halt(True)
+        return True
+
+    def events(self) -> Sequence[SetPointEvent]:
+        """Return what happened to the set-points."""
+        return self._handshake.events()
+
+    def _take_back(self, given: int) -> None:
+        """Let the drive come to rest where its own ramp ends, unless it is at the target that is taken back."""
+        self._given = None
+        axis, here = self._axis, self._axis.raw_position
+        if not self._handshake.busy:
+            return
+        velocity = axis.velocity.value if axis.velocity is not None and axis.velocity.fresh else 0
+        way = velocity * abs(velocity) / (2 * stop_slope(axis, max(1, abs(velocity))))
+        rest = here + round(way * abs(axis.scale.pos_to_dev / axis.scale.vel_to_dev))
+        low, high = min(here, given), max(here, given)
+        self._handshake.move(max(low, min(high, rest)), immediately=True)
+
+    def _give(self, value: float) -> None:
+        axis = self._axis
+        count = self._count_of(value, axis.raw_position + axis.unwrap.offset)
+        raw = axis.limits.of_position(axis.unwrap.raw_of(count))
+        if raw != self._given:
+            self._given = raw
+            self._handshake.move(raw, immediately=True)
+
+
+_MADE_BY: Final[Mapping[int, Callable[[Axis, Output, DriveMachine], ModeTarget]]] = MappingProxyType(
+    {
+        OperationMode.PP: SetPointTarget,
+        OperationMode.VL: WordVelocityTarget,
+        OperationMode.PV: VelocityTarget,
+        OperationMode.TQ: EffortTarget,
+        OperationMode.IP: InterpolatedTarget,
+        OperationMode.CSP: PositionTarget,
+        OperationMode.CSV: RampedVelocityTarget,
+        OperationMode.CST: EffortTarget,
+    }
+)
+
+
+def make_target(mode: int, axis: Axis, machine: DriveMachine) -> ModeTarget | None:
+    """Return the target of `mode`, None where the mode has none or no RPDO carries it."""
     address = target_address(mode)
-    return address is not None and axis.output(*address) is not None
-
-
-def _require_mapped(axis: Axis, mode: OperationMode) -> None:
-    if not _is_mapped(axis, mode):
-        index, subindex = target_address(mode) or (0, 0)
-        raise DriveError(
-            f"{axis.node.who}: no RPDO carries 0x{axis.index(index):04X}:{subindex:02X}, "
-            f"the target of mode {mode.name}; map it in bus.yml"
-        )
-
-
-def _unmapped(axis: Axis, interface: str, what: str) -> RobotConfigError:
-    return RobotConfigError(
-        f"joint {axis.joint}: no RPDO of {axis.node.name} carries the target of its command interface {interface!r}; "
-        f"map {what} in bus.yml or drop the interface"
-    )
+    output = None if address is None else axis.output(*address)
+    return None if output is None else _MADE_BY[mode](axis, output, machine)

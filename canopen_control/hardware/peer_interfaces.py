@@ -11,7 +11,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.objects import axis_index
-from canopen_control.hardware.joint_targets import MOTION, serving_objects
+from canopen_control.hardware.interfaces import MOTION
+from canopen_control.hardware.mode_choice import serving_objects
 from canopen_control.urdf.declared_interface import InterfaceInfo
 
 if TYPE_CHECKING:

@@ -14,9 +14,8 @@ from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface, nearest
 from canopen_control.hardware.axis_power import STOPPED
 from canopen_control.hardware.device_parts import DeviceParts, is_measured
-from canopen_control.hardware.interfaces import OK, TARGET, ReturnType
+from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, TARGET, ReturnType
 from canopen_control.hardware.joint import JointDrive
-from canopen_control.hardware.joint_targets import DIGITAL_OUTPUTS
 from canopen_control.hardware.lifecycle import Lifecycle
 from canopen_control.hardware.recovery import Recovery, enable_together
 from canopen_control.hardware.stop_group import StopGroup

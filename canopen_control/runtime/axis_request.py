@@ -15,7 +15,7 @@ from canopen_control.cia402.modes import OperationMode, require_mode
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import ControlError, UnknownName
 from canopen_control.hardware.axis_power import Action
-from canopen_control.hardware.joint_targets import listed_modes
+from canopen_control.hardware.mode_choice import listed_modes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence

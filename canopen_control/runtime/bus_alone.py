@@ -31,7 +31,7 @@ from canopen_control.controllers.drive_target import TYPE
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import EFFORT, POSITION, TARGET, VELOCITY
-from canopen_control.hardware.joint_targets import serving_objects
+from canopen_control.hardware.mode_choice import serving_objects
 from canopen_control.hardware.system import PLUGINS
 from canopen_control.urdf.declared_interface import InterfaceInfo
 from canopen_control.urdf.description import Description

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["AxisFacts", "StopCase", "StopTime", "stop_time"]
 
-DEFAULT_RAMP_S: Final = 0.5  # of a master's ramp where the drive has no 0x6084, as `mode_targets` makes it
+DEFAULT_RAMP_S: Final = 0.5  # of a master's ramp where the drive has no 0x6084, as `hardware.joint_targets` makes it
 _RAMPS: Final = {Reaction.SLOW_DOWN_RAMP: o.PROFILE_DECELERATION, Reaction.QUICK_STOP_RAMP: o.QUICK_STOP_DECELERATION}
 
 _LOST: Final[Mapping[Command | State | None, int]] = {

@@ -1,177 +1,216 @@
-"""The claimed interface, its mode and its target."""
+"""The claimed interface, its mode and its target; every mode under a controller, and how it comes to rest."""
 
 import math
-from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
-from support.busalone import AloneBench, write_drives
 from support.generic import write_generic
-from support.robots import Bench, copy_robby
+from support.robots import Bench
+from support.servos import DECELERATION, command
 
 from canopen_control.cia402.modes import OperationMode
-from canopen_control.errors import DriveError, RobotConfigError, UnsupportedMode
-from canopen_control.hardware.joint import Action
-from canopen_control.hardware.joint_targets import choose_mode, listed_modes
+from canopen_control.errors import UnsupportedMode
+from canopen_control.hardware.joint_targets import ModeTarget, stop_slope
 
 
 @pytest.fixture
-def servo(tmp_path):
+def robby(tmp_path):
     bench = Bench("targets", config=write_generic(tmp_path), drives=(2, 3), controllers=["velocity"])
     bench.start()
     yield bench
     bench.close()
 
 
-def test_a_claim_brings_its_mode_and_its_command(servo):
-    targets = servo.joint(2).targets
+def test_a_claim_brings_its_mode_and_its_command(robby):
+    targets = robby.joint(2).targets
     assert targets.claimed == "velocity"
     assert targets.mode is OperationMode.CSV
     assert targets.mode_serves(OperationMode.PP) == "position"
     assert targets.mode_serves(OperationMode.HM) is None
 
 
-def test_a_new_mode_of_an_enabled_drive_waits_for_a_cycle_at_rest(servo):
-    servo.robot.command("velocity", [1.0, 1.0], "test")
-    servo.run(300)
-    joint = servo.joint(2)
+def test_a_new_mode_of_an_enabled_drive_waits_for_a_cycle_at_rest(robby):
+    robby.robot.command("velocity", [1.0, 1.0], "test")
+    robby.run(300)
+    joint = robby.joint(2)
     joint.targets.claim("position")
     assert joint.targets.pending is OperationMode.CSP
     assert joint.machine.mode == OperationMode.CSV
-    servo.run(10)
+    robby.run(10)
     assert joint.axis.output(0x607A).value == pytest.approx(joint.axis.raw_position, abs=500)
     assert joint.axis.output(0x60FF).value == 0
-    servo.run(100)
+    robby.run(100)
     assert joint.machine.mode == OperationMode.CSP
     assert joint.enabled
 
 
-def test_a_mode_that_the_drive_lacks_is_refused(servo):
+def test_a_mode_that_the_drive_lacks_is_refused(robby):
     with pytest.raises(UnsupportedMode):
-        servo.joint(2).targets.set_mode(OperationMode.CSTCA)
+        robby.joint(2).targets.set_mode(OperationMode.CSTCA)
 
 
-def test_the_limits_of_the_description_hold(servo):
-    joint = servo.joint(2)
+def test_the_limits_of_the_description_hold(robby):
+    joint = robby.joint(2)
     command = joint.commands["velocity"]
     command.minimum, command.maximum = -0.5, 0.25
     for value, expected in ((1.0, 0.25), (-1.0, -0.5), (0.1, 0.1)):
-        servo.robot.command("velocity", [value, value], "test")
-        servo.run(20)
+        robby.robot.command("velocity", [value, value], "test")
+        robby.run(20)
         assert joint.axis.output(0x60FF).value == pytest.approx(expected * 65536 / math.tau, abs=1)
 
 
-def test_a_mode_that_does_not_serve_the_claim_follows_nothing(servo):
-    joint = servo.joint(2)
+def test_a_mode_that_does_not_serve_the_claim_follows_nothing(robby):
+    joint = robby.joint(2)
     joint.targets.take_mode(OperationMode.PP)
-    servo.robot.command("velocity", [1.0, 1.0], "test")
-    servo.run(200)
+    robby.robot.command("velocity", [1.0, 1.0], "test")
+    robby.run(200)
     assert joint.axis.output(0x60FF).value == 0
     assert joint.targets.handshakes
 
 
-@pytest.fixture
-def bench(tmp_path):
-    benches = []
-
-    def make(config, **how):
-        benches.append(Bench(f"choice{len(benches)}", config=config, **how))
-        return benches[-1]
-
-    yield make
-    for each in benches:
-        each.close()
-
-
-def chosen(joint, interface):
-    return choose_mode(joint.axis, joint.parameters, interface)
-
-
-def test_cyclic_goes_before_profile_and_what_the_drive_reads_goes_before_its_eds(bench, tmp_path):
-    servo = bench(write_generic(tmp_path), drives=(2, 3), controllers=["velocity"])
-    joint = servo.joint(2)
-    assert chosen(joint, "velocity") is OperationMode.CSV
-    assert chosen(joint, "position") is OperationMode.CSP
-    assert chosen(joint, "effort") is OperationMode.CST
-    joint.parameters.values[0x6502, 0] = 1 << 0 | 1 << 1
-    assert chosen(joint, "position") is OperationMode.PP
-    assert chosen(joint, "velocity") is OperationMode.VL
-    with pytest.raises(UnsupportedMode):
-        chosen(joint, "effort")
-    assert listed_modes(joint.axis, joint.parameters) == (OperationMode.PP, OperationMode.VL)
-
-
-def test_a_mode_of_bus_yml_must_be_listed_and_its_target_mapped(bench, tmp_path):
-    robby = bench(str(copy_robby(tmp_path, bus={"  position_mode: 1\n": "  position_mode: 8\n  effort_mode: 1\n"})))
-    joint = robby.joint(3)
-    assert chosen(joint, "position") is OperationMode.CSP
-    joint.parameters.values[0x6502, 0] = 0x3FF
-    object.__setattr__(joint.node.config.motion, "velocity_mode", 2)
-    with pytest.raises(DriveError, match=r"no RPDO carries 0x6042:00, the target of mode VL"):
-        chosen(joint, "velocity")
-
-
-def test_a_list_of_nothing_says_nothing_and_bus_yml_has_the_word(bench, tmp_path):
-    servo = bench(write_generic(tmp_path, modes="velocity_mode: 3"), drives=(2, 3), controllers=["velocity"])
-    joint = servo.joint(2)
-    joint.parameters.values[0x6502, 0] = 0
-    assert chosen(joint, "position") is OperationMode.CSP  # the EDS tells
-    eds = joint.node.od.entries
-    eds[0x6502, 0] = replace(eds[0x6502, 0], default=None)
-    assert listed_modes(joint.axis, joint.parameters) == ()
-    assert chosen(joint, "velocity") is OperationMode.PV
-    with pytest.raises(DriveError, match=r"0x6502.* give position_mode in bus.yml"):
-        chosen(joint, "position")
-    joint.parameters.values[0x6502, 0] = 0x3EF  # the live drive goes before both
-    assert chosen(joint, "position") is OperationMode.CSP
-
-
-def test_an_interface_that_nothing_serves_is_an_error_of_the_description(bench, tmp_path):
-    config = copy_robby(
-        tmp_path, description={'<command_interface name="velocity"/>': '<command_interface name="colour"/>'}
-    )
-    with pytest.raises(RobotConfigError, match="no command interface 'colour'"):
-        bench(config)
-
-
-def test_outputs_must_be_mapped(bench, tmp_path):
-    new = '<command_interface name="velocity"/><command_interface name="digital_outputs"/>'
-    config = copy_robby(tmp_path, description={'<command_interface name="velocity"/>': new})
-    with pytest.raises(RobotConfigError, match="0x60FE"):
-        bench(config)
-
-
-def test_a_target_begins_with_a_mode_in_which_the_drive_makes_the_ramp_or_with_that_of_bus_yml(tmp_path):
-    for number, (modes, first) in enumerate([("", "PP"), ("velocity_mode: 9", "CSV"), ("effort_mode: 4", "TQ")]):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        drives = AloneBench(f"firstmode{number}", config=write_drives(folder, modes=modes), drives=(2, 3))
-        drives.start()
-        assert drives.joint(2).targets.mode is None  # a claim alone asks for nothing
-        drives.enable("drive_one")
-        assert drives.joint(2).targets.mode is OperationMode[first]
-        drives.close()
-
-
-def test_a_mode_without_a_target_or_without_an_rpdo_is_refused_where_targets_are_given(tmp_path):
-    config = write_drives(tmp_path)
-    bus = config / "bus.yml"
-    bus.write_text(bus.read_text().replace("{index: 0x6071}, ", ""))
-    drives = AloneBench("nomode", config=config, drives=(2, 3))
-    drives.start()
-    for mode, words in (("HM", "takes no target"), ("CST", "0x6071")):
-        assert words in drives.axis(Action.MODE, "drive_one", mode=mode)
-    drives.mode("CSV")
-    drives.close()
-
-
-def test_what_a_boot_read_is_no_target_of_an_axis_that_has_moved_since(servo):
-    targets = servo.joint(2).targets
+def test_what_a_boot_read_is_no_target_of_an_axis_that_has_moved_since(robby):
+    targets = robby.joint(2).targets
     targets.take_mode(OperationMode.CSP)
     targets.hold()
-    output, here = targets.current.output, servo.joint(2).axis.raw_position
+    output, here = targets.current.output, robby.joint(2).axis.raw_position
     output.know(here + 2370)  # as the presets of a boot do
     targets.hold()
     assert output.value == here + 2370  # nobody writes anew what is held
     targets.came()
     targets.hold()
     assert output.value == here
+
+
+@pytest.mark.parametrize(("key", "mode"), [("", 9), ("velocity_mode: 3", 3), ("velocity_mode: 2", 2)])
+def test_velocity_by_csv_else_pv_else_vl(servo, key, mode):
+    robby = servo("velocity", key)
+    command(robby, "velocity", 2.0, 1000)
+    assert robby.drives[2].get(0x6061) == mode
+    assert robby.joint(2).states["velocity"].value == pytest.approx(2.0, rel=0.02)
+    command(robby, "velocity", -1.0, 1000)
+    assert robby.joint(2).states["velocity"].value == pytest.approx(-1.0, rel=0.06)  # VL counts whole rpm
+
+
+@pytest.mark.parametrize(("key", "mode"), [("", 10), ("effort_mode: 4", 4)])
+def test_effort_by_cst_else_tq(servo, key, mode):
+    robby = servo("effort", key)
+    command(robby, "effort", 100.0, 300)
+    assert robby.drives[2].get(0x6061) == mode
+    assert robby.drives[2].get(0x6071) == 100
+    assert robby.joint(2).states["effort"].value == pytest.approx(0.1)
+    robby.robot.stop(lambda _error: None)
+    robby.run(30)
+    assert robby.drives[2].get(0x6071) == 0
+
+
+@pytest.mark.parametrize(
+    ("controller", "key"),
+    [("velocity", ""), ("velocity", "velocity_mode: 3"), ("position", ""), ("position", "position_mode: 7")],
+)
+def test_a_stop_is_a_ramp_in_every_mode(servo, controller, key):
+    """In CSV, CSP and IP the master makes it: the drive would stop as fast as it can."""
+    robby = servo(controller, key)
+    value = 0.0
+    for _ in range(100):
+        value = value + 0.02 if controller == "position" else 2.0
+        command(robby, controller, value, 10)
+    fast = abs(robby.speed(2))
+    assert fast == pytest.approx(2.0 * 65536 / math.tau, rel=0.03)
+    begin = robby.reactor.now()
+    robby.robot.stop(lambda _error: None)
+    steps, last = [], fast
+    while not robby.standing(2):
+        robby.run(10)
+        steps.append(last - abs(robby.speed(2)))
+        last = abs(robby.speed(2))
+    took = (robby.reactor.now() - begin) / 1e9
+    assert took == pytest.approx(2.0 / DECELERATION, abs=0.05)
+    assert max(steps) <= 262144 * 0.01 * 1.6, "no jump"
+    assert not robby.found("fault")
+    robby.disabled_after()
+
+
+@pytest.mark.parametrize(("key", "mode"), [("", 8), ("position_mode: 1", 1), ("position_mode: 7", 7)])
+def test_position_by_csp_else_pp_else_ip(servo, key, mode):
+    robby = servo("position", key)
+    value = 0.0
+    for step in range(300):  # a slow path: IP has no ramp of its own
+        value = min(0.5, step * 0.002)
+        command(robby, "position", value, 10)
+    robby.run(500)
+    assert robby.drives[2].get(0x6061) == mode
+    assert robby.joint(2).states["position"].value == pytest.approx(0.5, abs=0.001)
+    assert not robby.found("fault")
+
+
+def test_a_position_jump_in_csp_is_made_with_the_largest_velocity(servo):
+    robby = servo("position", sdo="- {index: 0x607F, sub_index: 0, value: 20000}")
+    fastest = []
+    robby.robot.after_cycle.append(lambda _now: fastest.append(abs(robby.speed(2))))
+    command(robby, "position", 5.0, 4000)
+    assert robby.joint(2).states["position"].value == pytest.approx(5.0, abs=0.01)
+    assert max(fastest) <= 20500
+
+
+def test_without_a_command_an_enabled_axis_stays_where_it_is(servo):
+    robby = servo("position")
+    before = robby.drives[2].get(0x6064)
+    robby.run(500)
+    assert robby.drives[2].get(0x6064) == before
+    assert robby.joint(2).enabled
+
+
+def test_a_new_mode_finds_its_target_at_the_actual_position(servo):
+    robby = servo("velocity")
+    command(robby, "velocity", 2.0, 1000)
+    here = robby.drives[2].get(0x6064)
+    robby.robot.switch(["position"], ["velocity"], strict=True)
+    fastest = []
+    robby.robot.after_cycle.append(lambda _now: fastest.append(abs(robby.speed(2))))
+    robby.run(1500)
+    assert robby.drives[2].get(0x6061) == 8
+    assert abs(robby.drives[2].get(0x6064) - here) < 65536 / 4
+    assert max(fastest) < 2.2 * 65536 / math.tau
+    assert not robby.found("fault")
+
+
+def test_digital_outputs_and_inputs_travel_where_they_are_mapped(servo):
+    robby = servo("velocity")
+    robby.joint(2).commands["digital_outputs"].value = float(0x30001)
+    robby.run(50)
+    assert robby.drives[2].get(0x60FE, 1) == 0x30001
+    robby.drives[2].drives[0].set_inputs(1 << 16, robby.reactor.now())
+    robby.run(50)
+    states = robby.joint(2).states
+    assert states["digital_inputs"].value == 1 << 16
+    assert states["nmt_state"].value == 5
+    assert states["statusword"].value == robby.joint(2).statusword
+    assert 0 <= states["age"].value <= 0.02
+    assert states["error_code"].value == 0
+
+
+def axis(deceleration=math.inf):
+    return SimpleNamespace(limits=SimpleNamespace(deceleration=deceleration, blocked=0))
+
+
+def target():
+    return ModeTarget(axis(), SimpleNamespace(value=0), SimpleNamespace())
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize(("told", "slope"), [(4000.0, 4000.0), (math.inf, 200.0), (0.0, 200.0), (math.nan, 200.0)])
+def test_a_drive_that_tells_no_deceleration_is_stopped_in_half_a_second(told, slope):
+    assert stop_slope(axis(told), 100) == slope
+
+
+@pytest.mark.sources
+def test_a_target_of_no_mode_pushes_nowhere_and_has_no_events():
+    assert not target().pushes(1.0)
+    assert target().events() == ()
+
+
+@pytest.mark.sources  # compiled classes take no stand-ins
+@pytest.mark.parametrize("verb", ["hold", "span"])
+def test_what_a_mode_must_say_itself_has_no_default(verb):
+    with pytest.raises(NotImplementedError):
+        getattr(target(), verb)()

@@ -9,7 +9,7 @@ from canopen_control.controllers.manager import ControllerManager
 from canopen_control.controllers.running import RunningControllers
 from canopen_control.hardware.interfaces import OK
 from canopen_control.hardware.joint import JointDrive
-from canopen_control.hardware.mode_targets import VelocityTarget
+from canopen_control.hardware.joint_targets import VelocityTarget
 from canopen_control.hardware.recovery import Recovery
 from canopen_control.hardware.system import CanopenSystem
 from canopen_control.host.lineserver import Connection, LineServer

@@ -1,0 +1,139 @@
+"""Which mode of operation serves a command interface of a joint (0x6502, CiA 402-2), and whether an RPDO carries it.
+
+The law of this file: bus.yml decides the mode where it says something, else the best mode that the drive lists (0x6502)
+and whose target an RPDO carries, cyclic before profile; what cannot be is refused before anything is sent.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402 import objects
+from canopen_control.cia402.modes import (
+    INTERFACE_MODES,
+    OperationMode,
+    mode_for_interface,
+    require_mode,
+    supported_modes,
+    target_address,
+)
+from canopen_control.errors import DriveError, RobotConfigError
+from canopen_control.hardware.feed_forward import FEED_FORWARD
+from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, EFFORT, MOTION, POSITION, TARGET, VELOCITY
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis_parameters import AxisParameters
+
+__all__ = ["choose_mode", "listed_modes", "require_mapped", "require_targets", "serving_objects"]
+
+_SERVED: Final = {
+    POSITION: (*INTERFACE_MODES[POSITION], OperationMode.IP),
+    VELOCITY: (*INTERFACE_MODES[VELOCITY], OperationMode.VL),
+    EFFORT: INTERFACE_MODES[EFFORT],
+    TARGET: (
+        OperationMode.PP,
+        OperationMode.PV,
+        OperationMode.VL,
+        OperationMode.CSP,
+        OperationMode.CSV,
+        OperationMode.IP,
+        OperationMode.TQ,
+        OperationMode.CST,
+    ),
+}
+"""Command interface to the modes that serve it; the last ones only where no better one is there.
+
+A TARGET is served by all of them. The first is what a drive begins with: those in which the drive makes the ramp.
+"""
+
+
+def listed_modes(axis: Axis, parameters: AxisParameters) -> tuple[OperationMode, ...]:
+    """Return what 0x6502 lists: as read from the drive, else as the EDS has it; () where neither says.
+
+    0 says nothing: a drive has a mode, and a maker who gives no value writes it too.
+    """
+    identity, entry = axis.node.identity, axis.node.od.get(axis.index(objects.SUPPORTED_DRIVE_MODES), 0)
+    at_boot = identity.supported_modes if identity is not None and len(axis.node.plan.axes) == 1 else None
+    in_eds = entry.value if entry is not None and isinstance(entry.value, int) else None
+    return supported_modes(parameters.get(objects.SUPPORTED_DRIVE_MODES) or at_boot or in_eds or 0)
+
+
+def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> OperationMode:
+    """Return the mode for a command interface; raises DriveError (UnsupportedMode) where there is none."""
+    config = axis.node.config
+    keys = config.motion
+    given = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}
+    given[TARGET] = next((mode for mode in given.values() if mode is not None), None)
+    wanted = given[interface]
+    listed = listed_modes(axis, parameters)
+    if wanted is not None:
+        require_mode(wanted, listed)
+        require_mapped(axis, OperationMode(wanted))
+        return OperationMode(wanted)
+    if not listed:
+        raise DriveError(
+            f"{axis.node.who}: neither the drive nor its EDS tells which modes it has (0x6502); "
+            f"give {POSITION if interface == TARGET else interface}_mode in bus.yml"
+        )
+    candidates = [mode for mode in _SERVED[interface] if mode in listed]
+    for mode in candidates:
+        if _is_mapped(axis, mode):
+            return mode
+    for mode in candidates[:1]:
+        require_mapped(axis, mode)
+    return mode_for_interface(POSITION if interface == TARGET else interface, listed)
+
+
+def serving_objects(interface: str) -> tuple[tuple[int, int], ...]:
+    """Return index and subindex, on axis 0, of the targets of all modes that serve a command interface."""
+    return tuple(each for each in map(target_address, _SERVED[interface]) if each is not None)
+
+
+def require_targets(axis: Axis, interfaces: Collection[str]) -> None:
+    """Raise RobotConfigError for a command interface that no RPDO could serve, whatever the drive lists."""
+    for name in interfaces:
+        if name == DIGITAL_OUTPUTS:
+            if axis.digital_outputs is None:
+                raise _unmapped(axis, name, "0x60FE:01")
+        elif name == TARGET or (name in FEED_FORWARD and POSITION in interfaces and _feeds(axis, name)):
+            continue  # a drive on a bus alone may be there to be looked at: its enable says what is missing
+        elif name not in _SERVED:
+            raise RobotConfigError(
+                f"joint {axis.joint}: no command interface {name!r}; there are: {', '.join((*MOTION, DIGITAL_OUTPUTS))}"
+            )
+        elif not any(_is_mapped(axis, mode) for mode in _SERVED[name]):
+            index, _ = target_address(_SERVED[name][0]) or (0, 0)
+            what = f"0x{axis.index(index):04X}"
+            if name in FEED_FORWARD and POSITION in interfaces:
+                what += f", or beside its position give feed_forward: [{name}],"
+            raise _unmapped(axis, name, what)
+
+
+def _feeds(axis: Axis, interface: str) -> bool:
+    """Whether an RPDO carries the offset of a command interface that has no target of its own."""
+    return (axis.velocity_offset if interface == VELOCITY else axis.torque_offset) is not None
+
+
+def _is_mapped(axis: Axis, mode: int) -> bool:
+    address = target_address(mode)
+    return address is not None and axis.output(*address) is not None
+
+
+def require_mapped(axis: Axis, mode: OperationMode) -> None:
+    """Raise DriveError where no RPDO carries the target of a mode."""
+    if not _is_mapped(axis, mode):
+        index, subindex = target_address(mode) or (0, 0)
+        raise DriveError(
+            f"{axis.node.who}: no RPDO carries 0x{axis.index(index):04X}:{subindex:02X}, "
+            f"the target of mode {mode.name}; map it in bus.yml"
+        )
+
+
+def _unmapped(axis: Axis, interface: str, what: str) -> RobotConfigError:
+    return RobotConfigError(
+        f"joint {axis.joint}: no RPDO of {axis.node.name} carries the target of its command interface {interface!r}; "
+        f"map {what} in bus.yml or drop the interface"
+    )

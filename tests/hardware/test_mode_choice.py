@@ -1,0 +1,108 @@
+"""Which mode serves a command interface: what bus.yml says, what the drive lists, what an RPDO carries."""
+
+from dataclasses import replace
+
+import pytest
+from support.busalone import AloneBench, write_drives
+from support.generic import write_generic
+from support.robots import Bench, copy_robby
+
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.errors import DriveError, RobotConfigError, UnsupportedMode
+from canopen_control.hardware.joint import Action
+from canopen_control.hardware.mode_choice import choose_mode, listed_modes
+
+
+@pytest.fixture
+def bench(tmp_path):
+    benches = []
+
+    def make(config, **how):
+        benches.append(Bench(f"choice{len(benches)}", config=config, **how))
+        return benches[-1]
+
+    yield make
+    for each in benches:
+        each.close()
+
+
+def chosen(joint, interface):
+    return choose_mode(joint.axis, joint.parameters, interface)
+
+
+def test_cyclic_goes_before_profile_and_what_the_drive_reads_goes_before_its_eds(bench, tmp_path):
+    servo = bench(write_generic(tmp_path), drives=(2, 3), controllers=["velocity"])
+    joint = servo.joint(2)
+    assert chosen(joint, "velocity") is OperationMode.CSV
+    assert chosen(joint, "position") is OperationMode.CSP
+    assert chosen(joint, "effort") is OperationMode.CST
+    joint.parameters.values[0x6502, 0] = 1 << 0 | 1 << 1
+    assert chosen(joint, "position") is OperationMode.PP
+    assert chosen(joint, "velocity") is OperationMode.VL
+    with pytest.raises(UnsupportedMode):
+        chosen(joint, "effort")
+    assert listed_modes(joint.axis, joint.parameters) == (OperationMode.PP, OperationMode.VL)
+
+
+def test_a_mode_of_bus_yml_must_be_listed_and_its_target_mapped(bench, tmp_path):
+    robby = bench(str(copy_robby(tmp_path, bus={"  position_mode: 1\n": "  position_mode: 8\n  effort_mode: 1\n"})))
+    joint = robby.joint(3)
+    assert chosen(joint, "position") is OperationMode.CSP
+    joint.parameters.values[0x6502, 0] = 0x3FF
+    object.__setattr__(joint.node.config.motion, "velocity_mode", 2)
+    with pytest.raises(DriveError, match=r"no RPDO carries 0x6042:00, the target of mode VL"):
+        chosen(joint, "velocity")
+
+
+def test_a_list_of_nothing_says_nothing_and_bus_yml_has_the_word(bench, tmp_path):
+    servo = bench(write_generic(tmp_path, modes="velocity_mode: 3"), drives=(2, 3), controllers=["velocity"])
+    joint = servo.joint(2)
+    joint.parameters.values[0x6502, 0] = 0
+    assert chosen(joint, "position") is OperationMode.CSP  # the EDS tells
+    eds = joint.node.od.entries
+    eds[0x6502, 0] = replace(eds[0x6502, 0], default=None)
+    assert listed_modes(joint.axis, joint.parameters) == ()
+    assert chosen(joint, "velocity") is OperationMode.PV
+    with pytest.raises(DriveError, match=r"0x6502.* give position_mode in bus.yml"):
+        chosen(joint, "position")
+    joint.parameters.values[0x6502, 0] = 0x3EF  # the live drive goes before both
+    assert chosen(joint, "position") is OperationMode.CSP
+
+
+def test_an_interface_that_nothing_serves_is_an_error_of_the_description(bench, tmp_path):
+    config = copy_robby(
+        tmp_path, description={'<command_interface name="velocity"/>': '<command_interface name="colour"/>'}
+    )
+    with pytest.raises(RobotConfigError, match="no command interface 'colour'"):
+        bench(config)
+
+
+def test_outputs_must_be_mapped(bench, tmp_path):
+    new = '<command_interface name="velocity"/><command_interface name="digital_outputs"/>'
+    config = copy_robby(tmp_path, description={'<command_interface name="velocity"/>': new})
+    with pytest.raises(RobotConfigError, match="0x60FE"):
+        bench(config)
+
+
+def test_a_target_begins_with_a_mode_in_which_the_drive_makes_the_ramp_or_with_that_of_bus_yml(tmp_path):
+    for number, (modes, first) in enumerate([("", "PP"), ("velocity_mode: 9", "CSV"), ("effort_mode: 4", "TQ")]):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        drives = AloneBench(f"firstmode{number}", config=write_drives(folder, modes=modes), drives=(2, 3))
+        drives.start()
+        assert drives.joint(2).targets.mode is None  # a claim alone asks for nothing
+        drives.enable("drive_one")
+        assert drives.joint(2).targets.mode is OperationMode[first]
+        drives.close()
+
+
+def test_a_mode_without_a_target_or_without_an_rpdo_is_refused_where_targets_are_given(tmp_path):
+    config = write_drives(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("{index: 0x6071}, ", ""))
+    drives = AloneBench("nomode", config=config, drives=(2, 3))
+    drives.start()
+    for mode, words in (("HM", "takes no target"), ("CST", "0x6071")):
+        assert words in drives.axis(Action.MODE, "drive_one", mode=mode)
+    drives.mode("CSV")
+    drives.close()
