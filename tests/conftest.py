@@ -156,7 +156,8 @@ class Watchman:
     """Names the tests that start processes in a run that is to have none; Python tells it of each."""
 
     EVENTS = frozenset({"subprocess.Popen", "os.posix_spawn", "os.fork", "os.forkpty"})
-    OF_PYTHON = frozenset({"/sbin/ldconfig"})  # ctypes asks it where a library is, once in a process
+    # ctypes asks where a library is, once in a process; matplotlib which fonts there are, once on a machine
+    OF_LIBRARIES = frozenset({"/sbin/ldconfig", "fc-list"})
 
     def __init__(self):
         self.started = []
@@ -165,7 +166,7 @@ class Watchman:
     def _hear(self, event, arguments):
         if event in self.EVENTS:
             started = str(arguments[0]) if arguments else event
-            if started not in self.OF_PYTHON:
+            if started not in self.OF_LIBRARIES:
                 self.started.append(started)
 
     @pytest.hookimpl(wrapper=True)

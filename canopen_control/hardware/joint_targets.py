@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from canopen_control.master.cycle import Output
     from canopen_control.urdf.ros2_control import ControlJoint
 
-__all__ = ["JointTargets", "ModeTarget", "VelocityTarget", "stop_slope"]
+__all__ = ["MAKERS", "JointTargets", "ModeTarget", "VelocityTarget", "stop_slope"]
 
 UINT32_MAX: Final = (1 << 32) - 1
 _NAN: Final = math.nan
@@ -622,7 +622,7 @@ class SetPointTarget(_PositionTarget):
             self._handshake.move(raw, immediately=True)
 
 
-_MADE_BY: Final[Mapping[int, Callable[[Axis, Output, DriveMachine], ModeTarget]]] = MappingProxyType(
+MAKERS: Final[Mapping[int, Callable[[Axis, Output, DriveMachine], ModeTarget]]] = MappingProxyType(
     {
         OperationMode.PP: SetPointTarget,
         OperationMode.VL: WordVelocityTarget,
@@ -634,10 +634,11 @@ _MADE_BY: Final[Mapping[int, Callable[[Axis, Output, DriveMachine], ModeTarget]]
         OperationMode.CST: EffortTarget,
     }
 )
+"""Mode to what makes its target; each writes the object of `cia402.modes.TARGET_OBJECTS`."""
 
 
 def make_target(mode: int, axis: Axis, machine: DriveMachine) -> ModeTarget | None:
     """Return the target of `mode`, None where the mode has none or no RPDO carries it."""
     address = target_address(mode)
     output = None if address is None else axis.output(*address)
-    return None if output is None else _MADE_BY[mode](axis, output, machine)
+    return None if output is None else MAKERS[mode](axis, output, machine)

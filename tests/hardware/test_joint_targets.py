@@ -8,9 +8,9 @@ from support.generic import write_generic
 from support.robots import Bench
 from support.servos import DECELERATION, command
 
-from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode
 from canopen_control.errors import UnsupportedMode
-from canopen_control.hardware.joint_targets import ModeTarget, stop_slope
+from canopen_control.hardware.joint_targets import MAKERS, ModeTarget, stop_slope
 
 
 @pytest.fixture
@@ -214,3 +214,7 @@ def test_a_target_of_no_mode_pushes_nowhere_and_has_no_events():
 def test_what_a_mode_must_say_itself_has_no_default(verb):
     with pytest.raises(NotImplementedError):
         getattr(target(), verb)()
+
+
+def test_every_mode_whose_target_is_known_has_what_makes_it():
+    assert MAKERS.keys() == TARGET_OBJECTS.keys()
