@@ -37,3 +37,18 @@ def test_a_dropped_frame_is_seen(monkeypatch):
     monkeypatch.setattr(scale, "ask_hub", with_a_fault)
     with stage() as played, pytest.raises(CanopenError, match="the hub dropped"):
         scale._on_the_wire(Arena(played, 2, 10_000, base=False), 0.5)
+
+
+def test_a_cycle_takes_the_drives_of_all_buses(monkeypatch):
+    monkeypatch.setattr(scale, "_CYCLES", 60)
+    turn, absolutes = scale._at_100_hz(4, 2)
+    assert turn.cycles == 60
+    assert absolutes["TPDOs of those due"] == 1.0
+    assert {"drives", "drives of bench1"} <= turn.others_ns.keys()
+
+
+def test_drives_that_do_not_answer_are_no_figure(monkeypatch):
+    monkeypatch.setattr(scale, "_CYCLES", 60)
+    monkeypatch.setattr(scale, "_LATE", -60)
+    with pytest.raises(CanopenError, match="of the TPDOs came"):
+        scale._at_100_hz(2)
