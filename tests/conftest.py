@@ -90,8 +90,8 @@ WHOLE = ("integration", "socketcan", "hardware_can", "tools")
 #: Of the bench, what starts programs and asks of what they have measured nothing that a busy machine changes.
 ONLY_STAGED = frozenset(
     f"test_{name}.py"
-    for name in ("boot", "clients", "cycle", "machine", "memory", "ros_latency", "sdo_canopen", "sdo_client", "stage",
-                 "start", "system_calls", "witness")
+    for name in ("boot", "clients", "cycle", "idle", "machine", "memory", "ros_latency", "sdo_canopen", "sdo_client",
+                 "stage", "start", "system_calls", "witness")
 )  # fmt: skip
 #: Kinds whose files tools/test finds by the mark in them; the bench's by their folder. `process` has many: MORE.
 FOUND_BY_MARK = ("alone", "timed")

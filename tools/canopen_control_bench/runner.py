@@ -28,6 +28,7 @@ FAMILIES = {
     "scale": "from 2 to 126 drives, at the shortest period that a bus has room for, and on several buses",
     "latency": "from a command to the wire, by API and ROS topic; from the wire to /joint_states",
     "clients": "what ROS bridge, view and monitor do to the cycle",
+    "idle": "what a robot that stands takes of a processor: its runtime, its view with one browser and four",
     "load": "a full bus of 1 Mbit/s, received, decoded and supervised",
     "buses": "140,000 frames a second on one bus, and eight full ones: frames lost, CPU of hubs and listener",
     "motion": "trajectories: CPU of a cycle, long goals at 1 kHz, set-points of a host that is late",

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
     from canopen_control_bench.stage import Program
 
-__all__ = ["measure", "until_commanded", "until_joint_states"]
+__all__ = ["measure", "run_robby", "until_commanded", "until_joint_states"]
 
 COMMANDED_LIMIT_S, JOINT_STATES_LIMIT_S = 0.6, 1.5
 ROUNDS, QUICK_ROUNDS = 9, 3
@@ -44,7 +44,7 @@ def measure(options: Options) -> list[Figure]:
 def until_commanded(played: Stage, name: str) -> float:
     """Return the seconds from the command line until the robot takes commands; it is ended then."""
     begin = time.monotonic()
-    robot = _run(played, name)
+    robot = run_robby(played, name)
     seconds = time.monotonic() - begin
     robot.end()
     return seconds
@@ -53,7 +53,7 @@ def until_commanded(played: Stage, name: str) -> float:
 def until_joint_states(played: Stage, name: str, listener: Program) -> float:
     """Return the seconds from the command line until another ROS program has heard the joints."""
     before, begin = _heard(listener), time.monotonic()
-    robot = _run(played, name, "--ros")
+    robot = run_robby(played, name, "--ros")
     while _heard(listener) == before:
         if time.monotonic() - begin > TIMEOUT_S:
             raise CanopenError(f"no /joint_states within {TIMEOUT_S:g} s of run --ros")
@@ -63,7 +63,7 @@ def until_joint_states(played: Stage, name: str, listener: Program) -> float:
     return seconds
 
 
-def _run(played: Stage, name: str, *options: str) -> Program:
+def run_robby(played: Stage, name: str, *options: str) -> Program:
     """Start robby, and return it when it says that it runs: its drives are enabled, its controller is active."""
     robot = played.start("canopen_control", "run", "robby", "--name", name, *options)
     while not robot.line().startswith(f"{name} runs"):
