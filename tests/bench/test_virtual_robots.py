@@ -22,8 +22,10 @@ def test_a_robot_that_does_not_boot_is_named(monkeypatch):
         virtual_robots.simulate(setup_of(), 1.0)
 
 
+@pytest.mark.sources
 def test_the_family_has_both_robots_and_the_boot():
     figures = virtual_robots.measure(Options(quick=True, seconds=0.6))
     assert [each.name.split(",")[0] for each in figures] == ["robby at 50 Hz", "16 drives at 50 Hz", "boot of robby"]
     assert all(each.ratio is not None for each in figures[:2])
+    assert [each.limit for each in figures] == [25.0, None, 30.0], "from the sources, a quarter for a quick run"
     assert not figures[-1].steady  # a time: a quick run does not judge it
