@@ -20,8 +20,8 @@ _HISTORY = Path(__file__).parent / "reference" / "speed_history.json"
 _WIDTH, _HEIGHT, _LEFT, _TOP, _GAP = 640, 90, 60, 34, 52
 _COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd")
 _STYLE = "font-family:sans-serif;font-size:12px;fill:#555"
-_BUILDS = ("from the sources", "compiled")
-_PURE = "pure Python"  # what the package calls the first of them
+_SOURCES = "from the sources"
+_BUILDS = {_SOURCES: _SOURCES, "pure Python": _SOURCES, "compiled": "compiled"}  # as figures and packages say them
 _IDLE_ENOUGH = 0.9
 _PAGE = """# Speed over time
 
@@ -40,8 +40,8 @@ def series_of(rows: Sequence[Mapping[str, Any]], family: str) -> Series:
         for name, value in row["figures"].get(family, {}).items():
             panel, _, build = name.rpartition(", ")
             if build not in _BUILDS:
-                panel, build = name, _BUILDS[0] if row["package"] == _PURE else str(row["package"])
-            found.setdefault(panel, {}).setdefault(build, []).append((run, float(value)))
+                panel, build = name, str(row["package"])
+            found.setdefault(panel, {}).setdefault(_BUILDS.get(build, build), []).append((run, float(value)))
     return found
 
 

@@ -18,9 +18,9 @@ def row(day, **speeds):
 
 
 def test_a_panel_has_a_line_for_each_build_with_the_runs_that_it_is_in():
-    rows = [row(1, from_the_sources=50.0), row(2, from_the_sources=70.0, compiled=130.0)]
+    rows = [row(1, from_the_sources=50.0), row(2, from_the_sources=70.0, compiled=130.0), row(3, pure_Python=90.0)]
     assert series_of(rows, "simulate") == {
-        "robby at 50 Hz": {"from the sources": [(0, 50.0), (1, 70.0)], "compiled": [(1, 130.0)]}
+        "robby at 50 Hz": {"from the sources": [(0, 50.0), (1, 70.0), (2, 90.0)], "compiled": [(1, 130.0)]}
     }
     assert series_of(rows, "cycle") == {}
 
