@@ -27,7 +27,6 @@ __all__ = [
     "mode_name",
     "require_mode",
     "supported_modes",
-    "target_address",
 ]
 
 
@@ -85,11 +84,6 @@ TARGET_OBJECTS: Mapping[int, tuple[int, int]] = MappingProxyType(
     }
 )
 """Mode to index and subindex of its target on axis 0; homing and the manufacturer's modes have none that we know."""
-
-
-def target_address(mode: int) -> tuple[int, int] | None:
-    """Return index and subindex of a mode's target on axis 0, None for a mode without one."""
-    return TARGET_OBJECTS.get(mode)
 
 
 def mode_for_interface(interface: str, supported: Iterable[int]) -> OperationMode:

@@ -17,7 +17,7 @@ from canopen_control.controllers.base import ALL_STATES, Controller
 from canopen_control.controllers.params import CommonParams
 from canopen_control.controllers.state_copy import StateCopy
 from canopen_control.errors import ControlError
-from canopen_control.hardware.interfaces import ReturnType
+from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, ReturnType
 from canopen_control.rpc.messages.health import judge, stale
 from canopen_control.rpc.messages.samples import DiagnosticsSample, GpioSample, JointDiagnosis
 from canopen_control.yamlfile.convert import setting
@@ -92,7 +92,7 @@ class _StateBroadcaster(Controller):
 class GpioBroadcaster(_StateBroadcaster):
     """Tells the inputs and outputs of the drives and of <gpio> parts."""
 
-    chosen = ("digital_inputs", "digital_outputs")
+    chosen = ("digital_inputs", DIGITAL_OUTPUTS)
     tells: ClassVar[type[Sample] | None] = GpioSample
 
     def sample(self, wall_offset_ns: int) -> GpioSample:

@@ -25,7 +25,7 @@ __all__ = [
     "DIGITAL_OUTPUTS",
     "EFFORT",
     "ERROR",
-    "MOTION",
+    "MOTION_INTERFACES",
     "OK",
     "POSITION",
     "TARGET",
@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 
-MOTION: Final = (POSITION, VELOCITY, EFFORT)
+MOTION_INTERFACES: Final = (POSITION, VELOCITY, EFFORT)
 DIGITAL_OUTPUTS: Final = "digital_outputs"
 TARGET: Final = "target"
 """A command interface of what the drive's present mode of operation takes: a position, a velocity or an effort."""

@@ -19,7 +19,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
-from canopen_control.cia402.modes import OperationMode, require_mode, target_address
+from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode, require_mode
 from canopen_control.cia402.setpoint import SetPointHandshake
 from canopen_control.cia402.units import INT16_MAX, INT16_MIN, INT32_MAX, INT32_MIN, to_object, wrap_int32
 from canopen_control.errors import ControlError, DriveError
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from canopen_control.master.cycle import Output
     from canopen_control.urdf.ros2_control import ControlJoint
 
-__all__ = ["MAKERS", "JointTargets", "ModeTarget", "VelocityTarget", "stop_slope"]
+__all__ = ["TARGET_CLASSES", "JointTargets", "ModeTarget", "VelocityTarget", "stop_slope"]
 
 UINT32_MAX: Final = (1 << 32) - 1
 _NAN: Final = math.nan
@@ -140,7 +140,7 @@ class JointTargets:
     def require_claim(self, mode: OperationMode) -> None:
         """Raise ControlError where what is claimed could not be commanded in a mode, DriveError for a TARGET."""
         if self.claimed == TARGET:
-            if target_address(mode) is None:
+            if mode not in TARGET_OBJECTS:
                 raise DriveError(f"{self._axis.node.who}: mode {mode.name} takes no target; stay in one that does")
             require_mapped(self._axis, mode)
         elif self.claimed is not None and self.mode_serves(mode) != self.claimed:
@@ -212,7 +212,7 @@ class JointTargets:
         if current is None:
             return
         self._held = None
-        value = math.nan
+        value = _NAN
         if command is not None:
             value = command.value
             if value < command.minimum:
@@ -247,7 +247,7 @@ class JointTargets:
         fits = current is not None and self.claimed in (current.interface, TARGET)
         self._command = command = self.commands[self.claimed] if fits and self.claimed is not None else None
         if command is not None and current is not None and command.quantity != current.interface:
-            command.quantity, command.value = current.interface, math.nan  # what it was told was another quantity
+            command.quantity, command.value = current.interface, _NAN  # what it was told was another quantity
         self._track(command if current is not None and current.tracks else None)
         if current is None or command is None:
             return
@@ -622,7 +622,7 @@ class SetPointTarget(_PositionTarget):
             self._handshake.move(raw, immediately=True)
 
 
-MAKERS: Final[Mapping[int, Callable[[Axis, Output, DriveMachine], ModeTarget]]] = MappingProxyType(
+TARGET_CLASSES: Final[Mapping[int, Callable[[Axis, Output, DriveMachine], ModeTarget]]] = MappingProxyType(
     {
         OperationMode.PP: SetPointTarget,
         OperationMode.VL: WordVelocityTarget,
@@ -634,11 +634,11 @@ MAKERS: Final[Mapping[int, Callable[[Axis, Output, DriveMachine], ModeTarget]]] 
         OperationMode.CST: EffortTarget,
     }
 )
-"""Mode to what makes its target; each writes the object of `cia402.modes.TARGET_OBJECTS`."""
+"""Mode to the class of its target, which writes the object of `cia402.modes.TARGET_OBJECTS`."""
 
 
 def make_target(mode: int, axis: Axis, machine: DriveMachine) -> ModeTarget | None:
     """Return the target of `mode`, None where the mode has none or no RPDO carries it."""
-    address = target_address(mode)
+    address = TARGET_OBJECTS.get(mode)
     output = None if address is None else axis.output(*address)
-    return None if output is None else MAKERS[mode](axis, output, machine)
+    return None if output is None else TARGET_CLASSES[mode](axis, output, machine)

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import (
     INTERFACE_MODES,
+    TARGET_OBJECTS,
     OperationMode,
     mode_for_interface,
     require_mode,
     supported_modes,
-    target_address,
 )
 from canopen_control.errors import DriveError, RobotConfigError
 from canopen_control.hardware.feed_forward import FEED_FORWARD
-from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, EFFORT, MOTION, POSITION, TARGET, VELOCITY
+from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, EFFORT, MOTION_INTERFACES, POSITION, TARGET, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -89,7 +89,7 @@ def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> Opera
 
 def serving_objects(interface: str) -> tuple[tuple[int, int], ...]:
     """Return index and subindex, on axis 0, of the targets of all modes that serve a command interface."""
-    return tuple(each for each in map(target_address, _SERVED[interface]) if each is not None)
+    return tuple(TARGET_OBJECTS[mode] for mode in _SERVED[interface])
 
 
 def require_targets(axis: Axis, interfaces: Collection[str]) -> None:
@@ -101,11 +101,10 @@ def require_targets(axis: Axis, interfaces: Collection[str]) -> None:
         elif name == TARGET or (name in FEED_FORWARD and POSITION in interfaces and _feeds(axis, name)):
             continue  # a drive on a bus alone may be there to be looked at: its enable says what is missing
         elif name not in _SERVED:
-            raise RobotConfigError(
-                f"joint {axis.joint}: no command interface {name!r}; there are: {', '.join((*MOTION, DIGITAL_OUTPUTS))}"
-            )
+            known = ", ".join((*MOTION_INTERFACES, DIGITAL_OUTPUTS))
+            raise RobotConfigError(f"joint {axis.joint}: no command interface {name!r}; there are: {known}")
         elif not any(_is_mapped(axis, mode) for mode in _SERVED[name]):
-            index, _ = target_address(_SERVED[name][0]) or (0, 0)
+            index, _ = TARGET_OBJECTS[_SERVED[name][0]]
             what = f"0x{axis.index(index):04X}"
             if name in FEED_FORWARD and POSITION in interfaces:
                 what += f", or beside its position give feed_forward: [{name}],"
@@ -118,14 +117,14 @@ def _feeds(axis: Axis, interface: str) -> bool:
 
 
 def _is_mapped(axis: Axis, mode: int) -> bool:
-    address = target_address(mode)
+    address = TARGET_OBJECTS.get(mode)
     return address is not None and axis.output(*address) is not None
 
 
 def require_mapped(axis: Axis, mode: OperationMode) -> None:
     """Raise DriveError where no RPDO carries the target of a mode."""
     if not _is_mapped(axis, mode):
-        index, subindex = target_address(mode) or (0, 0)
+        index, subindex = TARGET_OBJECTS.get(mode, (0, 0))
         raise DriveError(
             f"{axis.node.who}: no RPDO carries 0x{axis.index(index):04X}:{subindex:02X}, "
             f"the target of mode {mode.name}; map it in bus.yml"

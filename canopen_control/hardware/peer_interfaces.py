@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.objects import axis_index
-from canopen_control.hardware.interfaces import MOTION
+from canopen_control.hardware.interfaces import MOTION_INTERFACES
 from canopen_control.hardware.mode_choice import serving_objects
 from canopen_control.urdf.declared_interface import InterfaceInfo
 
@@ -62,7 +62,7 @@ def _joint(joint: ControlJoint, plans: Mapping[str, NodePlan]) -> ControlJoint:
     mapped = {(each.index, each.subindex) for pdo in plan.rpdos for each in pdo.objects}
     carried = [
         interface
-        for interface in MOTION
+        for interface in MOTION_INTERFACES
         if any((axis_index(index, int(axis)), subindex) in mapped for index, subindex in serving_objects(interface))
     ]
     return replace(joint, command_interfaces={each: InterfaceInfo(each) for each in carried}) if carried else joint

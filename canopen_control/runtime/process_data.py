@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from canopen_control.cia301.pdo import PdoCodec
 from canopen_control.cia402.objects import MOTION
 from canopen_control.errors import CanopenError, ControlError
+from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS
 from canopen_control.od.codec import decode, encode
 from canopen_control.rpc.messages.robot import MappedValue
 
@@ -97,7 +98,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
     if any(index - offset in MOTION for offset in node.plan.axes):
         raise ControlError(f"{what} moves the drive and belongs to the controllers; command one of them")
     for joint in robot.joints.values():
-        commanded = joint.commands.get("digital_outputs")
+        commanded = joint.commands.get(DIGITAL_OUTPUTS)
         if joint.axis.digital_outputs is output and commanded is not None and commanded.owner is not None:
             raise ControlError(f"{what} is commanded by {commanded.owner}; deactivate that controller first")
     if not node.ready:

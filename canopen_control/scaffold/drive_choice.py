@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
-from canopen_control.cia402.modes import OperationMode, mode_name, supported_modes
+from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode, mode_name, supported_modes
 from canopen_control.cia402.units import counts_per_revolution, rpm_of_unit
 from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.scaffold.pdo_choice import PdoUse, PdoWish, choose_pdos
@@ -43,21 +43,10 @@ VELOCITY: Final = "velocity"
 GUESSED_COUNTS: Final = 4096.0
 """Position counts of one motor turn where the EDS tells none."""
 
-_CANDIDATES: Final[dict[str, tuple[tuple[OperationMode, Address], ...]]] = {
-    VELOCITY: (
-        (OperationMode.PV, (objects.TARGET_VELOCITY, 0)),
-        (OperationMode.CSV, (objects.TARGET_VELOCITY, 0)),
-        (OperationMode.VL, (objects.VL_TARGET_VELOCITY, 0)),
-    ),
-    POSITION: (
-        (OperationMode.CSP, (objects.TARGET_POSITION, 0)),
-        (OperationMode.PP, (objects.TARGET_POSITION, 0)),
-        (OperationMode.IP, (objects.INTERPOLATION_DATA, 1)),
-    ),
-    EFFORT: (
-        (OperationMode.TQ, (objects.TARGET_TORQUE, 0)),
-        (OperationMode.CST, (objects.TARGET_TORQUE, 0)),
-    ),
+_CANDIDATES: Final = {
+    VELOCITY: (OperationMode.PV, OperationMode.CSV, OperationMode.VL),
+    POSITION: (OperationMode.CSP, OperationMode.PP, OperationMode.IP),
+    EFFORT: (OperationMode.TQ, OperationMode.CST),
 }
 _WITH_SYNC: Final = (
     OperationMode.CSP,
@@ -220,13 +209,14 @@ def _choose_mode(
     """Choose for one axis; `taken` are the modes that other axes of the device have."""
     listed = supported_modes(_number(od, objects.axis_index(objects.SUPPORTED_DRIVE_MODES, axis), 0) or 0)
     for interface in interfaces:
-        for mode, _ in _CANDIDATES[interface]:
+        for mode in _CANDIDATES[interface]:
             if (listed and mode not in listed) or taken.get(interface, mode) is not mode:
                 continue
             if not _rpdos(od, (axis,), [(interface, mode)])[1]:
                 return interface, mode
     modes = f"its modes are {', '.join(map(mode_name, listed))} (0x6502), and " if listed else ""
-    indices = {objects.axis_index(index, axis) for each in interfaces for _, (index, _) in _CANDIDATES[each]}
+    candidates = [mode for each in interfaces for mode in _CANDIDATES[each]]
+    indices = {objects.axis_index(TARGET_OBJECTS[mode][0], axis) for mode in candidates}
     raise RobotConfigError(
         f"{modes}no RPDO can carry the controlword (0x{objects.axis_index(objects.CONTROLWORD, axis):04X}) and a "
         f"target of {' or '.join(interfaces)} ({', '.join(f'0x{index:04X}' for index in sorted(indices))})"
@@ -238,8 +228,8 @@ def _rpdos(
 ) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
     """Return the RPDOs for controlwords, targets and modes of some axes, and what they cannot carry."""
     needed: list[Address] = []
-    for axis, (interface, mode) in zip(axes, chosen, strict=True):
-        index, subindex = next(target for each, target in _CANDIDATES[interface] if each is mode)
+    for axis, (_, mode) in zip(axes, chosen, strict=True):
+        index, subindex = TARGET_OBJECTS[mode]
         needed += [(objects.axis_index(objects.CONTROLWORD, axis), 0), (objects.axis_index(index, axis), subindex)]
     useful = tuple((objects.axis_index(objects.MODES_OF_OPERATION, axis), 0) for axis in axes)
     transmission = 1 if any(mode in _WITH_SYNC for _, mode in chosen) else _ON_ARRIVAL

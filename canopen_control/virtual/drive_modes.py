@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects as o
-from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode
 from canopen_control.virtual.cyclic_modes import CyclicPosition, CyclicVelocity, Torque
 from canopen_control.virtual.fault_seam import Seam
 from canopen_control.virtual.homing_mode import Homing
@@ -36,22 +36,12 @@ MODES: dict[int, Callable[[Axis], Mode]] = {
     OperationMode.CSTCA: partial(Torque, cyclic=True),
 }
 _VELOCITY_MODES: Final = frozenset({OperationMode.VL, OperationMode.PV, OperationMode.CSV})
-_TARGETS: dict[int, tuple[int, int]] = {
-    OperationMode.PP: (o.TARGET_POSITION, 0),
-    OperationMode.VL: (o.VL_TARGET_VELOCITY, 0),
-    OperationMode.PV: (o.TARGET_VELOCITY, 0),
-    OperationMode.TQ: (o.TARGET_TORQUE, 0),
-    OperationMode.HM: (o.HOMING_METHOD, 0),
-    OperationMode.IP: (o.INTERPOLATION_DATA, 1),
-    OperationMode.CSP: (o.TARGET_POSITION, 0),
-    OperationMode.CSV: (o.TARGET_VELOCITY, 0),
-    OperationMode.CST: (o.TARGET_TORQUE, 0),
-}
+_NEEDED: Final[dict[int, tuple[int, int]]] = {**TARGET_OBJECTS, OperationMode.HM: (o.HOMING_METHOD, 0)}
 
 
 def possible_modes(objects: AxisObjects) -> int:
-    """Return 0x6502 for a drive whose file does not tell it: every mode whose target its dictionary has."""
-    return sum(1 << (mode - 1) for mode, address in _TARGETS.items() if objects.has(*address))
+    """Return 0x6502 for a drive whose file does not tell it: every mode whose object its dictionary has."""
+    return sum(1 << (mode - 1) for mode, address in _NEEDED.items() if objects.has(*address))
 
 
 class DriveModes:

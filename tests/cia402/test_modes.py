@@ -13,7 +13,6 @@ from canopen_control.cia402.modes import (
     mode_name,
     require_mode,
     supported_modes,
-    target_address,
 )
 from canopen_control.errors import UnsupportedMode
 
@@ -105,6 +104,6 @@ def test_every_mode_with_a_target_knows_its_object():
     assert {mode: address[0] for mode, address in TARGET_OBJECTS.items()} == {
         1: 0x607A, 2: 0x6042, 3: 0x60FF, 4: 0x6071, 7: 0x60C1, 8: 0x607A, 9: 0x60FF, 10: 0x6071,
     }  # fmt: skip
-    assert target_address(7) == (0x60C1, 1)
-    assert target_address(6) is None
-    assert target_address(-3) is None
+    assert TARGET_OBJECTS[7] == (0x60C1, 1)
+    assert 6 not in TARGET_OBJECTS
+    assert -3 not in TARGET_OBJECTS

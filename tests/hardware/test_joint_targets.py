@@ -10,7 +10,7 @@ from support.servos import DECELERATION, command
 
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode
 from canopen_control.errors import UnsupportedMode
-from canopen_control.hardware.joint_targets import MAKERS, ModeTarget, stop_slope
+from canopen_control.hardware.joint_targets import TARGET_CLASSES, ModeTarget, stop_slope
 
 
 @pytest.fixture
@@ -216,5 +216,5 @@ def test_what_a_mode_must_say_itself_has_no_default(verb):
         getattr(target(), verb)()
 
 
-def test_every_mode_whose_target_is_known_has_what_makes_it():
-    assert MAKERS.keys() == TARGET_OBJECTS.keys()
+def test_every_mode_whose_target_is_known_has_its_class():
+    assert TARGET_CLASSES.keys() == TARGET_OBJECTS.keys()

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from canopen_control_bench.stage import Contender
     from canopen_control_bench.turns import Turn
 
-__all__ = ["has_ros", "measure", "on_a_terminal", "p99_of", "stopped"]
+__all__ = ["has_extra", "has_ros", "measure", "on_a_terminal", "p99_of", "stopped"]
 
 INFLUENCE_LIMIT = 1.05
 PERIOD_US = 10_000
@@ -71,7 +71,7 @@ def _influence(contender: Contender, processors: str, *, as_is: bool) -> list[Fi
     """Compare the p99 of the whole cycle with and without the view, and the monitor."""
     figures = []
     for name, verb in (("view", ("view", "--port", "0")), ("monitor", ("monitor",))):
-        if not _has_extra(name):
+        if not has_extra(name):
             continue
         with on_a_terminal(*verb, "--name", ROBOT) as pid:
             time.sleep(_SETTLE_S)
@@ -121,7 +121,8 @@ def p99_of(turns: Sequence[Turn]) -> float:
     return percentiles([each for turn in turns for each in turn.whole_ns], 1e-3)["p99"]
 
 
-def _has_extra(name: str) -> bool:
+def has_extra(name: str) -> bool:
+    """Whether what the verb `view` or `monitor` needs is installed."""
     return importlib.util.find_spec({"view": "nicegui", "monitor": "textual"}[name]) is not None
 
 
@@ -132,7 +133,7 @@ def _together(contender: Contender, arena: Arena, seconds: float) -> Figure:
             bridge = arena.stage.start("canopen_control.ros.bridge", "--name", ROBOT, ros=True)
             company.callback(bridge.end)
             contender.others["bridge"] = bridge.pid
-        if _has_extra("view"):
+        if has_extra("view"):
             contender.others["view"] = company.enter_context(on_a_terminal("view", "--port", "0", "--name", ROBOT))
         time.sleep(_SETTLE_S)
         turn = contender.turn(round(seconds * 1e6 / PERIOD_US), PERIOD_US * 1000)

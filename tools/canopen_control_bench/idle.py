@@ -13,6 +13,7 @@ import os
 import time
 from typing import TYPE_CHECKING, Final
 
+from canopen_control_bench.clients import has_extra
 from canopen_control_bench.figure import Figure, limited
 from canopen_control_bench.machine import cpu_ns
 from canopen_control_bench.stage import TIMEOUT_S, stage
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
     from canopen_control_bench.stage import Program, Stage
 
-__all__ = ["VIEW_LIMITS", "measure"]
+__all__ = ["RUNTIME_LIMIT", "VIEW_LIMITS", "measure"]
 
 RUNTIME_LIMIT: Final = 0.015  # of a core
 #: browsers -> cores of the view
@@ -55,9 +56,7 @@ def measure(options: Options) -> list[Figure]:
 def _view(played: Stage, seconds: float) -> list[Figure]:
     """Let more and more browsers look at the robot."""
     view = played.start("canopen_control", "view", "--name", _ROBOT, "--port", "0")
-    while not (line := view.line()).startswith("view: http"):
-        pass
-    url = line.split()[-1]
+    url = view.until("view: http").split()[-1]
     view.drain()
     figures = []
     with _browser() as browser:
@@ -79,8 +78,7 @@ def _cores(program: Program, seconds: float) -> float:
 
 
 def _has_browser() -> bool:
-    wanted = ("nicegui", "playwright")
-    return os.access(_CHROMIUM, os.X_OK) and all(importlib.util.find_spec(each) is not None for each in wanted)
+    return os.access(_CHROMIUM, os.X_OK) and has_extra("view") and importlib.util.find_spec("playwright") is not None
 
 
 @contextlib.contextmanager

@@ -127,7 +127,7 @@ def _on_the_wire(arena: Arena, seconds: float) -> Figure:
     return limited(
         f"{arena.count} drives at 1 Mbit/s, each {period_us / 1000:g} ms: TPDOs of those due",
         "",
-        [min(1.0, turn.tpdos / (2 * arena.count * max(1, cycles - _LATE)))],
+        [_share_of_tpdos(turn, arena.count)],
         limit=1.0,
         direction=AT_LEAST,
         absolutes={
@@ -176,7 +176,12 @@ def _at_100_hz(count: int, buses: int = 1) -> tuple[Turn, dict[str, float | str]
         arena = Arena(played, count, _FREE_PERIOD_US, base=False, buses=names)
         with arena.contender(OURS, check=False) as contender:
             turn = contender.turn(_CYCLES, _FREE_PERIOD_US * 1000)
-    came = turn.tpdos / (2 * count * (_CYCLES - _LATE))
+    came = _share_of_tpdos(turn, count)
     if came < 1.0:
         raise CanopenError(f"{count} drives each 10 ms: {came:.4f} of the TPDOs came")
-    return turn, {**absolutes_of([turn]), "TPDOs of those due": round(min(1.0, came), 4)}
+    return turn, {**absolutes_of([turn]), "TPDOs of those due": came}
+
+
+def _share_of_tpdos(turn: Turn, count: int) -> float:
+    """Return how many of the TPDOs that were due have come, 1.0 for all."""
+    return min(1.0, turn.tpdos / (2 * count * max(1, turn.cycles - _LATE)))

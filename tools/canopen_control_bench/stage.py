@@ -69,6 +69,12 @@ class Program:
             raise CanopenError(f"{self.words[0]} ended with {self.process.returncode}: {' | '.join(said)}")
         return line
 
+    def until(self, words: str) -> str:
+        """Return its next line that begins with `words`; raises CanopenError as `line`."""
+        while not (line := self.line()).startswith(words):
+            pass
+        return line
+
     def tell(self, line: str) -> None:
         """Write a line to its standard input."""
         assert self.process.stdin is not None

@@ -66,8 +66,7 @@ def until_joint_states(played: Stage, name: str, listener: Program) -> float:
 def run_robby(played: Stage, name: str, *options: str) -> Program:
     """Start robby, and return it when it says that it runs: its drives are enabled, its controller is active."""
     robot = played.start("canopen_control", "run", "robby", "--name", name, *options)
-    while not robot.line().startswith(f"{name} runs"):
-        pass
+    robot.until(f"{name} runs")
     robot.drain()
     return robot
 
