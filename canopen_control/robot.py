@@ -81,7 +81,9 @@ class Robot:
         channels = [can] if isinstance(can, str) else list(can)
         files = find_robot(config, arguments=[f"{key}:={value}" for key, value in (xacro or {}).items()])
         setup = read_robot(files, name=name, can=channels, controllers=controllers, mock=mock)
-        return cls(setup.name, BackgroundRobot(setup, RunOptions(drives=drives and not mock)))
+        if setup.real:
+            setup.require_places(files.asked.real_word)
+        return cls(setup.name, BackgroundRobot(setup, RunOptions(drives=drives and not (mock or setup.real))))
 
     @classmethod
     def attach(cls, name: str | None = None) -> Robot:

@@ -1,4 +1,7 @@
-"""`demo`: a robot on virtual drives with a live table; a short motion plays until anyone else commands it."""
+"""`demo`: a robot on virtual drives with a live table; a short motion plays until anyone else commands it.
+
+Its motion is asked for by nobody, so it is for virtual drives only: a bus that real drives can be on is refused.
+"""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ def _read_setup(args: argparse.Namespace) -> RobotSetup:
     files = find_files(args)
     if args.name is not None:
         check_name(args.name)
-    return read_robot(
+    setup = read_robot(
         files,
         name=args.name,
         can=args.can,
@@ -146,6 +146,8 @@ def _read_setup(args: argparse.Namespace) -> RobotSetup:
         peer_merge=args.peer_merge,
         allow_unsupervised=args.allow_unsupervised,
     )
+    setup.require_places("preflight")
+    return setup
 
 
 def _ask(question: str) -> bool:

@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--teleop", action="store_true", help="with --view: buttons that drive while they are held")
     _add_timing_arguments(parser)
     parser.add_argument(
-        "--full-speed", action="store_true", help="with --real: not slow, although no pre-flight passed"
+        "--full-speed", action="store_true", help="on real drives: not slow, although no pre-flight passed"
     )
     parser.add_argument(
         "--no-flight-recorder",
@@ -181,7 +181,12 @@ def names_robot(args: argparse.Namespace) -> bool:
 
 def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = False) -> int:
     """Run a robot until it ends; 0 good, 1 failed."""
+    if motion and args.real:
+        raise ConfigError(f"--real: {_NO_DEMO}")
     setup = read_setup(args)
+    if motion and setup.reaches_real_drives:
+        where = setup.files.asked.real_word or ", ".join(setup.channels.values())
+        raise ConfigError(f"{where}: {_NO_DEMO}")
     _require_parts(args, setup)
     from canopen_control.cli.support.output import Announcer
     from canopen_control.runtime.run_session import RunOptions, Session
@@ -190,7 +195,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         physics=args.physics,
         plant=_plant(args, setup),
         world=None if args.world is None else Path(args.world).resolve(),
-        drives=not (args.real or args.mock or args.no_drives),
+        drives=not (setup.real or args.mock or args.no_drives),
         ros=args.ros,
         ros_arguments=bridge_arguments(args),
         view=args.view,
@@ -202,7 +207,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         realtime=args.realtime,
         cpu=args.cpu,
     )
-    unclear = _unclear(setup) if args.real and not getattr(args, "full_speed", False) else None
+    unclear = _unclear(setup) if setup.reaches_real_drives and not args.full_speed else None
     session = Session(setup, options)
     announcer = Announcer(sys.stderr if table else sys.stdout)
     try:
@@ -315,7 +320,7 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
     with nullcontext() if files.bus_alone else DescriptionReader(files.description, mappings=mappings) as reader:
         from canopen_control.runtime.setup import read_robot  # takes as long as xacro does, on another processor
 
-        return read_robot(
+        setup = read_robot(
             files,
             name=args.name,
             can=args.can,
@@ -327,10 +332,15 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
             allow_unsupervised=args.allow_unsupervised,
             kernel_sync=getattr(args, "kernel_sync", False),
             physics=getattr(args, "physics", False),
-            drives=bool(args.can),
+            drives=bool(args.can or files.asked.channel),
             simulate=True,
             reader=reader,
         )
+    if setup.real:
+        setup.require_places(files.asked.real_word or "--real")
+        if args.no_drives:
+            raise ConfigError(f"{files.asked.real_word} starts no virtual drives; leave --no-drives away")
+    return setup
 
 
 def _teller(announcer: Announcer, table: bool, nodes: int = 0, prefix: str = "") -> Callable[[Event], None]:
@@ -352,6 +362,10 @@ def _teller(announcer: Announcer, table: bool, nodes: int = 0, prefix: str = "")
     return tell
 
 
+_NO_DEMO = (
+    "demo moves the robot by itself, and never real drives; leave that away for virtual ones, "
+    "or: canopen-control run ROBOT --real --can CHANNEL"
+)
 _BOOTED, _MANY = "ready", 4  # nodes whose boot is worth counting
 _ALWAYS = ("demo", "flight", "view", "stopping", "stopped")
 _CHATTER = ("note", "mode", "state", "failed")  # the last is what the run ends with, on standard error

@@ -235,8 +235,10 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
 
     if args.can:
         raise ConfigError(f"--can {args.can[0]}: a simulation has buses of its own; leave the option away")
+    files = find_files(args)
+    files.refuse_hardware("a simulation has drives and buses of its own")
     setup = read_robot(
-        find_files(args),
+        files,
         name=args.name,
         controllers=args.controller,
         strict=args.strict,

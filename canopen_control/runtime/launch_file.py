@@ -18,7 +18,7 @@ from canopen_control.urdf.document import read_document
 from canopen_control.urdf.package_search import package_folders
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping
 
     from canopen_control.urdf.document import Element
 
@@ -55,6 +55,15 @@ class LaunchFile:
             text = text.replace(found[0], str(folder))
         return None if "$(" in text else text
 
+    def arguments_in(self, text: str) -> set[str]:
+        """Return the arguments that a text is made of, those in the defaults of others included."""
+        found, new = set[str](), set(_VARIABLE.findall(text))
+        while new:
+            found |= new
+            values = [self.given.get(name) or self.arguments.get(name) or "" for name in new]
+            new = {name for value in values for name in _VARIABLE.findall(value)} - found
+        return found
+
     def absent_packages(self, text: str) -> list[str]:
         """Return the packages in a text that are nowhere to be found."""
         return [name for name in _PACKAGE.findall(text) if next(package_folders(name, self.path), None) is None]
@@ -81,23 +90,26 @@ def read_launch(path: Path) -> LaunchFile:
 class Launched:
     """What a launch file gives a robot: xacro's arguments, and its files by `bus`, `controllers`, `description`.
 
-    `doubts` is why there may be less than the file means; `known` are its own arguments.
+    `doubts` is why there may be less than the file means; `known` are its own arguments, `idle` those NAME:=VALUE of
+    the user that are in no text which is read.
     """
 
     arguments: dict[str, str]
     files: dict[str, Path]
     doubts: tuple[str, ...] = ()
     known: tuple[str, ...] = ()
+    idle: tuple[str, ...] = ()
 
 
-def launched_robot(path: Path, words: Mapping[str, str]) -> Launched:
+def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str] = ()) -> Launched:
     """Return xacro's arguments and the files that a launch file gives.
 
-    `words` are NAME:=VALUE of the user: for the launch file where it has such an argument, else for xacro.
+    `words` are NAME:=VALUE of the user: for the launch file where it has such an argument, else for xacro. Those that
+    are `obeyed` by others need not be known to either.
     """
     launch = read_launch(path)
     own = {name: value for name, value in words.items() if name in launch.arguments}
-    rest = {name: value for name, value in words.items() if name not in own}
+    rest = {f"{name}?" if name in obeyed else name: value for name, value in words.items() if name not in own}
     launch = replace(launch, given=own)
     arguments, files = dict[str, str](), dict[str, Path]()
     for each in launch.texts:
@@ -114,7 +126,9 @@ def launched_robot(path: Path, words: Mapping[str, str]) -> Launched:
     ]
     if not files and not doubts:
         doubts.append(f"{path}: no file of a robot is named in it")
-    return Launched(arguments | rest, files, tuple(doubts), tuple(launch.arguments))
+    used = {name for each in launch.texts if each.text for name in _used(launch, each.text)}
+    idle = tuple(f"{name}:={value}" for name, value in own.items() if name not in used and name not in obeyed)
+    return Launched(arguments | rest, files, tuple(doubts), tuple(launch.arguments), idle)
 
 
 def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: Path) -> None:
@@ -139,6 +153,14 @@ def _take(launch: LaunchFile, text: str, arguments: dict[str, str], files: dict[
         for pair in pairs:
             if (value := launch.resolved(pair[2])) is not None:
                 arguments[f"{pair[1]}?"] = value
+
+
+def _used(launch: LaunchFile, text: str) -> set[str]:
+    """Return the arguments in what is taken of a text: the names of files, and what a description is given."""
+    words = words_of(text)
+    described = any(_kind(word) == "description" for word in words)
+    taken = [word for word in words if _kind(word) or (described and _PAIR.fullmatch(word))]
+    return {name for word in taken for name in launch.arguments_in(word)}
 
 
 def words_of(text: str) -> list[str]:

@@ -10,31 +10,124 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.package_search import installed_packages
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Set as AbstractSet
 
     from canopen_control.runtime.launch_file import Launched
 
-__all__ = ["BUS", "CONTROLLERS", "MAIN_BUS", "RobotFiles", "find_buses", "find_launch", "find_robot", "xacro_arguments"]
+__all__ = [
+    "BUS",
+    "CONTROLLERS",
+    "MAIN_BUS",
+    "AskedHardware",
+    "RobotFiles",
+    "find_buses",
+    "find_launch",
+    "find_robot",
+    "xacro_arguments",
+]
 
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
 _BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _ARGUMENT = re.compile(r"[A-Za-z_]\w*")
 _DESCRIPTIONS = ("*.urdf.xacro", "*.urdf")
+_CHANNEL_VALUE: Final = re.compile(r"(v|vx|sl)?can\d+|(local|memory|virtual|socketcan):\S+")
+_CHANNEL_WORDS: Final = frozenset({"interface", "name", "channel", "device", "dev", "port", "bus", "if", "iface"})
+_CAN_WORDS: Final = frozenset({"can", "canbus", "socketcan"})
+_FAKE_WORDS: Final = frozenset({"mock", "fake", "sim", "simulation", "simulated", "virtual", "gazebo"})
+_YES, _NO = frozenset({"true", "1", "yes", "on"}), frozenset({"false", "0", "no", "off"})
+
+
+@dataclass(frozen=True, slots=True)
+class AskedHardware:
+    """What the user's NAME:=VALUE ask of the hardware, as ros2_canopen's launch files do; ROS itself has no rule.
+
+    `channel` is that of an argument such as can_interface_name:=can0, "" without one. `real` is what an argument such
+    as use_real_hardware:=true says, None without one. `channel_word` and `real_word` are the arguments themselves,
+    `names` all that are of this kind, those without a value included.
+    """
+
+    channel: str = ""
+    channel_word: str = ""
+    real: bool | None = None
+    real_word: str = ""
+    names: frozenset[str] = frozenset()
+
+    def channels(self, can: Sequence[str], buses: Mapping[str, object]) -> list[str]:
+        """Return the `--can` options with the asked channel; RobotConfigError where the two contradict each other."""
+        if not self.channel:
+            return list(can)
+        if can:
+            if self.channel in {text.rpartition("=")[2] for text in can}:
+                return list(can)
+            raise RobotConfigError(f"{self.channel_word} contradicts --can {can[0]}; leave one of them away")
+        if len(buses) > 1:
+            names = " ".join(f"--can {name}=" for name in buses)
+            raise RobotConfigError(
+                f"{self.channel_word} is one channel for {len(buses)} buses; give each its own: {names}"
+            )
+        return [self.channel]
+
+    def is_real(self, *, option: bool) -> bool:
+        """Return whether the drives are to be real, by `--real` or an argument; RobotConfigError where they differ."""
+        if option and self.real is False:
+            raise RobotConfigError(f"{self.real_word} contradicts --real; leave one of them away")
+        return option or bool(self.real)
+
+
+def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
+    """Return what the arguments of a user ask of the hardware; RobotConfigError for one that is neither yes nor no."""
+    channels = {name: value for name, value in words.items() if _names_channel(name, value)}
+    answers = {name: says for name, value in words.items() if (says := _says_real(name, value)) is not None}
+    for found in (channels, answers):
+        if len(set(found.values())) > 1:
+            given = ", ".join(f"{name}:={words[name]}" for name in found)
+            raise RobotConfigError(f"{given}: these contradict each other; give one, or each bus its --can BUS=CHANNEL")
+    channel, real = next(iter(channels), ""), next(iter(answers), "")
+    return AskedHardware(
+        channels.get(channel, ""),
+        f"{channel}:={channels[channel]}" if channel and channels[channel] else "",
+        answers.get(real),
+        f"{real}:={words[real]}" if real else "",
+        frozenset(channels) | frozenset(answers),
+    )
+
+
+def _names_channel(name: str, value: str) -> bool:
+    """Whether an argument is the channel of a bus: by its name (can_interface_name) or by its value (can0)."""
+    parts = set(name.lower().split("_"))
+    named = bool(parts & _CAN_WORDS) and parts <= _CAN_WORDS | _CHANNEL_WORDS
+    return bool(_CHANNEL_VALUE.fullmatch(value)) or (named and value.lower() not in _YES | _NO)
+
+
+def _says_real(name: str, value: str) -> bool | None:
+    """Return whether an argument asks for real drives (use_real_hardware, hardware:=real); None: not about that."""
+    parts, word = set(name.lower().split("_")), value.strip().lower()
+    if word == "real":
+        return True
+    if "real" in parts and not parts & {"time", "rate"}:
+        if word not in _YES | _NO:
+            raise RobotConfigError(f"{name}:={value}: write {name}:=true for real drives, or false")
+        return word in _YES
+    if "hardware" in parts and "use" in parts and not parts & _FAKE_WORDS and word in _YES | _NO:
+        return word in _YES
+    return None
 
 
 @dataclass(frozen=True, slots=True)
 class RobotFiles:
     """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME.
 
-    `arguments` are those of its xacro. Of a bus without controllers the other two are its bus.yml, which is where their
+    `arguments` are those of its xacro, `asked` is what the user's arguments ask of the hardware, `idle` are those that
+    reach nothing of this robot. Of a bus without controllers the other two files are its bus.yml, which is where their
     mistakes stand.
     """
 
@@ -44,6 +137,14 @@ class RobotFiles:
     description: Path
     more_buses: dict[str, Path] = field(default_factory=dict)
     arguments: dict[str, str] = field(default_factory=dict)
+    asked: AskedHardware = AskedHardware()
+    idle: tuple[str, ...] = ()
+
+    def refuse_hardware(self, why: str) -> None:
+        """Raise RobotConfigError for an argument that asks for a channel or for real drives, where neither can be."""
+        word = self.asked.channel_word or (self.asked.real_word if self.asked.real else "")
+        if word:
+            raise RobotConfigError(f"{word}: {why}; leave the argument away")
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -85,7 +186,8 @@ def find_robot(
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
     folder = _folder(config) if config is not None else None
     words = xacro_arguments(arguments)
-    launched = _launched(launch, words)
+    asked = asked_hardware(words)
+    launched = _launched(launch, words, asked.names)
     files = launched.files if launched is not None else {}
     no_bus: list[str] = []
     missing: list[str] = []
@@ -100,10 +202,9 @@ def find_robot(
     beside = folder if main == Path() else main.parent
     more = _more_buses(beside, missing) if beside is not None and bus is None else {}
     missing += _irregular((main, control, described, *more.values()))
-    if alone and words and launched is None:
-        missing.append(
-            f"{main} is a bus without a description, so it has no arguments; leave {next(iter(words))}:= away"
-        )
+    foreign = next((word for word in words if word not in asked.names), None)
+    if alone and foreign and launched is None:
+        missing.append(f"{main} is a bus without a description, so it has no arguments; leave {foreign}:= away")
     if missing or (no_bus and (more or bus is not None)):
         doubts = launched.doubts if launched is not None else ()
         raise RobotConfigError("; ".join([*no_bus, *missing, *doubts]))
@@ -112,8 +213,22 @@ def find_robot(
 
         refuse_mistyped(launched, words, described)
         words = launched.arguments
+    else:  # the description may have an argument of that name, and need not
+        words = {} if alone else {f"{each}?" if each in asked.names else each: value for each, value in words.items()}
+    idle = launched.idle if launched is not None else ()
+    _refuse_unheeded(idle)
     name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
-    return RobotFiles(_safe(name), None if no_bus else main, control, described, more, words)
+    return RobotFiles(_safe(name), None if no_bus else main, control, described, more, words, asked, idle)
+
+
+def _refuse_unheeded(idle: Iterable[str]) -> None:
+    """Raise RobotConfigError for an argument of a launch file that chooses the kind of drives and reaches nothing."""
+    for word in idle:
+        if set(word.partition(":=")[0].lower().split("_")) & (_FAKE_WORDS | {"hardware"}):
+            raise RobotConfigError(
+                f"{word} reaches neither the description nor a file of this robot, so it would choose nothing; leave "
+                "it away and say --mock, --real with --can CHANNEL, or none of these for virtual drives"
+            )
 
 
 def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
@@ -170,13 +285,13 @@ def find_launch(text: str) -> Path:
     return next((each for each in inside if each.is_file()), path)
 
 
-def _launched(launch: str | None, words: dict[str, str]) -> Launched | None:
-    """Return what a launch file gives with these arguments."""
+def _launched(launch: str | None, words: dict[str, str], obeyed: AbstractSet[str]) -> Launched | None:
+    """Return what a launch file gives with these arguments, of which some are `obeyed` whatever becomes of them."""
     if launch is None:
         return None
     from canopen_control.runtime.launch_file import launched_robot  # most robots are run without
 
-    return launched_robot(find_launch(launch), words)
+    return launched_robot(find_launch(launch), words, obeyed)
 
 
 def _one(

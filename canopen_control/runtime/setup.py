@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.channel import ChannelKind, parse_channel
+from canopen_control.bus.channel import ChannelKind, may_host_virtual_drives, parse_channel
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.types import is_broadcaster, moves_joints
 from canopen_control.errors import RobotConfigError, nearest
@@ -45,6 +45,7 @@ class RobotSetup:
     """What a robot is made of; `channels` maps bus names to channels, `to_activate` the controllers.
 
     `sync` is who sends SYNC by the name of the bus, `kernel_sync` whether the command line asks the kernel for it.
+    `unplaced` are the buses whose channel nobody named, which are embedded ones.
     """
 
     name: str
@@ -62,6 +63,22 @@ class RobotSetup:
     sync: Mapping[str, SyncChoice] = field(default_factory=dict)
     drives: bool = False
     simulate: bool = False
+    unplaced: tuple[str, ...] = ()
+
+    @property
+    def reaches_real_drives(self) -> bool:
+        """Whether real drives may move when it runs, asked for or not: a bus of it is none of the virtual ones."""
+        return bool(self.joined) and (self.real or not all(map(may_host_virtual_drives, self.channels.values())))
+
+    def require_places(self, option: str) -> None:
+        """Raise RobotConfigError where drives are to be real and nobody said on which channel they are."""
+        if self.unplaced and self.joined:
+            which = " ".join(f"--can {name}=can{at}" for at, name in enumerate(self.unplaced))
+            given = "--can can0" if self.unplaced == (BUS_NAME,) else which
+            raise RobotConfigError(
+                f"{option}: where are the drives? Say it with {given} (or vcan0, pcan:PCAN_USBBUS1@500000, ...); "
+                "canopen-control bus lists the interfaces of this computer"
+            )
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -73,6 +90,7 @@ class RobotSetup:
         """What is said of the files at a start: the kind of an event, its level and its text."""
         yield from (("note", Level.INFO, text) for text in self.notes)
         yield from (("doubt", Level.WARNING, text) for text in self.doubts)
+        yield from (("argument", Level.WARNING, f"{word} {_IDLE}") for word in self.files.idle)
         yield from (("sync", Level.INFO, text) for text in self.told_of_sync)
 
     @property
@@ -131,6 +149,7 @@ class RobotSetup:
         return min(self.controllers.update_rate, cycle) if "update_rate" in self.controllers.manager_lines else cycle
 
 
+_IDLE = "reaches neither the description nor a file of this robot; it has no effect here"
 _OTHERS = (SyncSender.KERNEL, SyncSender.NODE)
 
 
@@ -157,14 +176,19 @@ def read_robot(
     ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes;
     `allow_unsupervised` accepts drives that nothing stops when the master dies; `kernel_sync` leaves SYNC to the
     kernel; with `physics` virtual drives move the robot in a world, with `drives` drives do where simulation plugins
-    would; `simulate` lets these move it in a world. A `reader` has begun to read the description already.
+    would; `simulate` lets these move it in a world. A `reader` has begun to read the description already. What the
+    user's NAME:=VALUE ask of the hardware (`files.asked`) counts as `can` and `real`.
     """
     name = name or files.name
+    real = files.asked.is_real(option=real)
+    if real and mock:
+        raise RobotConfigError(f"{files.asked.real_word} contradicts --mock; leave one of them away")
     on_drives = real or physics or drives
     read = partial(_buses, files, peer_merge, allow_unsupervised)
     buses, written, given = _read(files, name, read, reader, mock=mock, strict=strict)
     description, control, free = _add_free_drives(files, buses, written, given, mock=mock)
     _require_bus(files, buses, description, mock=mock, real=on_drives)
+    can = files.asked.channels(can, buses)
     channels = _channels(name, buses, can)
     sync = _choose_sync(buses, channels, description, kernel_sync=kernel_sync, mock=mock)
     return RobotSetup(
@@ -183,7 +207,14 @@ def read_robot(
         sync,
         drives,
         simulate,
+        _unplaced(buses, can),
     )
+
+
+def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, ...]:
+    """Return the buses whose channel neither an option nor bus.yml names."""
+    named = {text.rpartition("=")[0] or BUS_NAME for text in can}
+    return tuple(name for name, bus in buses.items() if name not in named and not bus.master.channel)
 
 
 def _read(

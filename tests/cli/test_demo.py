@@ -31,3 +31,20 @@ def test_it_plays_its_motion_and_ends_with_0(capfd):
     said = capfd.readouterr().out
     assert "OPERATION ENABLED" in said
     assert " 10.000 " in said
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--real"],
+        ["--real", "--can", "can0"],
+        ["--can", "can0"],
+        ["--can", "pcan:PCAN_USBBUS1", "--no-drives"],
+        ["robby", "can_interface_name:=can0"],
+        ["robby", "use_real_hardware:=true", "can_interface_name:=vcan0"],
+    ],
+)
+def test_it_never_moves_real_drives(capsys, words):
+    assert main(["demo", *words]) == 2
+    said = capsys.readouterr().err
+    assert "demo moves the robot by itself" in said

@@ -160,3 +160,60 @@ def test_a_launch_file_of_a_bus_alone_is_enough_for_one(tmp_path):
     files = find_robot(None, launch=str(path))
     assert files.bus_alone
     assert files.bus == tmp_path / "robby_bringup/config/first/bus.yml"
+
+
+ASKING = LAUNCH.replace(
+    'DeclareLaunchArgument("channel"),',
+    'DeclareLaunchArgument("channel"), DeclareLaunchArgument("use_real_hardware", default_value="false"),\n'
+    '        DeclareLaunchArgument("can_interface_name", default_value="vcan0"), DeclareLaunchArgument("gui"),\n'
+    '        DeclareLaunchArgument("use_fake_hardware"),',
+)
+
+
+def read(tmp_path, *words, launch=ASKING, **options):
+    path = make_package(tmp_path, launch)
+    return read_robot(find_robot(str(path.parents[1] / "config/first"), launch=str(path), arguments=words), **options)
+
+
+@pytest.mark.parametrize("name", ["can_interface_name", "channel"])
+def test_an_argument_that_names_a_can_interface_is_the_channel(tmp_path, name):
+    setup = read(tmp_path, f"{name}:=can0")
+    assert setup.channels == {"can": "can0"}
+    assert setup.reaches_real_drives
+    assert not setup.real
+
+
+def test_a_default_that_nobody_gave_is_none(tmp_path):
+    assert read(tmp_path).channels["can"].startswith("local:")
+
+
+@pytest.mark.parametrize("word", ["use_real_hardware:=true", "use_real_hardware:=True", "use_real_hardware:=1"])
+def test_real_hardware_is_obeyed_and_needs_a_channel(tmp_path, word):
+    setup = read(tmp_path, word, "can_interface_name:=can0")
+    assert setup.real
+    setup.require_places(word)
+    with pytest.raises(RobotConfigError, match="where are the drives"):
+        read(tmp_path / "b", word).require_places(word)
+    assert not read(tmp_path / "c", "use_real_hardware:=false").real
+
+
+@pytest.mark.parametrize(
+    ("words", "options", "why"),
+    [
+        (["use_real_hardware:=false"], {"real": True}, "contradicts --real"),
+        (["use_real_hardware:=true"], {"mock": True}, "contradicts --mock"),
+        (["use_real_hardware:=maybe"], {}, "write use_real_hardware:=true"),
+        (["can_interface_name:=can0"], {"can": ["vcan0"]}, "contradicts --can vcan0"),
+        (["can_interface_name:=can0", "channel:=can1"], {}, "contradict each other"),
+        (["use_fake_hardware:=false"], {}, "would choose nothing"),
+    ],
+)
+def test_what_cannot_be_obeyed_is_refused(tmp_path, words, options, why):
+    with pytest.raises(RobotConfigError, match=why):
+        read(tmp_path, *words, **options)
+
+
+def test_an_argument_that_reaches_nothing_is_told(tmp_path):
+    told = [text for _, _, text in read(tmp_path, "gui:=true").told]
+    assert any(text.startswith("gui:=true reaches neither") for text in told)
+    assert not any("mock:=false" in text for _, _, text in read(tmp_path / "b", "mock:=false").told)

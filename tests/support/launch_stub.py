@@ -85,9 +85,11 @@ def launched(name, packages=(), **arguments):
     assert set(arguments) <= set(values)
     values.update(arguments)
     started = [each for each in actions if "condition" not in each.named or each.named["condition"].holds(values)]
-    commands = [
-        [values[word] if isinstance(word, Configuration) else word for word in each.named["cmd"]]
-        for each in started
-        if isinstance(each, ExecuteProcess)
-    ]
+
+    def text(word):
+        if isinstance(word, list):  # of substitutions, which launch joins
+            return "".join(map(text, word))
+        return values[word] if isinstance(word, Configuration) else word
+
+    commands = [[text(word) for word in each.named["cmd"]] for each in started if isinstance(each, ExecuteProcess)]
     return commands, [each.named["executable"] for each in started if isinstance(each, Node)]

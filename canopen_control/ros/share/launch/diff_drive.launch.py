@@ -11,7 +11,7 @@ from __future__ import annotations
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess
-from launch.conditions import IfCondition, UnlessCondition
+from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -20,9 +20,8 @@ CONTROLLER = "robby_base_controller"
 
 def generate_launch_description() -> LaunchDescription:
     """Return what ros2 launch starts."""
-    channel = LaunchConfiguration("can_interface_name")
-    real = LaunchConfiguration("use_real_hardware")
-    command = ["canopen-control", "run", "robby", "--ros", "--controller", CONTROLLER, "--can", channel]
+    words = [[name, ":=", LaunchConfiguration(name)] for name in ("use_real_hardware", "can_interface_name")]
+    command = ["canopen-control", "run", "robby", *words, "--ros", "--controller", CONTROLLER]
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -30,12 +29,11 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 "can_interface_name",
-                default_value="local:robby",
-                description="Where the drives are: can0, vcan0, or local:NAME, the embedded bus.",
+                default_value="",
+                description="Where the drives are: can0, vcan0, or local:NAME; virtual ones need none.",
             ),
             DeclareLaunchArgument("gui", default_value=_has("rviz2"), description="Start rviz2."),
-            ExecuteProcess(cmd=command, name="robby", output="both", condition=UnlessCondition(real)),
-            ExecuteProcess(cmd=[*command, "--real"], name="robby", output="both", condition=IfCondition(real)),
+            ExecuteProcess(cmd=command, name="robby", output="both"),
             Node(
                 package="rviz2",
                 executable="rviz2",
