@@ -17,7 +17,7 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.package_search import installed_packages
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from collections.abc import Set as AbstractSet
 
     from canopen_control.runtime.launch_file import Launched
@@ -61,7 +61,7 @@ class AskedHardware:
     real_word: str = ""
     names: frozenset[str] = frozenset()
 
-    def channels(self, can: Sequence[str], buses: Mapping[str, object]) -> list[str]:
+    def channels(self, can: Sequence[str], buses: Collection[str]) -> list[str]:
         """Return the `--can` options with the asked channel; RobotConfigError where the two contradict each other."""
         if not self.channel:
             return list(can)
