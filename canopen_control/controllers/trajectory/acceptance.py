@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.controllers.trajectory.point import whole_turns
 from canopen_control.controllers.trajectory.point_limiter import PointLimiter
 from canopen_control.controllers.trajectory.validation import (
     JointLimits,
@@ -79,12 +80,16 @@ class Acceptance:
         return PointLimiter([given.hard(known.lower, known.upper, known.velocity) for known, given in pairs])
 
     def take_limits(self) -> None:
-        """Take the limits that the hardware interfaces know beside the description's."""
+        """Take the limits that the hardware interfaces know beside the description's.
+
+        A joint whose positions are bounded by its interface does not turn without end, whatever its type.
+        """
         for index, command in enumerate(self._group.commands.get(POSITION, ())):
             joint = self._params.joints[self._group.places[index]]
             known = self.limits[joint]
             lower, upper = max(known.lower, command.minimum), min(known.upper, command.maximum)
-            self.limits[joint] = JointLimits(lower, upper, known.velocity, known.continuous)
+            endless = known.continuous and math.isinf(command.minimum) and math.isinf(command.maximum)
+            self.limits[joint] = JointLimits(lower, upper, known.velocity, endless)
 
     def mistake(self, message: JointTrajectory, now: int, begin: Sequence[float]) -> Refused | None:
         """Say why a trajectory is refused, None if it is taken.
@@ -107,7 +112,7 @@ class Acceptance:
             or lost_start(message, now + _NEXT)
             or far_start(message, here, self.limits, given.allowed_start_tolerance)
             or (self._unreachable(message) if given.unreachable_points == "refuse" else None)
-            or self._misfit(message, survey)
+            or self._misfit(message, survey, here)
         )
         return None if unbearable is None else Refused(None, unbearable)
 
@@ -119,16 +124,21 @@ class Acceptance:
         """Say which point a joint cannot reach in time; a limiter of points is there for those."""
         return None if self._params.joint_limiter_type else unreachable(message, survey_of(message), self.limits)
 
-    def _misfit(self, message: JointTrajectory, survey: Survey) -> str | None:
-        """Say which position the object behind a command cannot hold, None if it holds all."""
+    def _misfit(self, message: JointTrajectory, survey: Survey, here: Mapping[str, float]) -> str | None:
+        """Say which position the object behind a command cannot hold, None if it holds all.
+
+        A joint that turns without end goes there on the turn on which it is.
+        """
         joints, group = self._params.joints, self._group
         for index, command in enumerate(group.commands.get(POSITION, ())):
             joint = joints[group.places[index]]
             if joint not in message.joint_names or not survey.positions.ranges:
                 continue
             place = message.joint_names.index(joint)
+            first = message.points[0].positions if self.limits[joint].continuous else ()
+            turns = whole_turns(here[joint], first[place]) if place < len(first) else 0.0
             for value in (survey.positions.lowest[place], survey.positions.highest[place]):
-                if (fits := command.misfit(value)) is not None:
+                if (fits := command.misfit(value + turns)) is not None:
                     return f"it leads {joint} to {value:g}, and {fits}; plan within that"
         return None
 

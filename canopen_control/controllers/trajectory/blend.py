@@ -92,21 +92,26 @@ class Blend(Motion):
         found = self._mix(t, out, ahead=True, asked=True)
         for each in later:
             said = Point()
+            self._lead(each)
             if each.trajectory.query(t, said):
                 _copy(said, out, each.joints)
         return found
 
     def _hand_over(self, coming: _Waiting) -> None:
         """Let joints follow another trajectory, from where the one that they follow is then."""
-        before = Point()
-        self._mix(coming.handoff, before, ahead=True)
-        coming.trajectory.set_before(coming.handoff, before, self._wrap)
+        self._lead(coming)
         tracks = []
         for each in self._tracks:
             left = [joint for joint in each.joints if joint not in coming.joints]
             if left:
                 tracks.append(_Track(each.motion, left))
         self._tracks = [*tracks, _Track(coming.trajectory, coming.joints)]
+
+    def _lead(self, coming: _Waiting) -> None:
+        """Let a trajectory lead on from where the joints are when it takes over."""
+        before = Point()
+        self._mix(coming.handoff, before, ahead=True)
+        coming.trajectory.set_before(coming.handoff, before, self._wrap)
 
     def _mix(self, t: int, out: Point, *, ahead: bool, asked: bool = False) -> bool:
         """Write what each joint's motion says at `t`; where one says nothing, what stands stays."""

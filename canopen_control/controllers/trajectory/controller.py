@@ -122,6 +122,7 @@ class JointTrajectoryController(Controller):
         self._default = given.tolerances()
         self._timeout = given.cmd_timeout if given.cmd_timeout > given.goal_time else 0.0
         self._acceptance.take_limits()
+        group.wrap[:] = self._acceptance.continuous
         self._follower.limiter = self._acceptance.point_limiter()
         self.stamp, self.goal = 0, None
         self.life.end()

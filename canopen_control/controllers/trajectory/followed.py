@@ -4,6 +4,8 @@ The law of the file (ros2_controllers jazzy, Trajectory): it starts at its stamp
 0; until the arrival at the first point it leads there from the point before it; what a point lacks is deduced from its
 derivatives and from then on stands in it; when it is over, its last point stays. Ours, and safer: a look into the
 future never moves the place that has been reached, and a time that lies before that place is found all the same.
+Upstream wraps only the point before the first one, so that a drive whose joint turns without end is commanded to
+another turn at once. Here what is sampled is shifted by whole turns instead: the way begins where the joint is.
 Points that come packed are made one by one, when the joints come to them. What a look ahead has found is not worked out
 again when its time has come, as it does in the next cycle.
 """
@@ -14,7 +16,7 @@ import math
 from bisect import bisect_right
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.trajectory.point import Point, Points, wrap_around
+from canopen_control.controllers.trajectory.point import Point, Points, whole_turns
 from canopen_control.controllers.trajectory.segment import Segment
 
 if TYPE_CHECKING:
@@ -44,7 +46,7 @@ class Motion:
         self.first = self.following = size
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Take where the joints are before the first point, at a time in ns; `wrap` says who turns without end."""
+        """Take where the joints are before the first point, at a time in ns; `wrap` says which turn without end."""
         raise NotImplementedError
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
@@ -82,7 +84,8 @@ class Motion:
 class Trajectory(Motion):
     """Points that are followed, with `splines` between them, or without: then each is commanded until it is reached.
 
-    With an `arrangement` it is applied to each point that is made.
+    With an `arrangement` it is applied to each point that is made. `shift` is what is added to the positions of each
+    joint, in whole turns: what is sampled has it, the points have not.
     """
 
     def __init__(self, message: JointTrajectory, splines: bool = True, arrangement: Arrangement | None = None) -> None:
@@ -101,14 +104,17 @@ class Trajectory(Motion):
         self._end: Point | None = None
         self._seen: Point | None = None  # by a look ahead, at that time
         self._seen_at = 0
+        self.shift: list[float] = []
+        self._shifted = False
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Take where the joints are before the first point; only it is moved by whole turns, never the trajectory."""
+        """Take where the joints are before the first point, and find the turns that lie between."""
         self.before_time, self._fitted, self._seen = time, _NONE, None
         before = self.before
         before.take(point)
         if not all(map(math.isfinite, before.effort)):  # what is commanded before the first cycle
             before.effort[:] = [each if math.isfinite(each) else 0.0 for each in before.effort]
+        self.shift, self._shifted = [], False
         if not self.size:
             return
         first = self.at(0)
@@ -116,7 +122,36 @@ class Trajectory(Motion):
             before.velocities[:] = [0.0] * len(first.velocities)
         if not before.accelerations and first.accelerations:
             before.accelerations[:] = [0.0] * len(first.accelerations)
-        wrap_around(before.positions, first.positions, wrap)
+        if any(wrap):
+            self._wrap(wrap)
+
+    def _wrap(self, wrap: Sequence[bool]) -> None:
+        """Shift joints that turn without end, so that the first point is within half a turn of where each is.
+
+        Until the first point that has positions they follow their velocities; that point counts then.
+        """
+        before = self.before.positions
+        here, there = self._first_place()
+        self.shift = [0.0] * len(before)
+        for index in range(min(len(before), len(there), len(wrap))):
+            if wrap[index]:
+                self.shift[index] = whole_turns(here[index], there[index])
+                before[index] -= self.shift[index]
+        self._shifted = any(self.shift)
+
+    def _first_place(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Return the positions of the first point that has some, after those from which the way leads there."""
+        point, first = self.before, self.at(0)
+        if first.positions:
+            return point.positions, first.positions
+        point, begin = point.copy(), self.before_time - (self.start or self.before_time)
+        for index in range(self.size):
+            following = self.at(index).copy()
+            if following.positions:
+                return point.positions, following.positions
+            _deduce(point, following, (following.time - begin) / 1e9)
+            point, begin = following, following.time
+        return point.positions, ()
 
     def at(self, index: int) -> Point:
         """Return a point of it, for all joints in their order."""
@@ -134,9 +169,24 @@ class Trajectory(Motion):
 
     def end_point(self) -> Point | None:
         """Return the last point, None where there is none."""
+        end = self._last_point()
+        if end is None or not self._shifted:
+            return end
+        shifted = end.copy()
+        self._shift(shifted)
+        return shifted
+
+    def _last_point(self) -> Point | None:
+        """Return the last point as it was sent."""
         if self._end is None and self.size:
             self._end = self.at(self.size - 1)
         return self._end
+
+    def _shift(self, point: Point) -> None:
+        """Bring a point to the turns on which the joints are."""
+        positions, shift = point.positions, self.shift
+        for index in range(min(len(positions), len(shift))):
+            positions[index] += shift[index]
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
         """Write the point at `t` into `out`, see `Motion`."""
@@ -191,8 +241,12 @@ class Trajectory(Motion):
             self._fit(index)
         if not self.splines:
             out.take(self._from if index == _BEFORE else self._to)
+            if self._shifted:
+                self._shift(out)
             return
         self._segment.evaluate(t, out)
+        if self._shifted:
+            self._shift(out)
         out.time = 0 if index == _BEFORE else self._to.time
         if ahead:
             self._seen, self._seen_at = out, t
@@ -209,7 +263,7 @@ class Trajectory(Motion):
             self._segment.fit(begin, a, end, b)
 
     def _last(self, out: Point) -> bool:
-        last = self.end_point()
+        last = self._last_point()
         if last is None:
             return False
         if not last.positions and self.size > 1 and (before := self.at(self.size - 2)).positions:
@@ -218,6 +272,8 @@ class Trajectory(Motion):
             return False
         self.first = self.size - 1
         out.take(last)
+        if self._shifted:
+            self._shift(out)
         if not (last.velocities and last.accelerations and last.effort):
             _fill(out)
         return True

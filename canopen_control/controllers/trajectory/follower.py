@@ -247,14 +247,15 @@ class Follower:
         )
 
     def _begin(self, motion: Motion, now: int, scaling: float) -> None:
-        """Take where the joints are, or were to be, before the first point."""
+        """Take where the joints are, or were to be, before the first point; a hold is where they are, on that turn."""
+        wrap = () if self._taken is self._hold else self._group.wrap
         if self._params.from_desired and self._last.positions:
             self._last_time = self._last_time or now
             if isinstance(motion, Stop):
                 motion.pace = scaling  # what was commanded last ran so slowly; what is measured is real
-            motion.set_before(self._last_time, self._last, self._group.wrap)
+            motion.set_before(self._last_time, self._last, wrap)
         else:
-            motion.set_before(now, self._group.actual, self._group.wrap)
+            motion.set_before(now, self._group.actual, wrap)
         self._time = now
 
 

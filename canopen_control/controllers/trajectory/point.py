@@ -1,7 +1,7 @@
 """The points of a joint trajectory: what they say of its joints, in which order, and on which turn.
 
 The law of the file (ros2_controllers jazzy): joints that a trajectory does not name stay, and its values are put into
-the order of the controller; a start is moved by whole turns to where the first point is the shortest way off.
+the order of the controller.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from mypy_extensions import mypyc_attr
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-__all__ = ["Arrangement", "JointTrajectory", "Point", "Points", "shortest_angular_distance", "wrap_around"]
+__all__ = ["Arrangement", "JointTrajectory", "Point", "Points", "shortest_angular_distance", "whole_turns"]
 
 _HALF_TURN: Final = 1e-9
 """So near to half a turn both ways are the shortest, and the sign of the difference decides; rad."""
@@ -124,12 +124,14 @@ def shortest_angular_distance(begin: float, end: float) -> float:
     return rest + math.pi if rest <= 0.0 else rest - math.pi
 
 
-def wrap_around(current: list[float], following: Sequence[float], wrap: Sequence[bool]) -> None:
-    """Move the positions of joints without end by whole turns to where the next ones are the shortest way off."""
-    for index in range(min(len(current), len(following), len(wrap))):
-        if not wrap[index]:
-            continue
-        distance = shortest_angular_distance(current[index], following[index])
-        if abs(abs(distance) - math.pi) < _HALF_TURN:
-            distance = math.copysign(distance, following[index] - current[index] or -1.0)
-        current[index] = following[index] - distance
+def whole_turns(begin: float, end: float) -> float:
+    """Return the whole turns, in rad, by which `end` must be shifted to lie within half a turn of `begin`; 0 for nan.
+
+    At exactly half a turn the sign of the difference decides, as upstream.
+    """
+    distance = shortest_angular_distance(begin, end)
+    if distance != distance:
+        return 0.0
+    if abs(abs(distance) - math.pi) < _HALF_TURN:
+        distance = math.copysign(distance, end - begin or -1.0)
+    return math.tau * round((begin + distance - end) / math.tau)

@@ -24,6 +24,7 @@ CASES = cases("jtc_scenarios")
 #: what upstream does there hurts; the tests below say what is done instead
 DEVIATES = {
     "stop trajectory rewritten in place while it runs": "the second stop jumps to where the time of the first one is",
+    "goal tolerance on a continuous joint uses the short way": "a joint is commanded to another turn at once",
 }
 
 
@@ -117,6 +118,54 @@ def test_a_goal_is_reached_and_held(arm):
     assert (goal.state, goal.code) == (GoalState.SUCCEEDED, ResultCode.SUCCESSFUL)
     arm.run(50)
     assert arm.positions() == [1.0, 1.0]
+
+
+def test_a_joint_without_end_goes_to_a_goal_on_the_turn_on_which_it_is():
+    arm = Arm(kind="continuous")
+    goal, way = arm.send((3.0, 10.0)), [arm.positions()[0]]
+    for _ in range(302):
+        arm.run()
+        way.append(arm.positions()[0])
+    assert goal.state is GoalState.SUCCEEDED
+    assert way[-1] == pytest.approx(10.0 - 4 * math.pi)
+    assert max(abs(b - a) for a, b in itertools.pairwise(way)) < 0.02  # rad in 10 ms: 2 rad/s
+    arm.run(50)
+    assert arm.positions() == [way[-1]] * 2
+    arm.send((2.0, 0.0))
+    arm.run(250)
+    assert arm.positions() == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+def test_one_trajectory_after_the_other_never_leaps():
+    """Each takes the place of the one before, also of one that is blended in."""
+    for replacement in (False, True):
+        arm = Arm(kind="continuous", allow_trajectory_replacement=replacement, allowed_start_tolerance=0.0)
+        way = []
+        for place in (10.0, -8.0, 0.5, 40.0):
+            arm.send((3.0, place))
+            for _ in range(150):
+                arm.run()
+                way.append(arm.positions()[0])
+        assert max(abs(b - a) for a, b in itertools.pairwise(way)) < 0.06
+
+
+def test_a_continuous_joint_whose_interface_has_ends_is_judged_by_them():
+    arm = Arm(kind="continuous")
+    arm.manager.switch([], ["arm"], now=arm.now)
+    for each in arm.hardware.command_interfaces:
+        each.minimum, each.maximum = -3.0, 3.0
+    arm.manager.switch(["arm"], now=arm.now)
+    with pytest.raises(ControlError, match="a at 10 is beyond its limits of -3 to 3"):
+        arm.send((9.0, 10.0))
+
+
+def test_what_the_object_cannot_hold_is_judged_on_the_turn_on_which_the_joint_is():
+    arm = Arm(kind="continuous")
+    for each in arm.hardware.command_interfaces:
+        each.lowest, each.highest = -4.0, 4.0
+    assert arm.send((3.0, 1000.0)).ended is False
+    with pytest.raises(ControlError, match="a to 7, and"):
+        arm.send((3.0, 1.0), (9.0, 7.0))
 
 
 def test_a_joint_that_is_lost_ends_the_goal_with_its_name_and_nothing_is_commanded_to_any(arm):

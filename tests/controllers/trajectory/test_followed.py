@@ -32,6 +32,8 @@ def samples(case):
             "trajectory_start_ns": trajectory.start,
             "out_time_from_start_ns": out.time,
         }
+        for index, turns in enumerate(trajectory.shift if ok else ()):
+            out.positions[index] -= turns  # upstream goes on on the turn of the message; the joint's is another
         keys = found.keys() & wanted.keys() if wanted["ok"] else {"ok"}
         wrong = {key: (found[key], wanted[key]) for key in keys if found[key] != wanted[key]}
         yield wrong | (differences(out, wanted, case["tolerance"]) if ok else {}), each, wanted
@@ -112,6 +114,61 @@ def test_accelerations_without_velocities_lead_from_point_to_point():
 def test_without_splines_the_next_point_is_commanded_until_it_is_reached():
     made = ramp((1.0, 1.0), (2.0, 3.0), splines=False)
     assert [at(made, t) for t in (10.0, 10.9, 11.0, 11.9, 12.0)] == [0.0, 0.0, 3.0, 3.0, 3.0]
+
+
+def turning(begin: float, *points: Point, wrap: bool = True) -> Trajectory:
+    """Return a trajectory of a joint without end that is at `begin` at 10 s."""
+    made = Trajectory(JointTrajectory(["a"], points))
+    made.set_before(10 * S, Point([begin], [0.0]), [wrap])
+    return made
+
+
+@pytest.mark.parametrize(
+    ("begin", "first", "goes"),
+    [
+        (0.0, 10.0, 10.0 - 4 * math.pi),
+        (0.0, 3.0, 3.0),
+        (0.0, -3.5, -3.5 + 2 * math.pi),
+        (100.0, 0.5, 0.5 + 32 * math.pi),
+        (-7.0, 0.0, -2 * math.pi),
+        (0.0, math.pi, math.pi),
+        (0.0, -math.pi, -math.pi),
+    ],
+)
+def test_a_joint_without_end_begins_where_it_is_and_goes_at_most_half_a_turn(begin, first, goes):
+    made = turning(begin, Point([first], time=3 * S))
+    way = [at(made, 10.0 + each / 10) for each in range(31)]
+    assert way[0] == begin
+    assert way[-1] == pytest.approx(goes)
+    assert all(abs(b - a) < 0.11 for a, b in itertools.pairwise(way))
+    assert made.end_point().positions == [way[-1]]
+    out = Point()
+    assert made.query(14 * S, out)
+    assert out.positions == [way[-1]]
+
+
+def test_later_points_keep_their_distances_from_the_first_one():
+    made = turning(0.0, *(Point([p], time=round(t * S)) for t, p in ((1.0, 10.0), (2.0, 20.0), (3.0, 10.0))))
+    first = 10.0 - 4 * math.pi
+    assert [at(made, t) for t in (10.0, 11.0, 12.0, 13.0)] == pytest.approx([0.0, first, first + 10.0, first])
+
+
+def test_a_first_point_at_once_is_shifted_too():
+    made = turning(12.0, Point([0.0], time=0), Point([1.0], time=S))
+    assert [at(made, t) for t in (10.0, 11.0)] == pytest.approx([4 * math.pi, 4 * math.pi + 1.0])
+
+
+def test_the_first_point_that_has_positions_counts_after_those_that_have_none():
+    """1 s at 2 rad/s on the average brings it to 1 rad: the way to 7.5 rad is 0.2 rad then, on the turn below."""
+    points = Point(velocities=[2.0], time=S), Point([7.5], [0.0], time=2 * S)
+    made = turning(0.0, *points)
+    way = [at(made, 10.0 + each / 10) for each in range(21)]
+    assert (way[0], way[10], way[20]) == pytest.approx((0.0, 1.0, 7.5 - 2 * math.pi))
+
+
+def test_a_joint_with_ends_is_led_as_it_is_told():
+    made = turning(0.0, Point([10.0], time=3 * S), wrap=False)
+    assert [at(made, t) for t in (10.0, 13.0)] == [0.0, 10.0]
 
 
 def test_without_points_there_is_nothing():

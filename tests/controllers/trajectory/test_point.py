@@ -11,7 +11,7 @@ from canopen_control.controllers.trajectory.point import (
     JointTrajectory,
     Point,
     shortest_angular_distance,
-    wrap_around,
+    whole_turns,
 )
 
 #: upstream appends nothing then, and commands every joint what was meant for another one
@@ -81,10 +81,12 @@ def test_the_shortest_way_is_upstreams(case):
 
 
 @pytest.mark.parametrize("case", cases("jtc_wraparound"), ids=lambda case: case["name"])
-def test_the_start_moves_by_whole_turns_as_upstreams_does(case):
-    current = list(case["in"]["current"])
-    wrap_around(current, case["in"]["next"], case["in"]["wrap"])
-    assert close(current, case["expect"]["current_after"])
+def test_the_turns_between_start_and_first_point_are_upstreams(case):
+    """Upstream moves the start by them, the trajectory is shifted by them here."""
+    given = case["in"]
+    pairs = zip(given["current"], given["next"], given["wrap"], strict=False)
+    moved = [begin - whole_turns(begin, end) if wrap else begin for begin, end, wrap in pairs]
+    assert close(moved, case["expect"]["current_after"][: len(moved)])
 
 
 @given(ANGLES, ANGLES)
@@ -95,10 +97,7 @@ def test_the_way_is_half_a_turn_at_most_and_ends_where_it_should(begin, end):
 
 
 @given(ANGLES, ANGLES)
-def test_a_joint_without_end_starts_within_half_a_turn_on_the_turn_of_the_first_point(begin, first):
-    current = [begin, begin]
-    wrap_around(current, [first, first], [True, False])
-    assert abs(current[0] - first) <= math.pi + 1e-9
-    turns = (current[0] - begin) / (2 * math.pi)
-    assert turns == pytest.approx(round(turns), abs=1e-6)
-    assert current[1] == begin
+def test_a_point_is_shifted_by_whole_turns_to_within_half_a_turn(begin, first):
+    turns = whole_turns(begin, first)
+    assert abs(first + turns - begin) <= math.pi + 1e-9
+    assert turns / math.tau == pytest.approx(round(turns / math.tau), abs=1e-9)
