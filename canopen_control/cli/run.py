@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -357,15 +358,27 @@ def _teller(announcer: Announcer, table: bool, nodes: int = 0, prefix: str = "")
             booted.add(event.node)
             text = f"{text} ({len(booted)} of {nodes} nodes)"
         if event.kind in _ALWAYS or (event.level >= lowest and event.kind not in _CHATTER):
-            announcer.say(f"{prefix}{text}")
+            line = f"{prefix}{text}"
+            announcer.say(partial(_with_token, line) if event.kind == _VIEW else line)
 
     return tell
+
+
+def _with_token(text: str) -> str:
+    """Return the line of the event that a page is served, with the token, which events do not carry; reads files."""
+    from canopen_control.view.page_address import page_addresses
+
+    with suppress(CanopenError):
+        for place, url in page_addresses().items():
+            text = text.replace(place, url)
+    return text
 
 
 _NO_DEMO = (
     "demo moves the robot by itself, and never real drives; leave that away for virtual ones, "
     "or: canopen-control run ROBOT --real --can CHANNEL"
 )
+_VIEW = "view"
 _BOOTED, _MANY = "ready", 4  # nodes whose boot is worth counting
-_ALWAYS = ("demo", "flight", "view", "stopping", "stopped")
+_ALWAYS = ("demo", "flight", _VIEW, "stopping", "stopped")
 _CHATTER = ("note", "mode", "state", "failed")  # the last is what the run ends with, on standard error

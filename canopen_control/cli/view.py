@@ -1,15 +1,18 @@
 """`view`: the robot on a page of this computer: 3D, plots, drives, events, and a large STOP.
 
-The page is for this computer alone unless --host says otherwise; then its address holds a token. --teleop adds buttons
-that drive while they are held. STOP is a function of this program, no safety function (ISO 13850).
+The page is for this computer alone unless --host says otherwise, and for you alone: its address ends with a token, and
+whoever has the address may use the page. --address prints it again. --teleop adds buttons that drive while they are
+held. STOP is a function of this program, no safety function (ISO 13850).
 """
 
 from __future__ import annotations
 
 import os
+import sys
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import whole_number
+from canopen_control.errors import CanopenError
 from canopen_control.view import require_view
 
 if TYPE_CHECKING:
@@ -18,7 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control view
-         canopen-control view --teleop --port 9000"""
+         canopen-control view --teleop --port 9000
+         canopen-control view --address"""
 NICENESS = 5  # the robot goes first
 
 
@@ -34,13 +38,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=whole_number("port: 0 to 65535", range(65536)),
         help="default: 8080, or the next that is free; 0: any",
     )
+    parser.add_argument(
+        "--address", action="store_true", help="print the address of a page that is served already, with its token"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb until Ctrl-C."""
+    if args.address:
+        return _print_addresses(args.name)
     require_view()
     os.nice(NICENESS)  # before anything is imported: a thread has the niceness that its maker had when it began
     from canopen_control.view.view_app import main
 
     main(args.name, args.host, args.port, teleop=args.teleop)
+    return 0
+
+
+def _print_addresses(name: str | None) -> int:
+    from canopen_control.view.page_address import page_addresses
+
+    found = page_addresses(name)
+    if not found:
+        whose = "a robot" if name is None else f"robot {name}"
+        raise CanopenError(f"no page of {whose} is served; start it: canopen-control view")
+    sys.stdout.writelines(f"{url}\n" for url in found.values())
     return 0

@@ -1,7 +1,8 @@
 """Access check of the page as ASGI middleware, in front of everything its server has, WebSockets included.
 
-What `AccessRules` refuse is answered here and reaches nothing behind it. HTML of the page gets a nonce of its own for
-the scripts that are in it, and every answer the headers of `AccessRules`.
+What `AccessRules` refuse is answered here and reaches nothing behind it. The token in the path is the `root_path` of
+what lies behind (ASGI), so that the toolkit writes it into every address of the page. HTML of the page gets a nonce of
+its own for the scripts that are in it, and every answer the headers of `AccessRules`.
 """
 
 from __future__ import annotations
@@ -37,24 +38,27 @@ class AccessMiddleware:
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
-        path = _path_of(scope)
-        headers = _headers_of(scope)
-        refused = self._rules.refusal(path, headers, scope.get("method", "GET"))
+        rules, path = self._rules, str(scope.get("path", "/"))
+        refused = rules.refusal(path, _headers_of(scope), scope.get("method", "GET"))
         if refused is not None:
-            await _refuse(scope["type"], refused, receive, send)
+            await _refuse(scope["type"], refused, receive, send, rules)
             return
+        if path == rules.root and scope["type"] == "http":  # the page's own addresses are relative to a folder
+            await _answer(307, {"Location": f"{rules.root}/", **rules.response_headers()}, "", send)
+            return
+        scope["root_path"] = rules.root
         scope["headers"] = [each for each in scope["headers"] if each[0] not in _NOT_BELIEVED]
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
         else:
-            await self.app(scope, receive, _Answer(self._rules, path, send))
+            await self.app(scope, receive, _Answer(rules, send))
 
 
 class _Answer:
     """Sends an answer on, with the headers of the rules; HTML is held back until it is whole."""
 
-    def __init__(self, rules: AccessRules, path: str, send: Send) -> None:
-        self._rules, self._path, self._send = rules, path, send
+    def __init__(self, rules: AccessRules, send: Send) -> None:
+        self._rules, self._send = rules, send
         self._start: Message | None = None
         self._html = bytearray()
 
@@ -63,7 +67,7 @@ class _Answer:
             if _is_html(message):
                 self._start = message
             else:
-                await self._send(_with(message, self._rules.response_headers(self._path)))
+                await self._send(_with(message, self._rules.response_headers()))
         elif self._start is None:
             await self._send(message)
         else:
@@ -75,23 +79,28 @@ class _Answer:
         nonce = secrets.token_urlsafe(16)
         # What is in the page at this time is the toolkit's template and our own: all else came in escaped.
         html = html.replace(b"<script", b'<script nonce="%s"' % nonce.encode())
-        extra = self._rules.response_headers(self._path, nonce)
+        extra = self._rules.response_headers(nonce)
         await self._send(_with(start, {**extra, "Cache-Control": "no-store", "Content-Length": str(len(html))}))
         await self._send({"type": "http.response.body", "body": html})
 
 
-async def _refuse(kind: str, why: str, receive: Receive, send: Send) -> None:
+async def _refuse(kind: str, why: str, receive: Receive, send: Send, rules: AccessRules) -> None:
     if kind == "websocket":
         await receive()
         await send({"type": "websocket.close", "code": 1008, "reason": why[:120]})  # before it is open: 403
         return
-    body = f"403: {why}\n".encode()
-    headers = {
+    await _answer(403, rules.response_headers(), f"403: {why}\n", send)
+
+
+async def _answer(status: int, headers: dict[str, str], text: str, send: Send) -> None:
+    body = text.encode(errors="replace")
+    extra = {
+        **headers,
         "Content-Type": "text/plain; charset=utf-8",
         "Content-Length": str(len(body)),
         "Cache-Control": "no-store",
     }
-    await send(_with({"type": "http.response.start", "status": 403, "headers": []}, headers))
+    await send(_with({"type": "http.response.start", "status": status, "headers": []}, extra))
     await send({"type": "http.response.body", "body": body})
 
 
@@ -103,12 +112,6 @@ def _with(start: Message, extra: dict[str, str]) -> Message:
 
 def _is_html(start: Message) -> bool:
     return any(name.lower() == b"content-type" and value.startswith(b"text/html") for name, value in start["headers"])
-
-
-def _path_of(scope: Message) -> str:
-    query = scope.get("query_string", b"").decode("latin-1")
-    path = str(scope.get("path", "/"))
-    return f"{path}?{query}" if query else path
 
 
 def _headers_of(scope: Message) -> dict[str, str]:

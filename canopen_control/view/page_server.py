@@ -23,6 +23,7 @@ from starlette.responses import PlainTextResponse
 
 from canopen_control.errors import ConfigError, ControlError
 from canopen_control.view.access_middleware import AccessMiddleware
+from canopen_control.view.access_rules import is_loopback
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -160,15 +161,17 @@ async def access_problem(rules: AccessRules) -> str | None:
     """Ask as those would who are to be refused; return what is wrong if one of them is answered."""
     host = f"127.0.0.1:{rules.port}"
     own, foreign = f"Host: {host}", f"Origin: http://{_STRANGER}"
+    root = rules.root
     asked: list[tuple[str, str, Sequence[str]]] = [
-        ("a request with a foreign Origin", "/", (own, foreign)),
-        ("a WebSocket with a foreign Origin", _WEBSOCKET, (own, foreign, *_UPGRADE)),
-        ("a WebSocket without Origin", _WEBSOCKET, (own, *_UPGRADE)),
+        ("a request without the token", "/", (own,)),
+        ("a file without the token", "/_nicegui/", (own,)),
+        ("a WebSocket without the token", _WEBSOCKET, (own, f"Origin: http://{host}", *_UPGRADE)),
+        ("a request with a foreign Origin", f"{root}/", (own, foreign)),
+        ("a WebSocket with a foreign Origin", f"{root}{_WEBSOCKET}", (own, foreign, *_UPGRADE)),
+        ("a WebSocket without Origin", f"{root}{_WEBSOCKET}", (own, *_UPGRADE)),
     ]
-    if rules.token is None:
-        asked.append(("a request with a foreign Host", "/", (f"Host: {_STRANGER}",)))
-    else:
-        asked.append(("a request without the token", "/", (own,)))
+    if is_loopback(rules.host):
+        asked.append(("a request with a foreign Host", f"{root}/", (f"Host: {_STRANGER}",)))
     for what, path, headers in asked:
         try:
             status = await asyncio.wait_for(_status(rules, path, headers), _PROBE_S)

@@ -28,6 +28,7 @@ from canopen_control.view.access_rules import AccessRules
 from canopen_control.view.dead_man import DeadMan
 from canopen_control.view.fault_client import read_faults
 from canopen_control.view.page import Page, build_waiting
+from canopen_control.view.page_address import PageAddress
 from canopen_control.view.page_server import PageServer, listen, silence
 from canopen_control.view.robot_connection import RobotConnection, in_thread
 from canopen_control.view.robot_view import RobotView
@@ -65,7 +66,9 @@ class ViewApp:
     ) -> None:
         self.name, self.teleop, self._say = select_robot(name), teleop, say
         listener = listen(host, port)
-        self.rules = AccessRules(host, listener.getsockname()[1])
+        port = listener.getsockname()[1]
+        self._address = PageAddress(self.name, host, port)
+        self.rules = AccessRules(host, port, self._address.token)
         self._lifeline = lifeline_fd()
         self.server = PageServer(listener, self.rules, self.name, self._build, self.stop)
         silence(say)
@@ -100,9 +103,11 @@ class ViewApp:
             loop.add_signal_handler(number, self.server.stop)
         if self._lifeline is not None:
             loop.add_reader(self._lifeline, self.server.stop)
+        self._address.keep(self.rules)
         try:
             await self.server.serve(self._begin)
         finally:
+            self._address.end()
             self._dead_man.let_go()
             self.player.end()
             self._leave()
@@ -341,14 +346,18 @@ class ViewApp:
         self._meshes += 1
         path = f"/mesh/{self._meshes}.{kind}"
         self.server.add_file(path, content, "model/stl" if kind == "stl" else "model/gltf-binary")
-        return path
+        return path.removeprefix("/")  # an address of the page is relative: it begins with the token
 
     def _announce(self, connection: RobotConnection) -> None:
-        """Tell where the page is: to who started it by hand, or through the robot to who watches `run`."""
-        text = f"view: {self.rules.url}"
+        """Print where the page is; started by `run`, tell it without the token as an event of the robot.
+
+        Events are recorded, reported and published as ROS topics; `run` prints the token from `page_addresses`.
+        """
         if self._lifeline is not None:
-            connection.send(Tell(kind="view", text=text))
-        self._say(text)
+            connection.send(Tell(kind="view", text=f"view: {self.rules.place}"))
+            self._say(f"view: {self.rules.place}")
+        else:
+            self._say(f"view: {self.rules.url}")
 
     def _on_readable(self) -> None:
         connection, robot = self._connection, self._known

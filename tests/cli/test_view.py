@@ -1,11 +1,17 @@
 import importlib.util
 import os
+from io import StringIO
 
 import pytest
 
+from canopen_control.cli import run
 from canopen_control.cli.main import main
+from canopen_control.cli.support.output import Announcer
 from canopen_control.errors import ConfigError
+from canopen_control.master.event_log import Event
 from canopen_control.view import require_view
+from canopen_control.view.access_rules import AccessRules
+from canopen_control.view.page_address import PageAddress
 
 
 @pytest.fixture(autouse=True)
@@ -52,6 +58,30 @@ def test_run_with_the_view_but_without_nicegui_starts_nothing(monkeypatch, capsy
     said = capsys.readouterr()
     assert "pip install 'canopen-control[view]'" in said.err
     assert said.out == ""
+
+
+def test_the_address_of_a_page_that_is_served_is_printed_with_its_token(private_folders, capsys):
+    assert main(["view", "--address"]) == 1
+    assert "no page of a robot is served" in capsys.readouterr().err
+    address = PageAddress("robby", "127.0.0.1", 8080)
+    rules = AccessRules("127.0.0.1", 8080)
+    address.keep(rules)
+    assert main(["view", "--address"]) == main(["view", "--address", "--name", "robby"]) == 0
+    assert capsys.readouterr().out == f"{rules.url}\n" * 2
+    assert main(["view", "--address", "--name", "other"]) == 1
+    address.end()
+
+
+def test_run_prints_the_token_that_the_event_does_not_carry(private_folders):
+    address = PageAddress("robby", "127.0.0.1", 8080)
+    rules = AccessRules("127.0.0.1", 8080)
+    address.keep(rules)
+    stream = StringIO()
+    announcer = Announcer(stream)
+    run._teller(announcer, False, prefix="robby: ")(Event(0, "view", "", f"view: {rules.place}"))
+    announcer.close()
+    assert stream.getvalue() == f"robby: view: {rules.url}\n"
+    address.end()
 
 
 def test_what_is_required_is_named_without_importing_it(monkeypatch):

@@ -12,6 +12,7 @@ import os
 import signal
 import threading
 import time
+from urllib.parse import urlsplit
 
 import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
@@ -151,7 +152,7 @@ def test_a_robot_that_hangs_reads_as_dead_and_speaks_again(show, keep):
 def test_a_page_whose_server_has_died_says_so_and_goes_on_when_it_is_back(show, keep):
     show = show("vserver")
     page = show.page()
-    port = show.url.split(":")[-1].strip("/")
+    port = urlsplit(show.url).port
     show.view.send(signal.SIGKILL)
     page.page.get_by_text("The page has lost its server.").wait_for()
     page.press("STOP")

@@ -10,7 +10,7 @@ OWN = (b"origin", b"http://127.0.0.1:8080")
 HTML = [(b"content-type", b"text/html; charset=utf-8"), (b"content-length", b"1")]
 
 
-def ask(headers, kind="http", path="/", answer=(HTML, b"<script>1</script>"), method="GET"):
+def ask(headers, kind="http", path="/secret/", answer=(HTML, b"<script>1</script>"), method="GET"):
     """Send a request through the guard; returns whether it came through, and what was answered."""
     came, sent = [], []
 
@@ -28,7 +28,7 @@ def ask(headers, kind="http", path="/", answer=(HTML, b"<script>1</script>"), me
         sent.append(message)
 
     scope = {"type": kind, "path": path, "query_string": b"", "headers": headers, "method": method}
-    asyncio.run(AccessMiddleware(app, AccessRules("127.0.0.1", 8080))(scope, receive, send))
+    asyncio.run(AccessMiddleware(app, AccessRules("127.0.0.1", 8080, "secret"))(scope, receive, send))
     return came, sent
 
 
@@ -36,6 +36,24 @@ def test_whoever_may_not_come_in_reaches_nothing():
     came, sent = ask([(b"host", b"evil")])
     assert (came, sent[0]["status"]) == ([], 403)
     assert b"evil" in sent[1]["body"]
+
+
+def test_what_lies_behind_finds_the_token_as_its_root():
+    came, _ = ask([HOST], path="/secret/stop")
+    assert (came[0]["path"], came[0]["root_path"]) == ("/secret/stop", "/secret")
+
+
+def test_without_the_token_nothing_is_reached_and_the_refusal_leads_nowhere():
+    came, (start, body) = ask([HOST], path="/")
+    headers = dict(start["headers"])
+    assert (came, start["status"], headers[b"referrer-policy"]) == ([], 403, b"no-referrer")
+    assert b"secret" not in body["body"] + b"".join(value for _, value in start["headers"])
+    assert ask([HOST, OWN, (b"upgrade", b"websocket")], "websocket", path="/_nicegui_ws/")[0] == []
+
+
+def test_the_address_without_its_last_slash_leads_to_the_page():
+    came, (start, _) = ask([HOST], path="/secret")
+    assert (came, start["status"], dict(start["headers"])[b"location"]) == ([], 307, b"/secret/")
 
 
 def test_a_websocket_is_closed_before_it_is_open():
@@ -81,5 +99,5 @@ def test_the_begin_and_the_end_of_the_server_are_no_request():
     async def app(scope, _receive, _send):
         seen.append(scope["type"])
 
-    asyncio.run(AccessMiddleware(app, AccessRules("127.0.0.1", 8080))({"type": "lifespan"}, None, None))
+    asyncio.run(AccessMiddleware(app, AccessRules("127.0.0.1", 8080, "secret"))({"type": "lifespan"}, None, None))
     assert seen == ["lifespan"]

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import http.client
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -20,11 +21,12 @@ from canopen_control.view.access_rules import AccessRules
 from canopen_control.view.page_server import access_problem, listen
 
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+TOKEN = "secret"
 SERVE = """
 import asyncio, sys
 from canopen_control.view.access_rules import AccessRules
 from canopen_control.view import page_server as server
-host, token, tamper = sys.argv[1], sys.argv[2] or None, sys.argv[3]
+host, token, tamper = sys.argv[1:]
 if tamper:
     server.AccessMiddleware = lambda app, rules: app
 listener = server.listen(host, 0)
@@ -46,7 +48,7 @@ except server.ControlError as error:
 
 
 @contextlib.contextmanager
-def served(host="127.0.0.1", token="", tamper=""):
+def served(host="127.0.0.1", token=TOKEN, tamper=""):
     process = subprocess.Popen(
         [sys.executable, "-c", SERVE, host, token, tamper], stdout=subprocess.PIPE, text=True, env=dict(os.environ)
     )
@@ -65,25 +67,27 @@ def port():
 
 @pytest.fixture(scope="module")
 def open_port():
-    with served("0.0.0.0", "secret") as (_, line):
+    with served("0.0.0.0") as (_, line):
         yield int(line.split()[1])
 
 
-def ask(port, path="/", method="GET", **headers):
+def ask(port, path="/", method="GET", token=TOKEN, **headers):
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-    connection.request(method, path, headers=headers)
+    connection.request(method, f"/{token}{path}" if token else path, headers=headers)
     response = connection.getresponse()
     body = response.read()
     connection.close()
     return response, body
 
 
-def knock(port, **options):
+def knock(port, token=TOKEN, **options):
     """Open a WebSocket as the page does; True if it was let in."""
+
+    root = f"/{token}" if token else ""
 
     async def attempt():
         try:
-            async with wsclient.connect(f"ws://127.0.0.1:{port}{SOCKET}", proxy=None, **options) as found:
+            async with wsclient.connect(f"ws://127.0.0.1:{port}{root}{SOCKET}", proxy=None, **options) as found:
                 return (await asyncio.wait_for(found.recv(), 5)).startswith("0{")
         except websockets.exceptions.InvalidStatus as error:
             return error.response.status_code
@@ -144,22 +148,39 @@ def test_a_proxys_word_is_not_written_into_the_page(port):
     assert b"evilprefix" not in ask(port, **{"X-Forwarded-Prefix": "/evilprefix"})[1]
 
 
-def test_bound_elsewhere_the_page_wants_its_token(open_port):
-    assert ask(open_port)[0].status == 403
-    response, _ = ask(open_port, "/?token=secret")
-    assert response.status == 200
-    cookie = response.headers["Set-Cookie"].split(";")[0]
-    own = f"http://127.0.0.1:{open_port}"
-    assert knock(open_port, origin=own) == 403
-    assert knock(open_port, origin=own, additional_headers={"Cookie": cookie}) is True
-    assert knock(open_port, origin="http://evil.example", additional_headers={"Cookie": cookie}) == 403
+@pytest.mark.parametrize("where", ["port", "open_port"])
+def test_without_its_token_the_page_answers_nobody_on_loopback_too(where, request):
+    found = request.getfixturevalue(where)
+    own = f"http://127.0.0.1:{found}"
+    assert (ask(found)[0].status, knock(found, origin=own)) == (200, True)
+    files = (
+        "/",
+        f"/?token={TOKEN}",
+        "/_nicegui/x/nicegui.js",
+        "/_nicegui_ws/socket.io/?EIO=4&transport=polling",
+    )
+    for token in ("", "wrong", f"{TOKEN}x"):
+        for path in files:
+            assert ask(found, path, token=token)[0].status == 403
+            assert ask(found, path, token=token, Cookie=f"canopen_control_{found}={TOKEN}")[0].status == 403
+        assert ask(found, "/stop", "POST", token, Origin=own)[0].status == 403
+        assert knock(found, token, origin=own) == 403
+    assert "Set-Cookie" not in ask(found)[0].headers
+    assert knock(found, origin="http://evil.example") == 403
+
+
+def test_every_address_in_the_page_begins_with_the_token(port):
+    body = ask(port)[1].decode()
+    written = re.findall(r'(?:src|href)="(/[^"]*)"|url\("(/[^"]*)"\)|"(/_nicegui[^"]*)"', body)
+    assert len(written) > 5
+    assert [each for each in map("".join, written) if not each.startswith(f"/{TOKEN}/")] == []
 
 
 @pytest.mark.process
 def test_a_server_without_its_door_does_not_serve():
     with served(tamper="yes") as (process, line):
         assert line.startswith(
-            "refused the page's access check fails: a request with a foreign Origin is answered with 200"
+            "refused the page's access check fails: a request without the token is answered with 200"
         )
         assert process.wait(10) == 1
 

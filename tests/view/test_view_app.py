@@ -23,6 +23,7 @@ from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySamp
 from canopen_control.view import view_app
 from canopen_control.view.dead_man import joint_motion
 from canopen_control.view.loaded_trajectory import LoadedTrajectory
+from canopen_control.view.page_address import page_addresses
 from canopen_control.view.robot_connection import RobotConnection
 from canopen_control.view.view_app import SEEN_HZ, STILL_HZ, UNSEEN_HZ, ViewApp
 
@@ -139,7 +140,8 @@ def test_every_thread_of_the_process_goes_after_the_robot(robot):
 def test_it_says_where_the_page_is_and_knows_the_robot(robot, play):
     async def act(app):
         await connected(app)
-        assert app.said == [f"view: http://127.0.0.1:{app.rules.port}/"]
+        assert app.said == [f"view: http://127.0.0.1:{app.rules.port}/{app.rules.token}/"]
+        assert page_addresses("mock") == {app.rules.place: app.rules.url}
         assert app.robot.info.joints == ("left_wheel_joint", "right_wheel_joint")
         await until(lambda: app.robot.controllers)
 
@@ -169,8 +171,11 @@ def test_started_by_run_it_tells_through_the_robot(robot, play):
     async def act(app):
         await connected(app)
         app._lifeline = 0  # as a child of run has one
+        app.said.clear()
         app._announce(app._connection)
         await until(lambda: any(event.kind == "view" for event in robot.status().events))
+        (told,) = [event.text for event in robot.status().events if event.kind == "view"]
+        assert [told, *app.said] == [f"view: {app.rules.place}"] * 2  # the token is in no event and in no log
         app._lifeline = None
 
     play(act)

@@ -146,12 +146,12 @@ class Announcer:
     def __init__(self, stream: TextIO) -> None:
         self.dropped = 0
         self._stream = stream
-        self._lines: queue.Queue[str | None] = queue.Queue(_WAITING_LINES)
+        self._lines: queue.Queue[str | Callable[[], str] | None] = queue.Queue(_WAITING_LINES)
         self._thread = threading.Thread(target=self._print, name="announcer", daemon=True)
         self._thread.start()
 
-    def say(self, line: str) -> None:
-        """Hand over a line; never waits."""
+    def say(self, line: str | Callable[[], str]) -> None:
+        """Hand over a line, or what makes one on the thread that prints; never waits."""
         try:
             self._lines.put_nowait(line)
         except queue.Full:
@@ -168,7 +168,7 @@ class Announcer:
     def _print(self) -> None:
         while (line := self._lines.get()) is not None:
             try:
-                print(line, file=self._stream, flush=True)
+                print(line if isinstance(line, str) else line(), file=self._stream, flush=True)
             except (OSError, ValueError):  # the reader has gone; the robot goes on
                 self.dropped += 1
 

@@ -126,7 +126,7 @@ class DriveView:
             self.show(self._content)
 
     def _tell_place(self) -> None:
-        """Have the page's address say where the user is, and keep the token in it."""
+        """Have the page's address say where the user is."""
         place = urlencode({_DRIVE: self._node, "tab": self._key}) if self.is_open else ""
         script = (
             "const at = new URL(location.href); at.searchParams.delete('drive'); at.searchParams.delete('tab');"

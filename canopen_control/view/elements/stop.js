@@ -1,7 +1,9 @@
 // STOP is no part of the toolkit: it is there with the first lines of the page, and works before, without and after it.
 (() => {
   const button = document.getElementById("cc-stop-button"), told = document.getElementById("cc-stop-told");
+  const dead = document.getElementById("cc-dead-next");
   const UNREACHED = "STOP has not reached the robot: the page's server does not answer. Use what else stops it.";
+  const OLD_ADDRESS = "The view was started anew, and this address is no longer its own: open the one that it has printed (canopen-control view --address).";
   const SILENT_MS = 2500, LOADING_MS = 15000, TOLD_MS = 8000;
   let heard = performance.now(), begun = false, telling = 0;
 
@@ -15,7 +17,7 @@
   async function stop() {
     window.dispatchEvent(new CustomEvent("cc-stopped"));
     try {
-      const answer = await fetch("/stop", { method: "POST", cache: "no-store", keepalive: true, signal: AbortSignal.timeout(3000) });
+      const answer = await fetch("stop", { method: "POST", cache: "no-store", keepalive: true, signal: AbortSignal.timeout(3000) });
       const text = await answer.text();
       tell(answer.ok ? text : `STOP has not reached the robot. ${text}`, !answer.ok);
     } catch {
@@ -33,9 +35,18 @@
   }, true);
   document.addEventListener("keyup", (event) => event.code === "Space" && event.target === button && event.preventDefault(), true);
 
+  let silent = false;
   function judge() {
-    const silent = performance.now() - heard > (begun ? SILENT_MS : LOADING_MS);
+    silent = performance.now() - heard > (begun ? SILENT_MS : LOADING_MS);
     document.documentElement.classList.toggle("cc-no-server", silent);
+  }
+
+  async function ask() {
+    if (!silent) return;
+    try {
+      const answer = await fetch("stop", { method: "HEAD", cache: "no-store", signal: AbortSignal.timeout(2000) });
+      if (answer.status === 403) dead.textContent = OLD_ADDRESS;
+    } catch {} // nobody answers: it may come back
   }
   window.addEventListener("cc-pulse", () => {
     heard = performance.now();
@@ -45,4 +56,5 @@
   window.addEventListener("cc-lost", (event) => document.documentElement.classList.toggle("cc-no-robot", event.detail));
   window.addEventListener("cc-latched", (event) => document.documentElement.classList.toggle("cc-is-latched", event.detail));
   setInterval(judge, 500);
+  setInterval(ask, 2000);
 })();
