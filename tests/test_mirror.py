@@ -6,7 +6,14 @@ ROOT = Path(__file__).parents[1]
 TESTS = ROOT / "tests"
 PACKAGE = ROOT / "canopen_control"
 BENCH = ROOT / "tools" / "canopen_control_bench"
-WHOLE = ("test_file_names.py", "test_layering.py", "test_lockstep.py", "test_mirror.py", "test_public_surface.py")
+WHOLE = (
+    "test_code_mutants.py",
+    "test_file_names.py",
+    "test_layering.py",
+    "test_lockstep.py",
+    "test_mirror.py",
+    "test_public_surface.py",
+)
 ROOMS = ("docs", "integration", "tools", "faults", "socketcan", "hardware_can")  # about whole programs
 ENDINGS = ("_properties.py", "_vectors.py", "_interop.py")  # about a room as a whole
 

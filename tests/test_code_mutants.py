@@ -1,0 +1,76 @@
+import ast
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import code_mutants
+import pytest
+from code_mutants import BY_NAME, MUTANTS, Change, mutated
+
+ROOT = Path(__file__).parents[1]
+CODE = """
+class Thing:
+    def verb(self):
+        '''Says it.'''
+        for each in self.all:
+            each.stop(now)  # at once
+        return self.value + 1
+
+def other():
+    return self.value + 1
+"""
+
+
+def changed(function, old, new):
+    return ast.unparse(mutated(Change("x", function, old, new), CODE))
+
+
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
+def test_each_mutant_still_applies(mutant):
+    before = ast.unparse(ast.parse(mutant.change.path.read_text(encoding="utf-8")))
+    after = ast.unparse(mutated(mutant.change))
+    assert after != before
+    compile(after, mutant.name, "exec")
+
+
+def test_there_are_as_many_as_the_list_has_and_most_are_shown_by_simulations():
+    assert len(MUTANTS) == len(BY_NAME) == 33
+    assert sum(bool(each.runs) for each in MUTANTS) >= 30
+    for each in MUTANTS:
+        assert each.change.room in ("bus", "cia301", "cia402", "controllers", "hardware", "master", "runtime")
+        assert each.tests.startswith(f"{each.change.room}/")
+        assert (ROOT / "tests" / f"{each.tests}.py").exists()
+
+
+def test_code_is_replaced_however_it_is_formatted():
+    assert "range(3)" in changed("Thing.verb", "for each in (self.all): each.stop( now )", "for each in range(3): pass")
+    assert changed("Thing.verb", "self.value+1", "0").count("return 0") == 1
+    assert "'''Says it.'''" in changed("Thing.verb", "", "return 1").replace('"""', "'''")
+
+
+def test_what_was_put_there_is_not_replaced_again():
+    assert changed("Thing.verb", "each.stop(now)", "if now:\n    each.stop(now)").count("each.stop(now)") == 1
+
+
+@pytest.mark.parametrize(
+    ("function", "old"), [("Thing.noun", "1"), ("Thing.verb", "self.value + 2"), ("", "self.value + 1")]
+)
+def test_code_that_is_not_there_once_is_an_error(function, old):
+    with pytest.raises(LookupError):
+        changed(function, old, "0")
+
+
+def test_a_module_that_is_there_already_cannot_be_changed():
+    importlib.import_module("canopen_control.controllers.running")
+    with pytest.raises(RuntimeError, match="imported before"):
+        code_mutants.apply(BY_NAME["old_command_counts"])
+
+
+@pytest.mark.process
+def test_a_command_runs_with_the_mutant():
+    code = "from code_mutants import *; apply(BY_NAME['limits_in_velocity_modes'])\n"
+    code += "from canopen_control.hardware.axis import AxisLimits\n"
+    code += "limits = AxisLimits(); limits.velocity = 1.0; print(limits.of_velocity(5))"
+    told = subprocess.run([sys.executable, "-c", code], cwd=ROOT / "tools", capture_output=True, text=True, check=True)
+    assert told.stdout == "5\n"

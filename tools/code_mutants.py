@@ -1,0 +1,694 @@
+"""Mistakes in the package, one at a time, that tests and simulations have to catch; and what runs a command with one.
+
+    python tools/code_mutants.py                                # list them
+    python tools/code_mutants.py run NAME pytest -q tests/cia402 -m "not process"
+    python tools/code_mutants.py run NAME seeds robby --seeds 40 --for 20
+    python tools/code_mutants.py run NAME simulate robby --scenario FILE
+    python tools/code_mutants.py measure [--tests] [--seeds] [NAME ...]
+
+A mutant replaces code in one function (`Change`): an expression, or statements that follow each other, which must stand
+there exactly once, however they are formatted. A mutant whose code has changed is a LookupError and not a pass. The
+package on disk stays as it is: an import hook compiles the changed module. The whole measurement takes long, so it is
+no test; that each mutant still applies is one (`tests/test_code_mutants.py`).
+
+`measure --tests` runs the test module of each mutant, `measure --seeds` its simulations; what has caught one is run
+without it too, since what fails anyway catches nothing. Exit codes: 0 all were
+caught as the table says, 1 not, 2 usage.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import runpy
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from types import ModuleType
+
+ROOT: Final = Path(__file__).parents[1]
+PACKAGE: Final = "canopen_control"
+SMALL: Final = "tools/campaigner/robots"
+
+
+class Change(NamedTuple):
+    """Code in a function of a module below the package, "" for the module itself, and what stands there instead."""
+
+    module: str
+    function: str
+    old: str
+    new: str
+
+    @property
+    def path(self) -> Path:
+        """The file of the module."""
+        return ROOT / PACKAGE / f"{self.module.replace('.', '/')}.py"
+
+    @property
+    def room(self) -> str:
+        """The subpackage that is changed."""
+        return self.module.partition(".")[0]
+
+
+class Mutant(NamedTuple):
+    """A mistake: what it `does`, its change, and the simulations that show it, as commands of `run`.
+
+    `tests` is the test module, without processes and of the subpackage that is changed, that has to catch it. A mutant
+    without `runs` is one that no simulation shows.
+    """
+
+    name: str
+    does: str
+    change: Change
+    runs: tuple[str, ...]
+    tests: str
+
+
+_ROBBY: Final = "seeds robby --seeds 40 --for 20"
+_ARM: Final = "seeds arm6 --seeds 40 --for 20"
+_FORKLIFT: Final = "seeds forklift --seeds 40 --for 20"
+
+
+MUTANTS: Final = (
+    Mutant(
+        "stop_begins_late",
+        "a controlled stop begins 300 ms late",
+        Change(
+            "runtime.core",
+            "RobotCore.stop",
+            """
+self.manager.running.forget(self.cycle.clock.now(), f"stop was commanded by {latched_by or by}")
+for system in self.systems:
+    system.stop(now)
+""",
+            """
+def begin():
+    self.manager.running.forget(self.cycle.clock.now(), f"stop was commanded by {latched_by or by}")
+    for system in self.systems:
+        system.stop(self.reactor.now())
+self.reactor.call_later(300_000_000, begin)
+""",
+        ),
+        (_ROBBY,),
+        "runtime/test_core",
+    ),
+    Mutant(
+        "fault_reset_enables",
+        "a fault reset enables again",
+        Change(
+            "hardware.joint",
+            "JointDrive.fault_reset",
+            "self._fire(Trigger.FAULT_RESET)",
+            "self._fire(Trigger.FAULT_RESET)\nself.resume = True",
+        ),
+        (_ROBBY,),
+        "hardware/test_system",
+    ),
+    Mutant(
+        "old_command_counts",
+        "a command from before a disable counts after the enable",
+        Change(
+            "controllers.running",
+            "RunningControllers._power_changed",
+            "self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, slot.controller.explain(off))",
+            "pass",
+        ),
+        (_ROBBY,),
+        "controllers/test_running",
+    ),
+    Mutant(
+        "command_while_off",
+        "a command is accepted while drives are off",
+        Change("controllers.manager", "ControllerManager._hand", "self._require_enabled(controller)", "pass"),
+        (_ROBBY, _ARM, _FORKLIFT),
+        "controllers/test_manager",
+    ),
+    Mutant(
+        "running_while_disabled",
+        '"running" is reported while drives are disabled',
+        Change(
+            "runtime.core",
+            "RobotCore._state",
+            "RobotState.DISABLED if waiting else RobotState.RUNNING",
+            "RobotState.RUNNING",
+        ),
+        (_ROBBY,),
+        "runtime/test_core",
+    ),
+    Mutant(
+        "position_of_another",
+        "status and the samples show the position of another joint",
+        Change(
+            "runtime.status",
+            "_joints",
+            'values.pop("position", None)',
+            'joints[sorted(joints)[0]].get("position")',
+        ),
+        (_ROBBY,),
+        "runtime/test_status",
+    ),
+    Mutant(
+        "velocity_reversed",
+        "velocity is reported with the wrong sign",
+        Change(
+            "hardware.feedback",
+            "Feedback.read",
+            "raw * self._axis.scale.vel_from_dev + 0.0",
+            "-raw * self._axis.scale.vel_from_dev + 0.0",
+        ),
+        (_ROBBY,),
+        "hardware/test_feedback",
+    ),
+    Mutant(
+        "heartbeat_doubled",
+        "the heartbeat time-out is doubled",
+        Change(
+            "master.remote_node",
+            "RemoteNode._settle",
+            "self._watch(self.node_id, self.plan.heartbeat_timeout_ns)",
+            "self._watch(self.node_id, 2 * self.plan.heartbeat_timeout_ns)",
+        ),
+        (_ROBBY,),
+        "master/test_remote_node",
+    ),
+    Mutant(
+        "another_is_watched",
+        "0x1016 watches another node id than the master's",
+        Change(
+            "master.plan",
+            "_plan_error_control",
+            "consumer_entry(master.node_id, timeout)",
+            "consumer_entry(master.node_id + 1, timeout)",
+        ),
+        (_ROBBY,),
+        "master/test_plan",
+    ),
+    Mutant(
+        "latch_lost_at_restart",
+        "the STOP latch is lost at a restart",
+        Change(
+            "runtime.latch",
+            "StopLatch.keep",
+            'self.by = str(json.loads(path.read_text())["by"])',
+            "path.unlink()",
+        ),
+        (_ROBBY,),
+        "runtime/test_latch",
+    ),
+    Mutant(
+        "latch_leaves_with_client",
+        "the STOP latch is released when any client leaves",
+        Change(
+            "runtime.core",
+            "RobotCore.let_go",
+            "self.manager.running.let_go(holder, why)",
+            'self.manager.running.let_go(holder, why)\nself.latch.release("who left", self.reactor.now())',
+        ),
+        (_ROBBY,),
+        "runtime/test_core",
+    ),
+    Mutant(
+        "base_without_timeout",
+        "a base ignores its command time-out",
+        Change(
+            "controllers.mobile_base",
+            "MobileBase._take_reference",
+            "life.limit_ns and now - life.given > life.limit_ns",
+            "life.limit_ns < 0",
+        ),
+        (_ROBBY, _FORKLIFT),
+        "controllers/test_mobile_base",
+    ),
+    Mutant(
+        "software_limits_in_csp",
+        "software limits are not applied in CSP",
+        Change(
+            "hardware.joint_targets",
+            "PositionTarget._go",
+            "not limits.low <= raw <= limits.high",
+            "False",
+        ),
+        (f"seeds {SMALL}/limits --seeds 10 --for 10",),
+        "hardware/test_joint_targets",
+    ),
+    Mutant(
+        "limits_in_velocity_modes",
+        "maximum velocity and limit switch are not applied in PV and CSV",
+        Change(
+            "hardware.axis",
+            "AxisLimits.of_velocity",
+            "",
+            "return raw",
+        ),
+        (f"seeds {SMALL}/limits --seeds 10 --for 10",),
+        "hardware/test_axis",
+    ),
+    Mutant(
+        "target_while_disabled",
+        "a target stays written while its drive is disabled",
+        Change("hardware.joint_targets", "JointTargets.hold", "", "return"),
+        (_ROBBY, _ARM),
+        "hardware/test_joint_targets",
+    ),
+    Mutant(
+        "group_forgets_one",
+        "the stop of a group forgets one joint",
+        Change(
+            "hardware.stop_group",
+            "StopGroup.stop",
+            "for joint in self.joints:\n    joint.stop(now)",
+            "for joint in self.joints[1:]:\n    joint.stop(now)",
+        ),
+        (_ROBBY,),
+        "hardware/test_stop_group",
+    ),
+    Mutant(
+        "emcy_not_told",
+        "an EMCY is not reported",
+        Change("master.node_log", "NodeLog.emcy", "self._gate.passes(now)", "False"),
+        (_ROBBY,),
+        "master/test_node_log",
+    ),
+    Mutant(
+        "answer_of_another_object",
+        "an SDO answer of another index is accepted",
+        Change(
+            "cia301.sdo_phases",
+            "Awaiting.receive",
+            "data[1:4] != exchange.mux or exchange.out or request is None",
+            "exchange.out or request is None",
+        ),
+        (_ROBBY,),
+        "cia301/test_sdo_phases",
+    ),
+    Mutant(
+        "wide_object_a_byte_off",
+        "a TPDO with one 64-bit object is decoded a byte off",
+        Change(
+            "master.cycle",
+            "ReceivedPdo.receive",
+            "self.unpack(data)",
+            'self.unpack(data[1:] + b"\\0" if [each.bits for each in self.codec.objects] == [64] else data)',
+        ),
+        (f"seeds {SMALL}/wide --seeds 4 --for 6",),
+        "master/test_cycle",
+    ),
+    Mutant(
+        "boot_skips_6007",
+        "a boot skips 0x6007",
+        Change(
+            "master.boot_config",
+            "configure",
+            "groups(plan.writes)",
+            "groups([each for each in plan.writes if each.index != 0x6007])",
+        ),
+        (_ARM,),
+        "master/test_boot_config",
+    ),
+    Mutant(
+        "boot_skips_the_last",
+        "a boot skips the last parameter",
+        Change("master.boot_config", "configure", "groups(plan.writes)", "groups(plan.writes)[:-1]"),
+        (_ROBBY,),
+        "master/test_boot_config",
+    ),
+    Mutant(
+        "jump_at_the_wrap",
+        "the position jumps at the wrap of the 32-bit count",
+        Change(
+            "cia402.units",
+            "PositionUnwrapper.update",
+            "not -_HALF <= step < _HALF",
+            "False",
+        ),
+        (_ROBBY,),
+        "cia402/test_units",
+    ),
+    Mutant(
+        "goes_on_after_cancel",
+        "a trajectory goes on after its cancel",
+        Change(
+            "controllers.trajectory.controller",
+            "JointTrajectoryController.cancel",
+            "self._brake()",
+            "pass",
+        ),
+        (_ARM,),
+        "controllers/trajectory/test_controller",
+    ),
+    Mutant(
+        "goal_tolerance_inverted",
+        "a goal of the trajectory controller ends well outside of its tolerance, and not inside",
+        Change(
+            "controllers.trajectory.judgement",
+            "Judgement.verdict",
+            "self.over and self.outside < 0",
+            "self.over and self.outside >= 0",
+        ),
+        (_ARM,),
+        "controllers/trajectory/test_judgement",
+    ),
+    Mutant(
+        "switch_in_parts",
+        "a switch of controllers is not atomic: the old ones are stopped before the new ones are known to be possible",
+        Change(
+            "controllers.switcher",
+            "Switcher.switch",
+            """
+for component, start, stop in plan.switches:
+    component.prepare_command_mode_switch(start, stop)
+for controller in plan.deactivate:
+    self._stop(controller, now, "deactivated")
+""",
+            """
+for controller in plan.deactivate:
+    self._stop(controller, now, "deactivated")
+for component, start, stop in plan.switches:
+    component.prepare_command_mode_switch(start, stop)
+""",
+        ),
+        (f"seeds {SMALL}/limits --seeds 10 --for 10",),
+        "controllers/test_switcher",
+    ),
+    Mutant(
+        "commands_interleaved",
+        "the commands of two clients are interleaved: every other value is that of the command before",
+        Change(
+            "controllers.forward_command",
+            "ForwardCommandController.set_command",
+            "self._values[index] = float(values[index]) if command.enabled else math.nan",
+            """
+if not (index % 2 and self.life.live):
+    self._values[index] = float(values[index]) if command.enabled else math.nan
+""",
+        ),
+        (_ROBBY,),
+        "controllers/test_forward_command",
+    ),
+    Mutant(
+        "first_end_takes_the_second",
+        "the end of the first client takes the command of the second one away",
+        Change(
+            "controllers.running",
+            "RunningControllers.let_go",
+            "controller.life.holder is holder",
+            "controller.life.live",
+        ),
+        (_ROBBY,),
+        "controllers/test_running",
+    ),
+    Mutant(
+        "recorder_does_not_count",
+        "a recorder drops frames without a count",
+        Change("bus.recordings", "RecordingWriter.write", "self.left_out += 1", "pass"),
+        (),
+        "bus/test_recordings",
+    ),
+    Mutant(
+        "toggle_ignored",
+        "the toggle bit of guarding is ignored",
+        Change(
+            "cia301.guarding",
+            "GuardingMaster.receive",
+            "value >> 7 != node.toggle and node.seen",
+            "value >> 7 > 1",
+        ),
+        (f"seeds {SMALL}/guarded --seeds 10 --for 10",),
+        "cia301/test_guarding",
+    ),
+    Mutant(
+        "fault_keeps_the_wish",
+        "a fault keeps the wish to be enabled",
+        Change(
+            "hardware.system",
+            "CanopenSystem._stop_group",
+            'event.kind == "node_lost" and cause.node.config.motion.recovery == "enable"',
+            'event.kind == "fault" or cause.node.config.motion.recovery == "enable"',
+        ),
+        (_ROBBY,),
+        "hardware/test_system",
+    ),
+    Mutant(
+        "restart_ignored",
+        "a node's own restart is ignored",
+        Change("master.remote_node", "RemoteNode.on_heartbeat", "self._on_boot_up(now, since)", "pass"),
+        (_ROBBY,),
+        "master/test_remote_node",
+    ),
+    Mutant(
+        "stop_forgets_nothing",
+        "a stop forgets no command",
+        Change(
+            "runtime.core",
+            "RobotCore.stop",
+            'self.manager.running.forget(self.cycle.clock.now(), f"stop was commanded by {latched_by or by}")',
+            "pass",
+        ),
+        (),
+        "runtime/test_core",
+    ),
+    Mutant(
+        "pdo_with_cob_id_0",
+        "a PDO is made active with COB-ID 0",
+        Change(
+            "master.plan_pdos",
+            "_plan_live",
+            "_write(builder, wanted, 1, wanted.cob_id)",
+            '_write(builder, wanted, 1, wanted.cob_id & ~0x7FF if wanted.kind == "tpdo" else wanted.cob_id)',
+        ),
+        (_ROBBY,),
+        "master/test_plan_pdos",
+    ),
+)
+"""One for each row of the list, in its order."""
+
+BY_NAME: Final = {each.name: each for each in MUTANTS}
+
+
+# -- applying one
+
+
+class _Replace(ast.NodeTransformer):
+    """Puts other code where some stands: statements that follow each other, or an expression; `count` is how often."""
+
+    def __init__(self, old: str, new: str) -> None:
+        before = ast.parse(old.strip()).body
+        whole = before[0].value if len(before) == 1 and isinstance(before[0], ast.Expr) else None
+        after = ast.parse(new.strip()).body
+        plain = len(after) == 1 and isinstance(after[0], ast.Expr)
+        self._expression = ast.dump(whole) if whole is not None and plain else None
+        self._statements = [ast.dump(each) for each in before]
+        self._before, self._after = before, after
+        self.count = 0
+
+    def visit(self, node: ast.AST) -> ast.AST:
+        """Replace what is below a node, then in it: what was put there may have the old code in it."""
+        if self._expression is not None and isinstance(node, ast.expr) and ast.dump(node) == self._expression:
+            self.count += 1
+            return self._after[0].value  # type: ignore[attr-defined]
+        node = self.generic_visit(node)
+        if self._expression is None:
+            for _, body in ast.iter_fields(node):
+                if isinstance(body, list) and body and isinstance(body[0], ast.stmt):
+                    body[:] = self._in(body)
+        return node
+
+    def _in(self, body: list[ast.stmt]) -> list[ast.stmt]:
+        """Return statements with the replaced ones among them."""
+        size, at, found = len(self._statements), 0, []
+        while at < len(body):
+            if [ast.dump(each) for each in body[at : at + size]] == self._statements:
+                self.count += 1
+                found += self._after
+                at += size
+            else:
+                found.append(body[at])
+                at += 1
+        return found
+
+
+def mutated(change: Change, source: str | None = None) -> ast.Module:
+    """Return the changed module; LookupError where its function, or the code in it, does not stand there once."""
+    tree = ast.parse(change.path.read_text(encoding="utf-8") if source is None else source)
+    where: ast.AST = tree
+    for name in change.function.split(".") if change.function else ():
+        found = [each for each in where.body if getattr(each, "name", None) == name]  # type: ignore[attr-defined]
+        if len(found) != 1:
+            raise LookupError(f"{change.module} has no {change.function}: write the mutant anew")
+        where = found[0]
+    if not change.old:
+        body = where.body  # type: ignore[attr-defined]
+        body[bool(ast.get_docstring(where)) :] = ast.parse(change.new).body  # type: ignore[arg-type]
+    else:
+        replaced = _Replace(change.old, change.new)
+        replaced.visit(where)
+        if replaced.count != 1:
+            text = f"{change.function} of {change.module} has this {replaced.count} times and not once:"
+            raise LookupError(f"{text}\n{change.old.strip()}\nwrite the mutant anew")
+    return ast.fix_missing_locations(tree)
+
+
+class _Hook(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Makes one module of changed code; `used` once it was."""
+
+    def __init__(self, change: Change) -> None:
+        self._change = change
+        self._code = compile(mutated(change), str(change.path), "exec")
+        self._name = f"{PACKAGE}.{change.module}"
+        self.used = False
+
+    def find_spec(self, name: str, _path: object, _target: object = None) -> importlib.machinery.ModuleSpec | None:
+        """Find the module that is changed."""
+        if name != self._name:
+            return None
+        return importlib.util.spec_from_file_location(name, self._change.path, loader=self)
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Run the changed code."""
+        self.used = True
+        exec(self._code, module.__dict__)
+
+
+def apply(mutant: Mutant) -> None:
+    """Have this process import the mutated package from now on; RuntimeError where the module is there already."""
+    name = f"{PACKAGE}.{mutant.change.module}"
+    if name in sys.modules:
+        raise RuntimeError(f"{name} was imported before it could be changed")
+    sys.meta_path.insert(0, _Hook(mutant.change))
+
+
+# -- running something with it
+
+
+def run_with(mutant: Mutant | None, command: Sequence[str]) -> int:
+    """Run `pytest ...`, `seeds ...` or `simulate ...` in this process with a mutant; return the exit code."""
+    if mutant is not None:
+        apply(mutant)
+    program, *arguments = command
+    if program == "seeds":
+        return run_seeds(arguments)
+    sys.argv = [program, "-n", "0", "-p", "no:cacheprovider", *arguments]
+    module = "pytest"
+    if program != "pytest":
+        sys.argv, module = [PACKAGE, *command], PACKAGE
+    try:
+        runpy.run_module(module, run_name="__main__")
+    except SystemExit as end:
+        return int(end.code or 0)
+    return 0
+
+
+def run_seeds(arguments: Sequence[str]) -> int:
+    """Simulate the seeds of a robot until one breaks a rule; 1 where one does."""
+    parser = argparse.ArgumentParser(prog="seeds")
+    parser.add_argument("robot")
+    parser.add_argument("--seeds", type=int, default=40)
+    parser.add_argument("--for", dest="seconds", type=int, default=20)
+    parser.add_argument("--controller", action="append", default=[])
+    given = parser.parse_args(arguments)
+    from canopen_control.runtime.robot_files import find_robot
+    from canopen_control.runtime.setup import read_robot
+    from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
+    from canopen_control.simulation.motions import motions_of
+    from canopen_control.simulation.simulation_run import SimulationRun
+
+    setup = read_robot(find_robot(given.robot), controllers=tuple(given.controller))
+    motions, length = motions_of(setup), given.seconds * 1_000_000_000
+    nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
+    for seed in range(given.seeds):
+        run = SimulationRun(setup, seed, draw_schedule(seed, length, motions, nodes, known_faults()), motions=motions)
+        try:
+            run.run(length, stop=lambda run=run: bool(run.invariants.breaches))  # type: ignore[misc]
+            if run.breaches:
+                print(f"seed {seed}: {run.breaches[0]}")
+                return 1
+        finally:
+            run.close()
+    return 0
+
+
+def _caught(name: str, command: Sequence[str], seconds: float = 900.0) -> tuple[bool, float, str]:
+    """Return whether a command ends with 1 with a mutant ("" for none), how long it took, and its last word."""
+    began = time.monotonic()
+    here = [sys.executable, __file__, *(("run", name) if name else ("plain",))]
+    try:
+        ended = subprocess.run(
+            [*here, *command], cwd=ROOT, capture_output=True, text=True, timeout=seconds, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return True, seconds, "it never ends"
+    if ended.returncode not in (0, 1):
+        print(ended.stdout[-2000:], ended.stderr[-2000:], sep="\n")
+        raise RuntimeError(f"{' '.join(command)} ended with {ended.returncode}")
+    lines = [each for each in ended.stdout.splitlines() if each.startswith(("FAILED", "ERROR", "seed ", "breach"))]
+    return ended.returncode == 1, time.monotonic() - began, lines[0] if lines else ended.stdout.strip()[-200:]
+
+
+def tests_of(mutant: Mutant) -> list[str]:
+    """Return the command of the tests that have to catch it."""
+    return ["pytest", "-q", "-x", "-m", "not process and not alone", f"tests/{mutant.tests}.py"]
+
+
+def measure(names: Sequence[str], *, tests: bool, seeds: bool) -> int:
+    """Print which mutants are caught, and by what; 0 where all are that should be."""
+    clean: dict[str, bool] = {}
+    missed = 0
+    for mutant in (each for each in MUTANTS if not names or each.name in names):
+        kinds = {"tests": [tests_of(mutant)] if tests else [], "seeds": [each.split() for each in mutant.runs if seeds]}
+        for kind, commands in kinds.items():
+            by = ""
+            began = time.monotonic()
+            for command in commands:
+                key = " ".join(command)
+                found, _, word = _caught(mutant.name, command)
+                if found and key not in clean:
+                    failed, _, why = _caught("", command)
+                    clean[key] = not failed
+                    if failed:
+                        print(f"this fails without a mutant and shows nothing: {key}: {why}", flush=True)
+                if found and clean[key]:
+                    by = word
+                    break
+            if commands:
+                missed += not by
+                took = time.monotonic() - began
+                print(f"{mutant.name:<26}{kind} {took:4.0f} s  {by or 'MISSED'}", flush=True)
+    return 1 if missed else 0
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Do what the command line says."""
+    parser = argparse.ArgumentParser(prog="code_mutants.py", description=(__doc__ or "").partition("\n")[0])
+    verbs = parser.add_subparsers(dest="verb")
+    one = verbs.add_parser("run", help="run a command with a mutant")
+    one.add_argument("name", choices=BY_NAME, metavar="NAME")
+    one.add_argument("command", nargs=argparse.REMAINDER)
+    plain = verbs.add_parser("plain", help="run a command without one")
+    plain.add_argument("command", nargs=argparse.REMAINDER)
+    all_of_them = verbs.add_parser("measure", help="say which are caught")
+    all_of_them.add_argument("--tests", action="store_true")
+    all_of_them.add_argument("--seeds", action="store_true")
+    all_of_them.add_argument("names", nargs="*", metavar="NAME")
+    given = parser.parse_args(arguments)
+    if given.verb == "run":
+        return run_with(BY_NAME[given.name], given.command)
+    if given.verb == "plain":
+        return run_with(None, given.command)
+    if given.verb == "measure":
+        both = not (given.tests or given.seeds)
+        return measure(given.names, tests=given.tests or both, seeds=given.seeds or both)
+    for each in MUTANTS:
+        print(f"{each.name:<28}{each.does} ({each.change.module})")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
