@@ -2,15 +2,23 @@
 
 python-can's adapters may block in both directions and most have no descriptor, so that a thread reads and, except on
 ``virtual:``, where sending is a matter of queues, another one writes. What they hand over waits in memory behind a
-wake-up descriptor. An adapter that fails is not given up: it is told as DOWN once, tried again, and told as UP.
+wake-up descriptor.
+
+An adapter that fails is not given up, whatever it raises: python-can's own errors, those of the operating system and
+of a driver's library come from the same calls (`can.exceptions` promises CanError, and python-can-remote 0.3, pyserial
+and pyusb raise others). It is told as DOWN once and tried again; one that stays broken is closed and opened anew, until
+that works; then it is told as UP. What was to be sent meanwhile is lost and counted: an old command must not arrive
+later. A call of a driver that never returns keeps nobody: its thread is left behind, and the port closes without it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.util
 import threading
-from typing import TYPE_CHECKING
+import time
+from typing import TYPE_CHECKING, Final
 
 import can
 
@@ -26,8 +34,13 @@ if TYPE_CHECKING:
 
 __all__ = ["PythonCanPort", "known_interfaces", "message_of", "missing_package", "open_python_can", "record_of"]
 
-_POLL_S = 0.05  # how soon the reader notices that the port was closed
-_RETRY_S = 0.1
+_POLL_S: Final = 0.05  # how soon the reader notices that the port was closed
+_RETRY_S: Final = 0.1
+_RECEIVE: Final = "receive"
+_SEND: Final = "send"
+_BROKEN_S: Final = {_RECEIVE: 1.0, _SEND: 5.0}  # of nothing but failures (of a bus without nodes, too): opened anew
+_REOPEN_S: Final = (0.5, 1.0, 2.0)  # from one try to the next; the last one goes on
+_SHUTDOWN_S: Final = 2.0  # for a driver to close its device, or to return from a call
 _QUEUE_LIMIT = 65536 * RECORD_SIZE
 _CLOSED_HERE = "closed on this side"
 _IDENTIFIER = 0x1FFFFFFF
@@ -63,13 +76,19 @@ def record_of(message: can.Message) -> bytes | None:
 
 
 class PythonCanPort:
-    """A python-can bus as a port; see `canopen_control.bus.port.Port`. It owns the bus and shuts it down."""
+    """A python-can bus as a port; see `canopen_control.bus.port.Port`. It owns the bus and shuts it down.
 
-    def __init__(self, channel: str, bus: can.BusABC, *, writer: bool) -> None:
+    `reopen` opens the adapter once more, None for one that is not opened anew. With a `writer` a thread sends.
+    """
+
+    def __init__(
+        self, channel: str, bus: can.BusABC, *, writer: bool, reopen: Callable[[], can.BusABC] | None = None
+    ) -> None:
         self.channel = channel
         self.stats = PortStats()
         self.wants_write = False  # the writer thread sees to what waits
-        self._bus = bus
+        self._bus: can.BusABC | None = bus
+        self._reopen = reopen
         self._lock = threading.Lock()  # guards all that follows
         self._wake = WakeDescriptor()
         self._received = bytearray()
@@ -77,6 +96,7 @@ class PythonCanPort:
         self._outgoing = SendQueue(SEND_LIMIT)
         self._lost = 0  # by the threads, not yet in stats
         self._down = False
+        self._failing_since: dict[str, float] = {}  # verb -> when it first failed, since it last worked
         self._closing = threading.Event()
         self._work = threading.Event()
         self._writes = writer
@@ -113,18 +133,21 @@ class PythonCanPort:
         count = whole_records(records)
         self._check_open()
         self.stats.tx += count
-        if self._writes:
+        bus = self._bus
+        if bus is None or _RECEIVE in self._failing_since:
+            self.stats.lost += count
+        elif self._writes:
             with self._lock:
                 self.stats.lost += self._outgoing.put(records)
                 self.stats.queued = len(self._outgoing)
             self._work.set()
-            return
-        for frame in frames_of(records):
-            try:
-                self._bus.send(message_of(frame, 0.0), timeout=0)
-            except can.CanError as error:
-                self._fail(error)
-                self.stats.lost += 1
+        else:
+            for frame in frames_of(records):
+                try:
+                    bus.send(message_of(frame, 0.0), timeout=0)
+                except Exception as error:  # noqa: BLE001 - a driver raises anything, see above
+                    self._fail(_SEND, error)
+                    self.stats.lost += 1
 
     def flush(self) -> None:
         """Do nothing: the writer thread sends as soon as the adapter takes it."""
@@ -135,14 +158,15 @@ class PythonCanPort:
             return self._events.drain()
 
     def close(self) -> None:
-        """Shut the adapter down; a second call does nothing."""
+        """Shut the adapter down; a second call does nothing. A driver that hangs is left behind after a moment."""
         if self._closing.is_set():
             return
         self._closing.set()
         self._work.set()
+        end = time.monotonic() + _SHUTDOWN_S
         for thread in self._threads:
-            thread.join()
-        self._bus.shutdown()
+            thread.join(max(0.0, end - time.monotonic()))
+        self._drop_bus()
         self._wake.close()
 
     def _check_open(self) -> None:
@@ -153,14 +177,18 @@ class PythonCanPort:
 
     def _read_all(self) -> None:
         while not self._closing.is_set():
+            bus = self._bus
+            if bus is None or self._is_broken():
+                self._open_anew()
+                continue
             try:
-                message = self._bus.recv(_POLL_S)
-            except (can.CanError, OSError) as error:
-                self._fail(error)
+                message = bus.recv(_POLL_S)
+            except Exception as error:  # noqa: BLE001 - a driver raises anything, see above
+                self._fail(_RECEIVE, error)
                 self._closing.wait(_RETRY_S)
                 continue
             if message is not None:
-                self._works_again()
+                self._works_again(_RECEIVE, _SEND)
                 self._take(message)
 
     def _take(self, message: can.Message) -> None:
@@ -188,37 +216,121 @@ class PythonCanPort:
         return record
 
     def _write(self, record: bytes) -> None:
-        """Send one frame, and try again while the adapter refuses it, for a second at most: it is old by then."""
+        """Send one frame, and try again while the adapter refuses it, for a second at most: all is old by then."""
         (frame,) = frames_of(record)
         message = message_of(frame, 0.0)
         for _ in range(int(1 / _RETRY_S)):
+            bus = self._bus
+            if bus is None or _RECEIVE in self._failing_since:
+                break
             try:
-                self._bus.send(message, timeout=_POLL_S)
-            except (can.CanError, OSError) as error:
-                self._fail(error)
+                bus.send(message, timeout=_POLL_S)
+            except Exception as error:  # noqa: BLE001 - a driver raises anything, see above
+                self._fail(_SEND, error)
                 if self._closing.wait(_RETRY_S):
                     return
             else:
-                self._works_again()
+                self._works_again(_SEND)
                 return
         with self._lock:
-            self._lost += 1
+            self._lost += 1 + self._outgoing.clear()
+            self.stats.queued = 0
 
-    def _fail(self, error: Exception) -> None:
+    # Down and up ---------------------------------------------------------------------------------------------------
+
+    def _fail(self, verb: str, error: Exception) -> None:
+        """Note that receiving or sending failed: told once, until it works again."""
         with self._lock:
-            if self._down:
-                return
-            self._down = True
-            self._events.add(BusEventKind.DOWN, f"bus {self.channel}: {error}")
+            self._failing_since.setdefault(verb, time.monotonic())
+            if verb == _RECEIVE:
+                self._lost += self._outgoing.clear()
+                self.stats.queued = 0
+            if not self._down and not self._closing.is_set():
+                self._down = True
+                self._events.add(BusEventKind.DOWN, f"bus {self.channel}: {_reason(error)}; it is tried again")
             self._wake.set()
 
-    def _works_again(self) -> None:
-        if not self._down:
+    def _works_again(self, *verbs: str) -> None:
+        if not self._failing_since and not self._down:
             return
         with self._lock:
-            self._down = False
-            self._events.add(BusEventKind.UP, f"bus {self.channel}: works again")
-            self._wake.set()
+            for verb in verbs:
+                self._failing_since.pop(verb, None)
+            if self._down and not self._failing_since:
+                self._down = False
+                self._events.add(BusEventKind.UP, f"bus {self.channel}: works again")
+                self._wake.set()
+
+    def _is_broken(self) -> bool:
+        """Whether the adapter has done nothing but fail for so long that opening it anew is what may help."""
+        if self._reopen is None or not self._failing_since:
+            return False
+        now = time.monotonic()
+        return any(now - self._failing_since.get(verb, now) >= limit for verb, limit in _BROKEN_S.items())
+
+    def _open_anew(self) -> None:
+        """Close the adapter and open it until that works, or the port is closed; on the reader's thread."""
+        self._drop_bus()
+        tries = 0
+        while self._reopen is not None and not self._closing.is_set():
+            try:
+                bus = self._reopen()
+            except Exception:  # noqa: BLE001 - drivers that lack a device raise nearly anything, and DOWN is told
+                self._closing.wait(_REOPEN_S[min(tries, len(_REOPEN_S) - 1)])
+                tries += 1
+                continue
+            if self._closing.is_set():
+                _shut_down(bus)
+                return
+            self._take_bus(bus)
+            return
+
+    def _take_bus(self, bus: can.BusABC) -> None:
+        """Go on with an adapter that was opened anew: what could not send has to send before it counts as working."""
+        with self._lock:
+            self._bus = bus
+            if _SEND in self._failing_since:
+                self._failing_since[_SEND] = time.monotonic()
+        try:
+            message = bus.recv(_POLL_S)
+        except Exception as error:  # noqa: BLE001 - a driver raises anything, see above
+            with self._lock:
+                self._failing_since[_RECEIVE] = time.monotonic()
+            self._fail(_RECEIVE, error)
+            self._closing.wait(_REOPEN_S[-1])
+            return
+        self._works_again(_RECEIVE, *((_SEND,) if message is not None else ()))
+        if message is not None:
+            self._take(message)
+
+    def _drop_bus(self) -> None:
+        with self._lock:
+            bus, self._bus = self._bus, None
+            self._lost += self._outgoing.clear()
+            self.stats.queued = 0
+        if bus is not None:
+            _shut_down(bus)
+
+
+def _reason(error: Exception) -> str:
+    """Return what an exception says, which of some drivers is nothing but its class."""
+    return str(error).strip() or type(error).__name__
+
+
+def _shut_down(bus: can.BusABC) -> None:
+    """Shut an adapter down, and go on without it if that hangs: python-can-remote 0.3 waits for a server that is gone.
+
+    One that is left behind counts as shut down, or its destructor would begin once more as the interpreter ends.
+    """
+
+    def work() -> None:
+        with contextlib.suppress(Exception):
+            bus.shutdown()
+
+    thread = threading.Thread(target=work, name="shut down", daemon=True)
+    thread.start()
+    thread.join(_SHUTDOWN_S)
+    bus._is_shutdown = True  # noqa: SLF001 - python-can has no other way to say that its destructor is not needed
 
 
 def known_interfaces() -> list[str]:
@@ -257,11 +369,13 @@ def open_python_can(channel: str, interface: str, name: str, bitrate: int | None
         raise InterfaceNotFound(channel, f"python-can knows no {interface!r}, but: {', '.join(known_interfaces())}")
     if (package := missing_package(interface)) is not None:
         raise ConfigError(f"bus {channel}: {interface} needs {package}, which is not installed: pip install {package}")
-    bus_of = functools.partial(can.Bus, channel=name, interface=interface)
+    options = {} if bitrate is None else {"bitrate": bitrate}
+    bus_of = functools.partial(can.Bus, channel=name, interface=interface, **options)
     try:
-        bus = bus_of() if bitrate is None else bus_of(bitrate=bitrate)
+        bus = bus_of()
     except Exception as error:  # drivers that lack a library or a device raise nearly anything
         raise BusError(
-            f"bus {channel}: python-can cannot open it: {error}; is its driver installed, the device plugged in?"
+            f"bus {channel}: python-can cannot open it: {_reason(error)}; is its driver installed, the device plugged in?"
         ) from error
-    return PythonCanPort(channel, bus, writer=interface != "virtual")
+    virtual = interface == "virtual"
+    return PythonCanPort(channel, bus, writer=not virtual, reopen=None if virtual else bus_of)

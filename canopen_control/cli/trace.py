@@ -10,6 +10,7 @@ import argparse
 import itertools
 import os
 import sys
+from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import seconds, whole_number
@@ -23,6 +24,7 @@ from canopen_control.trace.frame_lines import LineWriter, document_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
+    from canopen_control.bus.port import BusEvent
     from canopen_control.bus.recordings import RecordedFrame
     from canopen_control.trace.network_description import NetworkDescription
 
@@ -105,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     port = open_listener(heard.channel, LABEL, owner=heard.owner)
     heard.tell()
     try:
-        show(args, heard.network, batches(port, args.duration))
+        show(args, heard.network, batches(port, args.duration, on_event=partial(_tell, as_json=args.json)))
     except KeyboardInterrupt:
         pass
     finally:
@@ -116,6 +118,11 @@ def run(args: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     return 0
+
+
+def _tell(event: BusEvent, *, as_json: bool) -> None:
+    """Print what happened to the channel between its frames; beside JSON, which is frames alone, as a complaint."""
+    print(f"{event.kind.value.upper()}: {event.text}", file=sys.stderr if as_json else sys.stdout, flush=True)
 
 
 def show_file(args: argparse.Namespace, path: str) -> int:

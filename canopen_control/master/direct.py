@@ -18,7 +18,7 @@ from canopen_control.cia301.lss_master import LssMaster
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtMaster, NmtState, NmtUnconfirmed, state_of_byte
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia301.sdo_records import SHORTEST_RUN, deliver
-from canopen_control.errors import BusClosed, BusOff, CanopenError, SdoStopped, SdoTimeout
+from canopen_control.errors import BusClosed, BusError, BusOff, CanopenError, SdoStopped, SdoTimeout
 from canopen_control.frame import BROADCAST, MAX_NODE_ID, RECORD, RECORD_SIZE, CanFrame, pack_records
 
 if TYPE_CHECKING:
@@ -71,6 +71,7 @@ class DirectBus:
         self._poll.register(self._fd, select.POLLIN)
         self._watches_writing = False
         self._errors = port.stats.errors
+        self._down = ""  # why the channel carries nothing, "" while it does
 
     @classmethod
     def open(
@@ -149,8 +150,10 @@ class DirectBus:
         return request.data
 
     def _error(self, request: SdoRequest) -> CanopenError | None:
-        """Return why a request failed; a silence is explained where a heartbeat has told the reason."""
+        """Return why a request failed; a silence is explained where a heartbeat or the port has told the reason."""
         error = request.error
+        if isinstance(error, SdoTimeout) and self._down:
+            return BusError(f"{self._down}; node {error.node_id} could not be asked")
         if isinstance(error, SdoTimeout) and self.heard.get(error.node_id) is NmtState.STOPPED:
             return SdoStopped(error)
         return error
@@ -254,8 +257,11 @@ class DirectBus:
                 client.forget()
 
     def _look_at_events(self) -> None:
-        if any(event.kind is BusEventKind.BUS_OFF for event in self.port.events()):
-            raise BusOff(self.port.channel)
+        for event in self.port.events():
+            if event.kind is BusEventKind.BUS_OFF:
+                raise BusOff(self.port.channel)
+            if event.kind in (BusEventKind.DOWN, BusEventKind.UP):
+                self._down = event.text if event.kind is BusEventKind.DOWN else ""
 
     def _wait(self, nanoseconds: int | None) -> None:
         """Wait until the port has something, takes something again, or the time is over."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.bus.port import BusEventKind
 from canopen_control.bus.port_abilities import receive_stamped
 from canopen_control.errors import BusError, ConfigError
 from canopen_control.frame import frames_of
@@ -75,7 +76,9 @@ class BusTap:
             return
         try:
             records, stamps = receive_stamped(port)
-            port.events()
+            for event in port.events():
+                if event.kind in (BusEventKind.DOWN, BusEventKind.UP):
+                    self.problem = event.text if event.kind is BusEventKind.DOWN else ""
         except BusError as error:
             self.problem = str(error)
             self.close()

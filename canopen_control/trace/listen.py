@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import select
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.bus.port import BusEventKind
 from canopen_control.bus.port_abilities import receive_stamped
 from canopen_control.bus.recordings import RecordedFrame
 from canopen_control.errors import ConfigError
@@ -19,33 +20,44 @@ from canopen_control.frame import frames_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from canopen_control.bus.port import Port
+    from canopen_control.bus.port import BusEvent, Port
 
 __all__ = ["batches", "open_listener"]
 
-_IDLE_S = 0.25  # how often a silent bus lets the owner look at his clock
+_IDLE_S: Final = 0.25  # how often a silent bus lets the owner look at his clock
+_SERVERS: Final = frozenset({"remote", "socketcand", "udp_multicast"})  # of python-can, which serve several clients
+_NEWS: Final = frozenset({BusEventKind.DOWN, BusEventKind.UP, BusEventKind.OVERRUN})  # no frame on the bus shows them
 
 
 def open_listener(channel: str, label: str, *, owner: str = "") -> Port:
     """Open `channel` to listen; BusNotOpen where nobody has it, ConfigError while the robot `owner` has it alone."""
-    kind = parse_channel(channel).kind
-    if kind.in_process:
+    spec = parse_channel(channel)
+    if spec.kind.in_process:
         raise ConfigError(f"{channel} is inside one process, nobody else can listen; use local:NAME instead")
-    if owner and kind is ChannelKind.PYTHON_CAN:
+    if owner and spec.kind is ChannelKind.PYTHON_CAN and spec.interface not in _SERVERS:
         raise ConfigError(f"{channel} has one owner, the running robot {owner}; nobody can listen beside it")
     return open_port(channel, label=label, join=True)
 
 
 def batches(
-    port: Port, seconds: float | None = None, *, clock: Callable[[], float] = time.monotonic
+    port: Port,
+    seconds: float | None = None,
+    *,
+    clock: Callable[[], float] = time.monotonic,
+    on_event: Callable[[BusEvent], object] | None = None,
 ) -> Iterator[list[RecordedFrame]]:
     """Yield what came since the last time, an empty list four times a second where nothing did.
 
-    Ends after `seconds`, or never; raises `BusClosed` when the bus is gone.
+    Ends after `seconds`, or never; raises `BusClosed` when the bus is gone. `on_event` gets what happens to the channel
+    and shows in no frame, after the frames that came before it.
     """
     end = None if seconds is None else clock() + seconds
     while end is None or clock() < end:
         wait = _IDLE_S if end is None else max(0.0, min(_IDLE_S, end - clock()))
         select.select([port.fileno()], [], [], wait)
         records, stamps = receive_stamped(port)
+        events = port.events()
         yield [RecordedFrame(stamp, frame) for stamp, frame in zip(stamps, frames_of(records), strict=True)]
+        for event in events if on_event is not None else ():
+            if event.kind in _NEWS:
+                on_event(event)

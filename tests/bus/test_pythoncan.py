@@ -140,7 +140,7 @@ def test_a_refused_frame_is_tried_again_and_the_trouble_told_once(scripted):
         port.receive()
         events += port.events()
     assert [event.kind for event in events] == [BusEventKind.DOWN, BusEventKind.UP]
-    assert events[0].text == "bus test:scripted: transmit buffer full"
+    assert events[0].text == "bus test:scripted: transmit buffer full; it is tried again"
     assert port.stats.lost == 0
 
 
@@ -151,6 +151,80 @@ def test_a_receive_error_is_told_and_reception_goes_on(scripted):
     bus.incoming.put(message_of(FRAMES[0], 0.0))
     assert receive(port, 1) == FRAMES[:1]
     assert [event.kind for event in port.events()] == [BusEventKind.UP]
+
+
+class DriverError(Exception):
+    """What a driver's library raises: no CanError, no OSError."""
+
+
+def next_event(port):
+    while not (events := port.events()):
+        assert select.select([port], [], [], TIMEOUT_S)[0]
+        port.receive()
+    return events[0].kind
+
+
+@pytest.mark.parametrize("error", [DriverError("closed by its peer"), ValueError(""), MemoryError()])
+def test_whatever_an_adapter_raises_it_is_down_opened_anew_and_up(error, monkeypatch):
+    monkeypatch.setattr("canopen_control.bus.pythoncan._BROKEN_S", {"receive": 0.05, "send": 0.05})
+    monkeypatch.setattr("canopen_control.bus.pythoncan._REOPEN_S", (0.01,))
+    broken, whole = ScriptedBus(), ScriptedBus()
+    answers = [DriverError("no such device"), OSError("no route"), whole]
+
+    def reopen():
+        answer = answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    port = PythonCanPort("test:scripted", broken, writer=True, reopen=reopen)
+    for _ in range(10):
+        broken.incoming.put(error)
+    assert next_event(port) is BusEventKind.DOWN
+    assert broken.stopped.wait(TIMEOUT_S)
+    assert next_event(port) is BusEventKind.UP
+    whole.incoming.put(message_of(FRAMES[0], 0.0))
+    assert receive(port, 1) == FRAMES[:1]
+    port.send(pack_records(FRAMES[:1]))
+    assert whole.sent.get(timeout=TIMEOUT_S).arbitration_id == FRAMES[0].can_id
+    port.close()
+    assert whole.stopped.is_set()
+
+
+def test_what_was_to_be_sent_while_it_was_down_is_lost_and_counted():
+    bus = ScriptedBus()
+    port = PythonCanPort("test:scripted", bus, writer=True)
+    bus.incoming.put(DriverError("gone"))
+    assert next_event(port) is BusEventKind.DOWN
+    port.send(pack_records(FRAMES))
+    bus.incoming.put(message_of(FRAMES[0], 0.0))
+    assert next_event(port) is BusEventKind.UP
+    port.send(pack_records(FRAMES[1:2]))
+    assert bus.sent.get(timeout=TIMEOUT_S).arbitration_id == FRAMES[1].can_id & 0x1FFFFFFF
+    assert port.stats.lost == len(FRAMES)
+    port.close()
+
+
+def test_a_driver_that_hangs_keeps_nobody(monkeypatch):
+    monkeypatch.setattr("canopen_control.bus.pythoncan._SHUTDOWN_S", 0.1)
+    forever = threading.Event()
+
+    class Hanging(ScriptedBus):
+        def _recv_internal(self, timeout):
+            forever.wait()
+            return None, False
+
+        def send(self, msg, timeout=None):
+            forever.wait()
+
+        def shutdown(self):
+            forever.wait()
+
+    port = PythonCanPort("test:hanging", Hanging(), writer=True)
+    port.send(pack_records(FRAMES))
+    port.close()
+    assert port.fileno() == -1
+    forever.set()
 
 
 def test_error_frames_become_events(scripted):

@@ -8,11 +8,13 @@ import pytest
 from support.onbus import GENERIC, TMCM, OnBus
 
 from canopen_control.bus.memory import MemoryBus
+from canopen_control.bus.port import BusEvent, BusEventKind
 from canopen_control.cia301.lss import LssIdentity, LssMode
 from canopen_control.cia301.lss_slave import LssSlave
 from canopen_control.cia301.nmt import NmtCommand, NmtConfirmed, NmtState, NmtUnconfirmed
 from canopen_control.errors import (
     BusClosed,
+    BusError,
     BusOff,
     ConfigError,
     LocalProtocolError,
@@ -174,6 +176,19 @@ def test_bus_off_is_an_error_at_once():
         with pytest.raises(BusOff):
             bus.read(3, 0x1000)
         timer.join()
+
+
+def test_a_silence_on_a_channel_that_is_down_is_told_as_that():
+    MemoryBus.get("down")
+    with DirectBus.open("memory:down", timeout_s=0.05, retries=0) as bus:
+        bus.port.events = lambda: [BusEvent(BusEventKind.DOWN, "bus x: unplugged")]
+        bus._look_at_events()
+        with pytest.raises(BusError, match="bus x: unplugged; node 3 could not be asked"):
+            bus.read(3, 0x1000)
+        bus.port.events = lambda: [BusEvent(BusEventKind.UP, "")]
+        bus._look_at_events()
+        with pytest.raises(SdoTimeout):
+            bus.read(3, 0x1000)
 
 
 @pytest.mark.sources  # a method is replaced

@@ -3,6 +3,7 @@ from support.localbus import end_hubs
 
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import MemoryBus
+from canopen_control.bus.port import BusEvent, BusEventKind
 from canopen_control.errors import BusNotOpen, ConfigError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.sockets import list_sockets
@@ -28,6 +29,21 @@ def test_frames_come_in_batches_and_a_silent_bus_gives_empty_ones():
     assert first[0].time_ns > 1_600_000_000 * 10**9  # Unix time
     assert list(heard)[-1] == []  # and it ends
     assert listener.stats.tx == 0
+    listener.close()
+    sender.close()
+
+
+def test_what_happens_to_the_channel_comes_after_the_frames_before_it():
+    bus = MemoryBus.get("listening")
+    listener, sender = bus.open("trace"), bus.open("drive")
+    sender.send(pack_records([CanFrame(0x80)]))
+    down, passive = BusEvent(BusEventKind.DOWN, "gone"), BusEvent(BusEventKind.ERROR_PASSIVE, "in a frame")
+    listener.events = lambda: [passive, down]
+    order = []
+    for batch in batches(listener, 0.15, clock=Clock(), on_event=order.append):
+        order += [each.frame for each in batch]
+    assert order[:2] == [CanFrame(0x80), down]
+    assert passive not in order
     listener.close()
     sender.close()
 
