@@ -369,13 +369,15 @@ def open_python_can(channel: str, interface: str, name: str, bitrate: int | None
         raise InterfaceNotFound(channel, f"python-can knows no {interface!r}, but: {', '.join(known_interfaces())}")
     if (package := missing_package(interface)) is not None:
         raise ConfigError(f"bus {channel}: {interface} needs {package}, which is not installed: pip install {package}")
-    options = {} if bitrate is None else {"bitrate": bitrate}
-    bus_of = functools.partial(can.Bus, channel=name, interface=interface, **options)
+    bus_of = functools.partial(can.Bus, channel=name, interface=interface)
+    if bitrate is not None:
+        bus_of = functools.partial(bus_of, bitrate=bitrate)
     try:
         bus = bus_of()
     except Exception as error:  # drivers that lack a library or a device raise nearly anything
         raise BusError(
-            f"bus {channel}: python-can cannot open it: {_reason(error)}; is its driver installed, the device plugged in?"
+            f"bus {channel}: python-can cannot open it: {_reason(error)}; is its driver installed, the device plugged "
+            "in?"
         ) from error
     virtual = interface == "virtual"
     return PythonCanPort(channel, bus, writer=not virtual, reopen=None if virtual else bus_of)

@@ -58,6 +58,6 @@ def batches(
         records, stamps = receive_stamped(port)
         events = port.events()
         yield [RecordedFrame(stamp, frame) for stamp, frame in zip(stamps, frames_of(records), strict=True)]
-        for event in events if on_event is not None else ():
-            if event.kind in _NEWS:
+        for event in events:
+            if on_event is not None and event.kind in _NEWS:
                 on_event(event)
