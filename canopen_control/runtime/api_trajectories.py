@@ -91,7 +91,7 @@ class TrajectoryMethods:
         wanted = call.request
         points = self._collect(call.connection, wanted.points)
         del self._coming[call.connection]
-        stamp = 0 if wanted.stamp is None else self._time_of(wanted.stamp)
+        stamp = 0 if wanted.stamp is None else self._robot.time_of(wanted.stamp)
         return JointTrajectory(wanted.joints, points, stamp)
 
     def _hand(
@@ -186,11 +186,7 @@ class TrajectoryMethods:
 
     def _query(self, call: Call[QueryTrajectory]) -> None:
         controller = self._robot.manager.get(call.request.controller)
-        call.reply(controller.trajectory_at(self._time_of(call.request.time)))
-
-    def _time_of(self, unix: float) -> int:
-        """Return a time in Unix seconds on the robot's clock, in ns."""
-        return self._robot.cycle.clock.of(round(unix * 1e9) - self._robot.wall_offset_ns)
+        call.reply(controller.trajectory_at(self._robot.time_of(call.request.time)))
 
     def _scale(self, call: Call[ScaleTrajectory]) -> None:
         controller = call.request.controller

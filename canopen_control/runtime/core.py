@@ -8,7 +8,6 @@ the same stop: targets to zero, the drives' own ramps, disable, and only then th
 from __future__ import annotations
 
 import enum
-import time
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -45,6 +44,7 @@ from canopen_control.runtime.readiness import (
     why_not_started,
 )
 from canopen_control.runtime.robot_bus import RobotBus
+from canopen_control.runtime.robot_clock import WallClock, step_words
 from canopen_control.runtime.robot_cycle import RobotCycle
 from canopen_control.runtime.startup_controllers import prepare_controllers, require_active, switch_controllers
 from canopen_control.runtime.true_pose import TruePoseTracker
@@ -91,7 +91,7 @@ class RobotCore:
         self.on_running: Callable[[], None] | None = None
         self.on_stopped: Callable[[], None] | None = None
         self.after_cycle: list[Callable[[int], None]] = []
-        self.wall_offset_ns, self.in_virtual_time = time.time_ns() - reactor.now(), False
+        self.wall, self.in_virtual_time = WallClock(reactor.now, follows=not reactor.clock.is_manual), False
         self.commander: str | None = None
         self.latch, self.truth = StopLatch(self.report), TruePoseTracker()
         self.pacer = Pacer(reactor, setup.cycle_ns)
@@ -241,9 +241,28 @@ class RobotCore:
         """
         self.latch.refuse("a command to", controller)
         require_active(self.setup, self.manager, controller)
-        made = None if stamp is None else self.cycle.clock.of(round(stamp * 1e9) - self.wall_offset_ns)
+        made = None if stamp is None else self.made_at(stamp)
         self.manager.command(controller, values, self.cycle.clock.now(), made, source=source, holder=holder)
         self.commander = source
+
+    @property
+    def wall_offset_ns(self) -> int:
+        """What makes Unix time of the reactor's, in ns."""
+        return self.wall.offset_ns
+
+    def time_of(self, unix: float) -> int:
+        """Return a time in Unix seconds as the robot's clock counts it, in ns."""
+        self._tell_clock_step(self.wall.follow())
+        return self.cycle.clock.of(round(unix * 1e9) - self.wall_offset_ns)
+
+    def made_at(self, stamp: float) -> int:
+        """Return when a command with this stamp, in Unix seconds, was made, as the robot's clock counts it, in ns."""
+        self._tell_clock_step(self.wall.follow())
+        return self.cycle.clock.of(self.wall.made_at(round(stamp * 1e9)))
+
+    def _tell_clock_step(self, moved: int) -> None:
+        if moved:
+            self.report(Event(self.reactor.now(), "clock_step", "", step_words(moved), Level.WARNING))
 
     def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:
         """Hand a goal to a controller; with a `holder` it ends when `let_go` says that he is gone."""
@@ -320,6 +339,8 @@ class RobotCore:
 
     def _after(self, now: int) -> None:
         """Tell what the cycle, whose frames are on their way, has brought."""
+        if moved := self.wall.look(now):
+            self._tell_clock_step(moved)
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]
         pacer, manager = self.pacer, self.manager

@@ -4,18 +4,88 @@ The law of the file: a simulated robot without buses lives on the grid of its cy
 While it is paused its time stands, nothing moves and no command runs out; `step` lets a number of cycles happen, with
 the commands that are in force. Who goes on afterwards finds no command left: the first motion has one that is newer.
 Real drives have a time of their own, so that a robot on buses cannot be paused. Times in ns.
+
+Stamps of commands and samples are Unix time, which somebody may set while the robot runs (NTP, a GPS that finds its
+satellites, a person). `WallClock` follows it; everything else counts monotonic time, which nobody can set.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import time
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.host.reactor import Reactor
 
-__all__ = ["RobotClock"]
+__all__ = ["RobotClock", "WallClock", "step_words"]
+
+_STEP_NS: Final = 50_000_000  # more than NTP slews away unseen, and less than any command lives
+_NOISE_NS: Final = 100_000  # smaller differences are of the measurement
+_LOOK_NS: Final = 100_000_000
+
+
+class WallClock:
+    """Unix time beside the monotonic time of a reactor: `offset_ns` is what makes the one of the other.
+
+    A clock of virtual time has none to follow: the offset stays as it was at the start, or as `fix` sets it.
+    """
+
+    def __init__(self, now: Callable[[], int], *, follows: bool, unix: Callable[[], int] = time.time_ns) -> None:
+        self.offset_ns = unix() - now()
+        self._now, self._unix, self._follows = now, unix, follows
+        self._look_at = 0
+        self._before: tuple[int, int] | None = (
+            None  # the offset before the clock was set back, and until when it counts
+        )
+
+    def fix(self, offset_ns: int) -> None:
+        """Have this offset for good."""
+        self.offset_ns, self._follows = offset_ns, False
+
+    def look(self, now: int) -> int:
+        """Follow the clock, ten times a second; return by how many ns it was set forward since the last look."""
+        if now < self._look_at:
+            return 0
+        self._look_at = now + _LOOK_NS
+        return self.follow()
+
+    def follow(self) -> int:
+        """Follow the clock now; return by how many ns it was set forward, negative: back, 0: it was not set."""
+        if not self._follows:
+            return 0
+        before = self._now()
+        unix = self._unix()
+        after = self._now()
+        moved = unix - (before + after) // 2 - self.offset_ns
+        uncertain = after - before + _NOISE_NS
+        if -uncertain <= moved <= uncertain:
+            return 0
+        if moved <= -_STEP_NS:
+            self._before = self.offset_ns, after - moved
+        self.offset_ns += moved
+        return moved if abs(moved) >= _STEP_NS else 0
+
+    def made_at(self, unix_ns: int) -> int:
+        """Return when something that is there was made; a stamp after now may be of before the clock was set back."""
+        now = self._now()
+        made = unix_ns - self.offset_ns
+        if made > now and self._before is not None:
+            offset, until = self._before
+            if now < until:
+                return min(now, unix_ns - offset)
+            self._before = None
+        return made
+
+
+def step_words(moved_ns: int) -> str:
+    """Say that this computer's clock was set, and what that means for stamps."""
+    way = "forward" if moved_ns > 0 else "back"
+    return (
+        f"this computer's clock was set {way} by {abs(moved_ns) / 1e9:.3f} s; stamps are judged by the new time, and "
+        "those of samples leap with it"
+    )
 
 
 class RobotClock:

@@ -222,7 +222,8 @@ class SimulatedRobot:
         for wire in self.wires.values():
             wire.members[MASTER] = self.host
         self.core = RobotCore(self.setup, self.host.reactor)
-        self.core.wall_offset_ns, self.core.in_virtual_time = 0, self.tells_time
+        self.core.wall.fix(0)
+        self.core.in_virtual_time = self.tells_time
         self.core.on_event = self._hear
 
     def _join(self) -> None:

@@ -10,6 +10,7 @@ from support.robots import FORWARD, LEFT, RIGHT, Bench
 from canopen_control.runtime import api
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotState
+from canopen_control.runtime.robot_clock import WallClock
 from canopen_control.runtime.status import state_sample
 
 
@@ -258,6 +259,27 @@ def test_a_base_is_driven_by_stamped_twists_and_put_somewhere_else():
     assert "has no feed-forward to switch" in refused["message"]
     refused = client.ask("set_measured_states", controller="robby_base_controller", values=[0.0])["error"]
     assert "takes no measured states" in refused["message"]
+    client.close()
+    base.api.close()
+    base.close()
+
+
+@pytest.mark.parametrize("step", [-2.0, 3600.0])
+def test_stamps_are_judged_by_the_time_that_the_clock_was_set_to(step):
+    base = Bench("apisteps", controllers=["robby_base_controller"])
+    set_to = [0.0]
+    base.robot.wall = WallClock(base.reactor.now, follows=True, unix=lambda: base.reactor.now() + int(set_to[0] * 1e9))
+    base.api = ApiServer(base.robot)
+    base.start()
+    client = Client(base)
+    twist = {"controller": "robby_base_controller", "linear": 0.2, "angular": 0.0}
+    assert client.ask("twist", **twist, stamp=base.reactor.now() / 1e9)["result"] == {}
+    set_to[0] = step
+    now = base.reactor.now() / 1e9 + step
+    assert client.ask("twist", **twist, stamp=now)["result"] == {}
+    assert "check the clocks" in client.ask("twist", **twist, stamp=now - 1.0)["error"]["message"]
+    assert state_sample(base.robot).time == pytest.approx(now, abs=0.5)
+    assert [event.kind for event in base.robot.events.recent].count("clock_step") == 1
     client.close()
     base.api.close()
     base.close()

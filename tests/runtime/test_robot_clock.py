@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
-from canopen_control.runtime.robot_clock import RobotClock
+from canopen_control.runtime.robot_clock import RobotClock, WallClock, step_words
 
 PERIOD = 20_000_000
 
@@ -99,3 +99,63 @@ def test_whatever_is_asked_for_each_cycle_is_one_period_after_the_one_before(act
     assert len(made.times) == wanted
     assert all(later - sooner == PERIOD for sooner, later in zip(made.times, made.times[1:], strict=False))
     made.reactor.close()
+
+
+SECOND = 1_000_000_000
+
+
+class Walls:
+    """Monotonic and Unix time, moved by hand; a stamp is what Unix time was."""
+
+    def __init__(self, **options):
+        self.now, self.unix = 5 * SECOND, 1_700_000_000 * SECOND
+        self.wall = WallClock(lambda: self.now, follows=True, unix=lambda: self.unix)
+
+    def passes(self, ns, step=0):
+        self.now += ns
+        self.unix += ns + step
+
+
+@pytest.mark.parametrize("step", [-2, 3600, -3600, 0.06])
+def test_a_clock_that_is_set_is_followed_and_told_once(step):
+    walls = Walls()
+    step_ns = round(step * SECOND)
+    walls.passes(SECOND, step_ns)
+    assert walls.wall.look(walls.now) == step_ns
+    assert walls.wall.look(walls.now) == 0
+    walls.passes(SECOND)
+    assert walls.wall.look(walls.now) == 0
+    assert walls.wall.made_at(walls.unix - SECOND // 10) == walls.now - SECOND // 10
+
+
+def test_a_clock_that_is_slewed_is_followed_in_silence():
+    walls = Walls()
+    for _ in range(100):
+        walls.passes(SECOND, 500_000)  # 500 ppm, the most that NTP slews
+        assert walls.wall.look(walls.now) == 0
+    assert walls.now + walls.wall.offset_ns == walls.unix
+
+
+def test_a_stamp_of_before_a_step_back_is_as_old_as_it_is():
+    walls = Walls()
+    stamp, made = walls.unix, walls.now
+    walls.passes(SECOND, -2 * SECOND)
+    walls.wall.follow()
+    assert walls.wall.made_at(stamp) == made  # it lies in the future of the new time
+    assert walls.wall.made_at(walls.unix) == walls.now
+    walls.passes(3 * SECOND)
+    walls.wall.follow()
+    assert walls.wall.made_at(walls.unix) == walls.now
+    assert walls.wall.made_at(walls.unix + SECOND) == walls.now + SECOND
+
+
+def test_virtual_time_has_no_wall_to_follow():
+    walls = Walls()
+    walls.wall.fix(0)
+    walls.passes(SECOND, 7 * SECOND)
+    assert walls.wall.look(walls.now) == walls.wall.follow() == walls.wall.offset_ns == 0
+
+
+def test_the_words_say_which_way():
+    assert "set back by 2.000 s" in step_words(-2 * SECOND)
+    assert "set forward by 3600.000 s" in step_words(3600 * SECOND)
