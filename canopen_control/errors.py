@@ -345,12 +345,32 @@ class UnreadableMessage(RemoteError):
 _OF_USAGE = (ConfigError, InterfaceDown, InterfaceNotFound, UnknownName)
 
 
+_CLOSE = 0.6  # difflib's ratio of two names that may be meant for each other
+_OPPOSITES = ({"left", "right"}, {"front", "rear"}, {"front", "back"}, {"upper", "lower"}, {"min", "max"})
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return `, did you mean 'x'?`, or the list of what there is, or nothing when there is nothing."""
+    """Return `, did you mean 'x'?`, or the list of what there is, or nothing when there is nothing.
+
+    The words of a name may stand in another order; a name that says the opposite (left, right) is not meant.
+    """
     import difflib  # only a mistake needs it
 
     names = [str(each) for each in known]
-    close = difflib.get_close_matches(name, names, 1, 0.6)
-    if close:
-        return f", did you mean {close[0]!r}?"
+    words = _words(name)
+
+    def ratio(other: str) -> float:
+        theirs = _words(other)
+        if any(pair <= set(words) ^ set(theirs) for pair in _OPPOSITES):
+            return 0.0
+        orders = (name, other), (" ".join(sorted(words)), " ".join(sorted(theirs)))
+        return max(difflib.SequenceMatcher(None, *order).ratio() for order in orders)
+
+    best = max(names, key=ratio, default="")
+    if best and ratio(best) >= _CLOSE:
+        return f", did you mean {best!r}?"
     return f"; known: {', '.join(names)}" if names else ""
+
+
+def _words(name: str) -> list[str]:
+    return "".join(char if char.isalnum() else " " for char in name.lower()).split()

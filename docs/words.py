@@ -45,6 +45,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "dcf": "the EDS or DCF file of the device",
         "node_id": "its node id, 1 to 127",
         "dcf_path": "where its file is sought first",
+        "vendor_id": "the vendor that 0x1018:01 must show; 0: any; absent: that of the EDS",
+        "product_code": "the product that 0x1018:02 must show; 0: any; absent: that of the EDS",
         "revision_number": "the revision that 0x1018:03 must show; 0: any; absent: one unlike the EDS is told",
         "serial_number": "the serial number that 0x1018:04 must show; 0: any",
         "heartbeat_multiplier": "as in `options`, for this node and for what it grants the master",

@@ -103,6 +103,18 @@ def test_the_nearest_name_is_offered_and_otherwise_what_there_is():
     assert errors.nearest("zzz", []) == ""
 
 
+def test_the_nearest_name_has_the_same_words_in_any_order_and_no_opposite_one():
+    wheels = ["left_wheel_joint", "right_wheel_joint"]
+    assert errors.nearest("wheel_right_joint", wheels) == ", did you mean 'right_wheel_joint'?"
+    assert errors.nearest("wheel_left_joint", wheels) == ", did you mean 'left_wheel_joint'?"
+    assert errors.nearest("rigth_wheel_joint", wheels) == ", did you mean 'right_wheel_joint'?"
+    assert errors.nearest("left_wheel_joint", ["right_wheel_joint"]) == "; known: right_wheel_joint"
+    assert (
+        errors.nearest("front_left_wheel", ["rear_left_wheel", "front_left_whel"])
+        == ", did you mean 'front_left_whel'?"
+    )
+
+
 def test_what_was_typed_wrong_is_of_usage_here_and_over_there():
     usage = (errors.ConfigError, errors.InterfaceDown, errors.InterfaceNotFound, errors.UnknownName)
     for name, member in TREE.items():

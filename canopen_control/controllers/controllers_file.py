@@ -1,14 +1,15 @@
 """ros2_controllers.yaml, in every layout users have: who the controllers are and what their parameters say.
 
 The law of the file: a controller's type stands in the controller_manager's block or in its own, with `ros__parameters`
-(ROS 2) or without (ROS 1); blocks may be named `/name`, `/ns/name` or `/**`, or be nested in namespaces. How a
-parameter is read: `params`.
+(ROS 2) or without (ROS 1); blocks may be named `/name`, `/ns/name` or `/**`, or be nested in namespaces, each with
+the wildcards of rcl: `*` is one namespace or name, `**` any number of them. How a parameter is read: `params`.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import os
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
@@ -22,11 +23,20 @@ from canopen_control.yamlfile.reader import tree
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["ControllerConfig", "ControllersFile", "from_file", "node_options_mistake", "read_controllers"]
+__all__ = [
+    "ControllerConfig",
+    "ControllersFile",
+    "ManagerParams",
+    "from_file",
+    "is_within",
+    "node_options_mistake",
+    "read_controllers",
+]
 
 PARAMETERS: Final = "ros__parameters"
 MANAGER: Final = "controller_manager"
 EVERYWHERE: Final = "/**"
+_WILDCARDS: Final = ("*", "**")
 
 
 @dataclass(frozen=True)
@@ -53,7 +63,8 @@ class ControllerConfig:
 class ControllersFile:
     """A ros2_controllers.yaml: `update_rate` in Hz; the controllers in the order of the file; what is suspicious.
 
-    `line` and `namespace` are those of the manager's block, `manager_lines` the lines of its parameters.
+    `line` and `namespace` are those of the manager's block, `manager_lines` the lines of its parameters. `shared` are
+    the keys of a block for all nodes (`/**`).
     """
 
     update_rate: int = 100
@@ -64,6 +75,7 @@ class ControllersFile:
     line: int = 0
     namespace: str = ""
     manager_lines: dict[str, int] = field(default_factory=dict)
+    shared: dict[str, Node] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True)
@@ -148,7 +160,7 @@ def read_controllers(path: str | os.PathLike[str], *, strict: bool = False) -> C
     own = blocks.pop(MANAGER, empty)
     flat = flattened(own.value.over(_common(everywhere)))
     declared, manager = _manager(flat, root)
-    controllers = _controllers(declared, blocks, everywhere)
+    controllers = _controllers(declared, blocks, everywhere, own.namespace)
     if not controllers:
         own.key.error("no controller has a type; name them under controller_manager: <name>: type: ...")
     root.problems.raise_if_any(RobotConfigError)
@@ -158,7 +170,7 @@ def read_controllers(path: str | os.PathLike[str], *, strict: bool = False) -> C
     warnings = [text for texts in read.values() for text in texts]
     lines = {name: key.line for name, key in flat.keys().items()}
     place = str(path), own.key.line, own.namespace, lines
-    return ControllersFile(manager.update_rate, controllers, warnings, manager, *place)
+    return ControllersFile(manager.update_rate, controllers, warnings, manager, *place, flattened(everywhere).keys())
 
 
 def _common(everywhere: Node) -> Node:
@@ -175,11 +187,11 @@ def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None
     """Find the parameter blocks by controller: `name:`, `/ns/name:`, nested, with ROS 2's key or without."""
     for key, value in node.pairs():
         above, _, name = key.text.rstrip("/").rpartition("/")
-        name = EVERYWHERE if key.text == EVERYWHERE else name
         inner = value.get(PARAMETERS)
-        space = f"{namespace}/{above.strip('/')}".rstrip("/") if name != EVERYWHERE else ""
+        space = f"{namespace}/{above.strip('/')}".rstrip("/")
         if inner is not None:
-            _add(blocks, name, _Block(key, inner, space))
+            _add(blocks, EVERYWHERE if name in _WILDCARDS else name, _Block(key, inner, space))
+            _collect(_nested(value), blocks, f"{space}/{name}")
         elif key.text in FOREIGN:
             key.warning(f"{key.text} has no effect: {FOREIGN[key.text]}")
         elif _is_namespace(name, value):
@@ -188,6 +200,20 @@ def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None
             _add(blocks, name, _Block(key, value, space, ros1=True))
         else:
             key.problems.suspect(key, f"{key.text!r} belongs to no controller; indent it under one")
+
+
+def _nested(node: Node) -> Node:
+    """Return the blocks that stand beside the parameters of a name, as under `/**`, which is a namespace too."""
+    pairs = {key.text: (key, value) for key, value in node.pairs() if value.get(PARAMETERS) is not None}
+    return Node.mapping(like(node), pairs)
+
+
+def is_within(pattern: str, namespace: str) -> bool:
+    """Whether a block's namespace is that of a node; either may have the wildcards of rcl."""
+    if "*" in namespace:
+        return True  # of a manager that may be anywhere
+    text = re.escape(pattern).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
+    return re.fullmatch(text, namespace) is not None
 
 
 def _is_namespace(name: str, value: Node) -> bool:
@@ -262,22 +288,25 @@ def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
 
 
 def _controllers(
-    declared: dict[str, _Declared], blocks: dict[str, _Block], everywhere: Node
+    declared: dict[str, _Declared], blocks: dict[str, _Block], everywhere: Node, namespace: str
 ) -> dict[str, ControllerConfig]:
+    """Put the parameters of each controller together; one without a block of its own is where the manager is."""
+    shared = set(flattened(everywhere).keys())
     found: dict[str, ControllerConfig] = {}
     for name, each in declared.items():
-        block = blocks.get(name, _Block(each.key, like(each.further)))
+        block = blocks.get(name, _Block(each.key, like(each.further), namespace))
         values = block.value.over(each.further).over(everywhere)
         for place, text in each.files:
             values = from_file(place, text, name).over(values)
-        config = _config(name, each.type, each.key, values, block, each.fallbacks)
+        config = _config(name, each.type, each.key, Params(flattened(values), name, shared), block, each.fallbacks)
         found[name] = dataclasses.replace(config, node_options=each.node_options)
     for name, block in blocks.items():
         type_node = block.value.get("type")
         if name in found:
             continue
         if type_node is not None:
-            found[name] = _config(name, convert(type_node, str, ""), block.key, block.value.over(everywhere), block)
+            params = Params(flattened(block.value.over(everywhere)), name, shared)
+            found[name] = _config(name, convert(type_node, str, ""), block.key, params, block)
         else:
             hint = nearest(name, declared)
             block.key.problems.suspect(block.key, f"{name!r} has parameters but no type, so nobody loads it{hint}")
@@ -311,7 +340,7 @@ def from_file(place: Node, text: str, name: str) -> Node:
 
 
 def _config(
-    name: str, type_name: str, place: Node, values: Node, block: _Block, fallbacks: tuple[str, ...] = ()
+    name: str, type_name: str, place: Node, params: Params, block: _Block, fallbacks: tuple[str, ...] = ()
 ) -> ControllerConfig:
-    params, where = Params(flattened(values), name), (block.namespace, block.ros1, block.key.line)
+    where = block.namespace, block.ros1, block.key.line
     return ControllerConfig(name, type_name, params, place.line, place.path, fallbacks, *where)

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.yamlfile.convert import convert, setting
+from canopen_control.yamlfile.convert import convert, keys_of, setting
 from canopen_control.yamlfile.node import Node
 from canopen_control.yamlfile.problems import Problems
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     from canopen_control.rpc.messages.parameters import Told
 
@@ -31,12 +31,14 @@ class Params:
     """The parameters of one controller: dotted names and where each stands.
 
     `Params.of({...})` makes them from Python values, nested or dotted. `taken` is the dataclass that they were read as
-    last, None before.
+    last, None before. `shared` are those of a block for all nodes (`/**`), some of which are for other controllers;
+    `known` are the names that the controller could have been given.
     """
 
-    def __init__(self, flat: Node, name: str = "") -> None:
-        self.flat, self.name = flat, name
+    def __init__(self, flat: Node, name: str = "", shared: Collection[str] = ()) -> None:
+        self.flat, self.name, self.shared = flat, name, shared
         self.taken: object = None
+        self.known: set[str] = set()
 
     @classmethod
     def of(cls, values: Mapping[str, Any], name: str = "parameters") -> Params:
@@ -53,24 +55,25 @@ class Params:
         """Return the parameters as a dataclass whose keys are dotted names; raise RobotConfigError with every mistake.
 
         `renames` maps the keys of other distributions to ours ("" for one without effect); each one used is warned of
-        once. Keys that the class does not know are warnings (errors if the file was read strictly). Its `INEFFECTIVE`
+        once. Keys that the class does not know are warnings (errors if the file was read strictly), but for those of
+        `shared`. Its `INEFFECTIVE`
         are keys that are known and change nothing, with the reason: another value than the default is a warning.
         `judge` tells what cannot be together, by parameter; a name in front of its sentence is left out.
         """
         with contextlib.ExitStack() as stack:
             for each in self.files:
                 stack.enter_context(each.raising(RobotConfigError))
-            value = convert(_gathered(self._renamed(renames or {}), cls), cls, None)
+            value = convert(_gathered(self._renamed(renames or {}), cls), cls, None, ignored=self.shared)
             tell_ineffective(self.flat, value)
             for name, text in () if value is None else judge(value):
                 (self.flat.get(name) or self.flat).error(text.removeprefix(f"{name}: "))
-        self.taken = value
+        self.taken, self.known = value, {*keys_of(cls), *(renames or {})}
         return typing.cast("T", value)
 
     def changed(self, values: Mapping[str, Told]) -> Params:
         """Return these with other values by their dotted names; the file keeps its own."""
         made = Params.of(values, self.name)
-        return Params(made.flat.over(self.flat), self.name)
+        return Params(made.flat.over(self.flat), self.name, self.shared)
 
     @property
     def warnings(self) -> list[str]:

@@ -16,6 +16,9 @@ from typing import TYPE_CHECKING
 from canopen_control.bus.channel import parse_channel
 from canopen_control.errors import BusConfigError, ConfigError, nearest
 from canopen_control.master.keys import (
+    MISNAMED_MASTER,
+    MISNAMED_OPTIONS,
+    MISNAMED_ROOT,
     UNUSED_MASTER,
     UNUSED_NODE,
     MasterConfig,
@@ -26,16 +29,17 @@ from canopen_control.master.keys import (
     SdoEntry,
 )
 from canopen_control.master.named_files import NotFound, Sources
-from canopen_control.master.node_config import node_config, with_defaults
+from canopen_control.master.node_config import node_config, tolerated, with_defaults
 from canopen_control.master.plan import CONSUMER, NodePlan, PlanInput, make_plan
 from canopen_control.od.concise import concise_of
-from canopen_control.yamlfile.convert import convert
+from canopen_control.od.model import BIT_RATES
+from canopen_control.yamlfile.convert import convert, keys_of
+from canopen_control.yamlfile.node import Node
 from canopen_control.yamlfile.reader import tree
 
 if TYPE_CHECKING:
     from canopen_control.od.issues import Issue
     from canopen_control.od.model import ObjectDictionary
-    from canopen_control.yamlfile.node import Node
     from canopen_control.yamlfile.problems import Problems
 
 __all__ = [
@@ -59,6 +63,7 @@ class BusConfig:
     """A bus: its master, its nodes by name, and for each node the dictionary and the plan.
 
     `period_line` is where sync_period stands, 0 where it does not; `sections` are the nodes in the file by name.
+    `unreadable` are the nodes that have a mistake in their keys, with their node ids (0: none that can be read).
     """
 
     path: str
@@ -72,6 +77,7 @@ class BusConfig:
     eds_issues: dict[Path, list[Issue]]
     period_line: int = 0
     sections: dict[str, Node] = field(default_factory=dict, repr=False)
+    unreadable: dict[str, int] = field(default_factory=dict)
 
     def place(self, name: str, key: str) -> Node:
         """Return where a dotted key of a node stands, such as `rpdo.1.mapping`, as near as the file has it."""
@@ -107,9 +113,10 @@ class _Reader:
         self._path, self._root, self._peer_merge = path, root, peer_merge
         self._allow_unsupervised = allow_unsupervised
         options = root.get("options")
-        self._options: Options = convert(options, Options, Options()) if options is not None else Options()
+        self._options = Options() if options is None else self._read_options(options)
         self._sources = Sources(path.parent, self._options.dcf_path)
         self._unused: dict[str, str] = {}
+        self._unreadable: dict[str, int] = {}
         self._doubled: set[str] = set()  # nodes whose id another one has: all their COB-IDs follow from that
         self._spare_cob_ids = itertools.count(0x680)  # where ros2_canopen's generator begins with `auto` above PDO 4
 
@@ -134,16 +141,24 @@ class _Reader:
             self._sources.issues,
             self._period_line(),
             {name: node for name, (_, node) in nodes.items()},
+            self._unreadable,
         )
 
     # ------------------------------------------------------------------------------------------- sections
 
+    def _read_options(self, section: Node) -> Options:
+        ignored = tolerated(section, keys_of(Options), {}, MISNAMED_OPTIONS)
+        options: Options = convert(section, Options, Options(), ignored=ignored)
+        return options
+
     def _master(self) -> MasterConfig:
         section = self._root.get("master")
         if section is None:
-            self._root.error("no `master` section; it needs at least node_id and sync_period")
+            if not self._misplaced_master():
+                self._root.error("no `master` section; it needs at least node_id and sync_period")
             return MasterConfig()
-        master: MasterConfig = convert(section, MasterConfig, MasterConfig(), ignored=UNUSED_MASTER)
+        ignored = tolerated(section, keys_of(MasterConfig), UNUSED_MASTER, MISNAMED_MASTER)
+        master: MasterConfig = convert(self._in_kbits(section), MasterConfig, MasterConfig(), ignored=ignored)
         self._note_unused(section, UNUSED_MASTER)
         if master.channel:
             channel = self._sources.expanded(master.channel)
@@ -153,6 +168,24 @@ class _Reader:
                 (section.get("channel") or section).error(str(error))
             master = replace(master, channel=channel)
         return master
+
+    def _misplaced_master(self) -> bool:
+        """Whether the keys of the master stand elsewhere, which is told of each of them."""
+        options = self._root.get("options")
+        inside = options is not None and options.get("master") is not None
+        return inside or any("`master:`" in MISNAMED_ROOT.get(key, "") for key in self._root.keys())  # noqa: SIM118
+
+    def _in_kbits(self, section: Node) -> Node:
+        """Take a bit rate that is given in bit/s for one in kbit/s, and note it; ros2_canopen uses no bit rate."""
+        place, pairs = section.get("baudrate"), {key.text: (key, value) for key, value in section.pairs()}
+        if place is None or type(place.value) is not int or place.value not in [1000 * rate for rate in BIT_RATES]:
+            return section
+        kbits = place.value // 1000
+        self._unused["master.baudrate"] = f"{place.text} is taken as bit/s: write {kbits}, the unit is kbit/s"
+        copy = Node("scalar", place.line, place.column, place.where, place.problems)
+        pairs["baudrate"] = pairs["baudrate"][0], Node.scalar(copy, str(kbits), kbits, quoted=False)
+        whole = Node("mapping", section.line, section.column, section.where, section.problems)
+        return Node.mapping(whole, pairs)
 
     def _period_line(self) -> int:
         section = self._root.get("master")
@@ -178,6 +211,9 @@ class _Reader:
                 if self._allow_unsupervised:
                     config = replace(config, supervision=replace(config.supervision, allow_unsupervised=True))
                 found[name] = (config, merged)
+            else:
+                node_id = place.value if place is not None else 0
+                self._unreadable[name] = node_id if type(node_id) is int else 0
         if not found and not self._root.problems.errors:
             self._root.error("no nodes; list the drives under `nodes:`")
         return found
@@ -185,7 +221,9 @@ class _Reader:
     def _refuse_unknown_sections(self) -> None:
         for name, place in self._root.keys().items():
             if name not in _SECTIONS and not name.startswith("."):
-                place.error(f"unknown key {name!r}{nearest(name, _SECTIONS)}; a node belongs under `nodes:`")
+                meant = MISNAMED_ROOT.get(name, "")
+                text = f"; write {meant}" if meant else f"{nearest(name, _SECTIONS)}; a node belongs under `nodes:`"
+                place.error(f"unknown key {name!r}{text}")
 
     def _note_unused(self, node: Node, unused: dict[str, str]) -> None:
         for key in node.keys():  # noqa: SIM118 - a Node is no mapping
@@ -256,6 +294,7 @@ class _Reader:
                 downloads=self._downloads(config, node, od),
                 complain=complain,
                 warn=warn,
+                note=self._note,
                 spare_cob_ids=self._spare_cob_ids,
             )
         )
@@ -270,6 +309,9 @@ class _Reader:
                 "can be set nor node guarding; `allow_unsupervised: true` accepts that, or --allow-unsupervised",
             )
         return plan
+
+    def _note(self, key: str, text: str) -> None:
+        self._unused.setdefault(key, f"has no meaning here: {text}")
 
     def _downloads(self, config: NodeConfig, node: Node, od: ObjectDictionary) -> tuple[tuple[int, int, bytes], ...]:
         """Read `configuration_file`, or the ParameterValues of a DCF given as `dcf`."""

@@ -20,6 +20,10 @@ from canopen_control.profiles.device_signal import TYPES
 from canopen_control.yamlfile.convert import derived, part, setting
 
 __all__ = [
+    "MISNAMED_MASTER",
+    "MISNAMED_NODE",
+    "MISNAMED_OPTIONS",
+    "MISNAMED_ROOT",
     "SCALES",
     "UNUSED_MASTER",
     "UNUSED_NODE",
@@ -66,6 +70,57 @@ UNUSED_MASTER = {
     "reset_all_nodes": "`recovery` and the stop of the whole robot take its place",
     "stop_all_nodes": "`recovery` and the stop of the whole robot take its place",
 }
+#: keys that users write where another is meant -> which one
+MISNAMED_ROOT = {
+    "can_interface_name": "`channel` under `master:`, or --can",
+    "master_node_id": "`node_id` under `master:`",
+    "node_id": "`node_id` under `master:`, or under a node",
+    "sync_period": "`sync_period` under `master:`",
+    "baudrate": "`baudrate` under `master:`",
+    "bitrate": "`baudrate` under `master:`",
+    "driver_name": "`driver` under `master:`",
+    "package_name": "`package` under `master:`",
+    "dcf_path": "`dcf_path` under `options:`",
+    "slaves": "`nodes:`",
+    "drives": "`nodes:`",
+}
+MISNAMED_OPTIONS = {
+    **{each: f"`{each}:` at the margin; it is indented too far" for each in ("master", "defaults", "nodes")},
+    "node_id": "`node_id` under `master:`",
+    "sync_period": "`sync_period` under `master:`",
+    "baudrate": "`baudrate` under `master:`",
+    "boot_timeout_ms": "`boot_timeout_ms` of the nodes, under `defaults:`",
+}
+MISNAMED_MASTER = {
+    "bitrate": "`baudrate`",
+    "interface": "`channel`",
+    "can_interface": "`channel`",
+    "can_interface_name": "`channel`",
+    "driver_name": "`driver`",
+    "package_name": "`package`",
+    "heartbeat_multiplyer": "`heartbeat_multiplier`",
+    "sync_period_us": "`sync_period`, in us",
+}
+MISNAMED_NODE = {
+    "driver_name": "`driver`",
+    "package_name": "`package`",
+    "eds": "`dcf`",
+    "eds_file": "`dcf`",
+    "dcf_file": "`dcf`",
+    "id": "`node_id`",
+    "baudrate": "`baudrate` under `master:`",
+    "bitrate": "`baudrate` under `master:`",
+    "sync_period": "`sync_period` under `master:`",
+    "motor_channels": "`channels`, a list with the units of each axis",
+    "state_switch_timeout_ms": "`transition_timeout_ms`",
+    "heartbeat": "`heartbeat_producer`, in ms",
+    "heartbeat_time": "`heartbeat_producer`, in ms",
+    "heartbeat_period": "`heartbeat_producer`, in ms",
+    "mode": "`position_mode`, `velocity_mode` or `effort_mode`",
+    "operation_mode": "`position_mode`, `velocity_mode` or `effort_mode`",
+    "default_operation_mode": "`position_mode`, `velocity_mode` or `effort_mode`",
+    "mode_of_operation": "`position_mode`, `velocity_mode` or `effort_mode`",
+}
 #: the same for a node
 UNUSED_NODE = {
     "package": "every node is driven by this package",
@@ -77,6 +132,8 @@ UNUSED_NODE = {
     "switching_state": "modes change in any state the drive allows",
     "num_channels": "axes are taken from the EDS",
     "channel": "a joint names its axis in the description",
+    "joint_name": "the description says which joint a node moves",
+    "enable_ros_interfaces": "the ROS bridge's business",
     "software_file": "firmware is never downloaded; a wrong software_version is boot error I",
 }
 
@@ -146,7 +203,7 @@ class MasterConfig:
 
     node_id: int = setting(1, low=1, high=MAX_NODE_ID)
     channel: str = ""
-    baudrate: int = setting(1000, choices=BIT_RATES)
+    baudrate: int = setting(1000, choices=BIT_RATES)  # `master/config.py` takes bit/s for kbit/s before
     sync_period: int = setting(0, low=0, high=10_000_000)
     sync_window: int = setting(0, low=0, high=10_000_000)
     sync_overflow: int = setting(0, choices=(0, *range(2, 241)))
@@ -186,14 +243,19 @@ class MasterConfig:
         return f"{every}, {where} the RPDOs of its cycle (sync_order: {order}){can}"
 
 
+_ANY = "; 0 accepts any"
+
+
 @dataclass(frozen=True)
 class IdentityKeys:
     """Which device it is, and which file describes it."""
 
     dcf: str
     dcf_path: str = ""
-    revision_number: int | None = setting(None, low=0, high=0xFFFFFFFF)
-    serial_number: int | None = setting(None, low=0, high=0xFFFFFFFF)
+    vendor_id: int | None = setting(None, low=0, high=0xFFFFFFFF, hint=_ANY)
+    product_code: int | None = setting(None, low=0, high=0xFFFFFFFF, hint=_ANY)
+    revision_number: int | None = setting(None, low=0, high=0xFFFFFFFF, hint=_ANY)
+    serial_number: int | None = setting(None, low=0, high=0xFFFFFFFF, hint=_ANY)
     software_file: str = ""
     software_version: int = setting(0, low=0, high=0xFFFFFFFF)
 
@@ -206,7 +268,9 @@ class SupervisionKeys:
     """
 
     heartbeat_multiplier: float | None = setting(None, low=1.0, high=100.0)
-    heartbeat_consumer: bool | None = None
+    heartbeat_consumer: bool | None = setting(
+        None, hint="; the time is that of the master, heartbeat_producer x heartbeat_multiplier"
+    )
     heartbeat_producer: int = setting(0, low=0, high=0xFFFF)
     guard_time: int = setting(0, low=0, high=0xFFFF)
     life_time_factor: int = setting(0, low=0, high=0xFF)

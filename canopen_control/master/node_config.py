@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
+from canopen_control.cia402.modes import OperationMode
 from canopen_control.master.keys import (
+    MISNAMED_NODE,
     SCALES,
     UNUSED_NODE,
     BootKeys,
@@ -17,12 +21,55 @@ from canopen_control.master.keys import (
     UnitKeys,
     named_scale,
 )
-from canopen_control.yamlfile.convert import convert
+from canopen_control.yamlfile.convert import convert, keys_of
 from canopen_control.yamlfile.node import Node
 
-__all__ = ["node_config", "with_defaults"]
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+__all__ = ["node_config", "tolerated", "with_defaults"]
 
 _TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the drive's own
+
+
+def tolerated(
+    section: Node, known: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str]
+) -> set[str]:
+    """Judge the keys of a section that are not `known`; return those that the conversion is not to look at.
+
+    A key that looks like a known one, or is listed in `misnamed`, is an error. Any other is a warning: ros2_canopen
+    reads the keys it has and no others, so files with such keys are in use.
+    """
+    found = set(unused)
+    for key, place in section.keys().items():
+        if key in known or key in unused:
+            continue
+        found.add(key)
+        if meant := _meant(key, section, known, misnamed):
+            place.error(f"unknown key {key!r}; write {meant}")
+        elif close := difflib.get_close_matches(key, [*known, *unused], 1, 0.6):
+            place.error(f"unknown key {key!r}, did you mean {close[0]!r}?")
+        else:
+            place.warning(f"unknown key {key!r}: it has no effect, here as in ros2_canopen; remove it")
+    return found
+
+
+_PDO_KEY: Final = re.compile(r"(?i)([rt]pdo)_?(\d+)")
+_MODES: Final = {1: "position", 7: "position", 8: "position", 2: "velocity", 3: "velocity", 9: "velocity"} | {
+    4: "effort",
+    10: "effort",
+}
+
+
+def _meant(key: str, section: Node, known: Collection[str], misnamed: Mapping[str, str]) -> str:
+    """Return what is to be written in place of a key, "" where that is not known."""
+    if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() in known:
+        return f"`{pdo[2]}:` under `{pdo[1].lower()}:`"
+    meant, place = misnamed.get(key, ""), section.get(key)
+    number = place.value if place is not None else None
+    if "velocity_mode" in meant and type(number) is int and number in _MODES:
+        return f"`{_MODES[number]}_mode: {number}` ({OperationMode(number).name})"
+    return meant
 
 
 def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: bool) -> Node:
@@ -64,7 +111,8 @@ def _brief(value: object) -> str:
 
 def node_config(name: str, node: Node, master: MasterConfig, options: Options) -> NodeConfig | None:
     """Convert and check the keys of one node; None where they cannot be used."""
-    keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=UNUSED_NODE)
+    ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE)
+    keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)
     if keys is None:
         return None
     for number in keys.motion.transition_timeouts_ms:

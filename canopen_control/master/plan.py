@@ -95,7 +95,7 @@ class NodePlan:
 
 @dataclass(frozen=True, slots=True)
 class PlanInput:
-    """What a plan is made of; `complain(key, text)` and `warn` take what is wrong or odd, at a dotted key.
+    """What a plan is made of; `complain(key, text)`, `warn` and `note` take what is wrong, odd, or without effect.
 
     `downloads` are those of a `configuration_file` or of a DCF's ParameterValues; `source` names the EDS in messages;
     `spare_cob_ids` are for PDOs above 4 with `cob_id: auto`, one supply for the whole bus.
@@ -107,6 +107,7 @@ class PlanInput:
     master: MasterConfig
     complain: Callable[[str, str], None]
     warn: Callable[[str, str], None]
+    note: Callable[[str, str], None]
     downloads: tuple[tuple[int, int, bytes], ...] = ()
     spare_cob_ids: Iterator[int] = field(default_factory=lambda: itertools.count(0x680))
 
@@ -114,13 +115,14 @@ class PlanInput:
 def make_plan(given: PlanInput) -> NodePlan:
     """Plan a node; where something was complained of the plan is not to be used."""
     node, od = given.node, given.od
-    builder = PlanBuilder(node, od, given.complain, given.warn, given.spare_cob_ids, given.downloads)
+    builder = PlanBuilder(node, od, given.complain, given.warn, given.note, given.spare_cob_ids, given.downloads)
     heartbeat_ms = _plan_error_control(builder, given.master)
     _plan_sync_counter(builder, given.master)
     _plan_downloads(builder)
     add_feed_forward(builder, tuple(_axes(od)))
     for kind in ("rpdo", "tpdo"):
         plan_pdos(builder, kind)
+    _check_identity(builder)
     profile = Profile(node.profile) if node.profile else profile_of(od)
     signals = plan_signals(builder, profile, tuple(_axes(od)))
     _plan_sdo_list(builder)
@@ -155,23 +157,37 @@ def _guard(keys: SupervisionKeys) -> tuple[int, int]:
     return keys.guard_time * _MILLISECOND, keys.life_factor
 
 
-def _identity(node: NodeConfig, od: ObjectDictionary) -> Identity:
-    """Take vendor and product from the EDS; revision and serial only where bus.yml gives them (0 checks nothing).
+def _check_identity(builder: PlanBuilder) -> None:
+    """Warn where bus.yml names another vendor or product than the EDS: then the file is that of another device."""
+    given, device = builder.node.identity, builder.od.device
+    for key, value, known in (
+        ("vendor_id", given.vendor_id, device.vendor_number),
+        ("product_code", given.product_code, device.product_number),
+    ):
+        if value and known and value != known:
+            text = f"0x{value:X} is asked of the device, {builder.file} is for 0x{known:X}; correct one of them"
+            builder.warn(key, text)
 
-    Only where the EDS has the subindex: of 0x1018 a device must have no more than the vendor (CiA 301, 7.5.2.21), and
-    some have not even that. What [DeviceInfo] says cannot be asked of them.
+
+def _identity(node: NodeConfig, od: ObjectDictionary) -> Identity:
+    """Take vendor and product from bus.yml, else the EDS; revision and serial from bus.yml only. 0 checks nothing.
+
+    From the EDS only where it has the subindex: of 0x1018 a device must have no more than the vendor (CiA 301,
+    7.5.2.21), and some have not even that. What [DeviceInfo] says cannot be asked of them.
     """
 
-    def default(index: int, subindex: int, device: int | None) -> int:
+    def default(index: int, subindex: int, device: int | None, given: int | None = None) -> int:
         entry = od.get(index, subindex)
+        if given is not None:
+            return given
         if entry is None:
             return 0
         return entry.default if isinstance(entry.default, int) else device or 0
 
     return Identity(
         device_type=default(0x1000, 0, None),
-        vendor_id=default(0x1018, 1, od.device.vendor_number),
-        product_code=default(0x1018, 2, od.device.product_number),
+        vendor_id=default(0x1018, 1, od.device.vendor_number, node.identity.vendor_id),
+        product_code=default(0x1018, 2, od.device.product_number, node.identity.product_code),
         revision_number=node.identity.revision_number or 0,
         serial_number=node.identity.serial_number or 0,
         eds_revision=0 if node.identity.revision_number is not None else default(0x1018, 3, od.device.revision_number),

@@ -64,12 +64,13 @@ class PdoLayout:
 
 @dataclass(slots=True)
 class PlanBuilder:
-    """The plan in the making; `complain(key, text)` reports a mistake and goes on, `warn` a doubt."""
+    """The plan in the making; `complain(key, text)` reports a mistake and goes on, `warn` a doubt, `note` no effect."""
 
     node: NodeConfig
     od: ObjectDictionary
     complain: Callable[[str, str], None]
     warn: Callable[[str, str], None]
+    note: Callable[[str, str], None]
     spare_cob_ids: Iterator[int]
     downloads: tuple[tuple[int, int, bytes], ...] = ()
     writes: list[PlannedWrite] = field(default_factory=list)

@@ -138,12 +138,21 @@ def _adopt(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> None:
 
 def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> None:
     key, index = f"{kind}.{number}", COMMUNICATION[kind] + number - 1
+    if 1 <= number <= COUNT and (index, 1) not in builder.od and not pdo.enabled:
+        return  # what the device does not have is off
     if not 1 <= number <= COUNT or (index, 1) not in builder.od:
         known = sum((COMMUNICATION[kind] + each, 1) in builder.od for each in range(COUNT))
         builder.complain(key, f"{builder.file} has no {kind.upper()} {number} (0x{index:04X}); it has {known}")
         return
     off = not pdo.enabled and (builder.default(index, 1) or 0) & INVALID_BIT
-    wanted = _Wanted(kind, number, key, _cob_id(builder, kind, number, pdo), _settings(pdo), pdo.mapping is not None)
+    wanted = _Wanted(
+        kind,
+        number,
+        key,
+        _cob_id(builder, kind, number, pdo),
+        _settings(builder, kind, number, pdo),
+        pdo.mapping is not None,
+    )
     _write(builder, wanted, 1, wanted.cob_id | INVALID_BIT, _STORED if off else "")
     if not pdo.enabled:
         return
@@ -173,10 +182,26 @@ def _write(builder: PlanBuilder, wanted: _Wanted, subindex: int, value: int, rea
     builder.write(wanted.communication, subindex, value, wanted.key, reason, pdo=(wanted.kind, wanted.number))
 
 
-def _settings(pdo: PdoConfig) -> tuple[tuple[int, int | None], ...]:
-    """Return (subindex, value or None): an RPDO's event timer is its deadline."""
+def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> tuple[tuple[int, int | None], ...]:
+    """Return (subindex, value or None): an RPDO's event timer is its deadline.
+
+    What the EDS lacks is none where it changes nothing: a time of 0, and what only a TPDO has (CiA 301, 7.5.2.35:
+    inhibit time and SYNC start are no concern of an RPDO), which ros2_canopen's generator reads of TPDOs only.
+    """
     timer = pdo.event_timer if pdo.event_timer is not None else pdo.event_deadline
-    return tuple(zip(_SETTINGS, (pdo.transmission, pdo.inhibit_time, timer, pdo.sync_start), strict=True))
+    found = dict(zip(_SETTINGS, (pdo.transmission, pdo.inhibit_time, timer, pdo.sync_start), strict=True))
+    of_tpdos = {3: ("inhibit_time", pdo.inhibit_time), 5: ("event_timer", pdo.event_timer)}
+    of_tpdos[6] = ("sync_start", pdo.sync_start)
+    for subindex, value in found.items():
+        if value is None or (COMMUNICATION[kind] + number - 1, subindex) in builder.od:
+            continue
+        key, given = of_tpdos.get(subindex, ("", None))
+        if kind == "rpdo" and given is not None:
+            builder.note(f"{kind}.{number}.{key}", f"it is that of a TPDO, and {builder.file} has none here")
+            found[subindex] = None
+        elif key and not value:
+            found[subindex] = None
+    return tuple(found.items())
 
 
 def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int:

@@ -7,12 +7,14 @@ WARNING. The rules of wheels and of launch files have files of their own.
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.command_life import DEFAULT_LIFE_S, ENDLESS
+from canopen_control.controllers.controllers_file import ManagerParams, is_within
 from canopen_control.controllers.mobile_base import ONE_UPDATE
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, nearest
@@ -22,6 +24,7 @@ from canopen_control.rpc.messages.robot import STREAM_RATE
 from canopen_control.runtime.check_data import CheckedRobot, Finding, Severity
 from canopen_control.runtime.check_launch import check_launch
 from canopen_control.runtime.check_wheels import WHEEL_RULES
+from canopen_control.yamlfile.convert import keys_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -104,6 +107,19 @@ def _configure(robot: CheckedRobot) -> Iterator[Finding]:
         yield from findings_of(text, control.path, 0, severity)
 
 
+def _shared_names(robot: CheckedRobot) -> Iterator[Finding]:
+    """Look for names in a block for all nodes (`/**`) that no controller has, and one has nearly."""
+    control = robot.control
+    if control is None or len(robot.configured) < len(control.controllers):
+        return
+    known = set(keys_of(ManagerParams)).union(*(each.params.known for each in control.controllers.values()))
+    for name, key in control.shared.items():
+        close = difflib.get_close_matches(name, known, 1, 0.8)
+        if name not in known and close:
+            text = f"no controller has a parameter {name!r}"
+            yield Finding(control.path, key.line, Severity.WARNING, text, f"did you mean {close[0]!r}?")
+
+
 def _unknown_controllers(robot: CheckedRobot) -> Iterator[Finding]:
     control = robot.control
     if control is None:
@@ -132,7 +148,7 @@ def _namespaces(robot: CheckedRobot) -> Iterator[Finding]:
         return
     for name, config in control.controllers.items():
         wanted = robot.launch_namespaces.get(name, control.namespace)
-        if config.namespace != wanted:
+        if not is_within(config.namespace, wanted):
             here, there = config.namespace or "/", wanted or "/"
             text = f"{name} stands in the namespace {here!r}, its controller_manager in {there!r}"
             fix = f"name the block {(wanted + '/' + name) if wanted else name!r}, else ROS does not find its parameters"
@@ -194,7 +210,7 @@ def _devices(robot: CheckedRobot) -> Iterator[Finding]:
             continue
         for joint in tag.joints:
             yield from _device(robot, tag, joint)
-        ids = {name: node.node_id for name, node in bus.nodes.items()}
+        ids = {name: node.node_id for name, node in bus.nodes.items()} | bus.unreadable
         for part in (*tag.sensors, *tag.gpios):
             if device_of(part, ids) is None:
                 text = f"{part.name} of {tag.name} names no device of {bus.path}: it has no interfaces"
@@ -205,8 +221,10 @@ def _devices(robot: CheckedRobot) -> Iterator[Finding]:
 def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) -> Iterator[Finding]:
     assert robot.bus is not None  # asked by `_devices`
     assert robot.description is not None
-    path, nodes = robot.description.path, robot.bus.nodes
+    path, nodes, unreadable = robot.description.path, robot.bus.nodes, robot.bus.unreadable
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id")
+    if name in unreadable or (name is None and any(str(each) in (node_id, "0") for each in unreadable.values())):
+        return  # the mistake in its keys is told
     if name is not None and name not in nodes:
         what = f"actuator {name!r}" if robot.description.ros1 else f"device_name {name!r}"
         text = f"joint {joint.name}: {what} is no node of {robot.bus.path}{nearest(name, nodes)}"
@@ -336,6 +354,7 @@ COMMAND_PERIOD_S: Final = 0.1
 
 
 RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
+    _shared_names,
     _unknown_controllers,
     _illegal_names,
     _namespaces,

@@ -61,14 +61,16 @@ def setting(
     nan: bool = False,
     section: bool = False,
     factory: Any = MISSING,
+    hint: str = "",
 ) -> Any:
     """Return a dataclass field: `key` is its name in YAML, `low`/`high` bound numbers, `choices` lists what is allowed.
 
     Bounds and choices hold for the elements of a list, tuple or dict; with `nan` not a number is within any bounds. A
     list default is given as `factory=list`. A `section` gathers the parameters whose dotted names begin with `key`.
+    `hint` ends the message about a value of another type.
     """
     bounds = (low, high) if (low, high) != (None, None) else None
-    metadata = {"key": key, "range": bounds, "choices": choices, "nan": nan, "section": section}
+    metadata = {"key": key, "range": bounds, "choices": choices, "nan": nan, "section": section, "hint": hint}
     if factory is not MISSING:
         return dataclasses.field(default_factory=factory, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -162,7 +164,8 @@ def _plain(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
         value = _as_float(node, value)
     if type(value) is not wanted or node.kind in ("mapping", "sequence"):
         what = _KINDS.get(wanted, getattr(wanted, "__name__", str(wanted)))
-        return _expected(node, what, "; put it in quotes" if wanted is str and node.kind == "scalar" else "")
+        quotes = "; put it in quotes" if wanted is str and node.kind == "scalar" else ""
+        return _expected(node, what, quotes or meta.get("hint", ""))
     return _bounded(node, value, meta)
 
 

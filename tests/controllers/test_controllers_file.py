@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canopen_control.controllers.controllers_file import read_controllers
+from canopen_control.controllers.controllers_file import is_within, read_controllers
+from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import RobotConfigError
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -231,3 +232,54 @@ def test_blocks_of_gazebos_gains_have_no_effect_and_are_told(file):
     read = file("gazebo_ros_control: {pid_gains: {l: {p: 1.0}}}\nbase: {type: a/B, k: 1}\n")
     assert list(read.controllers) == ["base"]
     assert "gazebo_ros_control has no effect" in read.warnings[0]
+
+
+WILD = {
+    "/**": "/**:\n  ros__parameters: {p: 1}\n",
+    "/*": "/*:\n  ros__parameters: {p: 1}\n",
+    "**": '"**":\n  ros__parameters: {p: 1}\n',
+    "/robot/**": "/robot/**:\n  ros__parameters: {p: 1}\n",
+    "/**/c": "/**/c:\n  ros__parameters: {p: 1}\n",
+    "/*/c": "/*/c:\n  ros__parameters: {p: 1}\n",
+    "/**: c": "/**:\n  c:\n    ros__parameters: {p: 1}\n",
+    "/**: params and c": "/**:\n  ros__parameters: {q: 2}\n  c:\n    ros__parameters: {p: 1}\n",
+    "/robot: /**: c": "/robot:\n  /**:\n    c:\n      ros__parameters: {p: 1}\n",
+}
+
+
+@pytest.mark.parametrize("text", WILD.values(), ids=WILD)
+def test_a_block_with_wildcards_reaches_the_controller_wherever_it_is(file, text):
+    read = file("controller_manager:\n  ros__parameters:\n    c: {type: x/Y}\n" + text)
+    assert not read.warnings
+    assert read.controllers["c"].params.flat.value["p"] == 1
+
+
+@pytest.mark.parametrize(
+    ("pattern", "namespace", "within"),
+    [
+        ("", "", True),
+        ("", "/robot", False),
+        ("/robot", "/robot", True),
+        ("/robot", "/robot/arm", False),
+        ("/**", "", True),
+        ("/**", "/robot/arm", True),
+        ("/*", "/robot", True),
+        ("/*", "", False),
+        ("/*", "/robot/arm", False),
+        ("/robot/**", "/robot", True),
+        ("/robot/**", "/other", False),
+        ("/**/arm", "/robot/arm", True),
+        ("/robot", "/**", True),
+    ],
+)
+def test_wildcards_of_namespaces_are_those_of_rcl(pattern, namespace, within):
+    assert is_within(pattern, namespace) is within
+
+
+def test_what_a_block_for_all_nodes_says_for_others_is_no_mistake_of_a_controller(file):
+    text = "/**:\n  ros__parameters: {joints: [a], interface_name: velocity}\n"
+    text += "controller_manager:\n  ros__parameters:\n    c: {type: x/Y}\n"
+    params = file(text).controllers["c"].params
+    params.read(CommonParams)
+    assert params.warnings == []
+    assert params.known >= {"update_rate", "use_sim_time"}

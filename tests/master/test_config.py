@@ -178,17 +178,93 @@ def test_an_unknown_section_beside_nodes_is_no_silent_node(tmp_path):
     [
         ("recovery: maybe", "expected boot or enable, got the text 'maybe'"),
         ("name: other", "unknown key 'name'"),
-        ("line: 3", "unknown key 'line'"),
         ("tpdo: {1: {cob_id: automatic}}", "cob_id"),
         ("tpdo: {1: {cob_id: 0x601}}", "none a PDO may have"),
         ("heartbeat_consumer: true, dcf: generic_cia402.eds, restore_configuration: 99", "0x1011:63 is not in"),
         ("time_cob_id: 0x100", "0x1012:00 is not in TMCM-1270.eds"),
-        ("rpdo: {1: {inhibit_time: 3}}", "0x1400:03 is not in TMCM-1270.eds"),
+        ("rpdo: {1: {event_deadline: 3}}", "0x1400:05 is not in TMCM-1270.eds"),
+        ("rpdo: {9: {transmission: 1}}", "has no RPDO 9 (0x1408); it has 4"),
+        ("operation_mode: 9", "unknown key 'operation_mode'; write `velocity_mode: 9` (CSV)"),
+        ("default_operation_mode: 1", "write `position_mode: 1` (PP)"),
+        ("mode: 4", "write `effort_mode: 4`"),
+        ("mode: 6", "write `position_mode`, `velocity_mode` or `effort_mode`"),
+        ("TPDO2: {enabled: true}", "write `2:` under `tpdo:`"),
+        ("eds: x.eds", "write `dcf`"),
+        ("serial_number: 22320XXX", "expected an integer, got the text '22320XXX'; 0 accepts any"),
+        ("heartbeat_consumer: 2000", "heartbeat_producer x heartbeat_multiplier"),
         ("configuration_file: none.bin", "no file 'none.bin'"),
     ],
 )
 def test_what_cannot_be_is_told_at_its_key(tmp_path, keys, words):
     assert words in mistakes_of_a_node(tmp_path, keys)
+
+
+def with_node(tmp_path, keys):
+    return read_bus(write(tmp_path, NESTED.replace("right_drive: {node_id: 2", f"right_drive: {{node_id: 2, {keys}")))
+
+
+@pytest.mark.parametrize("key", ["line: 3", "mandatory_slave_heartbeat: 2000", "foo_bar: {a: 1}"])
+def test_a_key_that_no_other_one_is_like_is_told_and_without_effect(tmp_path, key):
+    (note,) = [each for each in with_node(tmp_path, key).notes if "unknown key" in each]
+    assert "it has no effect, here as in ros2_canopen" in note
+
+
+@pytest.mark.parametrize("key", ["inhibit_time: 3", "sync_start: 1", "event_timer: 7"])
+def test_a_time_of_tpdos_at_an_rpdo_without_it_is_a_note(tmp_path, key):
+    bus = with_node(tmp_path, f"rpdo: {{1: {{{key}}}}}")
+    name = key.partition(":")[0]
+    assert any(f"rpdo.1.{name}: has no meaning here: it is that of a TPDO" in each for each in bus.notes)
+    assert all(write.address[0] != 0x1400 or write.subindex in (1, 2) for write in bus.plans["right_drive"].writes)
+
+
+@pytest.mark.parametrize("rate", [10, 20, 50, 125, 250, 500, 800, 1000])
+def test_a_bit_rate_in_bits_per_second_is_taken_and_noted(tmp_path, rate):
+    bus = read_bus(write(tmp_path, NESTED.replace("node_id: 1\n", f"node_id: 1\n      baudrate: {rate}000\n")))
+    assert bus.master.baudrate == rate
+    assert f"{bus.path}: master.baudrate: {rate}000 is taken as bit/s: write {rate}, the unit is kbit/s" in bus.notes
+
+
+@pytest.mark.parametrize(
+    ("keys", "vendor", "product", "warned"),
+    [
+        ("", 0x286, 0x4F6, ()),
+        ("vendor_id: 0x286, product_code: 0x4F6", 0x286, 0x4F6, ()),
+        ("vendor_id: 0, product_code: 0", 0, 0, ()),
+        ("vendor_id: 0x287", 0x287, 0x4F6, ("vendor_id",)),
+        ("product_code: 1", 0x286, 1, ("product_code",)),
+    ],
+)
+def test_vendor_and_product_are_those_of_bus_yml_before_the_edss(tmp_path, keys, vendor, product, warned):
+    bus = with_node(tmp_path, keys)
+    identity = bus.plans["right_drive"].identity
+    assert (identity.vendor_id, identity.product_code) == (vendor, product)
+    told = [each for each in bus.notes if "is asked of the device" in each]
+    assert len(told) == len(warned)
+    assert all(key in text for key, text in zip(warned, told, strict=True))
+
+
+@pytest.mark.parametrize("kind", ["rpdo", "tpdo"])
+def test_a_pdo_that_the_device_does_not_have_is_off_already(tmp_path, kind):
+    bus = with_node(tmp_path, f"{kind}: {{5: {{enabled: false}}}}")
+    assert not [each for each in bus.plans["right_drive"].writes if each.pdo == (kind, 5)]
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("can_interface_name: vcan0", "write `channel` under `master:`, or --can"),
+        ("master_node_id: 1", "write `node_id` under `master:`"),
+        ("slaves: {}", "write `nodes:`"),
+    ],
+)
+def test_a_key_beside_the_sections_is_told_where_it_belongs(tmp_path, text, wanted):
+    assert wanted in mistakes(tmp_path, NESTED.replace("defaults:", f"{text}\n    defaults:"))
+
+
+def test_sections_that_are_indented_too_far_are_told_and_no_missing_master(tmp_path):
+    said = mistakes(tmp_path, "options:\n  master: {node_id: 1}\nnodes:\n  a: {node_id: 2, dcf: TMCM-1270.eds}\n")
+    assert "write `master:` at the margin" in said
+    assert "no `master` section" not in said
 
 
 def test_two_live_pdos_with_one_cob_id_are_refused(tmp_path):

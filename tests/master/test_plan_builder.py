@@ -13,12 +13,13 @@ OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 
 
 def builder(**how):
-    said = {"complain": [], "warn": []}
+    said = {"complain": [], "warn": [], "note": []}
     made = PlanBuilder(
         convert(read(f"dcf: TMCM-1270.eds\nnode_id: 3\n{how.pop('keys', '')}"), NodeConfig),
         OD,
         lambda key, text: said["complain"].append((key, text)),
         lambda key, text: said["warn"].append((key, text)),
+        lambda key, text: said["note"].append((key, text)),
         iter(()),
         **how,
     )

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from pathlib import Path
 
 import pytest
 from support.robots import copy_robby
@@ -74,6 +75,63 @@ def test_a_mistake_of_bus_yml_is_shown_with_its_line_and_a_caret(tmp_path):
     lines = (tmp_path / "robby" / "bus.yml").read_text().splitlines()
     assert lines[finding.line - 1][finding.column - 1 :] == "300"
     assert finding.source.splitlines() == [f"    {lines[finding.line - 1]}", f"    {' ' * (finding.column - 1)}^"]
+
+
+REPORTS = Path(__file__).parents[1] / "data" / "reports"
+
+
+def report(tmp_path, name, controllers=None):
+    """Return robby's files with those of a report in their place."""
+    config = copy_robby(tmp_path)
+    files = [controllers] if controllers else sorted((REPORTS / name).iterdir())
+    for path in files:
+        shutil.copy(path, config / ("ros2_controllers.yaml" if controllers else path.name))
+    return config
+
+
+@pytest.mark.parametrize("name", ["baudrate_and_rpdo_inhibit", "identity_keys"])
+def test_keys_that_ros2_canopen_takes_are_no_warning(tmp_path, name):
+    checked = check(report(tmp_path, name))
+    assert checked.passes(strict=True), checked.findings
+
+
+def test_pdos_that_are_off_may_be_missing_in_the_eds(tmp_path):
+    checked = check(report(tmp_path, "io_fewer_pdos"))
+    assert checked.passes(), texts(checked, Severity.ERROR)
+    told = texts(checked, Severity.WARNING)
+    assert all("the node's own" in each for each in told), told
+
+
+def test_a_mistake_in_a_key_of_a_node_has_no_second_error(tmp_path):
+    errors = texts(check(report(tmp_path, "keytypes")), Severity.ERROR)
+    assert len(errors) == 2, errors
+    assert "heartbeat_consumer: expected true or false, got the integer 2000" in errors[0]
+    assert "serial_number: expected an integer" in errors[1]
+
+
+def test_keys_with_the_wrong_names_are_told_the_right_ones(tmp_path):
+    path = tmp_path / "r"
+    shutil.copytree(REPORTS / "misnamed_keys", path)
+    errors = texts(check(path), Severity.ERROR)
+    wanted = (
+        "write `channel` under `master:`",
+        "write `node_id` under `master:`",
+        "write `driver` under `master:`",
+        "write `package` under `master:`",
+        "write `driver`",
+        "write `velocity_mode: 9` (CSV)",
+        "write `1:` under `tpdo:`",
+        "write `1:` under `rpdo:`",
+    )
+    assert len(errors) == len(wanted), errors
+    for text, words in zip(errors, wanted, strict=True):
+        assert words in text
+
+
+@pytest.mark.parametrize("path", sorted((REPORTS / "yaml_wild").iterdir()), ids=lambda path: path.stem)
+def test_wildcards_and_nested_namespaces_of_parameter_files_are_no_warning(tmp_path, path):
+    checked = check(report(tmp_path, "yaml_wild", path))
+    assert checked.passes(strict=True), checked.findings
 
 
 def test_what_does_not_fit_together_is_found_too(tmp_path):

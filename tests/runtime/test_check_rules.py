@@ -274,9 +274,16 @@ def test_a_key_that_is_unknown_or_repeated(name, tmp_path):
     files = changed(tmp_path, name, controllers={key: f"{indent}joimts: 1\n{key}"})
     (told,) = found(files)
     assert re.match(r"ros2_controllers\.yaml:\d+:\d+: warning: .*unknown key 'joimts'", told)
+
     twice = changed(tmp_path / "2", name, controllers={key: f"{key.split(':')[0]}: 1\n{key}"})
     (told,) = found(twice)
     assert re.match(r"ros2_controllers\.yaml:\d+:\d+: warning: .*duplicate key '\w+' \(first at line \d+\)", told)
+
+
+def test_a_name_for_all_nodes_that_no_controller_has_is_told_where_one_has_nearly(tmp_path):
+    block = "/**:\n  ros__parameters: {comand_timeout: 1.0, other_nodes: 1}\n"
+    (told,) = found(changed(tmp_path, "robby", controllers={"controller_manager:\n": block + "controller_manager:\n"}))
+    assert "'comand_timeout'; did you mean 'command_timeout'?" in told
 
 
 def test_sentences_without_a_place_have_that_of_the_controller():
