@@ -6,6 +6,9 @@ CANOPEN_CONTROL_REQUIRE names kinds (`ros,wheel`) or is `all`: then any skip at 
 the others by their own mark. A run without them (-m "not process", tools/test --fast) fails a test that starts a
 process and has no mark, so that the mark stays true.
 
+`rest` is every test that tools/test leaves to tools/test --rest: what measures time (`alone`, `timed`), what needs a
+wheel, a kernel with CAN or a card, and the tests that say so themselves because they take long.
+
 `robot` is every test with a whole robot, a device on a bus, or a screen in it, even if all is in this process and in
 simulated time: known by the benches of tests/support that its file takes. `tools/test --fast` leaves them out.
 """
@@ -22,11 +25,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, settings
+from support.properties import load_profile
 
-# Others use these processors too, the tests beside this one among them: how long a test may take is pytest's timeout.
-settings.register_profile("shared", settings(), deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("shared")
+load_profile()
 
 REQUIRED = {word for word in os.environ.get("CANOPEN_CONTROL_REQUIRE", "").replace(" ", "").split(",") if word}
 
@@ -95,6 +96,56 @@ ONLY_STAGED = frozenset(
 )  # fmt: skip
 #: Kinds whose files tools/test finds by the mark in them; the bench's by their folder. `process` has many: MORE.
 FOUND_BY_MARK = ("alone", "timed")
+#: Kinds that ./tools/test leaves to ./tools/test --rest.
+REST_KINDS = ("alone", "timed", "wheel", "socketcan", "hardware")
+#: Files whose tests take long, below tests/: what they are about has quicker tests in the default run as well.
+REST_FILES = frozenset(
+    {
+        "cli/support/test_preflight_steps.py",
+        "cli/test_clone.py",
+        "cli/test_init.py",
+        "cli/test_jog.py",
+        "cli/test_preflight.py",
+        "cli/test_ros.py",
+        "docs/test_adapter_howto.py",
+        "docs/test_examples.py",
+        "docs/test_firmware_page.py",
+        "integration/test_configs.py",
+        "integration/test_drive_page.py",
+        "integration/test_examples.py",
+        "integration/test_flight.py",
+        "integration/test_interop_services.py",
+        "integration/test_kill_sweep.py",
+        "integration/test_latched_restart.py",
+        "integration/test_listeners.py",
+        "integration/test_peer_files.py",
+        "integration/test_recorded_scenario.py",
+        "integration/test_report_browser.py",
+        "integration/test_ros_axes.py",
+        "integration/test_ros_bases.py",
+        "integration/test_ros_compiled.py",
+        "integration/test_ros_network.py",
+        "integration/test_ros_services.py",
+        "integration/test_ros_simulation.py",
+        "integration/test_ros_trajectories.py",
+        "integration/test_same_motion.py",
+        "integration/test_set_points.py",
+        "integration/test_square.py",
+        "integration/test_starting.py",
+        "integration/test_trajectories.py",
+        "integration/test_trajectory_shapes.py",
+        "integration/test_true_pose_of_a_run.py",
+        "integration/test_tutorials.py",
+        "integration/test_virtual_drive_and_canopen.py",
+        "simulation/test_cluster.py",
+        "tools/test_campaign.py",
+        "tools/test_campaign_health.py",
+        "tools/test_campaign_nightly.py",
+        "tools/test_campaign_observer.py",
+        "tools/test_campaign_script.py",
+        "tools/test_guests.py",
+    }
+)
 #: Rooms of screens, and of what becomes of whole robots.
 ROBOT_ROOMS = ("faults", "monitor", "view")
 #: The benches of tests/support with a bus or the sockets of a robot in them.
@@ -127,6 +178,9 @@ def pytest_collection_modifyitems(items):
                 raise pytest.UsageError(
                     f"{item.nodeid} is marked {kind}: write the mark in its file, tools/test looks there"
                 )
+        name = item.path.relative_to(tests).as_posix() if room else ""
+        if room == "bench" or name in REST_FILES or any(item.get_closest_marker(kind) for kind in REST_KINDS):
+            item.add_marker("rest")
         if room in ROBOT_ROOMS or takes_a_robot(item.module) or not ROBOTS.isdisjoint(item.fixturenames):
             item.add_marker("robot")
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.host import use_private_folders
+from support.properties import examples
 
 from canopen_control.bus.exchange import Exchange
 from canopen_control.bus.hubcontrol import ERROR_FRAMES, HubControl
@@ -161,7 +162,7 @@ values = st.recursive(st.none() | st.booleans() | st.integers() | st.text(max_si
 
 
 @given(st.dictionaries(st.sampled_from(["method", "params"]), values | st.sampled_from(["cut", "delay"])))
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 def test_every_message_is_answered_once(shared, message):
     (answer,) = shared.tell(json.dumps({**message, "id": 1}).encode() + b"\n")
     assert set(answer) in ({"id", "result"}, {"id", "error"})

@@ -7,6 +7,7 @@ import random
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 from support.sdo import MS, NODE, SECOND, BadLine, Line, MemoryStore
 
 from canopen_control.cia301.sdo_client import SdoClient, SdoOptions
@@ -52,7 +53,7 @@ def operate(client, step, now):
 
 
 @given(STEPS)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100))
 def test_no_sequence_of_frames_breaks_the_client(steps):
     client = SdoClient(NODE, options=SdoOptions(max_size=50))
     now = 0
@@ -69,7 +70,7 @@ def test_no_sequence_of_frames_breaks_the_client(steps):
 
 
 @given(STEPS, st.booleans())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100))
 def test_no_sequence_of_frames_breaks_the_server(steps, fetch):
     store = MemoryStore({(0x2000, 0): bytes(20), (0x2001, 0): b"\1\2"})
     server = SdoServer(NODE, store, max_size=50)
@@ -115,7 +116,7 @@ SIZES = st.one_of(st.integers(0, 30), st.integers(880, 900), st.integers(1700, 1
 
 
 @given(SIZES, st.booleans(), st.booleans(), st.booleans(), st.booleans(), st.integers(1, 127), st.integers(1, 127))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 def test_any_bytes_cross_by_every_kind_of_transfer(size, block, sized, crc, serves_block, up_size, down_size):
     data = random.Random(size).randbytes(size)
     store = MemoryStore({(0x2000, 0): b""})
@@ -139,7 +140,7 @@ LATES = st.sampled_from((0.0, 0.01, 0.2))
 
 
 @given(st.integers(0, 2**32), LOSSES, DOUBLES, LATES, st.booleans(), st.booleans())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150))
 def test_on_a_bad_line_a_success_is_true(seed, loss, double, late, block, crc):
     """Reads and writes of one object, of changing length, each with data of its own."""
     choose = random.Random(seed)
@@ -166,7 +167,7 @@ def test_on_a_bad_line_a_success_is_true(seed, loss, double, late, block, crc):
 @pytest.mark.parametrize("block", [False, True])
 @pytest.mark.parametrize("size", [0, 4, 889, 100_000])
 @given(seed=st.integers(0, 2**32))
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=examples(3))
 def test_large_objects_cross_a_line_that_doubles_and_delays(block, size, seed):
     store = MemoryStore({(0x2000, 0): b""})
     line = BadLine(SdoClient(NODE), SdoServer(NODE, store), seed, double=0.05, late=0.0005)
@@ -191,7 +192,7 @@ class LosesSegments(BadLine):
 
 
 @given(st.integers(0, 2**32), st.booleans())
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20))
 def test_lost_segments_of_100_kilobytes_are_asked_for_again(seed, upload):
     data = random.Random(seed).randbytes(100_000)
     store = MemoryStore({(0x2000, 0): data if upload else b""})
@@ -218,7 +219,7 @@ class Counter(MemoryStore):
 
 
 @given(st.integers(0, 2**32), LOSSES, DOUBLES, LATES)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100))
 def test_no_answer_is_taken_for_that_of_another_request(seed, loss, double, late):
     choose = random.Random(seed)
     store = Counter({(0x2000, 0): b"", (0x2001, 0): b"\0\0\0\0"})
@@ -239,7 +240,7 @@ def test_no_answer_is_taken_for_that_of_another_request(seed, loss, double, late
 
 
 @given(st.integers(0, 2**32), LOSSES, DOUBLES, LATES)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100))
 def test_nor_if_all_are_asked_at_once(seed, loss, double, late):
     choose = random.Random(seed)
     store = Counter({(0x2000, 0): b"", (0x2001, 0): b"\0\0\0\0"})

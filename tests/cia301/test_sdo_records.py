@@ -7,6 +7,7 @@ import random
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 from support.sdo import MS, NODE, MemoryStore
 
 from canopen_control.cia301.sdo_client import SdoClient, SdoOptions
@@ -224,7 +225,7 @@ LIES = st.sampled_from((0, 0, 0, 100, 890, 5000))
 
 @pytest.mark.sources  # the twins are compared inside
 @given(st.integers(0, 2**32), SIZES, BLOCK_SIZES, RATES, st.booleans(), st.sampled_from((2000, 1 << 20)), LIES)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150))
 def test_an_upload_by_runs_is_the_upload_by_frames(seed, size, block_size, rate, crc, limit, lie):
     choose = random.Random(seed)
     data = choose.randbytes(size)
@@ -240,7 +241,7 @@ def test_an_upload_by_runs_is_the_upload_by_frames(seed, size, block_size, rate,
 
 
 @given(st.integers(0, 2**32), SIZES, BLOCK_SIZES, RATES, st.booleans(), st.sampled_from((2000, 1 << 20)), LIES)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150))
 def test_a_download_by_runs_is_the_download_by_frames(seed, size, block_size, rate, announced, limit, lie):
     choose = random.Random(seed)
     data = choose.randbytes(size)

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 from support.services import MS, frame, frames
 
 from canopen_control import cia301
@@ -145,7 +146,7 @@ def play(core: Any, many: list[tuple[CanFrame, int]]) -> int:
 
 
 @pytest.mark.parametrize("make", CORES)
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(many=st.lists(st.tuples(frames, st.integers(0, 20 * MS)), max_size=60))
 def test_any_frames_at_any_time_raise_nothing_and_deadlines_are_served(make, many):
     core = make()

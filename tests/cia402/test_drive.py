@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import reference_drive as ref
+from support.properties import examples
 from support.reference_drive import ReferenceDrive
 
 from canopen_control.cia402.drive import DriveMachine, Goal
@@ -825,7 +826,7 @@ ACTIONS: dict[str, Callable[[Rig, int], object]] = {
 }
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200))
 @given(STEPS, st.integers(0, 3), st.sampled_from([0, 2, 5, 6]), st.booleans())
 def test_a_drive_moves_only_after_an_enable_whatever_happens(steps, delay, option, knows_16):
     rig = Rig(delay, quick_stop_option=option, knows_16=knows_16)
@@ -846,7 +847,7 @@ def test_a_drive_moves_only_after_an_enable_whatever_happens(steps, delay, optio
     assert rig.drive.state in (ref.SOD, ref.FAULT)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 @given(
     st.lists(
         st.tuples(

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 
 from canopen_control.cia402.setpoint import (
     FollowingError,
@@ -272,7 +273,7 @@ def test_a_following_error_is_told_once_per_set_point():
     assert event.text == "following error on the way to 1 (statusword 0x2237)"
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100))
 @given(st.lists(st.tuples(st.integers(-300, 300), st.booleans(), st.integers(0, 30)), max_size=8), st.integers(0, 3))
 def test_whatever_is_asked_for_the_drive_takes_each_once_and_ends_at_the_last(moves, delay):
     machine, drive = SetPointHandshake(), PositionDrive()

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 
 from canopen_control.controllers.controllers_file import is_within, read_controllers
 from canopen_control.controllers.params import CommonParams
@@ -172,7 +173,7 @@ LINES = st.lists(
 
 
 @given(st.one_of(LINES.map("\n".join), st.text(max_size=40)))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 def test_any_text_gives_controllers_or_one_error(tmp_path_factory, text):
     path = tmp_path_factory.getbasetemp() / "any.yaml"
     path.write_bytes(text.encode("utf-8", "surrogatepass"))

@@ -4,7 +4,7 @@ import math
 import sys
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from support.control import BROADCASTER, FORWARD, Hardware, S, Scripted, add, manager, put, three_on_two_wheels, wheels
 
@@ -228,7 +228,6 @@ NAMES = st.lists(st.sampled_from(["both", "left", "right", "states", "nobody"]),
 
 
 @given(st.lists(st.tuples(NAMES, NAMES, st.booleans()), max_size=12))
-@settings(deadline=None)
 def test_whatever_is_switched_every_interface_has_one_active_owner_or_none(requests):
     hardware = wheels()
     control = manager(hardware)

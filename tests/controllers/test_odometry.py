@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.control import S, same, vectors
+from support.properties import examples
 
 from canopen_control.controllers.diff_drive import wheel_velocities
 from canopen_control.controllers.odometry import Odometry
@@ -50,7 +51,7 @@ def test_a_square_ends_where_it_began():
 
 
 @given(st.floats(0.05, 2.0), st.integers(3, 400), st.sampled_from([1, -1]), st.booleans())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40))
 def test_a_circle_ends_where_it_began(radius, steps, sense, backward):
     odometry = Odometry(0.24, 0.035, 0.035)
     turn = sense * 2 * math.pi / (steps * 0.02)

@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 
 from canopen_control.hardware.place_ramp import PlaceRamp
 
@@ -18,7 +19,7 @@ def ramp(most=50_000.0, rise=200_000.0):
     return made
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(PLACES, st.floats(2000.0, 1e5), st.floats(2e4, 1e6))
 def test_whatever_the_places_it_is_never_faster_nor_steeper_and_gets_there(places, most, rise):
     made, here, before = ramp(most, rise), 0, 0.0

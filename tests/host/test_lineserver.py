@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.jsonserver import json_server, line_of, say
+from support.properties import examples
 
 from canopen_control.host import lineserver, sockets
 from canopen_control.host.lines import MAX_REQUEST
@@ -479,7 +480,7 @@ def test_a_name_is_served_once(reactor, owner):
         Owner(reactor, owner.server.path)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(40))
 @given(st.lists(st.integers(0), max_size=12))
 def test_any_split_of_the_stream_gives_the_same_answers(reactor, owner, cuts):
     sent = [{"id": number, "text": "ä" * number} for number in range(8)]

@@ -67,6 +67,7 @@ def test_the_wheels_turn_in_what_is_drawn_and_nobody_else_is_asked(show, keep):
     assert page.foreign() == []
 
 
+@pytest.mark.rest
 def test_one_button_after_another_drives(show):
     show = show("vnext", "--controller", DIFF_DRIVE, teleop=True)
     page = show.page()
@@ -80,6 +81,7 @@ def test_one_button_after_another_drives(show):
         show.stood_after(time.time())
 
 
+@pytest.mark.rest
 def test_a_foreign_page_may_not_come_in(show, tmp_path):
     show = show("vdoor")
     page = show.page()
@@ -120,6 +122,7 @@ class QuietHandler(http.server.SimpleHTTPRequestHandler):
         pass
 
 
+@pytest.mark.rest
 def test_a_robot_that_is_started_again_is_on_the_same_page(show):
     show = show("vagain")
     page = show.page()
@@ -133,6 +136,7 @@ def test_a_robot_that_is_started_again_is_on_the_same_page(show):
     assert not page.page.evaluate("document.documentElement.classList.contains('cc-no-robot')")
 
 
+@pytest.mark.rest
 def test_a_robot_that_hangs_reads_as_dead_and_speaks_again(show, keep):
     show = show("vhang")
     page = show.page()
@@ -149,6 +153,7 @@ def test_a_robot_that_hangs_reads_as_dead_and_speaks_again(show, keep):
     page.page.get_by_text("STOP is latched").wait_for()  # it was sent, and heard when it could be
 
 
+@pytest.mark.rest
 def test_a_page_whose_server_has_died_says_so_and_goes_on_when_it_is_back(show, keep):
     show = show("vserver")
     page = show.page()
@@ -165,6 +170,7 @@ def test_a_page_whose_server_has_died_says_so_and_goes_on_when_it_is_back(show, 
     page.page.get_by_text("Latched (by view)").wait_for()
 
 
+@pytest.mark.rest
 def test_without_webgl_everything_but_the_picture_is_there(show, keep):
     show = show("vflat", "--controller", DIFF_DRIVE, teleop=True)
     with without_webgl(show.chromium) as flat:
@@ -179,6 +185,7 @@ def test_without_webgl_everything_but_the_picture_is_there(show, keep):
         page.page.get_by_text("Latched (by view)").wait_for()
 
 
+@pytest.mark.rest
 def test_on_a_phone_stop_state_and_pad_are_in_sight_and_stop_under_the_thumb(show, keep):
     show = show("vphone", "--controller", DIFF_DRIVE, teleop=True, size=(390, 844))
     page = show.page()
@@ -197,6 +204,7 @@ def test_on_a_phone_stop_state_and_pad_are_in_sight_and_stop_under_the_thumb(sho
     page.page.get_by_text("Latched (by view)").wait_for()
 
 
+@pytest.mark.rest
 def test_run_shows_the_page_and_a_dead_page_hurts_nobody(stage, chromium):
     run = stage.robby("vrun", "--view", "--controller", DIFF_DRIVE)
     url = run.until("view: http").split()[-1]
@@ -210,6 +218,7 @@ def test_run_shows_the_page_and_a_dead_page_hurts_nobody(stage, chromium):
     assert run.end(signal.SIGINT) == 0
 
 
+@pytest.mark.rest
 def test_a_trajectory_is_previewed_standing_then_played_until_the_page_is_closed(stage, chromium, keep, tmp_path):
     points = [
         {"positions": each.positions, "velocities": each.velocities, "time_from_start": each.time / 1e9}
@@ -257,6 +266,7 @@ def _what_nobody_sees_is_not_drawn(page):
     assert eventually(lambda: page.page.evaluate("window.ccScene.drawn()") > drawn, 10)
 
 
+@pytest.mark.rest
 def test_a_simulated_base_has_its_own_way_beside_that_of_odometry(show, stage, keep):
     (stage.place / "floor.yml").write_text(plant_text(track=1.3))
     show = show("vtruth", "--controller", DIFF_DRIVE, "--plant", stage.place / "floor.yml")

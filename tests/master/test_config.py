@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.busfile import NESTED, mistakes, mistakes_of_a_node, write
+from support.properties import examples
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError
@@ -332,7 +333,7 @@ SCRAPS = st.sampled_from(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150))
 @given(
     st.lists(st.tuples(st.integers(0, len(LINES) - 1), SCRAPS, st.booleans()), min_size=1, max_size=6), st.booleans()
 )

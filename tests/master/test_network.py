@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 from support.robots import LEFT, RIGHT, Bench, copy_robby
 
 from canopen_control.data_files import data_path
@@ -162,7 +163,7 @@ frames = st.builds(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(st.lists(st.tuples(frames, st.integers(0, 400)), max_size=60))
 def test_any_frames_whatever_raise_nothing_and_leave_the_master_usable(stream):
     net, _ = network()

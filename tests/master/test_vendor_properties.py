@@ -4,6 +4,7 @@ that does not name what is odd about it."""
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 from support.vendor import ORDINARY, Booted, boot, dictionary, write_bus
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
@@ -282,7 +283,7 @@ def _gone(name, absent):
     return index in absent or (index, sub) in absent
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(25), suppress_health_check=list(HealthCheck))
 @given(habits())
 def test_whatever_the_eds_says_its_own_virtual_drive_boots(tmp_path_factory, habits):
     absent, changes = habits

@@ -1,7 +1,7 @@
 """What is written says the same when it is read."""
 
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from support.eds import DEVIATIONS, MALFORMED, codes, eds, mutated, parse, section
 
@@ -198,13 +198,11 @@ def dictionaries(draw):
     return od
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(dictionaries())
 def test_any_dictionary_comes_back(od):
     assert parse_eds(eds_text(od).encode()).od.entries == od.entries
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(mutated(), st.none() | st.integers(1, 127))
 def test_whatever_was_read_comes_back(data, node_id):
     try:

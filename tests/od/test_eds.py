@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from support.eds import DEVIATIONS, DEVICE_TYPE, MALFORMED, codes, eds, lines_executed, mutated, parse, section
+from support.properties import examples
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
@@ -334,7 +335,7 @@ def test_an_issue_is_as_severe_as_its_consequence():
 # --- Anything at all ---
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(300), suppress_health_check=[HealthCheck.too_slow])
 @given(mutated() | st.binary(max_size=200), st.none() | st.integers(1, 127))
 @example(b"[1000]\nDataType=8\nDefaultValue=0x7FC00000", None)
 @example(b"[1000]\n1=\n[1000Value]\n" + b"9" * 5000 + b"=1", 5)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.physicsbench import MS, ROBBY, Axes, S, pendulum, robby, world_of
+from support.properties import examples
 
 from canopen_control.virtual.trajectory import ramp_to
 
@@ -71,7 +72,7 @@ def told(tmp_path_factory):
     return driven(tmp_path_factory.mktemp("told")).digest()
 
 
-@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(6), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     every=st.integers(300_000, 200 * MS),
     nodes=st.sampled_from([[(3, 0), (2, 0)], [(2, 0), (3, 0)], [(2, 0)], [(3, 0)]]),

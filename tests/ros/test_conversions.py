@@ -4,7 +4,7 @@ import math
 import re
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from support.ros import CONTROLLERS
 from support.samples import controllers_of
@@ -68,7 +68,6 @@ def test_positions_are_those_of_the_joints_of_a_joint_state_that_are_known():
     assert positions_of(sample) == {"a": 1.0}
 
 
-@settings(deadline=None)
 @given(st.floats(0, 4e9))
 def test_a_stamp_is_the_time_in_valid_parts(time):
     seconds, nanoseconds = stamp_of(time)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.ros.mailbox import Mailbox
@@ -41,7 +41,6 @@ def test_what_waits_under_a_name_that_is_gone_is_dropped():
     assert box.put("b", 1), "somebody must be woken again"
 
 
-@settings(deadline=None)
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.integers(0, 30)), max_size=60), st.integers(1, 20))
 def test_whoever_obeys_wakes_and_times_gets_the_last_value_and_never_two_in_an_interval(puts, interval):
     box, now, timer, sent = Mailbox(interval), 0, None, []

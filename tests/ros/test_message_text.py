@@ -4,7 +4,7 @@ import json
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.errors import ConfigError
@@ -64,7 +64,6 @@ def test_text_is_the_yaml_that_ros2_topic_echo_prints():
     ]  # fmt: skip
 
 
-@settings(deadline=None)
 @given(st.floats(), st.text("abc' :-#"), st.lists(st.floats()), st.booleans())
 def test_what_is_printed_can_be_given_back(x, name, data, flag):
     message = made(one={"x": x, "name": name}, data=data, flag=flag)

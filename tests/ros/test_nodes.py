@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.ros.nodes import NMT_STATES, NodeView, nodes_of, resolve, ros_name
@@ -85,7 +85,6 @@ def test_every_nmt_state_has_a_word():
     assert set(NMT_STATES) == {"INITIALISING", "PRE_OPERATIONAL", "OPERATIONAL", "STOPPED", None}
 
 
-@settings(deadline=None)
 @given(st.text(min_size=1))
 def test_any_name_becomes_one_that_ros_allows(name):
     made = ros_name(name)

@@ -4,7 +4,7 @@ import contextlib
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.ros.sdo_values import Address, as_uint32, decode, encode, of_datatype, of_uint32, parse_address
@@ -30,7 +30,6 @@ def test_what_is_no_object_is_a_sentence(text):
         parse_address(text)
 
 
-@settings(deadline=None)
 @given(st.text())
 def test_any_text_is_an_address_or_a_sentence(text):
     with contextlib.suppress(ValueError):
@@ -64,7 +63,6 @@ def test_what_does_not_fit_is_a_sentence(value, kind, length):
         decode(b"abc", "u16")
 
 
-@settings(deadline=None)
 @given(st.integers(1, 4), st.data())
 def test_data_of_a_service_is_the_objects_bytes_also_where_they_are_negative(length, data):
     raw = data.draw(st.binary(min_size=length, max_size=length))

@@ -6,7 +6,7 @@ import contextlib
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from support import ros
 from support.control import vectors
@@ -71,7 +71,6 @@ def test_the_states_of_all_joints_are_there_for_best_effort_subscribers(matched,
     assert (message["name"], message["position"]) == (["left", "right"], [1.0, 2.0])
 
 
-@settings(deadline=None)
 @given(st.lists(st.sampled_from(["a", "b", "c"])), st.lists(st.floats()), st.lists(st.floats()))
 def test_any_message_gives_finite_values_of_named_joints_or_a_sentence(names, one, other):
     from canopen_control.ros.topic_hardware import commanded  # imports ROS messages

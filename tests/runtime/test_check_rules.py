@@ -6,6 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.configs import BASES, FIRST, ROBOTS, changed, found, line_of
+from support.properties import examples
 
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.data_files import data_path
@@ -298,7 +299,7 @@ def test_files_that_could_not_be_read_are_left_out():
 
 
 @given(st.data())
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(40), suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_the_rules_never_raise_whatever_is_missing_in_the_files(tmp_path, data):
     name = data.draw(st.sampled_from(ROBOTS))
     source = find_robot(name)

@@ -12,6 +12,7 @@ import itertools
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
+from support.properties import examples
 from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby
 
 from canopen_control.errors import CanopenError
@@ -185,7 +186,7 @@ def test_nothing_moves_without_an_enable_and_a_newer_command(tmp_path_factory):
             return tmp_path_factory.mktemp("robby")
 
     OnDisk.TestCase.settings = settings(
-        max_examples=30,
+        max_examples=examples(30),
         stateful_step_count=20,
         deadline=None,
         suppress_health_check=list(HealthCheck),

@@ -7,6 +7,7 @@ import random
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 
 from canopen_control.runtime.sync_phase import SyncPhase
 
@@ -82,7 +83,7 @@ def test_a_period_that_is_a_hundredth_longer_is_learned_and_the_edges_stay_behin
     assert max(behind) < 0.25
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(
     period=st.sampled_from([MS, 4 * MS, 10 * MS, 20 * MS]),
     part=st.sampled_from([2, 8]),

@@ -6,6 +6,7 @@ from tempfile import TemporaryDirectory
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.drive_shapes import FOUR_PAIRS, TWO_MORE, TWO_PAIRS, shape, slots_of, write_shape
+from support.properties import examples
 
 from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
@@ -37,7 +38,7 @@ def drives(draw):
 
 
 @given(drives())
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 def test_every_drive_is_refused_by_name_or_passes_the_check(od):
     with TemporaryDirectory() as folder:
         path = write_shape(Path(folder), od)

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.foreign_loaders import CONFIRM, START, ProgramAbort, WaitingLoader, ZephyrDevice
 from support.programs import program_od
+from support.properties import examples
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia301.sdo_server import SdoServerAbort
@@ -168,7 +169,7 @@ def test_an_empty_file_and_a_dead_node_end_it():
         Bench().run(disturb=lambda number, order: silent(order) if number > 4 else None)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(st.integers(0, 40), st.sampled_from(["power", "silence", "flash"]), st.integers(0, len(NEW)))
 def test_after_any_loss_the_next_attempt_succeeds(at, kind, fails_at):
     bench = Bench()
@@ -229,7 +230,7 @@ def test_a_date_is_compared_as_far_as_it_is_told():
 
 
 @given(days=st.integers(0, 2**32 - 1), milliseconds=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20))
 def test_any_number_is_a_date_or_none(days, milliseconds):
     parts = {1: days, 2: milliseconds}
 

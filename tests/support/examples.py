@@ -47,8 +47,8 @@ OTHER_PROGRAMS = {
     "ros2": "ros2cli is not in the wheels; `canopen-control ros` says the same, and is run",
     "export": "of the shell, for ros2",
     "pip": "the index has the package once it is published",
-    "tools/socketcan_guest": "boots a kernel: tools/test does so",
-    "tools/can_hardware_guest": "boots a computer: tools/test does so",
+    "tools/socketcan_guest": "boots a kernel: tools/test --rest does so",
+    "tools/can_hardware_guest": "boots a computer: tools/test --rest does so",
 }
 
 

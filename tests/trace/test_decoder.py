@@ -1,5 +1,5 @@
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from support.tracing import frame, robby_decoder, robby_network, said
 
@@ -177,7 +177,6 @@ frames = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(st.lists(frames, max_size=60))
 def test_nothing_on_the_wire_raises_and_everything_gets_a_line(stream):
     decoder, again = robby_decoder(), Decoder(robby_network())

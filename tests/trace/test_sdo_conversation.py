@@ -1,6 +1,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 from support.tracing import frame, robby_decoder, said
 
 from canopen_control.cia301.sdo_client import SdoClient
@@ -103,7 +104,7 @@ def test_configuration_objects_are_said_in_their_own_words():
     ]
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(st.binary(min_size=5, max_size=600), st.booleans())
 def test_segments_and_blocks_are_put_together(content, block):
     lines = overheard(lambda client: client.read(0x2000, 1, block=block), content)

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.arm import ARM
+from support.properties import examples
 
 from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.description import parse_description, read_description
@@ -188,7 +189,7 @@ PIECES = st.lists(
 
 
 @given(st.one_of(PIECES.map("".join), PIECES.map(lambda each: f"<robot name='r'>{''.join(each)}</robot>"), st.text()))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 def test_any_text_gives_a_description_or_the_one_error(text):
     try:
         assert parse_description(text).urdf_xml == text

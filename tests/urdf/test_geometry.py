@@ -1,7 +1,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.urdf.geometry import IDENTITY, Pose, about, along, from_rpy, from_yaw, multiply, rotate
@@ -38,7 +38,6 @@ def test_two_turns_about_one_axis_add_up(first, second):
     assert rotate(both, (1, 0, 0)) == pytest.approx(rotate(one, (1, 0, 0)), abs=1e-9)
 
 
-@settings(deadline=None)
 @given(angles, angles, angles, vectors)
 def test_roll_pitch_yaw_equal_the_matrix_of_the_urdf_specification(roll, pitch, yaw, vector):
     x, y, z = vector

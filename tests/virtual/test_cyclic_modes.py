@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 from support.virtualbench import BIT_12, LIMIT, REACHED, Bench, enabled, servo, servo_od
 
 from canopen_control.virtual.device import make_device
@@ -27,7 +28,7 @@ def test_csp_reaches_each_set_point_within_its_interpolation_time():
 
 
 @pytest.mark.parametrize("mode", [7, 8], ids=["IP", "CSP"])
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25))
 @given(
     slope=st.integers(20, 5000).flatmap(lambda size: st.sampled_from((size, -size))),
     late_us=st.lists(st.integers(-3000, 3000), min_size=20, max_size=20),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 from support.setpoints import STEP, StreamBench
 from support.virtualbench import BIT_12, REACHED, T, entry, servo_od
 
@@ -157,7 +158,7 @@ def test_elmo_faults_on_a_buffer_that_stays_dry():
     assert (bench.state, bench.number(0x603F)) == ("FAULT", 0xFF02)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30))
 @given(steps=st.lists(st.sampled_from(("put", "wait", "off", "on", "clear")), max_size=60))
 def test_whatever_is_done_it_moves_to_records_in_their_order_and_holds_no_more_than_it_may(steps):
     bench, sent = buffered(x6084=0), 0  # a stop without a ramp

@@ -8,6 +8,7 @@ import sys
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 from support.setpoints import STEP, StreamBench
 
 from canopen_control.virtual.set_point_meter import GRID_NS, REST_NS, SetPointMeter
@@ -30,7 +31,7 @@ def measured(targets, period_ns=10 * MS, seconds=0.01):
     return meter, places
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40))
 @given(
     steps=st.lists(st.integers(1, 5000), min_size=5, max_size=30), seconds=st.sampled_from((0.0013, 0.005, 0.01, 0.03))
 )

@@ -6,6 +6,7 @@ import struct
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 from support.virtualbench import MS, Bench, S, T, entry, ready_tmcm, servo, servo_od, tmcm
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
@@ -309,7 +310,7 @@ def may_move(states):
     return bool(states & {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE})
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150))
 @given(st.lists(STEPS, max_size=25), st.booleans(), st.integers(0, 3))
 def test_random_frames_never_crash_it_and_move_it_only_in_operation(steps, enabled, option):
     bench = Bench(servo(x6007=option))
@@ -343,7 +344,7 @@ def test_random_frames_never_crash_it_and_move_it_only_in_operation(steps, enabl
     assert bench.drive.mover.plant.velocity == 0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(st.lists(st.binary(min_size=8, max_size=8), max_size=12))
 def test_no_sdo_frame_leaves_it_unable_to_answer(requests):
     bench = Bench(tmcm())

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 from support.virtualbench import MS, REACHED, Bench, S, generic, servo
 
 from canopen_control.cia402.modes import supported_modes
@@ -191,7 +192,7 @@ def test_torque_modes_follow_the_lag_of_mass_and_viscous_friction(mode, slope):
 PLANTS = {"stiff": None, "lag": lambda axis: LagPlant(time_constant=0.03), "loaded": lambda axis: LoadedPlant()}
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30))
 @given(
     st.sampled_from(sorted(PLANTS)),
     st.lists(st.tuples(st.integers(-500, 500), st.integers(1, 400), st.booleans()), min_size=1, max_size=3),
@@ -326,7 +327,7 @@ def leaves_the_mapping(frame):
     return not 0x1400 <= index < 0x1C00 and (index != 0x6040 or data[0] in (0x2B, 0x40)) and data[0] >> 5 in (1, 2)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200))
 @given(
     st.booleans(),
     st.lists(st.tuples(FRAMES.filter(leaves_the_mapping), st.sampled_from([0, MS, 50 * MS, S])), max_size=30),

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.properties import examples
 
 from canopen_control.errors import BusConfigError, ConfigError, RobotConfigError
 from canopen_control.yamlfile import reader
@@ -262,7 +263,7 @@ LINES = st.lists(
 
 
 @given(st.one_of(YAML, LINES, st.text(max_size=60)))
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=examples(500))
 def test_any_text_whatever_gives_a_value_or_the_asked_for_error(text):
     for cls in (Bus, Drive):
         try:
@@ -279,7 +280,6 @@ PLAIN = st.recursive(
 
 
 @given(PLAIN)
-@settings(deadline=None)
 def test_what_yaml_writes_is_read_back(value):
     import yaml
 
@@ -314,7 +314,7 @@ WORDS = (
 )  # fmt: skip
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.lists(st.sampled_from(WORDS), max_size=16).map("".join))
 def test_both_parsers_give_the_same_tree_or_the_same_error(text):
     try:

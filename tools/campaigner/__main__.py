@@ -12,7 +12,8 @@ broken, by a script drawn from the seed. Meanwhile it hears the bus, and nothing
   start, end, recovery  it starts, it ends, and it is enabled again when all was mended
 
 Exit codes: 0 no breach, 1 breaches, 2 usage. The same seed and time give the same actions. With --hours or --page it is
-the nightly campaign in virtual time instead: tools/campaign --hours 1 --help.
+the nightly campaign in virtual time instead: tools/campaign --hours 1 --help. With --properties it is the properties of
+the tests with random examples: tools/campaign --properties --help.
 """
 
 from __future__ import annotations
@@ -213,6 +214,10 @@ def main(arguments: Sequence[str]) -> int:
         from campaigner.nightly import main as nightly
 
         return nightly(arguments)
+    if "--properties" in arguments:
+        from campaigner.properties import main as properties
+
+        return properties(arguments)
     parser = _parser()
     args = parser.parse_args(arguments)
     args.seed = random.SystemRandom().randrange(1, 1_000_000) if args.seed is None else args.seed

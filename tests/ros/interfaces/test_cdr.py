@@ -5,7 +5,7 @@ from array import array
 from types import SimpleNamespace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.ros.interfaces.cdr import Codecs
@@ -47,14 +47,12 @@ messages = st.builds(
 )  # fmt: skip
 
 
-@settings(deadline=None)
 @given(messages)
 def test_what_is_encoded_is_decoded_to_the_same(message):
     made = codecs()
     assert made.decode("p/msg/All", made.encode("p/msg/All", message)) == message
 
 
-@settings(deadline=None)
 @given(messages, st.data())
 def test_a_body_that_is_cut_is_refused(message, data):
     made = codecs()
@@ -63,7 +61,6 @@ def test_a_body_that_is_cut_is_refused(message, data):
         made.decode("p/msg/All", body[: data.draw(st.integers(0, len(body) - 1))])
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=200))
 def test_garbage_is_a_message_or_a_value_error(body):
     made = codecs()

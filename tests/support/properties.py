@@ -1,0 +1,32 @@
+"""How many examples hypothesis tries, and whether it draws the same ones each time.
+
+Tests run with examples derived from each test's code, so that every run tries the same ones, and keep no database of
+them. `tools/campaign --properties` sets CANOPEN_CONTROL_EXAMPLES to a factor: then examples are drawn from a seed, and
+there are that many times more of them.
+"""
+
+import os
+
+from hypothesis import HealthCheck, settings
+
+FACTOR = os.environ.get("CANOPEN_CONTROL_EXAMPLES")
+#: Of the examples that a test asks for, the share that a run without a seed tries.
+SHARE = 0.25
+
+
+def examples(count):
+    """Return how many examples this run tries where a campaign of factor 1 tries `count`."""
+    return max(1, round(count * (float(FACTOR) if FACTOR else SHARE)))
+
+
+def load_profile():
+    settings.register_profile(
+        "tests",
+        max_examples=examples(100),
+        derandomize=not FACTOR,
+        database=None,
+        deadline=None,  # other tests use these processors too: pytest's timeout ends a test that hangs
+        print_blob=True,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
+    settings.load_profile("tests")

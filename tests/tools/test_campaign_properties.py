@@ -1,0 +1,45 @@
+"""`tools/campaign --properties`: random examples from a seed that is printed, and what is found is found again."""
+
+import pytest
+from campaigner.__main__ import main
+
+PROPERTY = """
+from hypothesis import given, strategies as st
+
+@given(st.integers(0, 1000))
+def test_it(number):
+    assert number < 900
+"""
+
+
+@pytest.fixture
+def prop(tmp_path):
+    path = tmp_path / "test_number.py"
+    path.write_text(PROPERTY)
+    return str(path)
+
+
+def test_a_property_that_fails_is_found_and_its_seed_is_printed(prop, capfd):
+    assert main(["--properties", "--seed", "7", "--times", "10", prop]) == 1
+    printed = capfd.readouterr().out
+    assert "seed 7; again: tools/campaign --properties --seed 7" in printed
+    assert "number=900" in printed
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--times", "0"], "--times is 0; give a factor from 0.01 to 1000"),
+        (["--seed", "x"], "invalid int value"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(words, said, capsys):
+    with pytest.raises(SystemExit) as error:
+        main(["--properties", *words])
+    assert error.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_run_that_tries_no_property_is_no_success(tmp_path, capfd):
+    assert main(["--properties", "--seed", "1", str(tmp_path)]) == 1
+    assert "no property was found" in capfd.readouterr().err

@@ -1,0 +1,221 @@
+"""tools/run_tests.py: which tests belong to which run, lanes side by side, second looks, and no process left behind."""
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import run_tests
+from _pytest.mark.expression import Expression
+from run_tests import Part, Run, UsageError
+
+ROOT = Path(__file__).parents[2]
+SH = "/bin/sh"
+
+
+def part(name, script, **more):
+    return Part(name, (SH, "-c", script), **more)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return Run()
+
+
+@pytest.fixture
+def in_checkout(monkeypatch):
+    monkeypatch.chdir(ROOT)
+
+
+# ---------------------------------------------------------------------------------- which tests belong to which run
+
+KINDS = ("process", "rest", "alone", "timed", "browser", "sources")
+
+
+def selected(parts, marks):
+    """Return the names of the uncompiled parts that select a test with these marks."""
+    return [
+        each.name
+        for each in parts
+        if "pytest" in each.command
+        and "PYTHONPATH" not in each.environment
+        and Expression.compile(each.command[each.command.index("-m", 4) + 1]).evaluate(lambda name, **_: name in marks)
+    ]
+
+
+def possible(marks):
+    return "rest" in marks or not {"alone", "timed"} & marks  # tests/conftest.py adds the mark `rest`
+
+
+def test_every_test_belongs_to_one_part_of_one_run(in_checkout):
+    default = [each for lane in run_tests.default_lanes() for each in lane]
+    rest = [each for lanes in run_tests.rest_steps() for lane in lanes for each in lane]
+    for marks in (set(each) for n in range(len(KINDS) + 1) for each in itertools.combinations(KINDS, n)):
+        if possible(marks):
+            by_default, by_rest = selected(default, marks), selected(rest, marks)
+            assert (len(by_default), len(by_rest)) == ((0, 1) if "rest" in marks else (1, 0)), marks
+
+
+def test_files_of_tests_with_processes_are_found_by_their_mark_or_their_folder(in_checkout):
+    files = run_tests.files_with(*run_tests.PROCESS_MARKS)
+    assert "tests/integration/test_run.py" in files
+    assert "tests/host/test_spawn.py" in files
+    assert "tests/cia402/test_drive.py" not in files
+    assert all(name.startswith("tests/host/") for name in run_tests.files_with("process", folders=["host"]))
+
+
+# ------------------------------------------------------------------------------------------------- running parts
+
+
+def test_lanes_run_side_by_side_and_a_lane_in_its_order(run):
+    wait = "for _ in $(seq 200); do [ -e {0} ] && exit; sleep 0.05; done; exit 1"
+    run.lanes([[part("one", "touch a; " + wait.format("b"))], [part("two", wait.format("a")), part("next", "touch b")]])
+    assert run.good, run.summary()
+    names = [each.part.name for each in run.results]
+    assert names.index("two") < names.index("next")
+
+
+def test_a_part_that_fails_fails_the_run_and_the_others_go_on(run, capsys):
+    run.lanes([[part("bad", "echo words of it; exit 3"), part("good", "true")]])
+    assert not run.good
+    assert "== bad: " in (said := capsys.readouterr().out)
+    assert "FAILED (exit code 3)\nwords of it" in said
+    assert "== failed: bad" in run.summary()
+    assert len(run.results) == 2
+
+
+def pytest_on(path, text):
+    path.write_text(text)
+    return Part(
+        "tests of it",
+        (sys.executable, "-m", "pytest", "-q", "-o", "cache_dir=.pytest_cache/tests_of_it",
+         "-c", os.devnull, str(path)),
+        {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+    )  # fmt: skip
+
+
+def test_a_test_that_passes_at_the_second_look_is_listed(run):
+    once = pytest_on(
+        run_path := Path("test_once.py"),
+        "from pathlib import Path\n"
+        "def test_first_time():\n    seen = Path('seen').exists()\n    Path('seen').touch()\n    assert seen\n"
+        "def test_good():\n    pass\n",
+    )
+    run.lanes([[replace(once, second_look=(*once.command, "--last-failed"))]])
+    assert not run.good
+    run.second_looks()
+    assert run.good, run.summary()
+    assert "== failed at first and passed at the second look: 1\n   test_once.py::test_first_time" in run.summary()
+    assert run_path.exists()
+
+
+def test_a_test_that_fails_again_and_one_that_cannot_be_collected_fail_the_run(run):
+    bad = pytest_on(Path("test_bad.py"), "def test_it():\n    assert False\n")
+    run.lanes([[replace(bad, second_look=(*bad.command, "--last-failed"))]])
+    run.second_looks()
+    assert not run.good
+    assert run.hidden == []
+
+
+def test_a_failure_without_second_look_is_final(run):
+    run.lanes([[pytest_on(Path("test_bad.py"), "def test_it():\n    assert False\n")]])
+    run.second_looks()
+    assert not run.good
+
+
+def test_processes_that_parts_leave_behind_are_adopted_and_reaped(run):
+    run.lanes([[part("leaves one", "setsid sleep 0.1 & exit 0"), part("waits", "sleep 0.5")]])
+    assert run_tests._children() == []
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+import run_tests
+from run_tests import Part
+run_tests.default_lanes = lambda: [[Part("slow", ("/bin/sh", "-c", "setsid sleep 600 & echo $! > child; sleep 600"))]]
+sys.exit(run_tests.main([]))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_ends_every_child(tmp_path, number):
+    run = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "tools")},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    child = tmp_path / "child"
+    deadline = time.monotonic() + 30
+    while not (child.exists() and child.read_text().strip()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    pid = int(child.read_text())
+    run.send_signal(number)
+    said, _ = run.communicate(timeout=60)
+    assert run.returncode == run_tests.INTERRUPTED
+    assert "interrupted; every process of this run has ended" in said
+    assert not Path(f"/proc/{pid}").exists()
+
+
+# --------------------------------------------------------------------------------------------------- arguments
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nonsense"], "there are no tests of 'nonsense'; subpackages with tests: bench bus"),
+        (["--nonsense"], "there is no option --nonsense; `./tools/test --help` shows what there is"),
+        (["--rest", "cia402"], "--rest takes no further words"),
+        (["--coverage", "nonsense"], "there are no tests of 'nonsense'"),
+    ],
+)
+def test_arguments_that_name_nothing_are_refused(in_checkout, words, said, capsys):
+    assert run_tests.main(words) == run_tests.USAGE
+    assert said in capsys.readouterr().err
+
+
+def test_words_name_folders_modules_and_files(in_checkout):
+    assert run_tests.paths_of(["cia402", "cli/sdo", "tests/test_errors.py"]) == [
+        "tests/cia402",
+        "tests/cli/test_sdo.py",
+        "tests/test_errors.py",
+    ]
+    with pytest.raises(UsageError):
+        run_tests.paths_of(["cia402", "cli/nothing"])
+
+
+def test_words_from_the_first_option_on_are_pytests():
+    assert run_tests.split(["cia402", "-k", "word", "-x"]) == (["cia402"], ["-k", "word", "-x"])
+
+
+def test_coverage_of_subpackages_names_them_to_the_table(in_checkout):
+    parts = run_tests.coverage_parts(["cia402"])
+    assert parts[-1].command[-2:] == ("build/coverage.json", "cia402")
+    assert "tests/cia402" in parts[0].command
+    assert any("not rest" in word for word in run_tests.coverage_parts([])[0].command)
+
+
+def test_folders_that_cannot_be_written_are_refused_in_a_sentence(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / ".mypy_cache").mkdir()
+    monkeypatch.setattr(run_tests.os, "access", lambda path, mode: path != ".mypy_cache")
+    with pytest.raises(UsageError, match=r"\.mypy_cache is read-only for this user; run the tests in a clone"):
+        run_tests.refuse_unwritable_folders()
+
+
+def test_what_failed_is_read_from_pytests_cache(run, tmp_path):
+    one = Part("a part", ("true",))
+    assert run_tests._failed_tests(one) == ()
+    cache = one.cache / "v" / "cache"
+    cache.mkdir(parents=True)
+    (cache / "lastfailed").write_text(json.dumps({"tests/a.py::test_b": True}))
+    assert run_tests._failed_tests(one) == ("tests/a.py::test_b",)

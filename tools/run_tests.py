@@ -1,0 +1,560 @@
+"""The parts of ./tools/test: which there are, which of them run side by side, and what is printed about them.
+
+tools/test prepares the environment and starts this program in the checkout's folder. Each part is one command in a
+process group of its own. A lane runs its parts one after the other, and lanes run at the same time. The output of a
+part is printed in one piece when the part has ended.
+
+This process adopts what its parts leave behind (PR_SET_CHILD_SUBREAPER, prctl(2)): the CPU time that is printed is that
+of every process, and none is left when the run ends, however it ends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+GOOD, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130  # 130: 128 + SIGINT, as shells report it
+_PR_SET_CHILD_SUBREAPER: Final = 36
+_GRACE_S: Final = 10.0  # what pytest and the robots in its tests need to end after SIGINT
+_TESTS_FAILED: Final = 1  # pytest: all tests ran and some failed; other codes mean that they could not be run
+_NO_TESTS: Final = 5
+_TURN_S: Final = 0.02  # adopted processes are reaped this often: tests look whether those they ended are gone
+_PROGRESS_TURNS: Final = 50
+_GIVING_WAY: Final = 3  # niceness of parts that only compute, beside tests that wait for other processes
+_KEPT_OUT: Final = "not socketcan and not hardware"  # these need a kernel with CAN: the guests have one
+
+#: Marks that say that a test starts processes. tests/conftest.py requires that they stand in the test's own file.
+PROCESS_MARKS: Final = ("process", "ros", "wheel", "browser", "socketcan", "tmux", "hardware")
+#: Folders about whole processes.
+PROCESS_FOLDERS: Final = ("integration", "socketcan", "hardware_can", "tools")
+#: The subpackages with compiled modules, and the tests of whole robots that run on the compiled package as well.
+COMPILED_FOLDERS: Final = (
+    "bus", "cia301", "cia402", "host", "master", "hardware", "controllers", "runtime", "virtual", "simulation"
+)  # fmt: skip
+COMPILED_ROBOTS: Final = ("integration/test_run.py", "integration/test_recovery.py", "integration/test_same_motion.py")
+ROBOTS_ON_KERNEL_CAN: Final = tuple(
+    f"integration/test_{name}.py"
+    for name in ("run", "recovery", "same_motion", "interop_sdo", "virtual_drive_and_canopen")
+)
+#: Debian packages of --rest, by the program that shows that they are there.
+SCREENS: Final = {"chromium": ("chromium",), "tmux": ("tmux",)}
+GUESTS: Final = {
+    "tools/socketcan_guest": ("user-mode-linux", "can-utils", "iproute2", "kmod"),
+    "tools/can_hardware_guest": ("qemu-system-x86", "busybox-static", "cpio", "can-utils", "iproute2"),
+}
+
+
+class UsageError(Exception):
+    """The arguments of ./tools/test ask for something that does not exist."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One command of a run.
+
+    `second_look` is the command that runs the failed tests of this part once more, None where a failure is final.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    environment: dict[str, str] = field(default_factory=dict)
+    nice: int = 0
+    second_look: tuple[str, ...] | None = None
+
+    @property
+    def cache(self) -> Path:
+        """Where pytest remembers what failed in this part."""
+        return Path(".pytest_cache", re.sub(r"\W+", "_", self.name))
+
+
+@dataclass
+class Result:
+    """How a part ended: exit code, wall clock and CPU time in s."""
+
+    part: Part
+    code: int
+    wall: float
+    cpu: float
+    failed: tuple[str, ...] = ()
+
+
+# ------------------------------------------------------------------------------------------------ the parts
+
+
+def pytest(name: str, expression: str, *arguments: str, compiled: Path | None = None, again: bool = False) -> Part:
+    """Return the part that runs the tests that EXPRESSION selects, on the compiled package where its folder is given.
+
+    With `again`, tests that fail are run once more when nothing else runs, and the second result counts.
+    """
+    python = [sys.executable, *(["-P"] if compiled else []), "-m", "pytest", "-q", "-rs"]
+    selection = f"{_KEPT_OUT} and ({expression})" if expression else _KEPT_OUT
+    part = Part(name, (*python, "-m", selection, *arguments))
+    part = replace(part, command=(*part.command, "-o", f"cache_dir={part.cache}"))
+    if compiled:
+        part = replace(part, environment={"PYTHONPATH": str(compiled)})
+    if again:
+        part = replace(part, second_look=(*_in_one_process(part.command), "--last-failed", "--maxfail=3", "-v"))
+    return part
+
+
+def _in_one_process(command: Sequence[str]) -> tuple[str, ...]:
+    return (*command, "-n", "0")
+
+
+def files_with(*marks: str, folders: Sequence[str] = ()) -> list[str]:
+    """Return the test files that name one of the marks, in sorted order: of `folders` in tests/, or of all of them.
+
+    Without folders, the files of PROCESS_FOLDERS belong to the mark `process` without naming it.
+    """
+    named = re.compile(rf"mark\.({'|'.join(marks)})\b")
+    roots = [Path("tests", folder) for folder in folders] or [Path("tests")]
+    found = []
+    for path in sorted({path for root in roots for path in root.rglob("test_*.py")}):
+        whole = "process" in marks and not folders and path.parts[1] in PROCESS_FOLDERS
+        if whole or named.search(path.read_text(encoding="utf-8")):
+            found.append(str(path))
+    return found
+
+
+def checks() -> list[Part]:
+    """Return the parts that read the sources and run nothing of them."""
+    ruff = (sys.executable, "-m", "ruff")
+    return [
+        Part("ruff check", (*ruff, "check", ".")),
+        Part("ruff format", (*ruff, "format", "--check", ".")),
+        Part("mypy --strict", (sys.executable, "-m", "mypy"), nice=_GIVING_WAY),
+    ]
+
+
+DEALT: Final = ("-n", "2", "--dist", "worksteal")  # tests that start nothing: no processor idles while a long file ends
+SHARED: Final = ("-n", "2", "--dist", "loadfile")  # the tests of a file share its fixtures: robots that run, browsers
+
+
+def default_lanes() -> list[list[Part]]:
+    """Return the lanes of ./tools/test: what only computes beside what waits for other processes."""
+    fast = pytest("tests without a process", "not process and not rest", *DEALT)
+    slow = pytest("tests with processes", "process and not rest", *SHARED, *files_with(*PROCESS_MARKS))
+    return [[slow], [*checks(), replace(fast, nice=_GIVING_WAY)]]
+
+
+def rest_steps() -> list[list[list[Part]]]:
+    """Return the steps of ./tools/test --rest, each a list of lanes: what the default run leaves out.
+
+    Whole robots whose reactions have a limit in time (`timed`) run two at a time, what measures (`alone`) runs alone.
+    """
+    compiled = Path("build/compiled").absolute()
+    folders = [f"tests/{folder}" for folder in COMPILED_FOLDERS]
+    long = pytest("long tests with processes", "process and rest and not alone and not timed", *SHARED,
+                  *files_with(*PROCESS_MARKS), again=True)  # fmt: skip
+    long_fast = pytest("long tests without a process", "not process and rest and not alone and not timed", *DEALT,
+                       again=True)  # fmt: skip
+    compiled_fast = pytest("compiled, tests without a process",
+                           "not sources and not process and not rest and not alone", *DEALT, *folders,
+                           compiled=compiled, again=True)  # fmt: skip
+    compiled_slow = pytest("compiled, tests with processes",
+                           "not sources and not browser and process and not alone and not timed", *SHARED,
+                           *files_with(*PROCESS_MARKS, folders=COMPILED_FOLDERS),
+                           compiled=compiled, again=True)  # fmt: skip
+    compiled_robots = pytest("compiled, whole robots", "not sources", *SHARED,
+                             *(f"tests/{name}" for name in COMPILED_ROBOTS), compiled=compiled, again=True)  # fmt: skip
+    timed = pytest("timed tests", "timed and not alone", *SHARED, *files_with("timed"), again=True)
+    alone = pytest("tests that measure", "alone", *files_with("alone"), "tests/bench", again=True)
+    return [
+        [[Part("compile", ("tools/compile",), nice=_GIVING_WAY)], [long], guests()[:1], guests()[1:2], guests()[2:]],
+        [[compiled_fast, long_fast], [compiled_slow, compiled_robots]],
+        [[timed]],
+        [[alone]],
+    ]
+
+
+def guests() -> list[Part]:
+    """Return the parts that run in guests: robots on a kernel's CAN, the subpackage for it, emulated CAN cards."""
+
+    def guest(name: str, kind: str, program: str, environment: dict[str, str], *paths: str) -> Part:
+        command = ("tools/guest/run_tests", sys.executable, program, *(f"tests/{path}" for path in paths))
+        return Part(name, command, {**environment, "CANOPEN_CONTROL_GUEST_KIND": kind}, second_look=command)
+
+    on_vcan = {"CANOPEN_CONTROL_TEST_CHANNEL": "vcan0"}
+    return [
+        guest("guest: robots on kernel CAN", "socketcan", "tools/socketcan_guest", on_vcan, *ROBOTS_ON_KERNEL_CAN),
+        guest("guest: kernel CAN", "socketcan", "tools/socketcan_guest", on_vcan, "socketcan"),
+        guest(
+            "guest: emulated CAN cards",
+            "hardware",
+            "tools/can_hardware_guest",
+            {"CANOPEN_CONTROL_TIME_SCALE": "10"},
+            "hardware_can",
+        ),
+    ]
+
+
+# ------------------------------------------------------------------------------------------------- running
+
+
+class Run:
+    """One run: starts parts, adopts and ends what they leave, and collects their results."""
+
+    def __init__(self) -> None:
+        self.results: list[Result] = []
+        self.hidden: list[str] = []  # tests that failed at first and passed at the second look
+        self.interrupted = False
+        self._begin = time.monotonic()
+        self._running: dict[int, tuple[str, float]] = {}  # process id: part's name, when it began
+        self._starting = 0  # parts whose process may exist already and is not in _running yet
+        self._lock = threading.Lock()
+        ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+    def lanes(self, lanes: Sequence[Sequence[Part]]) -> None:
+        """Run all lanes at the same time and return when the last one has ended."""
+        threads = [threading.Thread(target=self._lane, args=(lane,)) for lane in lanes if lane]
+        for thread in threads:
+            thread.start()
+        turns = 0
+        while any(thread.is_alive() for thread in threads):
+            self._reap_adopted()
+            if turns % _PROGRESS_TURNS == 0:
+                self._show_progress()
+            turns += 1
+            time.sleep(_TURN_S)
+        self._show_progress(clear=True)
+
+    def second_looks(self) -> None:
+        """Run what failed in parts that allow it once more, alone; the second result counts."""
+        for result in [each for each in self.results if each.failed and each.part.second_look]:
+            assert result.part.second_look is not None
+            again = replace(result.part, name=f"{result.part.name}, once more", command=result.part.second_look)
+            code = self._run(replace(again, second_look=None)).code
+            if code in (GOOD, _NO_TESTS):
+                self.hidden += result.failed
+                self.results.remove(result)
+                self.results.append(replace(result, code=GOOD, failed=()))
+
+    def summary(self) -> str:
+        """Return the table of parts with their times, and the tests that passed only at the second look."""
+        lines = ["== time and CPU"]
+        lines += [f"{each.part.name:40} {each.wall:7.1f} s {each.cpu:8.1f} s CPU" for each in self.results]
+        lines.append(f"{'all':40} {time.monotonic() - self._begin:7.1f} s {_cpu_of_children():8.1f} s CPU")
+        if self.hidden:
+            lines.append(f"== failed at first and passed at the second look: {len(self.hidden)}")
+            lines += [f"   {test}" for test in self.hidden]
+        failed = [each.part.name for each in self.results if each.code != GOOD]
+        if failed:
+            lines.append(f"== failed: {', '.join(failed)}")
+        return "\n".join(lines)
+
+    @property
+    def good(self) -> bool:
+        """Whether every part that ran has passed."""
+        return not self.interrupted and all(each.code == GOOD for each in self.results)
+
+    def end_children(self) -> None:
+        """End every process that this run has started: SIGINT to each part, and SIGKILL to what is left."""
+        for pid in list(self._running):
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(pid, signal.SIGINT)
+        deadline = time.monotonic() + _GRACE_S
+        while self._running and time.monotonic() < deadline:
+            self._reap_adopted()
+            time.sleep(_TURN_S)
+        for pid in _descendants():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+
+    def _reap_adopted(self) -> None:
+        """Reap processes that this one has adopted; those of parts are reaped by their lanes, which measure them."""
+        with contextlib.suppress(ChildProcessError):
+            while ended := os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT):
+                if ended.si_pid in self._running or self._starting:
+                    return
+                os.waitpid(ended.si_pid, os.WNOHANG)
+
+    def _lane(self, parts: Sequence[Part]) -> None:
+        for part in parts:
+            if self.interrupted:
+                return
+            self._run(part)
+
+    def _run(self, part: Part) -> Result:
+        begin = time.monotonic()
+        if part.second_look and "pytest" in part.command:
+            shutil.rmtree(part.cache / "v", ignore_errors=True)
+        with tempfile.TemporaryFile() as output:
+            process = self._start(part, output, begin)
+            _, status, usage = os.wait4(process.pid, 0)
+            del self._running[process.pid]
+            code = process.returncode = os.waitstatus_to_exitcode(status)
+            result = Result(part, code, time.monotonic() - begin, usage.ru_utime + usage.ru_stime)
+            if code == _TESTS_FAILED or (code != GOOD and part.second_look == part.command):
+                result.failed = _failed_tests(part) or (part.name,)
+            output.seek(0)
+            self._report(result, output.read().decode("utf-8", "replace"))
+        return result
+
+    def _start(self, part: Part, output: IO[bytes], begin: float) -> subprocess.Popen[bytes]:
+        with self._lock:
+            self._starting += 1
+            process = subprocess.Popen(
+                part.command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, **part.environment},
+                start_new_session=True,
+            )
+            os.setpriority(os.PRIO_PROCESS, process.pid, part.nice)
+            self._running[process.pid] = (part.name, begin)
+            self._starting -= 1
+        return process
+
+    def _report(self, result: Result, text: str) -> None:
+        with self._lock:
+            self.results.append(result)
+            self._show_progress(clear=True)
+            verdict = "" if result.code == GOOD else f" FAILED (exit code {result.code})"
+            print(f"== {result.part.name}: {result.wall:.1f} s{verdict}", flush=True)
+            if text.strip():
+                print(text.rstrip(), flush=True)
+
+    def _show_progress(self, clear: bool = False) -> None:
+        if not sys.stdout.isatty():
+            return
+        now = time.monotonic()
+        running = ", ".join(f"{name} {now - begin:.0f} s" for name, begin in list(self._running.values()))
+        width = shutil.get_terminal_size().columns - 1
+        print("\r\033[K" + ("" if clear else f"running: {running}"[:width]), end="", flush=True)
+
+
+def _failed_tests(part: Part) -> tuple[str, ...]:
+    try:
+        return tuple(json.loads((part.cache / "v/cache/lastfailed").read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return ()
+
+
+def _cpu_of_children() -> float:
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def _children() -> list[int]:
+    return [pid for pid, parent in _parents().items() if parent == os.getpid()]
+
+
+def _descendants() -> list[int]:
+    parents = _parents()
+    found, added = {os.getpid()}, True
+    while added:
+        more = {pid for pid, parent in parents.items() if parent in found} - found
+        found |= more
+        added = bool(more)
+    return sorted(found - {os.getpid()})
+
+
+def _parents() -> dict[int, int]:
+    parents = {}
+    for entry in os.listdir("/proc"):
+        with contextlib.suppress(OSError, ValueError):
+            stat = Path("/proc", entry, "stat").read_text(encoding="latin-1") if entry.isdigit() else ""
+            if stat:
+                parents[int(entry)] = int(stat.rpartition(")")[2].split()[1])
+    return parents
+
+
+def _reap() -> None:
+    with contextlib.suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:
+            pass
+
+
+# --------------------------------------------------------------------------------------------- Debian packages
+
+
+def install_debian_packages() -> None:
+    """Install what the screens and guests of --rest need, as far as this user may: root, or CI with sudo."""
+    missing = [package for program, packages in SCREENS.items() if not shutil.which(program) for package in packages]
+    for program, packages in GUESTS.items():
+        if subprocess.run([program, "-c"], capture_output=True).returncode:
+            missing += packages
+    if not missing or not shutil.which("apt-get"):
+        return
+    sudo = []
+    if os.geteuid() != 0:
+        if not os.environ.get("CI") or subprocess.run(["sudo", "-n", "true"], capture_output=True).returncode:
+            return  # the tests that need them say what is missing
+        sudo = ["sudo", "-n"]
+    print(f"installing {' '.join(missing)} (once)", flush=True)
+    subprocess.run([*sudo, "apt-get", "update", "-qq"])
+    subprocess.run(
+        [*sudo, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "install", "-y", "-qq", "--no-install-recommends",
+         *missing], stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+# ------------------------------------------------------------------------------------------------ arguments
+
+
+def paths_of(words: Sequence[str]) -> list[str]:
+    """Return the folders and files of tests that are meant by words such as `cia402` and `cli/sdo`; refuse others."""
+    paths = []
+    for word in words:
+        module = Path("tests", word).parent / f"test_{Path(word).name}.py"
+        for path in (Path("tests", word), module, Path(word)):
+            if path.exists():
+                paths.append(str(path))
+                break
+        else:
+            names = " ".join(sorted(path.name for path in Path("tests").iterdir() if path.is_dir()))
+            raise UsageError(f"there are no tests of {word!r}; subpackages with tests: {names}")
+    return paths
+
+
+def refuse_unwritable_folders() -> None:
+    """Refuse to run where ruff, mypy and pytest could not keep their caches, and tests no files of their own."""
+    for folder in (".", ".pytest_cache", ".mypy_cache", ".ruff_cache", "build"):
+        if os.path.exists(folder) and not os.access(folder, os.W_OK | os.X_OK):
+            raise UsageError(
+                f"{Path(folder).absolute()} is read-only for this user; run the tests in a clone of your own"
+            )
+    try:
+        tempfile.gettempdir()
+    except FileNotFoundError:
+        raise UsageError("no folder for temporary files is writable; set TMPDIR to one") from None
+
+
+def split(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the words before the first one that begins with `-`, and the others, which are pytest's."""
+    first = next((index for index, word in enumerate(words) if word.startswith("-")), len(words))
+    return list(words[:first]), list(words[first:])
+
+
+def run_default(run: Run) -> None:
+    """Run what ./tools/test runs without arguments; where no test may be skipped, with the programs that they need."""
+    if os.environ.get("CANOPEN_CONTROL_REQUIRE"):
+        install_debian_packages()
+    run.lanes(default_lanes())
+
+
+def run_rest(run: Run) -> None:
+    """Run what the default run leaves out, and look once more at what fails."""
+    install_debian_packages()
+    for lanes in rest_steps():
+        run.lanes(lanes)
+    run.second_looks()
+
+
+def run_all(run: Run) -> None:
+    """Run everything."""
+    run_default(run)
+    run_rest(run)
+
+
+def coverage_parts(words: Sequence[str]) -> list[Part]:
+    """Return the parts that measure what the tests of `words`, or of the default run, reach."""
+    coverage = (sys.executable, "-m", "coverage")
+    rooms, more = split(words)
+    selection = _KEPT_OUT + (" and not alone" if rooms else " and not rest")
+    tests = (*coverage, "run", "-m", "pytest", "-q", "-rs", "-m", selection, *SHARED, *paths_of(rooms), *more)
+    return [
+        Part("coverage: tests", tests),
+        Part("coverage: combine", (*coverage, "combine", "-q")),
+        Part("coverage: read", (*coverage, "json", "-q", "-o", "build/coverage.json")),
+        Part("coverage: by subpackage", (sys.executable, "tools/room_coverage.py", "build/coverage.json", *rooms)),
+    ]
+
+
+def run_coverage(run: Run, words: Sequence[str]) -> None:
+    """Measure what the tests reach; the processes that they start are counted too, unless they are killed."""
+    parts = coverage_parts(words)
+    Path("build/coverage").mkdir(parents=True, exist_ok=True)
+    subprocess.run([sys.executable, "-m", "coverage", "erase"])
+    run.lanes([parts])
+
+
+def run_words(words: Sequence[str]) -> int:
+    """Run the tests of subpackages and modules in the foreground, with pytest's own output; return its exit code."""
+    rooms, more = split(words)
+    command = [sys.executable, "-m", "pytest", "-q", "-rs", "-m", _KEPT_OUT, *more, *paths_of(rooms)]
+    os.execv(sys.executable, command)
+
+
+COMMANDS: Final[dict[str, Callable[[Run], None]]] = {"": run_default, "--rest": run_rest, "--all": run_all}
+
+
+@contextlib.contextmanager
+def ended_by_signals(run: Run) -> Iterator[None]:
+    """End all children on SIGINT, SIGTERM and SIGHUP, and when the run is over."""
+
+    def stop(number: int, frame: object) -> None:
+        del number, frame
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, stop)
+    try:
+        yield
+    except KeyboardInterrupt:
+        run.interrupted = True
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
+        run.end_children()
+        print("interrupted; every process of this run has ended", flush=True)
+    finally:
+        for pid in _descendants():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        _reap()
+
+
+def main(words: Sequence[str]) -> int:
+    """Run what the words ask for; return the exit code."""
+    first, *others = words or [""]
+    os.environ.setdefault("PYTHONHASHSEED", "0")
+    try:
+        if first in COMMANDS and others:
+            raise UsageError(
+                f"{first or 'no option'} takes no further words; `./tools/test --help` shows what there is"
+            )
+        if first.startswith("-") and first not in (*COMMANDS, "--fast", "--coverage"):
+            raise UsageError(f"there is no option {first}; `./tools/test --help` shows what there is")
+        if first and not first.startswith("-"):
+            return run_words(words)
+        if first == "--fast":
+            os.execv(sys.executable, [sys.executable, "-m", "pytest", "-q", "-rs", "-m",
+                                      f"{_KEPT_OUT} and not process and not robot and not rest and not alone",
+                                      *DEALT, *others])  # fmt: skip
+        paths_of(split(others)[0])
+        refuse_unwritable_folders()
+        run = Run()
+        with ended_by_signals(run):
+            if first == "--coverage":
+                run_coverage(run, others)
+            else:
+                COMMANDS[first](run)
+    except UsageError as error:
+        print(f"tools/test: {error}", file=sys.stderr)
+        return USAGE
+    if run.interrupted:
+        return INTERRUPTED
+    print(run.summary(), flush=True)
+    return GOOD if run.good else FAILED
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
