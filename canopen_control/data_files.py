@@ -1,10 +1,13 @@
-"""Where the bundled EDS files and robot configurations are: in the wheel's data folder, or in a checkout."""
+"""Where the bundled EDS files and robot configurations are, and how files of users are read: up to a size.
+
+Bundled files are in the wheel's data folder, or in a checkout.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["data_names", "data_path"]
+__all__ = ["data_names", "data_path", "read_limited"]
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -22,3 +25,18 @@ def data_path(kind: str, name: str) -> Path:
 def data_names(kind: str) -> list[str]:
     """Return what is bundled of `kind`, sorted."""
     return sorted(path.name for path in _folder(kind).iterdir()) if _folder(kind).is_dir() else []
+
+
+def read_limited(path: Path, limit: int) -> bytes:
+    """Return the bytes of a file; ValueError where it has more than `limit`, or is no file at all, before it is read.
+
+    OSError as `open` raises it.
+    """
+    if path.exists() and not path.is_file():
+        raise ValueError("it is a folder" if path.is_dir() else "it is no regular file")
+    with path.open("rb") as file:
+        data = file.read(limit + 1)
+    if len(data) > limit:
+        size = max(path.stat().st_size, len(data))
+        raise ValueError(f"it has {size / 1e6:.1f} MB, {limit / 1e6:g} MB are enough for such a file")
+    return data

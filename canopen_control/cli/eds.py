@@ -134,7 +134,9 @@ def _show(args: argparse.Namespace) -> int:
     if args.json:
         print(json_text([entry_document(od, entry) for entry in entries]))
     else:
-        _print_table(_ENTRY_HEADER, [_entry_row(od, entry) for entry in entries])
+        configured = any(entry.parameter_value is not None for entry in od)
+        header = _ENTRY_HEADER if configured else tuple(each for each in _ENTRY_HEADER if each != _CONFIGURED)
+        _print_table(header, [_entry_row(od, entry, configured=configured) for entry in entries])
     return 0
 
 
@@ -160,10 +162,14 @@ def _hint(od: ObjectDictionary, wanted: str) -> str:
     return f"; did you mean {', '.join(f'0x{info.index:04X} {info.name}' for info in near)}?" if near else ""
 
 
-_ENTRY_HEADER = ("address", "name", "type", "access", "PDO", "default", "limits")
+_CONFIGURED = "parameter value"
+_ENTRY_HEADER = ("address", "name", "type", "access", "PDO", "default", _CONFIGURED, "limits")
 
 
-def _entry_row(od: ObjectDictionary, entry: Entry) -> tuple[str, ...]:
+def _entry_row(od: ObjectDictionary, entry: Entry, *, configured: bool) -> tuple[str, ...]:
+    """Return the cells of an entry; `configured` is whether there is a column for the ParameterValues of a DCF."""
+    values = [(entry.default, entry.relative), (entry.parameter_value, entry.parameter_relative)]
+    texts = [_value_text(entry, *each, od.node_id) or "-" for each in (values if configured else values[:1])]
     mappable = ("R" if entry.rpdo_mappable else "") + ("T" if entry.tpdo_mappable else "")
     return (
         f"0x{entry.index:04X}:{entry.subindex:02X}",
@@ -171,7 +177,7 @@ def _entry_row(od: ObjectDictionary, entry: Entry) -> tuple[str, ...]:
         entry.data_type.name,
         entry.access,
         mappable or "-",
-        _value_text(entry, entry.value, od.node_id) or "-",
+        *texts,
         _limits_text(entry, od.node_id),
     )
 
@@ -181,11 +187,10 @@ def _full_name(od: ObjectDictionary, entry: Entry) -> str:
     return entry.name if info.code in (ObjectCode.VAR, ObjectCode.DOMAIN) else f"{info.name}: {entry.name}"
 
 
-def _value_text(entry: Entry, value: Value | None, node_id: int | None) -> str:
+def _value_text(entry: Entry, value: Value | None, relative: bool, node_id: int | None) -> str:
     if value is None:
         return ""
     text = format_value(value, entry.data_type)
-    relative = entry.parameter_relative if value is entry.parameter_value else entry.relative
     return f"$NODEID+{text}" if relative and node_id is None else text
 
 

@@ -26,6 +26,20 @@ __all__ = ["check_dictionary"]
 _MANDATORY = {0x1000: "device type", 0x1001: "error register", 0x1018: "identity"}
 _LISTS = (ObjectCode.ARRAY, ObjectCode.RECORD, ObjectCode.DEFSTRUCT)
 _PROFILE_START = 0x6000
+_CODES_OF = {
+    ObjectCode.ARRAY: (
+        *(range(index, index + 1) for index in (0x1003, 0x1010, 0x1011, 0x1016, 0x1029)),
+        *(range(index, index + 1) for index in (0x6046, 0x604C, 0x607B, 0x607D, 0x6099, 0x60E3, 0x60FE)),
+        range(0x608F, 0x6098),
+    ),
+    ObjectCode.RECORD: (
+        range(0x1018, 0x1019),
+        range(0x1200, 0x1300),
+        *(range(first, first + 0x200) for first in (0x1400, 0x1600, 0x1800, 0x1A00)),
+        *(range(index, index + 1) for index in (0x6048, 0x6049, 0x604A, 0x60C2, 0x60C4)),
+    ),
+}
+"""What the standards say of objects with subindices."""
 _STRUCTURE_SUB = 0xFF  # holds the type of the object and is not counted
 
 
@@ -76,6 +90,22 @@ def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[in
     else:
         _check_sub0(od[info.index, 0], max((sub for sub in subindices if sub != _STRUCTURE_SUB), default=0), report)
     _check_sub_number(info, len(subindices), where, report)
+    _check_code(od, info, subindices, report)
+
+
+def _check_code(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], report: Report) -> None:
+    """Look for an array that is a record and the other way round (CiA 301, 7.4.3, 7.5.2; CiA 402-2)."""
+    where = f"0x{info.index:04X} ({clip(info.name)})"
+    types = {od[info.index, sub].data_type for sub in subindices if sub not in (0, _STRUCTURE_SUB)}
+    base = info.index
+    if base >= _PROFILE_START:
+        base = _PROFILE_START + (base - _PROFILE_START) % AXIS_STEP
+    wanted = next((code for code, indices in _CODES_OF.items() if any(base in each for each in indices)), None)
+    if info.code is ObjectCode.ARRAY and len(types) > 1:
+        named = ", ".join(sorted(each.name for each in types))
+        report.warning(info.line, "object-code", f"{where} is an ARRAY with entries of {named}; it is a RECORD")
+    elif wanted is not None and info.code in (ObjectCode.ARRAY, ObjectCode.RECORD) and info.code is not wanted:
+        report.note(info.line, "object-code", f"{where} is {info.code.name}; the standard has {wanted.name} there")
 
 
 def _check_sub0(entry: Entry, highest: int, report: Report) -> None:

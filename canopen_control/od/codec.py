@@ -1,7 +1,8 @@
 """Values of the object dictionary and their bytes on the wire (CiA 301, 7.1).
 
 All numbers are little-endian. A value that its type cannot hold is refused, never cut. VISIBLE_STRING is taken as
-ISO 8859-1, since drives put umlauts and degree signs where the standard allows ISO 646 only; the zero bytes some of
+ISO 8859-1, since drives put umlauts and degree signs where the standard allows ISO 646 only, and written in UTF-8
+where it has other characters; the zero bytes some of
 them pad with are no part of the string. The two times are 48-bit numbers: milliseconds in the low 32 bits, days above.
 """
 
@@ -90,6 +91,10 @@ def _encode_text(value: Value, data_type: DataType) -> bytes:
         raise ValueError(f"{value!r} is no {data_type.name}: a string is wanted")
     try:
         return value.encode(_TEXT[data_type])
+    except UnicodeEncodeError:
+        pass
+    try:
+        return value.encode("utf-8")  # what devices with such texts have; the standard knows ISO 646 only
     except UnicodeEncodeError:
         raise ValueError(f"{value!r} has characters that {data_type.name} cannot hold") from None
 

@@ -23,7 +23,7 @@ from canopen_control.od.eds_device import (
 )
 from canopen_control.od.eds_entry import EntryReader
 from canopen_control.od.eds_sections import Section
-from canopen_control.od.eds_values import format_value, real_bits
+from canopen_control.od.eds_values import format_value, parse_number, real_bits
 from canopen_control.od.issues import Report
 from canopen_control.od.model import (
     BIT_RATES,
@@ -52,6 +52,9 @@ _SPELLING = {
         *("VendorName", "VendorNumber", "ProductName", "ProductNumber", "RevisionNumber", "OrderCode"),
         *("SimpleBootUpMaster", "SimpleBootUpSlave", "Granularity", "DynamicChannelsSupported", "GroupMessaging"),
         *("NrOfRXPDO", "NrOfTXPDO", "LSS_Supported", "CompactPDO"),
+        *("FileName", "FileVersion", "FileRevision", "EDSVersion", "Description", "CreationTime", "CreationDate"),
+        *("CreatedBy", "ModificationTime", "ModificationDate", "ModifiedBy", "LastEDS"),
+        *(f"BaudRate_{rate}" for rate in BIT_RATES),
         *("NodeID", "NodeName", "Baudrate", "NetNumber", "NetworkName", "CANopenManager", "LSS_SerialNumber"),
     )
 }
@@ -61,6 +64,7 @@ _DEVICE_ORDER = (
     *("groupmessaging", "nrofrxpdo", "nroftxpdo", "lss_supported"),
 )
 _FIRST = ("fileinfo", "deviceinfo", "dummyusage", "comments")
+_TITLES = dict(zip(_FIRST, ("FileInfo", "DeviceInfo", "DummyUsage", "Comments"), strict=True))
 _COMPACT_KEYS = ("compactsubobj", "datatype", "accesstype", "defaultvalue", "pdomapping", "lowlimit", "highlimit")
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _MANUFACTURER = range(0x2000, 0x6000)
@@ -138,9 +142,9 @@ def _sections(od: ObjectDictionary, *, is_dcf: bool = False) -> Iterator[tuple[s
     made = _device_sections(od)
     for name in _FIRST:
         if name in made:
-            yield kept.get(name, made[name][0]), made[name][1]
+            yield made[name]
         elif name in kept:
-            yield kept[name], od.sections[kept[name]]
+            yield _TITLES[name], _respelled(od.sections[kept[name]])
     yield from _commissioning(od, kept, is_dcf)
     compact = _compact_companions(od)
     for name, title in kept.items():
@@ -148,6 +152,11 @@ def _sections(od: ObjectDictionary, *, is_dcf: bool = False) -> Iterator[tuple[s
             yield title, od.sections[title]
     yield from _lists(od)
     yield from _objects(od)
+
+
+def _respelled(lines: _Lines) -> _Lines:
+    """Return the lines with their keys as CiA 306-1 spells them: there are readers that look for no other spelling."""
+    return {_SPELLING.get(key.lower(), key): value for key, value in lines.items()}
 
 
 def _compact_companions(od: ObjectDictionary) -> set[str]:
@@ -176,9 +185,10 @@ def _device_sections(od: ObjectDictionary) -> dict[str, tuple[str, _Lines]]:
         made["deviceinfo"] = "DeviceInfo", _device_info(od, sections.get("deviceinfo"))
     if told.dummy_usage != od.dummy_usage or "dummyusage" not in sections:
         made["dummyusage"] = "DummyUsage", {f"Dummy{i:04X}": str(int(i in od.dummy_usage)) for i in range(1, 8)}
-    if told.comments != od.comments:
+    if told.comments != od.comments or "comments" in sections:
         lines = {f"Line{number}": line for number, line in enumerate(od.comments, 1)}
-        made["comments"] = "Comments", {"Lines": str(len(lines)), **lines}
+        count = {"Lines": str(len(lines)), **lines}
+        made["comments"] = "Comments", count | _unknown(sections.get("comments"), count)
     return made
 
 
@@ -269,11 +279,22 @@ def _is_one(info: ObjectInfo, entry: Entry) -> bool:
 def _object(info: ObjectInfo, count: int, is_compact: bool) -> _Lines:
     lines = {
         "ParameterName": info.name,
-        "ObjectType": _get(info.texts, "objecttype") or f"0x{info.code:X}",
+        "ObjectType": _code_text(info),
         "SubNumber": str(count),
     }
     texts = {key: value for key, value in info.texts.items() if not (is_compact and key.lower() in _COMPACT_KEYS)}
     return lines | _unknown(_section("", texts), lines)
+
+
+def _code_text(info: ObjectInfo) -> str:
+    """Return the ObjectType as it was written, unless it was read as another one."""
+    text = _get(info.texts, "objecttype")
+    try:
+        number = parse_number(text)[0]
+    except ValueError:
+        number = -1
+    known = number in {int(code) for code in ObjectCode}
+    return text if text and (number == info.code or not known) else f"0x{info.code:X}"
 
 
 def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:

@@ -10,12 +10,15 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from canopen_control.data_files import read_limited
 from canopen_control.errors import EdsError
 from canopen_control.od.checks import check_dictionary
 from canopen_control.od.compact_pdo import expand_compact_pdos
+from canopen_control.od.concise import decode_concise
 from canopen_control.od.eds_device import check_lists, read_device
-from canopen_control.od.eds_entry import EntryReader
+from canopen_control.od.eds_entry import EntryReader, RangeType
 from canopen_control.od.eds_sections import (
     Pair,
     Section,
@@ -25,17 +28,27 @@ from canopen_control.od.eds_sections import (
     optional_number,
     read_number,
     split_sections,
+    what_else,
 )
+from canopen_control.od.eds_values import parse_number
 from canopen_control.od.issues import Issue, Report, Severity
 from canopen_control.od.model import SCALAR_CODES, DataType, Entry, ObjectCode, ObjectDictionary, ObjectInfo
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
 __all__ = ["EdsFile", "Issue", "Severity", "parse_eds", "read_eds"]
 
+MAX_BYTES = 32_000_000
+"""Of a file: the largest in use have a few MB."""
 _OBJECT = re.compile(r"([0-9a-f]{4})(?: ?sub ?([0-9a-f]{1,2}))?")
+_RANGE_SUB = re.compile(r"([0-9a-f]{2,4}) ?sub ?0?1")
+_RANGES = range(0x40, 0x260)  # data types of a device's own (CiA 301, 7.4.7)
 _COMPACT = re.compile(r"([0-9a-f]{4})(name|value)")
 _LOOKS_LIKE_OBJECT = re.compile(r"[0-9][0-9a-f]{3}(?!denotation\Z)")
 _MODULE = re.compile(r"m[0-9]+moduleinfo")
 _HIGHEST_SUB = 0xFE
+_TYPES: dict[int | None, DataType] = {int(data_type): data_type for data_type in DataType}
 _CODES: dict[int, ObjectCode] = {int(code): code for code in ObjectCode}
 _REGENERATED = frozenset(("mandatoryobjects", "optionalobjects", "manufacturerobjects"))  # by whoever writes the file
 
@@ -56,7 +69,7 @@ def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
     Raises EdsError where the file cannot be read or is no CANopen EDS.
     """
     try:
-        data = Path(path).read_bytes()
+        data = read_limited(Path(path), MAX_BYTES)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise EdsError(str(path), 0, f"cannot be read: {reason}") from None
@@ -66,10 +79,13 @@ def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
 def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -> EdsFile:
     """Parse the bytes of a file; `name` is what issues and errors call it."""
     report = Report(name)
+    if _is_concise(data):
+        text = "is a concise DCF: what is written to a device, and no EDS; give it as configuration_file in bus.yml"
+        raise EdsError(name, 0, text)
     text, encoding = decode_text(data)
     sections = split_sections(text, report)
     if not any(_OBJECT.fullmatch(section) for section in sections):
-        raise EdsError(name, 1, _why_not(sections))
+        raise EdsError(name, 1, what_else(text) or _why_not(sections))
     od = read_device(sections, node_id, report)
     _Reader(od, sections, report).run()
     check_lists(od, sections, report)
@@ -79,11 +95,39 @@ def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -
     return EdsFile(name, od, report.issues, encoding)
 
 
+def _is_concise(data: bytes) -> bool:
+    """Whether the bytes are those of a concise DCF, which an EDS never is by chance: each size in it is right."""
+    try:
+        return bool(decode_concise(data))
+    except ValueError:
+        return False
+
+
 def _why_not(sections: Sections) -> str:
+    if "topology" in sections:
+        return "is a CANopen project (.cpj, CiA 306-3) and no EDS; give the DCF files that it names"
     if "device" in sections and "deviceinfo" not in sections:
         return "is an EtherNet/IP EDS (ODVA) and no CANopen one"
     first = next(iter(sections.values()))
     return f"has no object sections such as [1000], so it is no CANopen EDS; it begins with [{clip(first.title)}]"
+
+
+def _range_types(sections: Sections) -> Iterator[tuple[int, RangeType]]:
+    """Yield the types that editors make of a basic type and its limits, in sections such as [A0]: by their index.
+
+    Sub 1 holds the index of the basic type, sub 2 the least value, sub 3 the greatest.
+    """
+    for name in sections:
+        match = _RANGE_SUB.fullmatch(name)
+        if match is None or (index := int(match[1], 16)) not in _RANGES:
+            continue
+        parts = [sections.get(f"{match[1]}sub{number}") for number in (1, 2, 3)]
+        try:
+            numbers = [None if each is None else parse_number(each.get("defaultvalue"))[0] for each in parts]
+        except ValueError:
+            continue
+        if numbers[0] in _TYPES:
+            yield index, RangeType(_TYPES[numbers[0]], numbers[1], numbers[2])
 
 
 @dataclass(slots=True)
@@ -101,6 +145,7 @@ class _Reader:
 
     def run(self) -> None:
         """Read all object sections, keep the others."""
+        self.entry_reader.ranges.update(_range_types(self.sections))
         found: list[tuple[int, int, Section]] = []  # subindex -1 is the object itself
         for name, section in self.sections.items():
             match = _OBJECT.fullmatch(name)
@@ -155,6 +200,10 @@ class _Reader:
             code = ObjectCode.RECORD if is_list else ObjectCode.VAR
             text = f"ObjectType {number:#x} is unknown; taken as {code.name}"
             self.report.warning(section.line_of("objecttype"), "object-type", text)
+        elif is_list and code is ObjectCode.VAR and index not in self.has_subs:
+            text = f"[{section.title}] is a VAR with CompactSubObj; taken as ARRAY, which it is"
+            self.report.warning(section.line_of("objecttype"), "object-type", text)
+            code = ObjectCode.ARRAY
         elif is_list and code is ObjectCode.VAR:
             text = f"[{section.title}] is a VAR with subindices; both are kept"
             self.report.warning(section.line, "object-type", text)

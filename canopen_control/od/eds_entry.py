@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.od.eds_sections import clip, optional_number, read_number
 from canopen_control.od.eds_values import Parsed, parse_value
+from canopen_control.od.issues import Report
 from canopen_control.od.model import ACCESS_TYPES, DataType, Entry, ObjectCode
 
 if TYPE_CHECKING:
     from canopen_control.od.eds_sections import Section
-    from canopen_control.od.issues import Report
 
-__all__ = ["EntryReader"]
+__all__ = ["EntryReader", "RangeType"]
 
 _TYPES: dict[int, DataType] = {int(data_type): data_type for data_type in DataType}
 _ACCESS = {name: name for name in ACCESS_TYPES}
@@ -32,6 +32,14 @@ _ACCESS_ALIASES = {
     "readwrite": "rw",
 }
 _VALUE_KEYS = ("defaultvalue", "parametervalue")
+
+
+class RangeType(NamedTuple):
+    """A data type of a device's own: a basic type and the limits of its values."""
+
+    base: DataType
+    low: int | None
+    high: int | None
 
 
 class _Limit(NamedTuple):
@@ -61,12 +69,13 @@ class EntryReader:
     """Reads the entries of a file; `node_id` is what $NODEID stands for, None where that is not known yet.
 
     A file with thousands of entries describes them by the same few texts, so that what was read of those without an
-    issue is kept.
+    issue is kept. `ranges` are the data types that the file describes itself, by their index.
     """
 
     node_id: int | None
     report: Report
     kept: dict[tuple[str | int | None, ...], _Traits] = field(default_factory=dict)
+    ranges: dict[int, RangeType] = field(default_factory=dict)
 
     def read(self, section: Section, index: int, subindex: int, name: str, code: int) -> Entry:
         """Return the entry that `section` describes; `code` is its object code."""
@@ -146,6 +155,9 @@ class EntryReader:
         if "datatype" not in section.values and code == ObjectCode.DOMAIN:
             return DataType.DOMAIN, True
         number = optional_number(section, "datatype", self.report)
+        ranged = self.ranges.get(number) if number is not None else None
+        if ranged is not None:
+            return ranged.base, True
         data_type = _TYPES.get(number) if number is not None else None
         if data_type is not None:
             return data_type, True
@@ -157,6 +169,12 @@ class EntryReader:
         kept = " and its values kept as text" if any(section.get(key) for key in _VALUE_KEYS) else ""
         self.report.warning(section.line_of("datatype"), "data-type", f"{what}; handled as bytes of any length{kept}")
         return DataType.DOMAIN, False
+
+    def _range_type(self, section: Section) -> RangeType | None:
+        if not self.ranges or "datatype" not in section.values:
+            return None
+        number = optional_number(section, "datatype", Report(self.report.path))
+        return self.ranges.get(number) if number is not None else None
 
     def _access(self, section: Section) -> str:
         text = section.get("accesstype").lower()
@@ -198,7 +216,8 @@ class EntryReader:
 
     def _limits(self, section: Section, data_type: DataType) -> tuple[_Limit, _Limit]:
         if "lowlimit" not in section.values and "highlimit" not in section.values:
-            return _NO_LIMIT, _NO_LIMIT
+            ranged = self._range_type(section)
+            return (_NO_LIMIT, _NO_LIMIT) if ranged is None else (_Limit(ranged.low), _Limit(ranged.high))
         low, high = self._limit(section, "lowlimit", data_type), self._limit(section, "highlimit", data_type)
         if low.value is not None and high.value is not None and low.value > high.value:
             text = f"LowLimit={section.get('lowlimit')} is above HighLimit={section.get('highlimit')}; both are ignored"

@@ -20,7 +20,17 @@ if TYPE_CHECKING:
 
     from canopen_control.od.issues import Report
 
-__all__ = ["Pair", "Section", "Sections", "clip", "decode_text", "optional_number", "read_number", "split_sections"]
+__all__ = [
+    "Pair",
+    "Section",
+    "Sections",
+    "clip",
+    "decode_text",
+    "optional_number",
+    "read_number",
+    "split_sections",
+    "what_else",
+]
 
 _COMMENT = ";#"
 _BLANK = " \t\r\n\x00\x1a\ufeff"
@@ -158,7 +168,7 @@ def split_sections(text: str, report: Report) -> Sections:
     for section in sections:
         number = splitter.read_section(section, number)
     if not splitter.sections:
-        raise EdsError(report.path, 1, _what_else(text.strip(_BLANK)))
+        raise EdsError(report.path, 1, what_else(text) or _why_none(text.strip(_BLANK)))
     return splitter.sections
 
 
@@ -169,12 +179,15 @@ def _with_plain_ends(text: str) -> str:
     return text
 
 
-def _what_else(text: str) -> str:
+def what_else(text: str) -> str:
+    """Return what a text is by its beginning, if that is known and no EDS; else ""."""
+    begin = text[:1000].lstrip(_BLANK)
+    return next((meaning for start, meaning in _NOT_CANOPEN if begin.startswith(start)), "")
+
+
+def _why_none(text: str) -> str:
     if not text:
         return "is empty"
-    for start, meaning in _NOT_CANOPEN:
-        if text.startswith(start):
-            return meaning
     if "\n" not in text and len(text) < 1000:
         return f"holds only {clip(text)!r}: a symbolic link stored as text? use the file that it names"
     return "has no sections, so it is no EDS"

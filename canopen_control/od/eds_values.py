@@ -59,6 +59,9 @@ _SUFFIX = ValueIssue("number-suffix", Severity.WARNING, "the suffix is ignored")
 _WORD = ValueIssue("number-word", Severity.NOTE, "TRUE is taken as 1, FALSE as 0")
 _H = ValueIssue("number-suffix", Severity.WARNING, "the suffix h is taken as hexadecimal")
 _FRACTION = ValueIssue("number-fraction", Severity.WARNING, "the fraction of zero is ignored")
+_UTF8 = ValueIssue("text-utf8", Severity.NOTE, "characters beyond ISO 8859-1; their bytes are those of UTF-8")
+_DAYS = ValueIssue("time-form", Severity.NOTE, "two numbers are taken as days and milliseconds")
+_TWO, _LATIN = 2, 0xFF
 _TWOS = ValueIssue("number-sign", Severity.WARNING, "taken as two's complement")
 
 
@@ -75,6 +78,10 @@ def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> P
     parse = _PARSERS.get(data_type)
     if parse is not None:
         return parse(text, data_type)
+    return _whole(text, data_type, node_id)
+
+
+def _whole(text: str, data_type: DataType, node_id: int | None) -> Parsed:
     if "$" in text:
         return _fitted(_relative(text, node_id), data_type, True, text)
     number = _parse(text)
@@ -215,9 +222,20 @@ def _bytes(text: str, _data_type: DataType) -> Parsed:
 
 
 def _text(text: str, data_type: DataType) -> Parsed:
-    if data_type is DataType.VISIBLE_STRING:
-        _latin(text)
+    if data_type is DataType.VISIBLE_STRING and any(ord(char) > _LATIN for char in text):
+        return Parsed(text, False, _UTF8)
     return Parsed(text)
+
+
+def _time(text: str, data_type: DataType) -> Parsed:
+    """Read the 48 bits of a time: one number, or days and milliseconds as two."""
+    parts = text.partition(";")[0].split()
+    if len(parts) != _TWO:
+        return _whole(text, data_type, None)
+    days, milliseconds = (_parse(part).value for part in parts)
+    if not (0 <= days < 1 << 16 and 0 <= milliseconds < 1 << 32):
+        raise ValueError("days are 0 to 65535, milliseconds 0 to 4294967295")
+    return Parsed(days << 32 | milliseconds, False, _DAYS)
 
 
 def _latin(text: str) -> bytes:
@@ -232,6 +250,8 @@ _PARSERS = {  # the others are whole numbers
     DataType.UNICODE_STRING: _text,
     DataType.OCTET_STRING: _bytes,
     DataType.DOMAIN: _bytes,
+    DataType.TIME_OF_DAY: _time,
+    DataType.TIME_DIFFERENCE: _time,
     DataType.REAL32: _real,
     DataType.REAL64: _real,
 }

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import yaml
 
+from canopen_control.data_files import read_limited
 from canopen_control.errors import BusConfigError
 from canopen_control.yamlfile.convert import INVALID, convert
 from canopen_control.yamlfile.node import Node
@@ -34,6 +35,8 @@ T = TypeVar("T")
 MAX_NODES: Final = 100_000
 """Nodes after all aliases are followed: a file that multiplies itself is refused instead of filling the memory."""
 MAX_DEPTH: Final = 64
+MAX_BYTES: Final = 8_000_000
+"""Of a file: a hundred times the largest in use, and read in seconds."""
 
 _FAST_LOADER: Final = getattr(yaml, "CSafeLoader", None)  # PyYAML may be built without libyaml
 #: What libyaml takes where PyYAML's own parser does not, or places otherwise: control characters and the line ends of
@@ -259,13 +262,13 @@ def read_text(path: str | os.PathLike[str], error: type[ConfigError] = BusConfig
     """Return the text of a UTF-8 file; raise `error` if it cannot be read."""
     problems = Problems(str(path))
     try:
-        return Path(path).read_bytes().decode("utf-8")
+        return read_limited(Path(path), MAX_BYTES).decode("utf-8")
     except OSError as reason:
         problems.file_error(0, 0, f"cannot be read: {reason.strerror or reason}")
     except UnicodeDecodeError as reason:
         line = reason.object.count(b"\n", 0, reason.start) + 1
         problems.file_error(line, 1, f"byte 0x{reason.object[reason.start]:02X} is no UTF-8; save the file as UTF-8")
-    except ValueError as reason:  # a path with a zero byte
+    except ValueError as reason:  # too large, no file, or a path with a zero byte
         problems.file_error(0, 0, f"cannot be read: {reason}")
     problems.raise_if_any(error)
     return ""

@@ -7,6 +7,9 @@ import pytest
 from support.eds import MALFORMED, eds, section
 
 from canopen_control.cli.eds import EXAMPLE, add_arguments, run
+from canopen_control.data_files import data_path
+from canopen_control.od.dcf import write_dcf
+from canopen_control.od.eds import read_eds
 
 TMCM = "TMCM-1270.eds"
 
@@ -114,6 +117,17 @@ def test_one_value_is_shown_with_type_access_default_and_mappability(cli):
     assert row.split()[-5:] == ["INTEGER32", "rw", "-", "-2147483647", "-"]
     assert cli("show", TMCM, "60FF")[1].splitlines()[1].split()[-3] == "RT"
     assert cli("show", TMCM, "0x1600:0")[1].splitlines()[1].split()[-1] == "0..3"
+
+
+def test_a_dcf_is_shown_with_defaults_and_parameter_values_apart(cli, tmp_path):
+    path = tmp_path / "a.dcf"
+    write_dcf(path, read_eds(data_path("eds", TMCM)).od, 3, 1_000_000, {(0x6083, 0): 16000})
+    header, row = cli("show", path, "6083")[1].splitlines()
+    assert header.split("  ")[-1].strip() == "limits"
+    assert "parameter value" in header
+    assert row.split()[-2:] == ["0x00003E80", "-"]
+    assert row.split()[-3] == cli("show", TMCM, "6083")[1].splitlines()[1].split()[-2]
+    assert "parameter value" not in cli("show", TMCM, "6083")[1]
 
 
 def test_a_whole_object_and_a_whole_file_are_shown(cli):

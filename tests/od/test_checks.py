@@ -140,3 +140,26 @@ def test_the_second_axis_is_compared_too():
     file = parse(eds("1000", DefaultValue="0xFFFF0192"), eds("6860", data_type=5), eds("7060", data_type=2))
     (issue,) = [issue for issue in file.issues if issue.code == "profile-type"]
     assert "0x6860:00" in issue.text
+
+
+@pytest.mark.parametrize(
+    ("index", "code", "types", "issue"),
+    [
+        ("2000", 8, (5, 7), "warning"),
+        ("2000", 8, (7, 7), None),
+        ("2000", 9, (7, 7), None),
+        ("2000", 9, (5, 7), None),
+        ("1018", 8, (7, 7), "note"),
+        ("1018", 9, (7, 7), None),
+        ("6091", 9, (7, 7), "note"),
+        ("6891", 9, (7, 7), "note"),
+        ("60C2", 8, (5, 2), "warning"),
+        ("1600", 8, (7, 7), "note"),
+    ],
+)
+def test_arrays_and_records_that_are_the_other_are_told(index, code, types, issue):
+    subs = [sub(f"{index}sub{number}", 0, data_type) for number, data_type in enumerate(types, 1)]
+    head = section(index, ParameterName="Record", ObjectType=code, SubNumber=3)
+    file = parse(head, sub(f"{index}sub0", 2, 5, "ro"), *subs)
+    found = [each.severity.value for each in file.issues if each.code == "object-code"]
+    assert found == ([] if issue is None else [issue])

@@ -1,5 +1,7 @@
 """What is written says the same when it is read."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -11,6 +13,7 @@ from canopen_control.od.dcf import configured, dcf_text, eds_text, write_dcf
 from canopen_control.od.eds import parse_eds, read_eds
 from canopen_control.od.model import Commissioning, DataType, DeviceInfo, Entry, ObjectDictionary
 
+REPORTS = Path(__file__).parents[1] / "data" / "reports"
 SHIPPED = [data_path("eds", name) for name in ("TMCM-1270.eds", "generic_cia402.eds")]
 FILES = [*SHIPPED, *sorted(MALFORMED.glob("*.eds")), *sorted(DEVIATIONS.glob("*.eds"))]
 
@@ -37,7 +40,7 @@ def test_an_eds_comes_back_without_loss(name):
     again = parse_eds(eds_text(od).encode())
     same(od, again.od)
     for title, texts in od.sections.items():
-        if title.lower() not in ("1016value", "deviceinfo", "dummyusage"):
+        if title.lower() not in ("1016value", "deviceinfo", "dummyusage", "comments"):
             assert again.od.sections[title] == texts
     for address, entry in od.entries.items():
         for key, text in entry.texts.items():
@@ -114,6 +117,52 @@ def test_compact_objects_are_written_out():
     again = parse_eds(text.encode(), 3)
     assert again.od.entries == od.entries
     assert "compact-unused" not in codes(again)
+
+
+def test_a_var_with_compact_entries_is_read_and_written_as_the_array_that_it_is():
+    head = section("2000", ParameterName="T", ObjectType="0x7", DataType=7, AccessType="rw", CompactSubObj=2)
+    file = parse(head)
+    assert codes(file) == ["object-type"]
+    lines = eds_text(file.od).splitlines()
+    assert "ObjectType=0x8" in lines[lines.index("[2000]") : lines.index("[2000sub0]")]
+    again = parse_eds(eds_text(file.od).encode())
+    assert again.od.objects == file.od.objects
+    assert codes(again) == []
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("lines=0", "Lines=0"),
+        ("lines=1\nline1=a", "Lines=1\nLine1=a"),
+        ("Line1=a\nLine2=b", "Lines=2\nLine1=a\nLine2=b"),
+        ("LINES=7\nLine1=a\nOwn=x", "Lines=1\nLine1=a\nOwn=x"),
+    ],
+)
+def test_comments_are_written_with_the_keys_and_the_count_of_the_standard(before, after):
+    assert f"[Comments]\n{after}\n" in eds_text(parse(f"[comments]\n{before}\n", eds("2000")).od)
+
+
+def test_sections_of_the_device_are_written_with_the_spelling_of_the_standard():
+    text = eds_text(parse("[fileinfo]\nfilename=a\n[deviceinfo]\nvendorname=b\nbaudrate_500=1\n", eds("2000")).od)
+    assert "[FileInfo]\nFileName=a\n" in text
+    assert "[DeviceInfo]\nVendorName=b\nBaudRate_500=1\n" in text
+
+
+def test_texts_in_utf_8_and_times_of_two_numbers_come_back():
+    own = parse(eds("2000", data_type=9, DefaultValue="\u03a9"), eds("2001", data_type=12, DefaultValue="3 5")).od
+    assert own[0x2000, 0].default == "\u03a9"
+    assert own[0x2001, 0].default == (3 << 32) + 5
+    again = parse_eds(eds_text(own).encode()).od
+    assert again.entries == own.entries
+
+
+def test_a_type_of_the_files_own_is_written_as_its_basic_type_with_its_limits():
+    own = read_eds(REPORTS / "eds_reported_quirks" / "quirks.eds").od
+    entry = own[0x2000, 0]
+    assert (entry.data_type, entry.default, entry.low, entry.high) == (DataType.UNSIGNED8, 5, 0, 10)
+    again = parse_eds(eds_text(own).encode()).od
+    assert again[0x2000, 0] == entry
 
 
 def test_objects_are_listed_where_they_belong():

@@ -14,6 +14,7 @@ from support.properties import examples
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
 from canopen_control.od.codec import default_of, encode
+from canopen_control.od.concise import encode_concise
 from canopen_control.od.eds import Severity, parse_eds, read_eds
 from canopen_control.od.model import DataType, ObjectCode
 
@@ -316,6 +317,48 @@ def test_a_file_without_objects_is_no_canopen_eds():
         parse("[FileInfo]\nFileName=x\n")
     with pytest.raises(EdsError, match="ODVA"):
         parse("[File]\nx=1\n[Device]\nVendCode=1;\n")
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (encode_concise([(0x1017, 0, b"\x64\0")]), "concise DCF"),
+        (encode_concise([(0x6083, 0, bytes(4)), (0x6084, 0, b"\1\2\3\4")]), "configuration_file"),
+        (b"[TOPOLOGY]\nNodes=0x1\n[Node1]\nName=a\nDCFName=a.dcf\n", "CANopen project"),
+        (b"<?xml version='1.0'?>\n<!--\n[ 1 ] a list\n[]\n-->\n<ISO15745ProfileContainer/>", "XDD"),
+        (b"\n  <ISO15745ProfileContainer>\n[x]\n", "XDD"),
+        ("<?xml version='1.0'?>\n[x]\n".encode("utf-16"), "XDD"),
+    ],
+)
+def test_files_of_the_neighbouring_formats_are_named_as_what_they_are(data, words):
+    with pytest.raises(EdsError, match=words):
+        parse_eds(data)
+
+
+def test_a_file_of_absurd_size_is_refused_before_it_is_read(tmp_path):
+    path = tmp_path / "huge.eds"
+    with path.open("wb") as file:
+        file.truncate(40_000_000_000)
+    with pytest.raises(EdsError, match=r"it has 40000\.0 MB, 32 MB are enough"):
+        read_eds(path)
+    with pytest.raises(EdsError, match="it is no regular file"):
+        read_eds("/dev/zero")
+
+
+@pytest.mark.parametrize(
+    ("base", "low", "high", "title", "found"),
+    [
+        (5, 0, 10, "A0", (DataType.UNSIGNED8, 0, 10)),
+        (3, -5, 5, "00A0", (DataType.INTEGER16, -5, 5)),
+        ("0x7", 1, 9, "a0", (DataType.UNSIGNED32, 1, 9)),
+        (0x99, 1, 9, "A0", (DataType.DOMAIN, None, None)),
+    ],
+)
+def test_a_type_made_of_a_basic_type_and_its_limits_is_followed(base, low, high, title, found):
+    subs = [section(f"{title}sub{n}", ParameterName="x", DefaultValue=v) for n, v in enumerate((base, low, high), 1)]
+    od = parse(section(title, ParameterName="T", ObjectType=6), *subs, eds("2000", data_type="0xA0", DefaultValue=3)).od
+    entry = od[0x2000, 0]
+    assert (entry.data_type, entry.low, entry.high) == found
 
 
 def test_a_file_that_cannot_be_read_is_an_eds_error(tmp_path):

@@ -139,11 +139,33 @@ def test_strings_are_taken_as_they_are():
     assert parse_value("$NODEID", DataType.UNICODE_STRING).value == "$NODEID"
 
 
-@pytest.mark.parametrize("data_type", [DataType.VISIBLE_STRING, DataType.OCTET_STRING, DataType.DOMAIN])
+@pytest.mark.parametrize("data_type", [DataType.OCTET_STRING, DataType.DOMAIN])
 def test_characters_that_no_byte_holds_are_refused(data_type):
     with pytest.raises(ValueError, match="beyond ISO 8859-1"):
         parse_value("5 €", data_type)
     assert parse_value("5 €", DataType.UNICODE_STRING).value == "5 €"
+
+
+def test_a_visible_string_in_utf_8_is_kept_and_noted():
+    parsed = parse_value("5 \u20ac", DataType.VISIBLE_STRING)
+    assert (parsed.value, parsed.issue.code) == ("5 \u20ac", "text-utf8")
+    assert encode(parsed.value, DataType.VISIBLE_STRING) == "5 \u20ac".encode()
+    assert parse_value("\u00b0C", DataType.VISIBLE_STRING).issue is None
+    assert encode("\u00b0C", DataType.VISIBLE_STRING) == b"\xb0C"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("1 2", 1 << 32 | 2), ("0x10 0", 16 << 32), ("12345", 12345), ("0 86399999", 86399999)]
+)
+def test_a_time_is_one_number_or_days_and_milliseconds(text, value):
+    assert parse_value(text, DataType.TIME_OF_DAY).value == value
+    assert parse_value(text, DataType.TIME_DIFFERENCE).value == value
+
+
+@pytest.mark.parametrize("text", ["70000 0", "-1 5", "1 2 3", "a b"])
+def test_what_is_no_time_is_refused(text):
+    with pytest.raises(ValueError, match=r"days are|no number"):
+        parse_value(text, DataType.TIME_OF_DAY)
 
 
 def test_octets_are_hexadecimal_and_else_characters():

@@ -17,7 +17,7 @@ from canopen_control.errors import BusConfigError, ConfigError, RobotConfigError
 from canopen_control.yamlfile import reader
 from canopen_control.yamlfile.convert import convert, position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
-from canopen_control.yamlfile.reader import load, parse, read, tree
+from canopen_control.yamlfile.reader import load, parse, read, read_text, tree
 
 if TYPE_CHECKING:
     from canopen_control.yamlfile.problems import Problem, Problems
@@ -335,3 +335,13 @@ def test_all_files_of_the_bundled_robots_are_read_by_the_fast_parser(monkeypatch
     assert len(files) > 10
     for path in files:
         assert shape(reader._root(path.read_text(encoding="utf-8"))) is not None, path
+
+
+def test_a_file_of_absurd_size_is_refused_before_it_is_read(tmp_path):
+    path = tmp_path / "bus.yml"
+    with path.open("wb") as file:
+        file.truncate(9_000_000_000)
+    with pytest.raises(BusConfigError, match=r"cannot be read: it has 9000\.0 MB, 8 MB are enough"):
+        read_text(path)
+    with pytest.raises(BusConfigError, match="it is no regular file"):
+        read_text("/dev/zero")
