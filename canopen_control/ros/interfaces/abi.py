@@ -1,7 +1,8 @@
 """The C structures that rosidl's type supports are made of, as ctypes sees them.
 
 The law of the file (rosidl_runtime_c, rosidl_typesupport_introspection_c, rosidl_typesupport_fastrtps_cpp of Jazzy):
-order and sizes are those of the headers; what is made here lives as long as the process, C keeps pointers to it.
+order and sizes are those of the headers; what is made here lives as long as the process, C keeps pointers to it. Behind
+the fields of a support's header stands what the functions of `callbacks.c` return for it.
 """
 
 from __future__ import annotations
@@ -29,17 +30,13 @@ __all__ = [
     "CONVERT_FROM_PY",
     "CONVERT_TO_PY",
     "CREATE",
-    "DESERIALIZE",
     "DESTROY",
-    "GET",
-    "HANDLE",
     "MAKE_EVENT",
-    "MAX_SIZE",
     "REMOVE_EVENT",
-    "SERIALIZE",
-    "SIZE",
+    "SLOTS",
     "ActionSupport",
     "Bytes",
+    "CallbackSettings",
     "EventInfo",
     "FastCallbacks",
     "FastService",
@@ -47,6 +44,8 @@ __all__ = [
     "FieldTypeDescription",
     "Hash",
     "IndividualDescription",
+    "Layout",
+    "LayoutField",
     "Member",
     "Members",
     "MessageSupport",
@@ -63,12 +62,9 @@ __all__ = [
 T = TypeVar("T")
 _kept: Final[list[object]] = []
 
-GET = CFUNCTYPE(c_void_p, c_void_p)
-HANDLE = CFUNCTYPE(c_void_p, c_void_p, c_char_p)
-SERIALIZE = CFUNCTYPE(c_bool, c_void_p, c_void_p)
-DESERIALIZE = CFUNCTYPE(c_bool, c_void_p, c_void_p)
-SIZE = CFUNCTYPE(c_uint32, c_void_p)
-MAX_SIZE = CFUNCTYPE(c_size_t, c_void_p)
+SLOTS: Final = 512
+"""How many types `callbacks.c` has room for."""
+
 CREATE = CFUNCTYPE(c_void_p)
 DESTROY = CFUNCTYPE(None, c_void_p)
 CONVERT_FROM_PY = PYFUNCTYPE(c_bool, py_object, c_void_p)
@@ -134,10 +130,14 @@ class MessageSupport(Structure):
     _fields_ = (
         ("identifier", c_void_p),
         ("data", c_void_p),
-        ("handle", HANDLE),
-        ("get_hash", GET),
-        ("get_description", GET),
-        ("get_sources", GET),
+        ("handle", c_void_p),
+        ("get_hash", c_void_p),
+        ("get_description", c_void_p),
+        ("get_sources", c_void_p),
+        ("hash", c_void_p),
+        ("description", c_void_p),
+        ("sources", c_void_p),
+        ("kinds", c_void_p * 3),
     )
 
 
@@ -147,15 +147,19 @@ class ServiceSupport(Structure):
     _fields_ = (
         ("identifier", c_void_p),
         ("data", c_void_p),
-        ("handle", HANDLE),
+        ("handle", c_void_p),
         ("request", c_void_p),
         ("response", c_void_p),
         ("event", c_void_p),
         ("make_event", c_void_p),
         ("remove_event", c_void_p),
-        ("get_hash", GET),
-        ("get_description", GET),
-        ("get_sources", GET),
+        ("get_hash", c_void_p),
+        ("get_description", c_void_p),
+        ("get_sources", c_void_p),
+        ("hash", c_void_p),
+        ("description", c_void_p),
+        ("sources", c_void_p),
+        ("kinds", c_void_p * 3),
     )
 
 
@@ -168,9 +172,12 @@ class ActionSupport(Structure):
         ("cancel", c_void_p),
         ("feedback", c_void_p),
         ("status", c_void_p),
-        ("get_hash", GET),
-        ("get_description", GET),
-        ("get_sources", GET),
+        ("get_hash", c_void_p),
+        ("get_description", c_void_p),
+        ("get_sources", c_void_p),
+        ("hash", c_void_p),
+        ("description", c_void_p),
+        ("sources", c_void_p),
     )
 
 
@@ -180,10 +187,10 @@ class FastCallbacks(Structure):
     _fields_ = (
         ("namespace", c_char_p),
         ("name", c_char_p),
-        ("serialize", SERIALIZE),
-        ("deserialize", DESERIALIZE),
-        ("size", SIZE),
-        ("max_size", MAX_SIZE),
+        ("serialize", c_void_p),
+        ("deserialize", c_void_p),
+        ("size", c_void_p),
+        ("max_size", c_void_p),
         ("key_callbacks", c_void_p),
     )
 
@@ -248,6 +255,30 @@ class EventInfo(Structure):
         ("nanosec", c_uint32),
         ("gid", c_uint8 * 16),
         ("sequence_number", c_int64),
+    )
+
+
+class LayoutField(Structure):
+    """struct field of `callbacks.c`."""
+
+    _fields_ = (("kind", c_uint8), ("shape", c_uint8), ("size", c_uint8), ("count", c_uint32), ("nested", c_void_p))
+
+
+class Layout(Structure):
+    """struct layout of `callbacks.c`."""
+
+    _fields_ = (("count", c_size_t), ("fields", c_void_p))
+
+
+class CallbackSettings(Structure):
+    """`settings` of `callbacks.c`."""
+
+    _fields_ = (
+        ("put", c_void_p),
+        ("position", c_void_p),
+        ("assign", c_void_p),
+        ("end_offset", c_size_t),
+        ("layouts", c_void_p * SLOTS),
     )
 
 

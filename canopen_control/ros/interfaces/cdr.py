@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Decoder = Callable[[memoryview, int], tuple[Any, int]]
     Codec = tuple[Encoder, Decoder]
 
-__all__ = ["NUMBERS", "Codecs"]
+__all__ = ["NUMBERS", "Codecs", "size_of"]
 
 #: struct and array codes of the numbers by type id
 NUMBERS: Final = {2: "b", 3: "B", 4: "h", 5: "H", 6: "i", 7: "I", 8: "q", 9: "Q", 10: "f", 11: "d"}
@@ -52,7 +52,7 @@ class Codecs:
         """Return the message; ValueError when the body is none of that type. What follows it is ignored."""
         try:
             return self.codec(name)[1](memoryview(body), 0)[0]
-        except (struct.error, IndexError, UnicodeDecodeError) as error:
+        except (struct.error, IndexError) as error:
             raise ValueError(f"not the body of a {name}: {error}") from error
 
     def codec(self, name: str) -> Codec:
@@ -100,6 +100,11 @@ class Codecs:
         return _number(NUMBERS[kind.base])
 
 
+def size_of(base: int) -> int:
+    """Return the bytes of a number, a bool or a byte, by its type id."""
+    return struct.calcsize(f"<{NUMBERS[base]}") if base in NUMBERS else 1
+
+
 def _number(code: str) -> Codec:
     packer = struct.Struct(f"<{code}")
     size, pack, unpack = packer.size, packer.pack, packer.unpack_from
@@ -130,7 +135,8 @@ def _encode_string(value: str, body: bytearray) -> None:
 def _decode_string(body: memoryview, at: int) -> tuple[str, int]:
     length, at = _length(body, at)
     _demand(body, at, length)
-    return str(body[at : at + max(length - 1, 0)], "utf-8"), at + length
+    # as rosidl_generator_py: text that is no UTF-8 is a message all the same
+    return str(body[at : at + max(length - 1, 0)], "utf-8", "replace"), at + length
 
 
 def _numbers(code: str, kind: FieldType) -> Codec:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final
 
 __all__ = [
+    "BOUNDED_STRING",
     "DEFINITIONS",
     "DUMMY",
     "NESTED",

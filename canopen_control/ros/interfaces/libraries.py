@@ -2,20 +2,22 @@
 
 The law of the file: a ROS message of ours is a `std_msgs/String` in C whose text is the CDR body; so creating,
 destroying and copying are upstream's own functions. The type supports' identifiers are compared by address and so must
-be the libraries' own. Where in a Fast CDR object the end of its buffer stands is found by making one and looking.
+be the libraries' own. Where in a Fast CDR object the end of its buffer stands is found by making one and looking. What
+Fast DDS calls while it holds its mutexes is `callbacks.c`, made for each processor: see there why it is not Python.
 """
 
 from __future__ import annotations
 
 import ctypes
 import importlib
-from ctypes import c_bool, c_char_p, c_int, c_size_t, c_void_p
+import platform
+from ctypes import c_bool, c_char_p, c_int, c_size_t, c_uint, c_uint32, c_void_p
 from pathlib import Path
 from typing import Any, Final
 
-from canopen_control.ros.interfaces.abi import Bytes, keep
+from canopen_control.ros.interfaces.abi import SLOTS, Bytes, CallbackSettings, keep
 
-__all__ = ["Libraries"]
+__all__ = ["Callbacks", "Libraries"]
 
 _CDR: Final = "_ZN8eprosima7fastcdr3Cdr"  # eprosima::fastcdr::Cdr
 _BUFFER_MADE: Final = "_ZN8eprosima7fastcdr10FastBufferC1EPcm"
@@ -39,9 +41,13 @@ class Libraries:
         self.create = _address_of(strings.std_msgs__msg__String__create)
         self.destroy = _address_of(strings.std_msgs__msg__String__destroy)
         self._assign = _declared(runtime.rosidl_runtime_c__String__assignn, c_bool, c_void_p, c_char_p, c_size_t)
-        self._put = _declared(cdr[_PUT], c_void_p, c_void_p, c_void_p, c_size_t)
-        self._position = _declared(cdr[_POSITION], c_void_p, c_void_p)
-        self._end_offset = _find_end(cdr, self._position)
+        position = _declared(cdr[_POSITION], c_void_p, c_void_p)
+        self.callbacks = Callbacks(
+            put=_address_of(cdr[_PUT]),
+            position=_address_of(position),
+            assign=_address_of(self._assign),
+            end_offset=_find_end(cdr, position),
+        )
 
     def set_body(self, message: int, body: bytes) -> bool:
         """Let a message in C hold a body."""
@@ -52,20 +58,6 @@ class Libraries:
         held = Bytes.from_address(message)
         return ctypes.string_at(held.data, held.size) if held.size else b""
 
-    def write(self, message: int, cdr: int) -> None:
-        """Copy the body of a message into a Cdr."""
-        held = Bytes.from_address(message)
-        if held.size:
-            self._put(cdr, held.data, held.size)
-
-    def read(self, cdr: int, message: int) -> bool:
-        """Let a message hold the rest of a Cdr; False unless it is little endian, the only kind we decode."""
-        end = c_size_t.from_address(cdr + self._end_offset).value
-        start = int(self._position(cdr))
-        if ctypes.c_ubyte.from_address(start - 3).value != _LITTLE_ENDIAN:
-            return False
-        return self.set_body(message, ctypes.string_at(start, end - start))
-
     def _open(self, name: str) -> ctypes.CDLL:
         try:
             return ctypes.CDLL(name)  # loaded already, or on the library path
@@ -74,6 +66,48 @@ class Libraries:
 
     def _identifier(self, package: str, symbol: str) -> int:
         return int(c_void_p.in_dll(self._open(f"lib{package}.so"), f"{package}__{symbol}").value or 0)
+
+
+class Callbacks:
+    """The functions of `callbacks.c`, as addresses; OSError when there is none for this processor."""
+
+    def __init__(self, put: int, position: int, assign: int, end_offset: int) -> None:
+        path = Path(__file__).with_name(f"callbacks_{platform.machine()}.so")
+        if not path.exists():
+            make = f"cc -O2 -shared -fPIC -o {path} {path.with_name('callbacks.c')}"
+            raise OSError(f"there is no {path.name} for this processor; make it with: {make}")
+        self._library = keep(ctypes.CDLL(str(path)))
+        self._settings = keep(CallbackSettings.in_dll(self._library, "settings"))
+        self._settings.put, self._settings.position, self._settings.assign = put, position, assign
+        self._settings.end_offset = end_offset
+        self._dropped = (c_uint32 * SLOTS).in_dll(self._library, "dropped")
+        self._dropped_in_all = c_uint32.in_dll(self._library, "dropped_in_all")
+        self._slot = _declared(self._library.slot, c_void_p, c_uint)
+        self._names: list[str] = []
+        self._told, self._told_in_all = [0] * SLOTS, 0
+
+    def __getitem__(self, name: str) -> int:
+        """Return the address of a function."""
+        return _address_of(self._library[name])
+
+    def deserializer(self, name: str, layout: int) -> int:
+        """Return the function that takes a message of a new type; RuntimeError when there is no room for another."""
+        slot = len(self._names)
+        if slot == SLOTS:
+            raise RuntimeError(f"more than {SLOTS} types of messages in one process")
+        self._names.append(name)
+        self._settings.layouts[slot] = layout
+        return int(self._slot(slot))
+
+    def newly_dropped(self) -> list[str]:
+        """Return the types of which messages of another layout came, and were dropped, since the last call."""
+        if self._dropped_in_all.value == self._told_in_all:
+            return []
+        self._told_in_all = self._dropped_in_all.value
+        counts = list(self._dropped)
+        names = [name for slot, name in enumerate(self._names) if counts[slot] != self._told[slot]]
+        self._told = counts
+        return names
 
 
 def _library_folder() -> Path:

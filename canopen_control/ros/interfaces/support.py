@@ -1,10 +1,12 @@
 """Type supports made at run time: what rclpy and rmw_fastrtps need of an interface, without a compiler.
 
 The law of the file: rmw_fastrtps asks each type for two supports, fastrtps_c to serialise and introspection_c for its
-type object; both carry the same hash and description. No exception leaves a callback that C has called, since what C
-would see then is garbage: a failure is False or NULL and a line on standard error. What comes is decoded while Fast DDS
-still asks whether it can be: bytes of another layout are dropped there, as compiled code does it. Were it refused
-later, rclpy would raise out of `spin`, and a stranger's message would end the process.
+type object; both carry the same hash and description. Fast DDS calls their functions while it holds its mutexes, so
+that no Python runs there: the functions are those of `callbacks.c`, here are the constants that they need. Bytes of
+another layout are dropped there, as compiled code does it: were they refused later, rclpy would raise out of `spin`,
+and a stranger's message would end the process. rclpy itself calls the converters and what makes service events, outside
+of all locks; no exception leaves one, since what C would see then is garbage: a failure is False or NULL and a line on
+standard error.
 """
 
 from __future__ import annotations
@@ -16,10 +18,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from canopen_control.ros.interfaces import abi
 from canopen_control.ros.interfaces.abi import address, keep
-from canopen_control.ros.interfaces.definition import NESTED, Shape, parts_of
+from canopen_control.ros.interfaces.cdr import size_of
+from canopen_control.ros.interfaces.definition import BOUNDED_STRING, NESTED, STRING, Shape, parts_of
 from canopen_control.ros.interfaces.type_description import hash_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from canopen_control.ros.interfaces.cdr import Codecs
     from canopen_control.ros.interfaces.definition import FieldType
     from canopen_control.ros.interfaces.libraries import Libraries
@@ -27,7 +32,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Capsules", "Supports"]
 
-_MAX_SIZE: Final = 256  # no bound: Fast DDS grows the buffer
+_GETTERS: Final = ("hash", "description", "sources")
+_NUMBER, _TEXT, _NESTED = range(3)  # enum kind of `callbacks.c`
+#: enum shape of `callbacks.c`: a bounded sequence looks like any other on the wire
+_LAYOUT_SHAPES: Final = {Shape.SCALAR: 0, Shape.ARRAY: 1, Shape.BOUNDED_SEQUENCE: 2, Shape.SEQUENCE: 2}
 #: type ids of a description to those of rosidl_typesupport_introspection_c
 _INTROSPECTION: Final = {10: 1, 11: 2, 15: 6, 16: 7, 3: 8, 2: 9, 5: 10, 4: 11, 7: 12, 6: 13, 9: 14, 8: 15,
                          17: 16, 21: 16, NESTED: 18}  # fmt: skip
@@ -52,25 +60,14 @@ class _Message(NamedTuple):
     members: int
 
 
-class _Judged(NamedTuple):
-    """A message that was decoded when it came: where it is in C, its body then, and what it says."""
-
-    address: int
-    body: bytes
-    made: object
-
-
 class Supports:
     """Makes and keeps the type supports of the structures in a registry."""
 
     def __init__(self, libraries: Libraries, registry: Registry, codecs: Codecs) -> None:
         self._libraries, self._registry, self._codecs = libraries, registry, codecs
         self._messages: dict[str, _Message] = {}
-        self._members: dict[str, tuple[int, int, abi.MessageSupport]] = {}
-        self._judged: _Judged | None = None
-        self._serialize = keep(abi.SERIALIZE(self._write))
-        self._size = keep(abi.SIZE(lambda message: abi.Bytes.from_address(message).size))
-        self._max_size = keep(abi.MAX_SIZE(_unbounded))
+        self._members: dict[str, tuple[int, abi.MessageSupport]] = {}
+        self._layouts: dict[str, int] = {}
 
     def message(self, name: str) -> Capsules:
         """Make the supports of a message; once for each name."""
@@ -85,8 +82,9 @@ class Supports:
                 return False
 
         def to_py(message: int) -> int | None:
+            self._tell_dropped()
             try:
-                made = self._decoded(name, message)
+                made = codecs.decode(name, libraries.body_of(message))
             except Exception as error:  # noqa: BLE001 - see the law of the file
                 _complain(name, error)
                 return None
@@ -103,7 +101,7 @@ class Supports:
 
     def service(self, name: str) -> object:
         """Make the support of a service, and return its capsule."""
-        libraries = self._libraries
+        libraries, callbacks = self._libraries, self._libraries.callbacks
         parts = [self._message(f"{name}_{part}") for part in ("Request", "Response", "Event")]
         request, response, event = parts
         package, kind, short = parts_of(name)
@@ -111,27 +109,23 @@ class Supports:
         members = abi.ServiceMembers(
             f"{package}__{kind}".encode(), short.encode(), request.members, response.members, event.members
         )
-        getters, events = self._getters(name), self._event_functions(name)
-        of_kinds = {
-            b"rosidl_typesupport_fastrtps_c": (libraries.fast_id, address(fast), [each.fast for each in parts]),
-            b"rosidl_typesupport_introspection_c": (
-                libraries.introspection_id, address(members), [each.introspection for each in parts],
-            ),
-            b"rosidl_typesupport_c": (libraries.dispatch_id, None, [each.dispatch for each in parts]),
-        }  # fmt: skip
-        table: dict[bytes, int] = {}
-        handle = keep(abi.HANDLE(lambda _, wanted: table.get(wanted)))
-        for wanted, (identifier, data, of_parts) in of_kinds.items():
-            support = abi.ServiceSupport(identifier, data, handle, *of_parts, *events, *getters)
-            table[wanted] = address(support)
-        return _capsule(table[b"rosidl_typesupport_c"])
+        events = self._event_functions(name)
+        supports = [
+            abi.ServiceSupport(identifier, data, callbacks["service_of_kind"], *of_parts, *events)
+            for identifier, data, of_parts in (
+                (libraries.dispatch_id, None, [each.dispatch for each in parts]),
+                (libraries.fast_id, address(fast), [each.fast for each in parts]),
+                (libraries.introspection_id, address(members), [each.introspection for each in parts]),
+            )
+        ]
+        return _capsule(self._described("service_support", name, supports)[0])
 
     def action(self, name: str, cancel: object, status: object) -> object:
         """Make the support of an action of its parts' and of the capsules of the installed ones; return its capsule."""
         send, get = (_pointer(self.service(f"{name}_{each}")) for each in ("SendGoal", "GetResult"))
         feedback = self._message(f"{name}_FeedbackMessage").dispatch
-        parts = (send, get, _pointer(cancel), feedback, _pointer(status))
-        return _capsule(address(abi.ActionSupport(*parts, *self._getters(name))))
+        support = abi.ActionSupport(send, get, _pointer(cancel), feedback, _pointer(status))
+        return _capsule(self._described("action_support", name, [support])[0])
 
     # ------------------------------------------------------------------------------------------------- messages
 
@@ -141,24 +135,28 @@ class Supports:
         return self._messages[name]
 
     def _make_message(self, name: str) -> _Message:
-        libraries, getters = self._libraries, self._getters(name)
+        libraries, callbacks = self._libraries, self._libraries.callbacks
         package, kind, short = parts_of(name)
-        deserialize = keep(abi.DESERIALIZE(lambda cdr, message: self._read(name, cdr, message)))
-        callbacks = abi.FastCallbacks(
-            f"{package}::{kind}".encode(), short.encode(),
-            self._serialize, deserialize, self._size, self._max_size, None,
-        )  # fmt: skip
-        members, introspected, introspection = self._introspection(name)
-        table: dict[bytes, int] = {b"rosidl_typesupport_introspection_c": introspected}
-        handle = keep(abi.HANDLE(lambda _, wanted: table.get(wanted)))
-        introspection.get_hash, introspection.get_description, introspection.get_sources = getters
-        fast = address(abi.MessageSupport(libraries.fast_id, address(callbacks), handle, *getters))
-        dispatch = address(abi.MessageSupport(libraries.dispatch_id, None, handle, *getters))
-        table[b"rosidl_typesupport_fastrtps_c"], table[b"rosidl_typesupport_c"] = fast, dispatch
-        return _Message(dispatch, fast, introspected, members)
+        fast = abi.FastCallbacks(
+            f"{package}::{kind}".encode(),
+            short.encode(),
+            callbacks["serialize"],
+            callbacks.deserializer(name, self._layout(name)),
+            callbacks["serialized_size"],
+            callbacks["max_serialized_size"],
+            None,
+        )
+        members, introspection = self._introspection(name)
+        of_kind = callbacks["message_of_kind"]
+        supports = [
+            abi.MessageSupport(libraries.dispatch_id, None, of_kind),
+            abi.MessageSupport(libraries.fast_id, address(fast), of_kind),
+            introspection,
+        ]
+        return _Message(*self._described("message_support", name, supports), members)
 
-    def _introspection(self, name: str) -> tuple[int, int, abi.MessageSupport]:
-        """Return where the members and the introspection support of a structure are, and that support."""
+    def _introspection(self, name: str) -> tuple[int, abi.MessageSupport]:
+        """Return where the members of a structure are, and its introspection support."""
         if name not in self._members:
             package, kind, short = parts_of(name)
             fields = [self._member(each.name, each.type) for each in self._registry.get(name).fields]
@@ -169,62 +167,61 @@ class Supports:
                     f"{package}__{kind}".encode(), short.encode(), len(fields), size, False, address(array), None, None
                 )
             )
-            support = abi.MessageSupport(self._libraries.introspection_id, members)
-            where = address(support)
-            wanted = b"rosidl_typesupport_introspection_c"
-            support.handle = keep(abi.HANDLE(lambda _, asked: where if asked == wanted else None))
-            self._members[name] = (members, where, support)
+            of_kind = self._libraries.callbacks["message_of_kind"]
+            support = abi.MessageSupport(self._libraries.introspection_id, members, of_kind)
+            support.kinds[0] = address(support)
+            self._members[name] = (members, support)
         return self._members[name]
 
     def _member(self, name: str, kind: FieldType) -> abi.Member:
-        nested = self._introspection(kind.nested)[1] if kind.nested else None
+        nested = address(self._introspection(kind.nested)[1]) if kind.nested else None
         many, bounded = kind.shape is not Shape.SCALAR, kind.shape is Shape.BOUNDED_SEQUENCE
         count = kind.capacity if bounded or kind.shape is Shape.ARRAY else 0
         return abi.Member(
             name.encode(), _INTROSPECTION[kind.base], kind.string_capacity, nested, False, many, count, bounded, 0, None
         )
 
-    def _write(self, message: int, cdr: int) -> bool:
-        try:
-            self._libraries.write(message, cdr)
-        except Exception as error:  # noqa: BLE001 - see the law of the file
-            _complain("serialize", error)
-            return False
-        return True
+    def _layout(self, name: str) -> int:
+        """Return where the layout of a structure is, by which `callbacks.c` judges what comes."""
+        if name not in self._layouts:
+            fields = [self._layout_field(each.type) for each in self._registry.get(name).fields]
+            array = (abi.LayoutField * max(1, len(fields)))(*fields)
+            self._layouts[name] = address(abi.Layout(len(fields), address(array)))
+        return self._layouts[name]
 
-    def _read(self, name: str, cdr: int, message: int) -> bool:
-        """Take what has come into a message; False, and it is dropped, if it is none of this type."""
-        libraries = self._libraries
-        try:
-            if not libraries.read(cdr, message):
-                return False
-            body = libraries.body_of(message)
-            self._judged = _Judged(message, body, self._codecs.decode(name, body))
-        except Exception as error:  # noqa: BLE001 - see the law of the file
-            _complain(f"{name}: dropped a message of another layout", error)
-            return False
-        return True
+    def _layout_field(self, kind: FieldType) -> abi.LayoutField:
+        shape = _LAYOUT_SHAPES[kind.shape]
+        if kind.base == NESTED:
+            return abi.LayoutField(_NESTED, shape, 0, kind.capacity, self._layout(kind.nested))
+        if kind.base in (STRING, BOUNDED_STRING):
+            return abi.LayoutField(_TEXT, shape, 0, kind.capacity)
+        return abi.LayoutField(_NUMBER, shape, size_of(kind.base), kind.capacity)
 
-    def _decoded(self, name: str, message: int) -> object:
-        """Return what a message in C says; it is the one that was judged last, unless somebody came between."""
-        body = self._libraries.body_of(message)
-        judged, self._judged = self._judged, None
-        if judged is not None and judged.address == message and judged.body == body:
-            return judged.made
-        made: object = self._codecs.decode(name, body)
-        return made
+    def _tell_dropped(self) -> None:
+        for name in self._libraries.callbacks.newly_dropped():
+            _complain(name, "dropped a message of another layout")
 
     # ---------------------------------------------------------------------------------------------- descriptions
 
-    def _getters(self, name: str) -> tuple[Any, Any, Any]:
-        """Return the functions that tell hash, description and sources of a structure."""
+    def _described(self, kind: str, name: str, supports: Sequence[Any]) -> list[int]:
+        """Let the supports of an interface tell its hash, description, sources and one another; return where they are.
+
+        `kind` is the structure in `callbacks.c` that they are.
+        """
         description = self._registry.describe(name)
         value = (ctypes.c_uint8 * 32)(*hash_of(description))
         told = [description["type_description"], *description["referenced_type_descriptions"]]
         sources = [abi.Source(abi.string(each["type_name"]), abi.string("implicit"), abi.string("")) for each in told]
         answers = (abi.Hash(1, value), _c_description(description), abi.sequence(abi.Source, sources))
-        one, two, three = (_getter(address(each)) for each in answers)
-        return one, two, three
+        data = [address(each) for each in answers]
+        where = [address(each) for each in supports]
+        callbacks = self._libraries.callbacks
+        for each in supports:
+            each.get_hash, each.get_description, each.get_sources = (callbacks[f"{kind}_{what}"] for what in _GETTERS)
+            each.hash, each.description, each.sources = data
+            if len(where) > 1:
+                each.kinds[:] = where
+        return where
 
     # ----------------------------------------------------------------------------------------------- service events
 
@@ -263,15 +260,6 @@ def _event_of(codecs: Codecs, name: str, info: abi.EventInfo) -> Any:  # noqa: A
     return event
 
 
-def _unbounded(flags: int) -> int:
-    ctypes.c_char.from_address(flags).value = b"\0"  # the first flag: the size is bounded
-    return _MAX_SIZE
-
-
-def _getter(where: int) -> Any:  # noqa: ANN401 - a ctypes function
-    return keep(abi.GET(lambda _: where))
-
-
 def _c_description(description: Description) -> abi.TypeDescription:
     referenced = [_c_individual(each) for each in description["referenced_type_descriptions"]]
     return abi.TypeDescription(
@@ -306,5 +294,5 @@ def _address_of(function: Any) -> int:  # noqa: ANN401 - a ctypes function
     return int(ctypes.cast(keep(function), c_void_p).value or 0)
 
 
-def _complain(what: str, error: Exception) -> None:
+def _complain(what: str, error: object) -> None:
     sys.stderr.write(f"canopen-control: {what}: {error}\n")

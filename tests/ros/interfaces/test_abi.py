@@ -16,9 +16,6 @@ from canopen_control.ros.interfaces import abi
         (abi.IndividualDescription, 48),
         (abi.TypeDescription, 72),
         (abi.Hash, 33),
-        (abi.MessageSupport, 48),
-        (abi.ServiceSupport, 88),
-        (abi.ActionSupport, 64),
         (abi.FastCallbacks, 56),
         (abi.Member, 112),
         (abi.Members, 64),
@@ -28,6 +25,13 @@ from canopen_control.ros.interfaces import abi
 )
 def test_structures_are_laid_out_as_the_headers_say_on_a_64_bit_machine(structure, size):
     assert ctypes.sizeof(structure) == size
+
+
+@pytest.mark.parametrize(
+    ("structure", "size"), [(abi.MessageSupport, 48), (abi.ServiceSupport, 88), (abi.ActionSupport, 64)]
+)
+def test_what_our_own_functions_return_stands_behind_the_header_of_a_support(structure, size):
+    assert structure.hash.offset == size
 
 
 def test_a_text_is_held_with_its_length_and_its_zero():

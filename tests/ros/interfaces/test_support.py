@@ -1,12 +1,129 @@
 from __future__ import annotations
 
+import ctypes
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.ros import Peer, domain, ros_environment, run_ros
 
-pytestmark = pytest.mark.ros
+from canopen_control.ros.interfaces.cdr import Codecs
+from canopen_control.ros.interfaces.libraries import Callbacks
+from canopen_control.ros.interfaces.support import Supports
+from canopen_control.ros.interfaces.type_description import Registry
+
+DEFINITIONS = {
+    "p/msg/Empty": [],
+    "p/msg/Point": ["uint8 a", "float64 x"],
+    "p/msg/All": [
+        "bool yes", "byte one", "int16 middle", "float64 double", "string text", "float64[] numbers", "uint8[3] three",
+        "string[] texts", "bool[] flags", "Point[2] pair", "Point[] points", "Empty nothing", "Empty[] nothings",
+        "int16[<=2] two", "string<=5 short",
+    ],
+}  # fmt: skip
+POSITION, ASSIGN = (
+    ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p),
+    ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t),
+)
+DESERIALIZE = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)
+
+
+class Native:
+    """`callbacks.c` as Fast DDS calls it, over a Cdr that is two pointers, and what it takes as `taken`."""
+
+    def __init__(self, name="p/msg/All", definitions=DEFINITIONS):
+        registry = Registry()
+        registry.add(definitions)
+        self.name, self.codecs, self.taken = name, Codecs(registry.get, lambda _: SimpleNamespace), []
+        self._position = POSITION(lambda cdr: ctypes.c_size_t.from_address(cdr).value)
+        self._assign = ASSIGN(self._take)
+        position, assign = (ctypes.cast(each, ctypes.c_void_p).value for each in (self._position, self._assign))
+        self.callbacks = Callbacks(0, position, assign, end_offset=8)
+        supports = Supports(SimpleNamespace(callbacks=self.callbacks), registry, self.codecs)
+        self._deserialize = DESERIALIZE(self.callbacks.deserializer(name, supports._layout(name)))
+
+    def _take(self, _message, data, size):
+        self.taken.append(ctypes.string_at(data, size))
+        return True
+
+    def takes(self, body, header=b"\0\1\0\0"):
+        held = ctypes.create_string_buffer(header + body, len(header + body))
+        start = ctypes.addressof(held) + len(header)
+        cdr = (ctypes.c_size_t * 2)(start, start + len(body))
+        return self._deserialize(ctypes.addressof(cdr), 0)
+
+    def decodes(self, body):
+        try:
+            self.codecs.decode(self.name, body)
+        except ValueError:
+            return False
+        return True
+
+
+def message(**changes):
+    held = SimpleNamespace(
+        yes=True, one=b"a", middle=-2, double=0.5, text="grün", numbers=[1.0], three=[1, 2, 3], texts=["", "ab"],
+        flags=[True], pair=[SimpleNamespace(a=1, x=2.0)] * 2, points=[SimpleNamespace(a=1, x=2.0)] * 3,
+        nothing=SimpleNamespace(), nothings=[SimpleNamespace()], two=[1], short="abc",
+    )  # fmt: skip
+    vars(held).update(changes)
+    return held
+
+
+def test_what_comes_is_taken_as_it_is_and_what_follows_it_too():
+    native = Native()
+    body = native.codecs.encode("p/msg/All", message())
+    assert native.takes(body)
+    assert native.takes(body + b"more")
+    assert native.taken == [body, body + b"more"]
+    assert native.callbacks.newly_dropped() == []
+
+
+def test_every_body_that_is_cut_is_dropped_and_told_once():
+    native = Native()
+    body = native.codecs.encode("p/msg/All", message())
+    assert not any(native.takes(body[:length]) for length in range(len(body)))
+    assert native.callbacks.newly_dropped() == ["p/msg/All"]
+    assert native.callbacks.newly_dropped() == []
+
+
+def test_a_big_endian_message_is_dropped():
+    native = Native()
+    assert not native.takes(native.codecs.encode("p/msg/All", message()), b"\0\0\0\0")
+
+
+@given(st.binary(max_size=120))
+def test_c_and_python_judge_the_same_garbage_alike(body):
+    native = Native()
+    assert native.takes(body) == native.decodes(body)
+
+
+@given(st.data())
+def test_c_and_python_judge_a_message_with_wrong_bytes_alike(data):
+    native = Native()
+    body = bytearray(native.codecs.encode("p/msg/All", message()))
+    for _ in range(data.draw(st.integers(1, 3))):
+        body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.sampled_from([0, 1, 2, 127, 255]))
+    assert native.takes(bytes(body)) == native.decodes(bytes(body))
+
+
+@pytest.mark.parametrize("kind", ["float64[]", "string[]", "bool[]", "Point[]", "string"])
+def test_a_length_of_four_gigabytes_is_dropped(kind):
+    native = Native("p/msg/T", {**DEFINITIONS, "p/msg/T": [f"{kind} values"]})
+    assert not native.takes(b"\xff" * 8)
+    assert native.takes(b"\1\0\0\0" + bytes(32))
+
+
+@given(st.binary(max_size=12))
+def test_text_that_is_no_utf_8_is_a_message_all_the_same(text):
+    native = Native("p/msg/T", {"p/msg/T": ["string text"]})
+    body = (len(text) + 1).to_bytes(4, "little") + text + b"\0"
+    assert native.takes(body)
+    assert native.codecs.decode("p/msg/T", body).text == text.decode("utf-8", "replace")
+
 
 MIRROR = '''
 """Every message of the installed packages, made again under its own name: ours against the compiled one."""
@@ -71,10 +188,12 @@ print(count)
 '''
 
 
+@pytest.mark.ros
 def test_random_messages_of_every_installed_type_are_the_same_in_our_code_and_in_the_compiled_one():
     assert int(run_ros(MIRROR)) > 100
 
 
+@pytest.mark.ros
 def test_made_messages_and_services_work_between_two_processes():
     with domain() as number, Peer(number, "--interfaces") as one, Peer(number, "--interfaces") as other:
         transforms = [
@@ -90,6 +209,7 @@ def test_made_messages_and_services_work_between_two_processes():
         assert publisher["hash"] == "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
 
 
+@pytest.mark.ros
 def test_a_body_that_is_none_raises_instead_of_giving_a_message():
     code = """
 from canopen_control.ros.interfaces import provide
@@ -108,6 +228,7 @@ for bad in (lambda: deserialize_message(body[:8], COData), lambda: serialize_mes
     assert run_ros(code) == ""
 
 
+@pytest.mark.ros
 def test_service_introspection_works_with_made_services():
     code = """
 import rclpy, time
@@ -139,6 +260,7 @@ assert [each.response[0].data for each in events if each.response] == [0x6042]
         assert run_ros(code, number) == ""
 
 
+@pytest.mark.ros
 def test_an_installed_package_is_never_replaced(tmp_path):
     package = tmp_path / "tf2_msgs" / "msg"
     package.mkdir(parents=True)
@@ -158,6 +280,7 @@ assert importlib.util.find_spec("canopen_interfaces.srv") is not None
     assert run_ros(code, arguments=[str(tmp_path)]) == ""
 
 
+@pytest.mark.ros
 def test_a_ros_that_is_laid_out_in_another_way_is_told_in_one_sentence():
     code = """
 from canopen_control.errors import CanopenError
@@ -223,6 +346,7 @@ context.shutdown()
 """
 
 
+@pytest.mark.ros
 def test_what_a_stranger_sends_of_another_layout_is_dropped_and_ends_nobody():
     with domain() as number:
         server = subprocess.Popen(
@@ -267,6 +391,7 @@ print(list(got[0].data))
 """
 
 
+@pytest.mark.ros
 def test_a_class_made_at_run_time_talks_to_a_compiled_one_in_another_process_both_ways():
     name = "std_msgs/msg/Float64MultiArray"
     with domain() as number, Peer(number) as compiled:
@@ -276,6 +401,7 @@ def test_a_class_made_at_run_time_talks_to_a_compiled_one_in_another_process_bot
         assert compiled.message("/from_made")["data"] == [1.5, -2.5]
 
 
+@pytest.mark.ros
 def test_a_service_made_at_run_time_serves_a_compiled_client_and_calls_a_compiled_server():
     code = """
 import rclpy
