@@ -71,8 +71,13 @@ class LivenessReport:
         if self._fd is not None:
             os.set_blocking(self._fd, False)  # a starter that hangs must not hang us
 
+    @property
+    def is_asked_for(self) -> bool:
+        """Whether anybody listens."""
+        return self._fd is not None
+
     def beat(self) -> None:
-        """Say so; the first time it means that the service is up."""
+        """Say so, from any thread; the first time it means that the service is up."""
         if self._fd is not None:
             with contextlib.suppress(OSError):
                 os.write(self._fd, READY_WORD + b"\n")

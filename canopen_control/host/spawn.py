@@ -19,6 +19,7 @@ import subprocess
 import sys
 import time
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import CanopenError
@@ -28,7 +29,6 @@ from canopen_control.host.lifeline import READY_WORD, lifeline_fd, report_failur
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from canopen_control.host.reactor import Reactor, Timer
 
@@ -47,6 +47,7 @@ __all__ = [
 _POLL_NS: Final = 50_000_000  # where there is no pidfd
 _ROTATE_NS: Final = 5_000_000_000
 _LAST_LINES: Final = 10
+_BUSY_STATES: Final = (b"R", b"D")  # of proc_pid_stat(5)
 #: dash and bash alike: a command in the background of a shell that ends is nobody's child
 _DETACH: Final = ("/bin/sh", "-c", '"$@" &', "sh")
 
@@ -137,6 +138,17 @@ class Child:
         if readiness >= 0:
             reactor.remove_reader(readiness)
             os.close(readiness)
+
+    def is_busy(self) -> bool:
+        """Whether a thread of it runs, waits for a processor or for a disk; False too where there is no /proc.
+
+        What hangs or was stopped is not busy.
+        """
+        for path in Path(f"/proc/{self.pid}/task").glob("*/stat"):
+            with contextlib.suppress(OSError):  # the thread has ended
+                if path.read_bytes().rpartition(b") ")[2][:1] in _BUSY_STATES:
+                    return True
+        return False
 
     def last_lines(self, count: int = _LAST_LINES) -> list[str]:
         """Return the last lines of its output, none if that was not logged."""

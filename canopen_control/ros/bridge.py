@@ -1,8 +1,9 @@
 """The ROS bridge: `python -m canopen_control.ros.bridge --name ROBOT [--namespace NS] [--ros-args ...]`.
 
 The law of the file: one process, one context, one node. What is wrong with the environment is one sentence and exit
-code 1, before rclpy is imported. Started by `run` it ends with its lifeline or with the robot; started by hand it waits
-for the robot to come back, and SIGTERM or SIGINT end it within two seconds, whatever rclpy does.
+code 1, before rclpy is imported. Started by `run` it ends with its lifeline or with the robot, and is killed when one
+of its threads hangs; started by hand it waits for the robot to come back, and SIGTERM or SIGINT end it within two
+seconds, whatever rclpy does.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.client import RobotClient, select_robot
 from canopen_control.errors import CanopenError
+from canopen_control.host.lifeline import LivenessReport, lifeline_fd
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse, claim, runtime_dir
-from canopen_control.host.spawn import lifeline_fd
 from canopen_control.ros.bridge_options import Options, with_parameters
 from canopen_control.ros.installation import describe, from_wheels, prepare, require_ros
 
@@ -32,6 +33,7 @@ __all__ = ["main"]
 
 NODE_NAME: Final = "canopen_control_bridge"
 _RETRY_NS: Final = 500_000_000
+_ANSWER_NS: Final = 500_000_000
 _SIM_TIME: Final = (
     "use_sim_time: stamps follow /clock, and are 0 until somebody publishes it; timeouts go by the robot's own time "
     "(a robot that is simulated publishes /clock itself, which changes nothing of that)"
@@ -103,6 +105,7 @@ class Bridge:
         self._lifeline = lifeline_fd()
         self._claim = _claim(self._name, _ENDING_S if self._lifeline is not None else 0.0)
         self._session: Session | None = None
+        self._liveness, self._has_answered = LivenessReport(), True
         self._reactor = Reactor()
         self._reactor.handle_signals({signal.SIGTERM: self._reactor.stop, signal.SIGINT: self._reactor.stop})
         if self._lifeline is not None:
@@ -127,8 +130,21 @@ class Bridge:
         """Serve until the end, then leave the graph."""
         _say(f"ROS bridge of {self._name}: {describe(os.environ)}")
         self._reactor.call_soon(self._connect)
+        if self._liveness.is_asked_for:
+            self._reactor.call_soon(self._ask_ros)
         self._reactor.run()
         self._close()
+
+    def _ask_ros(self) -> None:
+        """Have the thread of ROS's callbacks tell `run` that it goes on, which says so of this thread as well."""
+        if self._session is not None and self._has_answered:
+            self._has_answered = False
+            self._session.call(self._answer)
+        self._reactor.call_later(_ANSWER_NS, self._ask_ros)
+
+    def _answer(self) -> None:
+        self._liveness.beat()
+        self._has_answered = True
 
     def _connect(self) -> None:
         """Find the robot; by hand again and again, for `run`'s own bridge there is no other than this one."""

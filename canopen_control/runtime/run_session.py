@@ -131,7 +131,7 @@ class Session:
             self.supervisor.start_recorder({name: bus.channel for name, bus in self.robot.buses.items()})
         if self.options.ros:
             bridge = ["canopen_control.ros.bridge", "--name", self.setup.name, *self.options.ros_arguments]
-            self.supervisor.start_client("ros", bridge, ros=True, restarts=Restarts())
+            self.supervisor.start_client("ros", bridge, ros=True, answers=True, restarts=Restarts())
         self.robot.join()
         self.supervisor.when_ready(self._when_heard, self.robot.fail)
 

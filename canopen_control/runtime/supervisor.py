@@ -4,7 +4,8 @@ The law of this file: every child hangs on a lifeline of this process, lives in 
 in order: clients first, drives last, when the robot has stopped. A child that dies is told with the last lines it said;
 it never ends the robot, and the ROS bridge is started again, a few times a minute: what dies again and again has a
 reason that a start does not mend, and its starts cost the robot's thread. What is started before the robot is waited
-for until it says that it is ready.
+for until it says that it is ready. A client that should answer and does not, while this process is on time, hangs or
+was stopped: it is killed, which is a death as any other.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.virtual.nodehost import NodeHost
 
-__all__ = ["DELAY_NS", "MOST", "WINDOW_NS", "Restarts", "Supervisor"]
+__all__ = ["DELAY_NS", "MOST", "WINDOW_NS", "Restarts", "Silence", "Supervisor"]
 
 MOST: Final = 3  # restarts of a child within the window, then it is given up
 WINDOW_NS: Final = 60_000_000_000
@@ -46,6 +47,11 @@ _READY_EACH_NS = 500_000_000  # and for each of them, of a hundred
 _LISTENING_NS = 2_000_000_000  # for the recorder, which the robot can do without
 _LOOK_NS = 1_000_000_000
 _SILENCE_NS = 4_000_000_000  # of a recorder that says each second that it is there
+_ANSWER_LOOK_NS = 250_000_000
+_ON_TIME_NS = 50_000_000  # later than that, this process was held up too, and its children may have been
+_ANSWER_NS = 3_000_000_000  # of silence on time, of a client that answers twice a second
+_FIRST_ANSWER_NS = 30_000_000_000  # for one that begins
+_BUSY_FACTOR = 4  # of these times, while it runs or waits for a processor
 _GRACE_S = 5.0  # for a child to end by itself after SIGTERM
 _RECORDER = lean_python("canopen_control.trace.flight")
 
@@ -90,28 +96,46 @@ class Supervisor:
         *,
         ros: bool = False,
         inherit_stdout: bool = False,
+        answers: bool = False,
         restarts: Restarts | None = None,
     ) -> None:
-        """Start a client: `python -m ARGUMENTS`; with `restarts` again when it dies."""
-        child = self._start([*MODULE, *arguments], name, ros=ros, inherit_stdout=inherit_stdout)
+        """Start a client: `python -m ARGUMENTS`; with `restarts` again when it dies.
+
+        `answers`: its `LivenessReport` says again and again that it goes on; when it does not, it is killed.
+        """
+        argv = [*MODULE, *arguments]
+        child = self._start(argv, name, ros=ros, inherit_stdout=inherit_stdout, reports=answers)
         self._clients.append(child)
+        if answers:
+            child.watch_ready(self._reactor, lambda: None)
+            self._watch_answers(child, Silence(self._reactor.now()))
         if restarts is not None:
+            start = partial(self.start_client, name, arguments, ros=ros, inherit_stdout=inherit_stdout, answers=answers)
+            self._again[child] = partial(self._restart, name, restarts, partial(start, restarts=restarts))
 
-            def again() -> None:
-                self._restart(name, arguments, restarts, ros=ros, inherit_stdout=inherit_stdout)
+    def _watch_answers(self, child: Child, silence: Silence) -> None:
+        """Kill a client that does not answer."""
+        if child not in self._clients:
+            return
+        now = self._reactor.now()
+        limit = _FIRST_ANSWER_NS if child.heard_at is None else _ANSWER_NS
+        silent = silence.look(now, child.heard_at)
+        if silent < limit or (silent < _BUSY_FACTOR * limit and child.is_busy()):
+            self._reactor.call_later(_ANSWER_LOOK_NS, partial(self._watch_answers, child, silence))
+            return
+        text = f"process {child.name} (pid {child.pid}) has not answered for {silent / 1e9:.0f} s and is killed"
+        why = "it hangs or was stopped"
+        self._report(Event(now, "client_silent", "", f"{text}: {why}", Level.WARNING))
+        child.kill()
 
-            self._again[child] = again
-
-    def _restart(
-        self, name: str, arguments: Sequence[str], restarts: Restarts, *, ros: bool, inherit_stdout: bool
-    ) -> None:
+    def _restart(self, name: str, restarts: Restarts, start_client: Callable[[], None]) -> None:
         """Say what follows the death of a client, and start it again if that is it."""
 
         def start() -> None:
             if self._over:
                 return
             try:
-                self.start_client(name, arguments, ros=ros, inherit_stdout=inherit_stdout, restarts=restarts)
+                start_client()
             except CanopenError as error:
                 self._report(Event(self._reactor.now(), "process_ended", "", str(error), Level.ERROR))
 
@@ -324,6 +348,23 @@ class Supervisor:
 def hosts_virtual_drives(setup: RobotSetup) -> bool:
     """Whether all buses of the robot are of the kinds that no real drive can be on."""
     return all(may_host_virtual_drives(channel) for channel in setup.channels.values())
+
+
+class Silence:
+    """How long a child has not been heard, of the time in which this process was on time. Sans-IO, in monotonic ns."""
+
+    def __init__(self, now: int) -> None:
+        self._looked, self._heard_at = now, -1
+        self._silent = 0
+
+    def look(self, now: int, heard_at: int | None) -> int:
+        """Take when it was heard last; return the silence. To be called every `_ANSWER_LOOK_NS`."""
+        since, self._looked = now - self._looked, now
+        if heard_at is not None and heard_at != self._heard_at:
+            self._heard_at, self._silent = heard_at, 0
+        elif since <= _ANSWER_LOOK_NS + _ON_TIME_NS:
+            self._silent += since
+        return self._silent
 
 
 class Restarts:

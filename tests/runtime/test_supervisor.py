@@ -16,6 +16,7 @@ from canopen_control.runtime.supervisor import (
     MOST,
     WINDOW_NS,
     Restarts,
+    Silence,
     Supervisor,
     hosts_virtual_drives,
 )
@@ -258,6 +259,92 @@ def test_a_recorder_that_is_stopped_is_told_and_so_is_that_it_goes_on(supervisor
     os.kill(pid, signal.SIGKILL)
     assert supervisor.reactor.run_until(lambda: len(supervisor.events) > 2, 20 * SECOND)
     assert supervisor.events[2].kind == "process_ended"
+
+
+def test_silence_counts_while_this_process_is_on_time_and_ends_with_an_answer():
+    look = SECOND // 4
+    silence = Silence(0)
+    assert [silence.look(turn * look, None) for turn in range(1, 4)] == [look, 2 * look, 3 * look]
+    assert silence.look(10 * SECOND, None) == 3 * look, "this process was held up, and so may the child have been"
+    assert silence.look(10 * SECOND + look, None) == 4 * look
+    assert silence.look(10 * SECOND + 2 * look, 10 * SECOND + 1) == 0
+    assert silence.look(10 * SECOND + 3 * look, 10 * SECOND + 1) == look, "what was heard before is no answer"
+
+
+ANSWERS = """
+import ctypes, sys, time
+from canopen_control.host.lifeline import LivenessReport
+pulse = LivenessReport()
+for _ in range(5):
+    pulse.beat()
+    time.sleep(0.05)
+open(sys.argv[1], "a").write("answered\\n")
+{then}
+"""
+HOLDS_THE_GIL = "ctypes.PyDLL(None).pause()"  # as a thread that waits inside a library for another one with the GIL
+
+
+@pytest.fixture
+def answering(supervisor, monkeypatch, tmp_path):
+    """Start a client that answers five times, and then does something else; returns its file, a line for each start."""
+
+    def answering(then, **limits):
+        for name, value in {"_ANSWER_NS": SECOND // 2, "_ANSWER_LOOK_NS": SECOND // 20, **limits}.items():
+            monkeypatch.setattr(f"canopen_control.runtime.supervisor.{name}", value)
+        (tmp_path / "answering.py").write_text(ANSWERS.format(then=then))
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+        supervisor.start_client("answering", ["answering", str(tmp_path / "starts")], answers=True, restarts=Restarts())
+        return tmp_path / "starts"
+
+    return answering
+
+
+def kinds(supervisor):
+    return [event.kind for event in supervisor.events]
+
+
+def test_a_client_that_hangs_with_the_gil_is_killed_told_and_started_again(supervisor, answering):
+    starts = answering(HOLDS_THE_GIL)
+    pid = supervisor.pids["answering"]
+    assert supervisor.reactor.run_until(
+        lambda: starts.exists() and starts.read_text().count("answered") == 2, 30 * SECOND
+    )
+    assert kinds(supervisor)[:3] == ["client_silent", "process_ended", "restart"]
+    assert f"process answering (pid {pid}) has not answered for" in supervisor.events[0].text
+    assert "signal 9" in supervisor.events[1].text
+    assert gone(pid)
+
+
+def test_a_client_that_is_stopped_is_killed_and_started_again(supervisor, answering):
+    starts = answering("while True: pulse.beat(); time.sleep(0.05)")
+    assert supervisor.reactor.run_until(starts.exists, 30 * SECOND)
+    assert supervisor.reactor.run_for(SECOND)
+    assert supervisor.events == []
+    os.kill(supervisor.pids["answering"], signal.SIGSTOP)
+    assert supervisor.reactor.run_until(lambda: starts.read_text().count("answered") == 2, 30 * SECOND)
+    assert kinds(supervisor) == ["client_silent", "process_ended", "restart"]
+
+
+def test_a_client_that_never_answers_is_killed_too(supervisor, answering):
+    answering("", _FIRST_ANSWER_NS=SECOND // 2)
+    os.kill(supervisor.pids["answering"], signal.SIGSTOP)
+    assert supervisor.reactor.run_until(lambda: len(supervisor.events) == 3, 30 * SECOND)
+    assert kinds(supervisor) == ["client_silent", "process_ended", "restart"]
+
+
+def test_a_client_that_has_much_to_do_has_more_time(supervisor, answering):
+    starts = answering("while True: pass", _BUSY_FACTOR=4)
+    assert supervisor.reactor.run_until(starts.exists, 30 * SECOND)
+    begin = supervisor.reactor.now()
+    assert supervisor.reactor.run_until(lambda: bool(supervisor.events), 60 * SECOND)
+    assert supervisor.reactor.now() - begin > 2 * SECOND * 0.8
+    assert kinds(supervisor)[0] == "client_silent"
+
+
+def test_a_client_that_ends_by_itself_is_not_called_silent(supervisor, answering):
+    answering("sys.exit(3)")
+    assert supervisor.reactor.run_until(lambda: len(supervisor.events) >= 2, 30 * SECOND)
+    assert kinds(supervisor)[:2] == ["process_ended", "restart"]
 
 
 def test_three_times_a_minute_and_not_once_more():
