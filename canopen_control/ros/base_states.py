@@ -35,7 +35,7 @@ class TfOdometry(Endpoint):
         """Publish what is new."""
         sample = self._samples.of(state).get(self._name)
         if sample is not None and sample.enable_odom_tf:
-            self._publisher.publish(self._kind(transforms=[odometry_transform(sample)]))
+            self._publisher.publish(self._kind(transforms=[odometry_transform(self._ros, sample)]))
 
     def close(self) -> None:
         """Leave the topic."""
@@ -50,7 +50,7 @@ class SteeringState(ControllerState[SteeringSample]):
 
     def fill(self, message: RosMessage, sample: SteeringSample) -> None:
         """Put wheels and commands into the message."""
-        message.header.frame_id = sample.frame_id
+        message.header.frame_id = self._ros.frame(sample.frame_id)
         message.traction_wheels_position = _numbers(sample.traction_positions)
         message.traction_wheels_velocity = _numbers(sample.traction_velocities)
         message.steer_positions = _numbers(sample.steering)
@@ -66,7 +66,7 @@ class MecanumState(ControllerState[MecanumSample]):
 
     def fill(self, message: RosMessage, sample: MecanumSample) -> None:
         """Put wheels and twist into the message."""
-        message.header.frame_id = sample.frame_id
+        message.header.frame_id = self._ros.frame(sample.frame_id)
         wheels, reference = _numbers(sample.wheels), message.reference_velocity
         message.front_left_wheel_velocity, message.back_left_wheel_velocity = wheels[0], wheels[1]
         message.back_right_wheel_velocity, message.front_right_wheel_velocity = wheels[2], wheels[3]

@@ -79,7 +79,7 @@ class BaseOdometry(Endpoint):
         sample = self._samples.of(state).get(self._name)
         if sample is None:
             return
-        self._publisher.publish(odometry_message(sample))
+        self._publisher.publish(odometry_message(self._ros, sample))
         if sample.limited is not None:
             self._publish_limited(sample, *sample.limited)
 
@@ -95,7 +95,7 @@ class BaseOdometry(Endpoint):
             self._limited = self._ros.node.create_publisher(TwistStamped, topic, SYSTEM_DEFAULT)
         message = TwistStamped()
         message.header.stamp = time_message(sample.time)
-        message.header.frame_id = sample.child_frame_id
+        message.header.frame_id = self._ros.frame(sample.child_frame_id)
         message.twist.linear.x, message.twist.angular.z = linear, angular
         self._limited.publish(message)
 
@@ -151,11 +151,11 @@ def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistSt
         )
 
 
-def odometry_message(sample: OdometrySample) -> Odometry:
+def odometry_message(ros: Ros, sample: OdometrySample) -> Odometry:
     """Return a sample of the state stream as a message."""
     message = Odometry()
     message.header.stamp = time_message(sample.time)
-    message.header.frame_id, message.child_frame_id = sample.frame_id, sample.child_frame_id
+    message.header.frame_id, message.child_frame_id = ros.frame(sample.frame_id), ros.frame(sample.child_frame_id)
     pose, twist = message.pose, message.twist
     pose.pose.position.x, pose.pose.position.y = sample.x, sample.y
     pose.pose.orientation.w, _, _, pose.pose.orientation.z = from_yaw(sample.heading)

@@ -44,7 +44,8 @@ class DynamicJointStates(Endpoint):
             return
         joints = sample.joints
         message = self._message(joint_names=list(joints), interface_values=[self._of(each) for each in joints.values()])
-        message.header.stamp, message.header.frame_id = time_message(sample.time), self._controller.frame_id
+        message.header.stamp = time_message(sample.time)
+        message.header.frame_id = self._ros.frame(self._controller.frame_id)
         self._publisher.publish(message)
 
     def close(self) -> None:

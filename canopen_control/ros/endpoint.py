@@ -52,6 +52,9 @@ class Ros(Protocol):
     def warn(self, key: str, text: str) -> None:
         """Tell the user, rarely."""
 
+    def frame(self, name: str) -> str:
+        """Return the name by which ROS knows a frame: with the robot's prefix."""
+
     def hand_over(self, function: Callable[[], object]) -> None:
         """Have a function called on the reactor's thread; from any thread."""
 

@@ -2,8 +2,8 @@
 
 The law of the file: both topics are absolute; static ones are kept for who comes later, moving ones are reliable and
 come once for each joint state, each odometry and each pose that a controller publishes, with its stamp. Frames get the
-prefix of the namespace, so that two robots fit into one graph. A frame has one parent: a joint that leads to one whose
-place odometry or a pose tells is left out.
+prefix of the namespace, here and in every other message, so that two robots fit into one graph. A frame has one parent:
+a joint that leads to one whose place odometry or a pose tells is left out.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ __all__ = ["Frames", "odometry_transform", "transform_message"]
 class Frames(Endpoint):
     """The transforms of one robot, `urdf` its description."""
 
-    def __init__(self, ros: Ros, urdf: str, prefix: str) -> None:
-        self._ros, self._prefix = ros, prefix
+    def __init__(self, ros: Ros, urdf: str) -> None:
+        self._ros = ros
         self._tf_message = interface("tf2_msgs/msg/TFMessage")
         joints = read_model(urdf).joints.values()
         self._moving = [each for each in joints if not each.fixed]
@@ -77,21 +77,21 @@ class Frames(Endpoint):
         return [each for each in transforms if each is not None]
 
     def _message(self, transform: Transform, time: float) -> TransformStamped:
-        return transform_message(transform, time, self._prefix)
+        return transform_message(self._ros, transform, time)
 
 
-def transform_message(transform: Transform, time: float, prefix: str) -> TransformStamped:
-    """Return a transform at a time, its frames with a prefix."""
+def transform_message(ros: Ros, transform: Transform, time: float) -> TransformStamped:
+    """Return a transform at a time."""
     message = TransformStamped()
     message.header.stamp = time_message(time)
-    message.header.frame_id = prefix + transform.parent
-    message.child_frame_id = prefix + transform.child
+    message.header.frame_id = ros.frame(transform.parent)
+    message.child_frame_id = ros.frame(transform.child)
     moved, turned = message.transform.translation, message.transform.rotation
     moved.x, moved.y, moved.z = transform.pose.position
     turned.w, turned.x, turned.y, turned.z = transform.pose.rotation
     return message
 
 
-def odometry_transform(sample: OdometrySample) -> TransformStamped:
+def odometry_transform(ros: Ros, sample: OdometrySample) -> TransformStamped:
     """Return where a base believes to be as a transform, in the frames that its controller names."""
-    return transform_message(place_of(sample), sample.time, "")
+    return transform_message(ros, place_of(sample), sample.time)

@@ -42,7 +42,7 @@ class GroundTruth(Endpoint):
         if self._publisher is None:
             self._publisher = self._ros.node.create_publisher(PoseStamped, "ground_truth", SYSTEM_DEFAULT)
         self._last = truth.time
-        self._publisher.publish(pose_message(truth, self._frame))
+        self._publisher.publish(pose_message(truth, self._ros.frame(self._frame)))
 
     def close(self) -> None:
         """Leave the topic."""

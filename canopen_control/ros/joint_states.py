@@ -41,7 +41,7 @@ class JointStates(Endpoint):
 
     def on_controller(self, controller: ControllerReading) -> None:
         """Follow its frame."""
-        self._message.header.frame_id = controller.frame_id
+        self._message.header.frame_id = self._ros.frame(controller.frame_id)
 
     def on_state(self, state: StateSample) -> None:
         """Publish what is new."""

@@ -61,7 +61,8 @@ class LaserScans(Endpoint):
             kind = interface("sensor_msgs/msg/LaserScan")
             self._publishers[scan.topic] = self._ros.node.create_publisher(kind, scan.topic, SYSTEM_DEFAULT)
         message = interface("sensor_msgs/msg/LaserScan")()
-        message.header.stamp, message.header.frame_id = time_message(scan.seconds + offset), scan.frame_id
+        message.header.stamp = time_message(scan.seconds + offset)
+        message.header.frame_id = self._ros.frame(scan.frame_id)
         for field in ("angle_min", "angle_max", "angle_increment", "range_min", "range_max", "scan_time"):
             setattr(message, field, getattr(scan, field))
         message.ranges = scan.ranges

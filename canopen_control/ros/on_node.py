@@ -37,6 +37,9 @@ class Shared(Protocol):
     def unix(self, stamp: float | None) -> float | None:
         """Return a stamp of ROS in the robot's time."""
 
+    def frame(self, name: str) -> str:
+        """Return the name by which ROS knows a frame: with the robot's prefix."""
+
     def warn_of(self, node: Node, key: str, text: str) -> None:
         """Tell the user, rarely."""
 
@@ -64,7 +67,7 @@ class OnNode:
         self.robot = shared.robot
         self.command, self.hand_over, self.connect = shared.command, shared.hand_over, shared.connect
         self.watch_process_data, self.call, self.ask = shared.watch_process_data, shared.call, shared.ask
-        self.unix = shared.unix
+        self.unix, self.frame = shared.unix, shared.frame
 
     @property
     def controllers(self) -> dict[str, ControllerReading]:

@@ -29,7 +29,7 @@ class ImuTopic(ControllerState[ImuSample]):
 
     def fill(self, message: RosMessage, sample: ImuSample) -> None:
         """Put the measurement into the message."""
-        message.header.frame_id = sample.frame_id
+        message.header.frame_id = self._ros.frame(sample.frame_id)
         _put(message.orientation, "xyzw", sample.orientation)
         _put(message.angular_velocity, "xyz", sample.angular_velocity)
         _put(message.linear_acceleration, "xyz", sample.linear_acceleration)
@@ -46,7 +46,7 @@ class RangeTopic(ControllerState[RangeSample]):
 
     def fill(self, message: RosMessage, sample: RangeSample) -> None:
         """Put the measurement into the message."""
-        message.header.frame_id = sample.frame_id
+        message.header.frame_id = self._ros.frame(sample.frame_id)
         message.range = unknown_as_nan(sample.range)
         message.radiation_type, message.field_of_view = sample.radiation_type, sample.field_of_view
         message.min_range, message.max_range = sample.min_range, sample.max_range
@@ -62,7 +62,7 @@ class WrenchTopic(ControllerState[WrenchSample]):
 
     def fill(self, message: RosMessage, sample: WrenchSample) -> None:
         """Put the measurement into the message."""
-        message.header.frame_id = sample.frame_id
+        message.header.frame_id = self._ros.frame(sample.frame_id)
         _put(message.wrench.force, "xyz", sample.force)
         _put(message.wrench.torque, "xyz", sample.torque)
 
@@ -75,7 +75,7 @@ class PoseTopic(ControllerState[PoseSample]):
 
     def fill(self, message: RosMessage, sample: PoseSample) -> None:
         """Put the measurement into the message."""
-        message.header.frame_id = sample.frame_id
+        message.header.frame_id = self._ros.frame(sample.frame_id)
         _put(message.pose.position, "xyz", sample.position)
         _put(message.pose.orientation, "xyzw", sample.orientation)
 

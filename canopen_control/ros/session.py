@@ -124,7 +124,7 @@ class Session:
             lambda: Activity(self._nodes.of(MANAGER)),
         ]
         if options.tf:
-            wanted.append(lambda: Frames(ros, urdf, options.frame_prefix))
+            wanted.append(lambda: Frames(ros, urdf))
         if options.cmd_vel_type != "off":
             wanted.append(lambda: SharedTwist(ros, options.cmd_vel_topic, options.cmd_vel_type))
         if options.topic_hardware:
@@ -193,6 +193,12 @@ class Session:
     def unix(self, stamp: float | None) -> float | None:
         """Return a stamp of ROS in Unix seconds, the robot's time; from any thread."""
         return self._time.unix(stamp)
+
+    def frame(self, name: str) -> str:
+        """Return a frame with the prefix of the robot's frames, which one that has it already gets no second time."""
+        prefix = self._options.frame_prefix
+        has_it = prefix.endswith("/") and name.startswith(prefix)
+        return name if has_it or not name else prefix + name
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
         """Tell the user as a node, each key once per second at most; from any thread."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -135,20 +136,30 @@ def loop(request):
     return loop
 
 
+#: SIGUSR2 plants a deadlock: the thread waits in a library for ever, with the GIL
+PLANTED = """
+import ctypes, signal, sys
+if "canopen_control.ros.bridge" in sys.orig_argv:
+    signal.signal(signal.SIGUSR2, lambda *_: ctypes.PyDLL(None).pause())
+"""
+
+
 @pytest.fixture(scope="module")
 def robby(tmp_path_factory):
-    """Robby on virtual drives with its bridge."""
+    """Robby on virtual drives with its bridge, in which a deadlock can be planted."""
     folder = tmp_path_factory.mktemp("freezes")
     folder.chmod(0o700)
+    (folder / "sitecustomize.py").write_text(PLANTED)
     with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
         patch.setenv("XDG_RUNTIME_DIR", str(folder))
         patch.setenv("XDG_STATE_HOME", str(folder / "state"))
         stage = Stage(folder, folder)
-        environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+        found = f"{folder}:{ros.ROOT}"
+        environment = ros.ros_environment(number, PYTHONPATH=found, _ROS_WHEELS_BOOTSTRAP_COMPLETE="1")
         config = copy_robby(folder, bus=PATIENT_ROBBY)
         robot = stage.start("run", config, "--ros", "--can", "local:freezes", **environment)
         robot.until("robby runs")
-        yield SimpleNamespace(domain=number, robot=robot)
+        yield SimpleNamespace(domain=number, robot=robot, stage=stage)
         stage.end()
 
 
@@ -166,3 +177,15 @@ def test_a_program_that_spins_in_a_thread_makes_a_client_for_each_call(loop, kin
 @pytest.mark.parametrize("kind", KINDS)
 def test_controllers_are_loaded_switched_and_unloaded_again_and_again(loop, kind, robby):
     assert loop(CHURN, kind, robby.domain) >= 1
+
+
+@pytest.mark.parametrize(
+    ("hangs", "times"), [(signal.SIGSTOP, 1), (signal.SIGUSR2, 2)], ids=["stopped", "planted_deadlock"]
+)
+def test_a_bridge_that_hangs_is_killed_and_a_new_one_serves(loop, robby, hangs, times):
+    assert loop(CALL, "made", robby.domain) > 0
+    pid = robby.stage.pid_of("canopen_control.ros.bridge")
+    os.kill(pid, hangs)
+    robby.robot.until(f"process ros (pid {pid}) has not answered for")
+    robby.robot.until(f"process ros: it is started again ({times} of 3 times a minute)")
+    assert loop(CALL, "made", robby.domain) > 0

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import pytest
 from support import ros
@@ -72,3 +73,40 @@ def test_odometry_that_shall_not_be_broadcast_is_not(scene):
     robot.time = 1_700_000_005.0
     peer.message("/tf", lambda message: children(message)["two/wheel"]["header"]["stamp"]["sec"] == 1_700_000_005)
     assert "two/base" not in children(peer.message("/tf"))
+
+
+def test_odometry_and_the_limited_twist_are_in_the_frames_of_the_transforms(scene):
+    robot, peer = scene
+    robot.switch(base="active")
+    for topic, kind in (("odom", "nav_msgs/msg/Odometry"), ("cmd_vel_out", "geometry_msgs/msg/TwistStamped")):
+        peer.order("subscribe", topic=f"/two/base/{topic}", of=kind)
+    frames = {}
+
+    def told():
+        robot.samples = {"base": {**ODOMETRY, "time": time.time(), "limited": [0.1, 0.2]}}
+        for topic in ("odom", "cmd_vel_out"):
+            for message in peer.waiting(f"/two/base/{topic}"):
+                frames[topic] = message["header"]["frame_id"], message.get("child_frame_id")
+        return len(frames) == 2
+
+    assert ros.eventually(told)
+    assert frames == {"odom": ("two/odom", "two/base"), "cmd_vel_out": ("two/base", None)}
+
+
+@pytest.mark.parametrize(
+    ("prefix", "name", "shown"),
+    [
+        ("", "odom", "odom"),
+        ("one/", "odom", "one/odom"),
+        ("one/", "one/odom", "one/odom"),
+        ("one/", "", ""),
+        ("one", "one_wheel", "oneone_wheel"),
+    ],
+)
+def test_a_frame_gets_the_prefix_that_it_does_not_have(prefix, name, shown):
+    code = f"""
+from types import SimpleNamespace
+from canopen_control.ros.session import Session
+print(Session.frame(SimpleNamespace(_options=SimpleNamespace(frame_prefix={prefix!r})), {name!r}))
+"""
+    assert ros.run_ros(code) == f"{shown}\n"

@@ -24,7 +24,7 @@ def scene(monkeypatch):
         robot="robby", controllers={}, warn_of=lambda of, _key, text: told.append((of is node, text)),
         hand_over=later.append, call=lambda function: function(),
     )  # fmt: skip
-    for name in ("command", "connect", "watch_process_data", "ask", "unix"):
+    for name in ("command", "connect", "watch_process_data", "ask", "unix", "frame"):
         setattr(shared, name, lambda *_: None)
     monkeypatch.setattr(on_node, "make_service", lambda _node, _kind, name, taken: made.setdefault(name, taken))
     return SimpleNamespace(ros=OnNode(shared, node), told=told, gone=gone, made=made, later=later, shared=shared)

@@ -137,7 +137,7 @@ class Supports:
     def _make_message(self, name: str) -> _Message:
         libraries, callbacks = self._libraries, self._libraries.callbacks
         package, kind, short = parts_of(name)
-        fast = abi.FastCallbacks(
+        functions = abi.FastCallbacks(
             f"{package}::{kind}".encode(),
             short.encode(),
             callbacks["serialize"],
@@ -150,10 +150,11 @@ class Supports:
         of_kind = callbacks["message_of_kind"]
         supports = [
             abi.MessageSupport(libraries.dispatch_id, None, of_kind),
-            abi.MessageSupport(libraries.fast_id, address(fast), of_kind),
+            abi.MessageSupport(libraries.fast_id, address(functions), of_kind),
             introspection,
         ]
-        return _Message(*self._described("message_support", name, supports), members)
+        dispatch, fast, introspected = self._described("message_support", name, supports)
+        return _Message(dispatch, fast, introspected, members)
 
     def _introspection(self, name: str) -> tuple[int, abi.MessageSupport]:
         """Return where the members of a structure are, and its introspection support."""
