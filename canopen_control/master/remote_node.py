@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.guarding import GuardingEventKind
 from canopen_control.cia301.heartbeat import HeartbeatEvent, HeartbeatEventKind
-from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia301.nmt import RESETS, NmtCommand, NmtState
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.cia402.objects import CONTROLWORD
 from canopen_control.errors import BootError, HeartbeatLost, SdoAbort, SdoStopped, SdoTimeout
@@ -113,6 +113,7 @@ class RemoteNode:
     def begin_boot(self, now: int, *, reset: bool = True) -> None:
         """Start the boot, from the beginning if one is under way."""
         self._abandon()
+        self._guard(False, now)
         self._watch(self.node_id, 0)
         if self._farewell_until is None:
             self._stop_sending()
@@ -157,6 +158,8 @@ class RemoteNode:
         self._drop(now, f"NMT {command.name.lower().replace('_', ' ')} was commanded", Level.WARNING, kind="nmt")
         self.expected_state = None if boot else _COMMANDED.get(command)
         self._retry_at = now + 2 * RETRY_NS if boot else None
+        if command not in RESETS:  # a guarded node shows its state to who asks, and takes a silent master for lost
+            self._guard(True, now)
 
     def on_heartbeat(self, event: HeartbeatEvent, now: int, since: int | None = None) -> None:
         """Take what the heartbeat consumer tells of this node; its frame came between `since` and `now`."""
@@ -200,7 +203,9 @@ class RemoteNode:
     def on_guarding(self, event: GuardingEvent, now: int) -> None:
         """Take what node guarding tells of this node."""
         kind = event.kind
-        if kind is GuardingEventKind.MISSED:
+        if self.is_taken_out:
+            self._guarded_outside(kind, now)
+        elif kind is GuardingEventKind.MISSED:
             self.nmt_state = None
             life = self.config.supervision.guard_time * self.config.supervision.life_factor / 1000
             lost = HeartbeatLost(self.node_id, life, self.name)
@@ -211,6 +216,15 @@ class RemoteNode:
             self._toggled(now)
         elif kind is GuardingEventKind.CHANGED and self.ready and event.state is not NmtState.OPERATIONAL:
             self._left_operational(event.state, now)
+
+    def _guarded_outside(self, kind: GuardingEventKind, now: int) -> None:
+        """Take what guarding tells of a node that was taken out: it is told, and nothing is made of it."""
+        if kind is GuardingEventKind.MISSED:
+            self.nmt_state = None
+            self.log.tell(now, "guarding_lost", "no answer to node guarding; it was taken out", Level.WARNING)
+        elif kind is GuardingEventKind.RESOLVED:
+            text = "it answers node guarding again; it was taken out, and nmt start boots it"
+            self.log.tell(now, "guarding_back", text)
 
     def on_emcy(self, frame: CanFrame, now: int) -> None:
         """Keep the newest EMCY and the errors that last, and tell them."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.errors import ControlError
 from canopen_control.hardware.axis_power import Action
 from canopen_control.master.event_log import Event, Level
+from canopen_control.runtime.readiness import way_back
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -52,7 +53,9 @@ class NeededNodes:
     def hint(self) -> str | None:
         """What keeps every axis from moving, STOP first; None where nothing does."""
         missing = self._missing()
-        return self._latch.hint or (f"nothing moves while bus.yml requires {missing}: wait for it" if missing else None)
+        if missing and self._latch.hint is None:
+            return f"nothing moves while bus.yml requires {missing}: {way_back(self._absent)}"
+        return self._latch.hint
 
     def check_action(self, action: Action) -> None:
         """Refuse what would move an axis while one of them is missing, or STOP is latched; ControlError."""
@@ -78,12 +81,15 @@ class NeededNodes:
 
     def _require(self, doing: str) -> None:
         if missing := self._missing():
-            raise ControlError(f"{doing} is refused: bus.yml requires {missing}; wait until it is back")
+            raise ControlError(f"{doing} is refused: bus.yml requires {missing}; {way_back(self._absent)}")
+
+    @property
+    def _absent(self) -> list[RemoteNode]:
+        return [node for node in self._nodes if not node.ready]
 
     def _missing(self) -> str:
         """Return who is missing and why, "" where all are there."""
-        missing = [node for node in self._nodes if not node.ready]
-        return ", ".join(f"{each.who} ({each.error or 'it has not booted yet'})" for each in missing)
+        return ", ".join(f"{each.who} ({each.error or 'it has not booted yet'})" for each in self._absent)
 
     def _stop(self, node: RemoteNode, now: int) -> None:
         moving = [joint for joint in self._made.joints.values() if joint.wanted]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Ends = tuple[CommandInterface, ...]
 
 __all__ = ["by_stop_group", "cause", "claimed_off", "ending", "hint", "in_fault", "is_rising", "refusal", "settled",
-           "why_not_started"]  # fmt: skip
+           "way_back", "why_not_started"]  # fmt: skip
 
 _ENABLE: Final = "canopen-control axis enable all"
 _RESET: Final = "canopen-control axis fault-reset all"
@@ -172,9 +172,18 @@ def _remedy(joints: Sequence[JointDrive]) -> str:
     absent = [joint for joint in joints if not joint.node.ready]
     if absent:
         later = f"then {_ENABLE}" if any(not joint.wanted for joint in joints) else "they are enabled then"
-        return f"wait for {_names(absent)}, {later}"
+        return f"{way_back([joint.node for joint in absent])}, {later}"
     faulty = any(joint.machine.fault for joint in joints)
     return f"{_RESET}, then {_ENABLE}" if faulty else _ENABLE
+
+
+def way_back(absent: Iterable[RemoteNode]) -> str:
+    """Say what brings nodes back that are not ready: who took one out starts it, the others come by themselves."""
+    nodes = list(dict.fromkeys(absent))
+    taken = [node.name for node in nodes if node.is_taken_out]
+    if taken:
+        return f"give back what was taken out: {', '.join(f'canopen-control nmt start {name}' for name in taken)}"
+    return f"wait for {', '.join(node.name for node in nodes)}"
 
 
 def cost_of_skipping(joints: Iterable[JointDrive]) -> str:

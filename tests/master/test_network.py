@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from support.properties import examples
 from support.robots import LEFT, RIGHT, Bench, copy_robby
 
+from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.data_files import data_path
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, frames_of, pack_records
 from canopen_control.master.config import read_bus
@@ -255,6 +256,37 @@ def test_a_guarded_node_is_guarded_before_it_is_started(tmp_path):
     for ms in range(1000, 2000, 20):
         answers.serve(ms * MS)
     assert [event.kind for event in events if event.node == "left_drive"][-1] == "guarding_lost"
+
+
+def test_a_guarded_node_that_is_taken_out_shows_its_state_and_is_asked_on():
+    events = []
+    net = Network(
+        "can", copy_guarded(data_path("config", "robby").joinpath("bus.yml").read_text()), events.append, 20 * MS
+    )
+    net.start(0)
+    answers, node = Answers(net, 3), net.nodes["left_drive"]
+    for ms in range(0, 1000, 20):
+        answers.serve(ms * MS)
+    node.command(NmtCommand.ENTER_PRE_OPERATIONAL, 1000 * MS)
+    before = len(answers.log)
+    for ms in range(1000, 2000, 20):
+        answers.serve(ms * MS)
+    asked = [frame for frame in answers.log[before:] if frame.can_id == 0x703 | REMOTE_FLAG]
+    assert len(asked) == pytest.approx(10, abs=1)  # else the node takes its master for lost: EMCY 0x8130
+    assert node.nmt_state is NmtState.PRE_OPERATIONAL
+    answers.deaf = True
+    for ms in range(2000, 4000, 20):
+        answers.serve(ms * MS)
+    kinds = [event.kind for event in events if event.node == "left_drive"]
+    assert kinds[-1] == "guarding_lost"
+    assert "it was taken out" in events[-1].text
+    assert node.is_taken_out
+    assert not any(frame.data == b"\x82\x03" for frame in answers.log[before:])  # nobody boots it
+    answers.deaf = False
+    node.command(NmtCommand.START, 4000 * MS)
+    for ms in range(4000, 5000, 20):
+        answers.serve(ms * MS)
+    assert node.ready
 
 
 def copy_guarded(text):

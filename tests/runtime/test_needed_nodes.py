@@ -60,7 +60,7 @@ def test_nothing_is_enabled_before_it_is_back_and_its_return_enables_nothing(ben
     robot.told("stop")
     robot.disabled_after()
     for action in (Action.ENABLE, Action.HOME):
-        with pytest.raises(ControlError, match=r"io_module.*wait until it is back"):
+        with pytest.raises(ControlError, match=r"io_module.*; wait for io_module"):
             robot.robot.axis(action, "all", print)
     assert "nothing moves while bus.yml requires node 5 (io_module)" in robot.robot.hint
     assert robot.axis(Action.FAULT_RESET) is None  # what moves nothing stays possible
