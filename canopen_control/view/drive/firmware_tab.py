@@ -10,6 +10,7 @@ from canopen_control.errors import ConfigError
 from canopen_control.view.drive.drive_tab import LOOK_ONLY
 from canopen_control.view.drive.release_panel import ReleasePanel
 from canopen_control.view.drive.work_bar import WorkBar
+from canopen_control.view.elements.nicegui_elements import FileUpload
 from canopen_control.view.firmware_job import MOST_BYTES, check_image, load_program, options_of
 from canopen_control.view.node_desk import NodeWork
 from canopen_control.view.panels.panel import Html, tell
@@ -52,14 +53,9 @@ class FirmwareTab:
                 ui.html(LOOK_ONLY, sanitize=False)
 
     def _make_form(self) -> None:
-        self._upload = ui.upload(
-            label="Choose the program, as its maker gives it",
-            max_file_size=MOST_BYTES,
-            auto_upload=True,
-            on_upload=self._take,
-            on_rejected=lambda: self._refuse(_TOO_LONG),
+        self._upload = FileUpload(
+            "Choose the program, as its maker gives it", self._take, lambda: self._refuse(_TOO_LONG), MOST_BYTES
         )
-        self._upload.props("flat bordered").classes("cc-upload")
         self._told = Html()
         with ui.element("div").classes("cc-row"):
             self._number = ui.input("program", value="1").props("dense").style("width: 6em")

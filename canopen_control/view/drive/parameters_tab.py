@@ -13,6 +13,7 @@ from canopen_control.view import parameter_jobs as jobs
 from canopen_control.view.drive.drive_tab import LOOK_ONLY
 from canopen_control.view.drive.release_panel import ReleasePanel
 from canopen_control.view.drive.work_bar import WorkBar
+from canopen_control.view.elements.nicegui_elements import FileUpload
 from canopen_control.view.node_desk import NodeWork
 from canopen_control.view.panels.panel import Html
 from canopen_control.view.robot_connection import in_thread
@@ -74,14 +75,8 @@ class ParametersTab:
                     ui.html(LOOK_ONLY, sanitize=False)
 
     def _make_upload(self) -> None:
-        self._upload = ui.upload(
-            label="Choose a DCF",
-            max_file_size=jobs.MOST_BYTES,
-            auto_upload=True,
-            on_upload=self._take,
-            on_rejected=lambda: self._refuse(_TOO_LONG),
-        )
-        self._upload.props("flat bordered accept='.dcf,.eds'").classes("cc-upload")
+        self._upload = FileUpload("Choose a DCF", self._take, lambda: self._refuse(_TOO_LONG), jobs.MOST_BYTES)
+        self._upload.props("accept='.dcf,.eds'")
         self._told = Html()
 
     def _make_options(self) -> None:

@@ -15,6 +15,7 @@ from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.service.scope_capture import Condition
 from canopen_control.service.scope_files import csv_of, parse_csv, write_bag
 from canopen_control.service.scope_signals import MOST_SIGNALS
+from canopen_control.view.elements.nicegui_elements import FileUpload
 from canopen_control.view.panels.panel import Html, tell
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.scope_chart import chart_options, cursor_change, height_of
@@ -103,14 +104,9 @@ class ScopeTab:
             for button in (self._keep, self._drop):
                 button.props("outline dense")
         self._drop.visible = False
-        upload = ui.upload(
-            label="Overlay a CSV",
-            max_file_size=_MOST_BYTES,
-            auto_upload=True,
-            on_upload=self._take_overlay,
-            on_rejected=lambda: tell("Not read", f"a CSV of {_MOST_BYTES} bytes at most is wanted"),
-        )
-        self._upload = upload.props("flat bordered accept='.csv'").classes("cc-upload")
+        too_long = f"a CSV of {_MOST_BYTES} bytes at most is wanted"
+        self._upload = FileUpload("Overlay a CSV", self._take_overlay, lambda: tell("Not read", too_long), _MOST_BYTES)
+        self._upload.props("accept='.csv'")
 
     async def _list_signals(self) -> None:
         """Offer the objects of the node that are numbers, and the joints of the robot."""

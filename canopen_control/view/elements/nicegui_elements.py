@@ -1,4 +1,4 @@
-"""Elements that NiceGUI has not, each with its JavaScript: feed, held buttons, 3D scene, strip charts, objects."""
+"""Elements that NiceGUI has not: feed, held buttons, 3D scene, strip charts, objects, and an upload that is freed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypedDict
 
 import nicegui
+from nicegui import app as toolkit
+from nicegui import ui
 from nicegui.element import Element
+from nicegui.elements.upload_files import create_file_upload
+from starlette.responses import PlainTextResponse
 
 from canopen_control.view.dead_man import HOLD_HZ
 from canopen_control.view.trajectory_player import HERE_HZ
@@ -15,13 +19,16 @@ from canopen_control.view.trajectory_player import HERE_HZ
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from nicegui.events import UploadEventArguments
+    from starlette.requests import Request
+
     from canopen_control.view.history import Row
     from canopen_control.view.sampling import Chart
     from canopen_control.view.scene_tree import SceneDocument
     from canopen_control.view.world_view import WorldDocument
 
-__all__ = ["Feed", "FeedMessage", "HoldButton", "HoldButtons", "ObjectTree", "ObjectWords", "PlotRows", "Presence",
-           "RobotScene", "SceneChange", "StripCharts", "TreeRow"]  # fmt: skip
+__all__ = ["Feed", "FeedMessage", "FileUpload", "HoldButton", "HoldButtons", "ObjectTree", "ObjectWords", "PlotRows",
+           "Presence", "RobotScene", "SceneChange", "StripCharts", "TreeRow"]  # fmt: skip
 
 
 class SceneChange(TypedDict, total=False):
@@ -224,3 +231,33 @@ def _texts(args: Any) -> list[str]:  # noqa: ANN401 - what a browser sends
 def _written(args: Any, user: TreeUser) -> None:  # noqa: ANN401 - what a browser sends
     if isinstance(args, dict) and isinstance(args.get("address"), str) and isinstance(args.get("text"), str):
         user.write(args["address"], args["text"])
+
+
+class FileUpload(ui.upload):
+    """Takes one file as soon as it is chosen; `taken` gets it, `refused` is called for one of more than `most` bytes.
+
+    `ui.upload` makes a FastAPI route for each element, and FastAPI keeps the functions of its routes in a cache as long
+    as the process lives: each page that was ever opened would stay in memory. This one makes a route of Starlette,
+    which goes with the element.
+    """
+
+    def __init__(
+        self, label: str, taken: Callable[[UploadEventArguments], Any], refused: Callable[[], Any], most: int
+    ) -> None:
+        super(ui.upload, self).__init__(label=label)
+        self._registered_url = f"/_nicegui/client/{self.client.id}/upload/{self.id}"
+        self._props["url"] = self._registered_url
+        self._props["auto-upload"] = True
+        self._props["max-file-size"] = most
+        self._begin_upload_handlers, self._upload_handlers, self._multi_upload_handlers = [], [taken], []
+        self.on_rejected(refused)
+        self.classes("cc-upload").props("flat bordered")
+        toolkit.add_route(self._registered_url, self._answer, methods=["POST"])  # `ui.upload` removes it by its path
+
+    async def _answer(self, request: Request) -> PlainTextResponse:
+        if self.is_ignoring_events:
+            return PlainTextResponse("this upload is disabled or hidden", 403)
+        async with request.form() as form:
+            files = [await create_file_upload(each) for each in form.values() if not isinstance(each, str)]
+        await self.handle_uploads(files)
+        return PlainTextResponse("")

@@ -12,7 +12,7 @@ from nicegui import ui
 
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.samples import TrajectorySample
-from canopen_control.view.elements.nicegui_elements import Feed, Presence
+from canopen_control.view.elements.nicegui_elements import Feed, FileUpload, Presence
 from canopen_control.view.loaded_trajectory import (
     MOST_BYTES,
     load,
@@ -54,14 +54,10 @@ class TrajectoryPanel:
 
     def _build(self) -> None:
         page = self._client.id
-        self._upload = ui.upload(
-            label="Choose a file: YAML or JSON",
-            max_file_size=MOST_BYTES,
-            auto_upload=True,
-            on_upload=self._take,
-            on_rejected=lambda: self._refuse(_TOO_LONG),
+        self._upload = FileUpload(
+            "Choose a file: YAML or JSON", self._take, lambda: self._refuse(_TOO_LONG), MOST_BYTES
         )
-        self._upload.props("flat bordered accept='.yaml,.yml,.json'").classes("cc-upload")
+        self._upload.props("accept='.yaml,.yml,.json'")
         self._choice = ui.select([], label="controller").props("dense").style("width: 100%")
         with ui.element("div") as self._preview:
             with ui.element("div").classes("cc-slider cc-scrub"):

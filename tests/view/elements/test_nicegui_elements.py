@@ -1,11 +1,17 @@
+import gc
+import weakref
+from pathlib import Path
+
 import pytest
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
-from support.pages import visited
+from nicegui import ui
+from support.pages import seen, settle, visited
 
 from canopen_control.view.elements import nicegui_elements
 from canopen_control.view.elements.nicegui_elements import (
     Feed,
+    FileUpload,
     HoldButton,
     HoldButtons,
     ObjectTree,
@@ -139,3 +145,32 @@ def test_a_tree_is_sent_values_matches_and_answers(monkeypatch):
         ("matches", ["0x6081:00"], "", "speed"),
         ("answer", "0x6081:00", "written", True),
     ]
+
+
+def test_a_chosen_file_comes_to_who_waits_for_it_and_the_upload_goes_with_its_page():
+    taken = []
+
+    def build():
+        with ui.column() as column:
+            FileUpload("Choose", lambda event: taken.append(event.file.name), lambda: None, 100)
+        return column
+
+    async def act(user, column):
+        upload = seen(ui.upload)[0]
+        path, freed = upload.props["url"], weakref.ref(upload)
+        answer = await user.http_client.post(path, files={"file": ("wave.json", b"{}")})
+        assert (answer.status_code, taken) == (200, ["wave.json"])
+        column.clear()
+        del upload
+        await settle(turns=5)
+        await user.http_client.post(path, files={"file": ("more.json", b"{}")})
+        assert taken == ["wave.json"]
+        gc.collect()
+        assert freed() is None  # and with it the page, which its handlers know
+
+    visited(build, act)
+
+
+def test_no_panel_has_the_toolkits_own_upload_which_keeps_its_page_in_memory():
+    view = Path(nicegui_elements.__file__).parents[1]
+    assert [path.name for path in view.rglob("*.py") if "ui.upload(" in path.read_text()] == []
