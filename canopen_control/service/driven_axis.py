@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import AxisReading, ControllerReading, StateSample
 
 __all__ = ["CURRENTS", "ENABLE_S", "PERIOD_S", "AxisCommand", "DriveCurrent", "JogDrive", "axis_reading", "choose_mode",
-           "drive_of_robot", "ended_words", "stop_drive"]  # fmt: skip
+           "drive_of_robot", "ended_words", "stop_drive", "takes_targets"]  # fmt: skip
 
 PERIOD_S: Final = 0.02
 RENEWED_S: Final = 0.1
@@ -53,7 +53,7 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
         raise ConfigError(f"node {place.node_id} ({place.name}) of the running robot {client.robot} moves no joint")
     joint = place.joints[axis]
     controllers = client.ask(ListControllers())
-    own = next((each for each in controllers if _takes_targets(each, joint)), None)
+    own = next((each for each in controllers if takes_targets(each, joint)), None)
     if own is not None:
         return JogDrive(client.robot, place.name, joint, own.name, mode)
     users = [each.name for each in controllers if each.active and joint in each.joints and not each.is_broadcaster]
@@ -65,7 +65,8 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
     )
 
 
-def _takes_targets(controller: ControllerReading, joint: str) -> bool:
+def takes_targets(controller: ControllerReading, joint: str) -> bool:
+    """Whether a controller is active that takes a target for this joint alone."""
     return controller.active and controller.topic == _TARGET and controller.joints == (joint,)
 
 

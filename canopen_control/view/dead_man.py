@@ -10,25 +10,39 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.rpc.messages.robot import CommandController, TwistController
+from canopen_control.rpc.messages.robot import (
+    CancelTrajectory,
+    CommandController,
+    SendTrajectory,
+    TrajectoryHeartbeat,
+    TwistController,
+)
+from canopen_control.rpc.messages.samples import TrajectoryPoint
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["HOLD_HZ", "LET_GO_NS", "SOURCE", "Command", "DeadMan", "Motion", "joint_motion", "twist_motion"]
+__all__ = ["HOLD_HZ", "LET_GO_NS", "SOURCE", "Command", "DeadMan", "Motion", "joint_motion", "trajectory_motion",
+           "twist_motion"]  # fmt: skip
 
 HOLD_HZ: Final = 20.0
 LET_GO_NS: Final = 200_000_000
 SOURCE: Final = "view"
-Command = CommandController | TwistController
+Command = CommandController | TwistController | SendTrajectory | CancelTrajectory | TrajectoryHeartbeat
+_HEARTBEAT_S: Final = 0.5  # this process says so 20 times a second; the robot brakes where it hangs
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What moves and what rests; the robot forgets both when this process dies."""
+    """What moves and what rests; the robot forgets both when this process dies.
 
+    `again` is sent instead of `moving` while the same motion goes on, None: `moving` itself.
+    """
+
+    controller: str
     moving: Command
     resting: Command
+    again: Command | None = None
 
 
 def twist_motion(controller: str, linear: float, angular: float, lateral: float = 0.0) -> Motion:
@@ -39,7 +53,17 @@ def twist_motion(controller: str, linear: float, angular: float, lateral: float 
         )
         for ahead, aside, around in ((linear, lateral, angular), (0.0, 0.0, 0.0))
     )
-    return Motion(moving, resting)
+    return Motion(controller, moving, resting)
+
+
+def trajectory_motion(controller: str, joints: Sequence[str], positions: Sequence[float], seconds: float) -> Motion:
+    """Return the motion of an arm to `positions`, at rest there after `seconds`; let go of, it brakes and is held."""
+    point = TrajectoryPoint(positions=list(positions), velocities=[0.0] * len(positions), time_from_start=seconds)
+    goal = SendTrajectory(
+        controller=controller, joints=list(joints), points=[point], source=SOURCE, heartbeat=_HEARTBEAT_S
+    )
+    rest = CancelTrajectory(controller=controller, own=True, why="the page let go")
+    return Motion(controller, goal, rest, TrajectoryHeartbeat())
 
 
 def joint_motion(
@@ -53,7 +77,7 @@ def joint_motion(
         CommandController(controller=controller, values=list(each), source=SOURCE, dead_man=True, interface=interface)
         for each in (values, resting)
     )
-    return Motion(moved, rested)
+    return Motion(controller, moved, rested)
 
 
 class DeadMan:
@@ -81,10 +105,11 @@ class DeadMan:
         if self._driver not in (None, page):
             return False
         before = self._motion
-        if before is not None and before.moving.controller != motion.moving.controller:
+        if before is not None and before.controller != motion.controller:
             self._send(before.resting)
+        goes_on = before is not None and motion.again is not None and before == motion
         self._driver, self._motion, self._heard = page, motion, now
-        self._send(motion.moving)
+        self._send(motion.again if goes_on and motion.again is not None else motion.moving)
         return True
 
     def tick(self, now: int) -> None:

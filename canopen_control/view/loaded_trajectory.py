@@ -20,7 +20,16 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import TrajectoryPoint
     from canopen_control.rpc.messages.state import ControllerReading
 
-__all__ = ["MOST_BYTES", "LoadedTrajectory", "load", "place_text", "preview_table", "progress_of", "trajectory_takers"]
+__all__ = [
+    "MOST_BYTES",
+    "LoadedTrajectory",
+    "follows_trajectories",
+    "load",
+    "place_text",
+    "preview_table",
+    "progress_of",
+    "trajectory_takers",
+]
 
 MOST_BYTES: Final = 1_000_000  # what is read here is read beside STOP; the shell reads longer ones
 
@@ -59,8 +68,12 @@ def load(data: bytes, name: str) -> LoadedTrajectory:
 
 def trajectory_takers(controllers: Iterable[ControllerReading]) -> list[str]:
     """Return the active controllers that follow trajectories."""
-    kind = kind_of(TrajectorySample)
-    return [each.name for each in controllers if each.tells == kind and each.state == "active"]
+    return [each.name for each in controllers if follows_trajectories(each) and each.state == "active"]
+
+
+def follows_trajectories(controller: ControllerReading) -> bool:
+    """Whether a controller is a joint trajectory controller, active or not."""
+    return controller.tells == kind_of(TrajectorySample)
 
 
 def progress_of(sample: TrajectorySample | None, duration: float) -> tuple[float, str]:

@@ -65,5 +65,10 @@ class Targets:
         found |= {joint: at for joint, at in positions.items() if at is not None}
         return [found[joint] for joint in self.values]
 
+    @property
+    def driven(self) -> bool:
+        """Whether a button is held now."""
+        return self._driven(self._clock())
+
     def _driven(self, now: float) -> bool:
         return self._held_at is not None and now - self._held_at < _DRIVEN_S

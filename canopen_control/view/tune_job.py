@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.rpc.messages.robot import Tell
-from canopen_control.service.driven_axis import drive_of_robot
+from canopen_control.service.driven_axis import drive_of_robot, takes_targets
 from canopen_control.service.jog_motion import JogKind, JogLimits
 from canopen_control.service.jog_units import JogScale, parse_quantity
 from canopen_control.service.scope_capture import Shot
@@ -25,16 +25,18 @@ from canopen_control.service.tune_request import TuneRequest, TuneTest
 from canopen_control.service.tune_run import TuneRun, torque_index_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from canopen_control.client import RobotClient
+    from canopen_control.rpc.messages.robot import NodePlace
+    from canopen_control.rpc.messages.state import ControllerReading
     from canopen_control.service.frequency_response import Bode
     from canopen_control.service.loop_design import LoopGains
     from canopen_control.service.node_session import NodeSession
     from canopen_control.service.tune_motion import TuneRecord
 
 __all__ = ["GONE_S", "SCALE", "Presence", "TuneFound", "TuneWish", "apply_gains", "confirmed_words", "curves_of",
-           "revert", "tune"]  # fmt: skip
+           "refusal", "revert", "tune"]  # fmt: skip
 
 GONE_S: Final = 1.0
 SCALE: Final = JogScale(math.tau, told=True)  # a robot's joints are in rad
@@ -116,6 +118,22 @@ class Work(Protocol):
 
     def at(self, done: int, total: int | None = None) -> None:
         """Tell how far it is."""
+
+
+def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: int, robot: str) -> str:
+    """Say why a run of this axis would be refused, "" where it would not: what `drive_of_robot` asks for, in words."""
+    if not axis < len(place.joints):
+        return f"{place.name} moves no joint of {robot}: there is nothing to tune."
+    joint = place.joints[axis]
+    if any(takes_targets(each, joint) for each in controllers):
+        return ""
+    users = [each.name for each in controllers if each.active and joint in each.joints and not each.is_broadcaster]
+    if not users:
+        return f"No active controller takes a target for {joint}, and a run needs one."
+    return (
+        f"{users[0]} commands {joint}, and two must not move it. End the robot, then tune the drive alone: "
+        f"canopen-control shutdown --name {robot}, canopen-control tune"
+    )
 
 
 class Presence:

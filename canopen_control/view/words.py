@@ -197,23 +197,24 @@ def joint_table(joints: Mapping[str, JointReading], linear: frozenset[str], comm
         command = f"{_number(joint.command)}<small>{escape(interface)}</small>" if joint.command is not None else "-"
         lines.append(
             f"<tr><td><b>{escape(name)}</b></td><td>{_number(joint.position)}<small>{unit}</small></td>"
-            f"<td>{_number(joint.velocity)}<small>{unit}/s</small></td><td>{_number(joint.effort)}</td><td>{command}</td>"
-            f"<td>{_tracking(joint.tracking, unit)}</td></tr>"
+            f"<td>{_number(joint.velocity)}<small>{unit}/s</small></td><td>{_number(joint.effort)}</td>"
+            f"<td>{command}</td></tr>"
         )
+        if joint.tracking is not None:  # below the joint: a column of it is wider than a card
+            lines.append(f"<tr class='cc-tracking'><td colspan='5'>{_tracking(joint.tracking, unit)}</td></tr>")
     titles = "".join(f"<th>{each}</th>" for each in _JOINT_TITLES)
     return f"<table class='cc-table cc-joints'><tr>{titles}</tr>{''.join(lines)}</table>"
 
 
-_JOINT_TITLES: Final = ("joint", "position", "velocity", "effort", "command", "tracking error")
+_JOINT_TITLES: Final = ("joint", "position", "velocity", "effort", "command")
 
 
-def _tracking(each: TrackingReading | None, unit: str) -> str:
+def _tracking(each: TrackingReading, unit: str) -> str:
     """Return the largest error of the last seconds and its RMS, and what was repeated or skipped, as HTML."""
-    if each is None:
-        return "-"
     per = "" if each.interface == "position" else "/s"
     odd = [f"{count} {what}" for count, what in ((each.repeated, "repeated"), (each.skipped, "skipped")) if count]
-    return f"{each.error_max:.2g}<small>{unit}{per}, RMS {', '.join([f'{each.error_rms:.2g}', *odd])}</small>"
+    words = ", ".join([f"{each.error_rms:.2g}", *odd])
+    return f"tracking error {each.error_max:.2g}<small>{unit}{per}, RMS {words}</small>"
 
 
 def _number(value: float | None) -> str:

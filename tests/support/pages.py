@@ -41,6 +41,8 @@ LIFT = FORWARD | {
     "joints": ["lift"],
     "claimed_interfaces": ["lift/position"],
 }
+ARM = FORWARD | {"name": "arm", "topic": "joint_trajectory", "interface": "position", "joints": ["left", "lift"],
+                 "tells": "trajectory", "claimed_interfaces": ["left/position", "lift/position"]}  # fmt: skip
 TARGET = FORWARD | {"name": "left", "interface": "target", "topic": "target", "claimed_interfaces": ["left/target"]}
 FAULTS = (
     FaultListing(name="silent", does="is silent", reaction="stops", on=True),

@@ -1,7 +1,7 @@
 import pytest
 
-from canopen_control.rpc.messages.robot import CommandController, TwistController
-from canopen_control.view.dead_man import LET_GO_NS, DeadMan, joint_motion, twist_motion
+from canopen_control.rpc.messages.robot import CommandController, SendTrajectory, TrajectoryHeartbeat, TwistController
+from canopen_control.view.dead_man import LET_GO_NS, DeadMan, joint_motion, trajectory_motion, twist_motion
 
 MS = 1_000_000
 FORWARD = twist_motion("base", 0.2, 0.0)
@@ -72,3 +72,16 @@ def test_what_stop_has_ended_is_not_ended_again(man, sent):
     man.forget()
     man.tick(10**12)
     assert (sent, man.driver) == ([MOVE], None)
+
+
+def test_an_arm_is_sent_its_way_once_and_cancelled_when_it_is_let_go(man, sent):
+    there, further = (trajectory_motion("arm", ["a"], [to], 2.0) for to in (1.0, 1.5))
+    for number, motion in enumerate((there, there, further)):
+        man.hold("page 1", motion, number * 50 * MS)
+    man.tick(100 * MS + LET_GO_NS)
+    assert sent == [there.moving, TrajectoryHeartbeat(), further.moving, further.resting]
+    assert isinstance(sent[0], SendTrajectory)
+    assert sent[0].dead_man
+    assert sent[0].heartbeat * 1e9 > LET_GO_NS  # the page's silence ends it in order; that of this process, the robot
+    man.hold("page 1", further, 10**12)
+    assert sent[-1] == further.moving  # after it was let go of, it is sent anew

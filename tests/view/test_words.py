@@ -168,7 +168,10 @@ def test_a_joint_tells_its_tracking_error_and_which_set_points_were_odd():
     tracking = {"interface": "velocity", "error_max": 0.25, "error_rms": 0.0312, "skipped": 2}
     html = joint_table(state(joints={"wheel": {"command": 1.0, "tracking": tracking}}).joints, frozenset(), {})
     assert "0.25<small>rad/s, RMS 0.031, 2 skipped</small>" in html
-    assert "<th>tracking error</th>" in html
+    assert (
+        "<tr class='cc-tracking'><td colspan='5'>tracking error 0.25" in html
+    )  # a line of its own: no card is wide enough
+    assert "cc-tracking" not in joint_table(state(joints={"wheel": {"command": 1.0}}).joints, frozenset(), {})
 
 
 def test_a_line_of_text_is_escaped_and_an_empty_one_is_nothing():

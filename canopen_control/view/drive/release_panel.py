@@ -9,15 +9,17 @@ from nicegui import ui
 from canopen_control.rpc.messages.robot import NmtRequest
 from canopen_control.view.dead_man import SOURCE
 from canopen_control.view.panels.panel import Html, tell
-from canopen_control.view.words import GOOD, IDLE, WARN, sentence
+from canopen_control.view.words import BAD, GOOD, IDLE, WARN, sentence
 
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import NodeReading
     from canopen_control.view.drive.drive_tab import DriveTabContext
     from canopen_control.view.page_content import PageContent
+    from canopen_control.view.words import Banner
 
 __all__ = ["ReleasePanel", "release_words"]
 
+_CONFIRMED: Final = ("PRE_OPERATIONAL", "STOPPED")  # the NMT states that a node is taken out by
 _TORQUE: Final = ("OPERATION_ENABLED", "QUICK_STOP_ACTIVE", "FAULT_REACTION_ACTIVE")
 
 
@@ -37,7 +39,7 @@ class ReleasePanel:
     def show(self, content: PageContent) -> None:
         """Follow what the robot says of the node."""
         reading = self._context.reading(content)
-        words, tone = release_words(reading)
+        words, tone = release_words(reading, content.banner)
         self._words.show(sentence(words, tone))
         out = reading is not None and reading.taken_out
         powered = reading is not None and any(axis.state in _TORQUE for axis in reading.axes)
@@ -59,8 +61,8 @@ class ReleasePanel:
             tell(f"{self._context.node}: {problem}", refused)
 
 
-def release_words(reading: NodeReading | None) -> tuple[str, str]:
-    """Say whether a node may be written as a whole, and with which tone."""
+def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]:
+    """Say whether a node may be written as a whole, and with which tone; `robot` is how the robot as a whole is."""
     if reading is None:
         return "No connection: nobody knows what the drive does.", WARN
     powered = [axis.joint for axis in reading.axes if axis.state in _TORQUE]
@@ -69,4 +71,9 @@ def release_words(reading: NodeReading | None) -> tuple[str, str]:
         return f"{names} is enabled: nothing is written as a whole into a drive that may move. Disable it first.", WARN
     if not reading.taken_out:
         return "The robot controls this node. To write into it as a whole, take it out first.", IDLE
+    state = (reading.nmt_state or "unknown").replace("_", "-").lower()
+    if reading.age is None or reading.nmt_state not in _CONFIRMED:
+        return f"It was asked to leave the robot, and has not confirmed that: its NMT state is {state}.", WARN
+    if robot.tone == BAD and robot.action == "fault-reset":
+        return f"It is taken out of the robot ({state}), and the robot is in fault: {robot.cause}", BAD
     return "It is taken out of the robot, which leaves it alone until it is given back.", GOOD

@@ -38,8 +38,7 @@ class StatusTab:
             with ui.element("section").classes("cc-panel"):
                 ui.html("State", sanitize=False, tag="h2")
                 self._facts = Html("cc-stale")
-                if context.place.axes:
-                    PowerPanel(context.panel, context.node)
+                self._power = PowerPanel(context.panel, context.node) if context.place.axes else None
             with ui.element("section").classes("cc-panel") as bits:
                 ui.html("Statusword", sanitize=False, tag="h2")
                 self._bits = Html("cc-stale")
@@ -66,6 +65,8 @@ class StatusTab:
             self._facts.show(facts_table(reading))
             self._bits.show("".join(_bits(axis) for axis in reading.axes) or _GONE)
             self._who.show(_movers(content, reading))
+        if self._power is not None:
+            self._power.show(content)
         if self._drives is not None:
             self._drives.show(content)
         self._events.show(event_log(each for each in content.events if each.node == self._context.node))

@@ -99,6 +99,7 @@ class TuneTab:
             self._most_current = ui.number("current, per mille", value=1000.0, min=1.0, step=50.0).props("dense")
         if not self._context.panel.teleop:
             ui.html(LOOK_ONLY, sanitize=False)
+        self._no_run = Html()
         with ui.element("div").classes("cc-row cc-acts"):
             self._run = ui.button("Run ...", color="orange-9", on_click=self._ask).props("unelevated dense")
 
@@ -107,6 +108,7 @@ class TuneTab:
         with ui.element("div").classes("cc-row cc-wish"):
             self._counts = ui.number("0x6064 a turn", min=1.0).props("dense")
         self._store = ui.checkbox("store in the drive (0x1010)").props("dense")
+        self._no_gains = Html()
         with ui.element("div").classes("cc-row cc-acts"):
             self._apply = ui.button("Set the gains", color="orange-9", on_click=self._begin_apply)
             self._revert = ui.button("Revert", color="blue-grey-8", on_click=self._begin_revert)
@@ -137,15 +139,32 @@ class TuneTab:
         self._bar.show()
         free = not content.lost and not self._desk.busy and self._context.panel.teleop
         found = self._desk.tuned
-        self._run.set_enabled(free)
-        self._revert.set_enabled(free)
-        self._apply.set_enabled(free and found is not None and found.gains is not None)
+        no_run = self._why_not(content)
+        no_gains = self._why_no_gains(content)
+        self._run.set_enabled(free and not no_run)
+        self._revert.set_enabled(free and not no_gains)
+        self._apply.set_enabled(free and not no_gains and found is not None and found.gains is not None)
+        self._no_run.show(sentence(no_run))
+        self._no_gains.show(sentence(no_gains))
         if self._mine and not self._desk.busy:
             self._mine = False
             self._presence.switch(on=False)
         if found is not None and found is not self._drawn and found.lines and not self._desk.busy:
             self._drawn = found
             self._draw(found)
+
+    def _why_not(self, content: PageContent) -> str:
+        """Say why no run may begin, "" where one may."""
+        if content.lost:
+            return ""  # the page says that
+        if content.state.latched:
+            return "STOP is latched: release it before a drive is moved."
+        return jobs.refusal(content.controllers, self._context.place, int(self._axis.value), self._desk.robot)
+
+    def _why_no_gains(self, content: PageContent) -> str:
+        reading = self._context.reading(content)
+        on = [each.joint for each in reading.axes if each.state == "OPERATION_ENABLED"] if reading is not None else []
+        return f"{', '.join(on)} {'is' if len(on) == 1 else 'are'} enabled: disable it to set gains." if on else ""
 
     def leave(self) -> None:
         """Leave it: a run that this page began ends, for nobody looks any more."""

@@ -28,6 +28,7 @@ class FaultPanel:
         self._context = context
         self._board: DriveFaults | None = None
         self._whole = ui.expansion("Break a virtual drive").props("dense").classes("cc-stale w-full")
+        self._whole.set_visibility(False)
         with self._whole:
             self._drive = ui.select([], label="drive", on_change=self._follow).props("dense").style("width: 100%")
             self._fault = ui.select([], label="fault", on_change=self._explain).props("dense").style("width: 100%")
@@ -50,6 +51,7 @@ class FaultPanel:
             return
         self._board = board
         drives = list(board.drives)
+        self._whole.set_visibility(bool(drives))
         if drives != self._drive.options:
             self._drive.set_options(
                 drives, value=self._drive.value if self._drive.value in drives else next(iter(drives), None)

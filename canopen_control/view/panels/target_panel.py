@@ -18,6 +18,7 @@ from canopen_control.view.drive_targets import MODES, DriveTarget, drive_targets
 from canopen_control.view.elements.nicegui_elements import HoldButton
 from canopen_control.view.panels.held import LARGEST, LOOK, hold_buttons, value_slider
 from canopen_control.view.panels.panel import tell
+from canopen_control.view.panels.power import EnableButton
 
 if TYPE_CHECKING:
     from canopen_control.view.dead_man import Motion
@@ -58,6 +59,7 @@ class TargetPanel:
                 self._rows = {each.joint: _Row(self._context, each) for each in drives}
         for drive in drives:
             joint = content.state.joints.get(drive.joint)
+            self._rows[drive.joint].enable.show(content)
             self._rows[drive.joint].show(drive, None if joint is None else joint.position)
 
 
@@ -76,7 +78,8 @@ class _Row:
                 for label, action, color in _ACTIONS:
                     button = ui.button(label, color=color, on_click=partial(self._act, label, action))
                     button.props("unelevated dense").props(f'aria-label="{label} {drive.joint}"')
-                    button.set_enabled(context.teleop or action == "disable")
+                    if action == "enable":
+                        self.enable = EnableButton(button, color, allowed=context.teleop)
                 self._mode = ui.select(list(MODES), on_change=lambda event: self._choose(event.value))
                 self._mode.props(f'dense options-dense aria-label="mode of {drive.joint}"').set_enabled(context.teleop)
             self._body = ui.element("div").classes("cc-body")

@@ -1,26 +1,31 @@
 """Driving by hand, only with `--teleop`: which controller moves the joints, and buttons that drive while they are held.
 
-What may be driven is what the active controllers take: a base by its twist, joints by values.
+What may be driven is what the active controllers take: a base by its twist, joints by values, an arm by a trajectory to
+where its sliders are.
 """
 
 from __future__ import annotations
 
 import math
 from functools import partial
+from html import escape
 from typing import TYPE_CHECKING, Any, Final
 
 from nicegui import ui
 
 from canopen_control.rpc.messages.robot import SwitchControllers
 from canopen_control.urdf.joint_element import Limits
-from canopen_control.view.dead_man import joint_motion, twist_motion
+from canopen_control.view.dead_man import joint_motion, trajectory_motion, twist_motion
 from canopen_control.view.drive_targets import drive_targets
 from canopen_control.view.elements.nicegui_elements import HoldButton
+from canopen_control.view.loaded_trajectory import follows_trajectories
 from canopen_control.view.panels.held import LARGEST, LOOK, hold_buttons, value_slider
 from canopen_control.view.panels.panel import tell
 from canopen_control.view.targets import Targets
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from canopen_control.rpc.messages.state import ControllerReading
     from canopen_control.view.dead_man import Motion
     from canopen_control.view.page_content import PageContent
@@ -42,7 +47,12 @@ _SIDEWAYS: Final = {
 }
 _LINEAR: Final = (0.0, 1.0, 0.05, 0.2)  # m/s: lowest, highest, step, at first
 _ANGULAR: Final = (0.0, 3.0, 0.1, 0.8)  # rad/s
+_SHARE: Final = (5.0, 100.0, 5.0, 25.0)  # percent of the joints' velocity limits
+_UNLIMITED: Final = 1.0  # rad/s or m/s: the velocity limit of a joint that has none
+_ACCELERATION: Final = 1.0  # rad/s^2 or m/s^2, of an arm that is driven by hand
+_SHORTEST_S: Final = 0.2
 _NOTHING: Final = "<p class='cc-note'>No active controller takes commands.</p>"
+_INACTIVE: Final = "<p class='cc-note'>{} takes commands, and is not active.</p>"
 
 
 class TeleopPanel:
@@ -53,6 +63,8 @@ class TeleopPanel:
         self._joints = context.robot.model.joints
         self._positions: dict[str, float | None] = {}
         self._targets: Targets | None = None
+        self._arm: Motion | None = None  # what is held, while the sliders stay as they are
+        self._asked: object = None
         self._sliders: dict[str, ui.slider] = {}
         self._shown: object = None
         self._frame = ui.context.slot.parent
@@ -63,7 +75,11 @@ class TeleopPanel:
         if content.lost:
             return
         self._positions = {name: joint.position for name, joint in content.state.joints.items()}
-        takers = tuple(each for each in content.controllers if each.is_base or each.topic == "commands")
+        takers = tuple(
+            each
+            for each in content.controllers
+            if each.is_base or each.topic == "commands" or follows_trajectories(each)
+        )
         drives = drive_targets(content.state, content.controllers)  # which have a panel of their own
         self._frame.visible = bool(takers) or not drives
         key = tuple((each.name, each.state) for each in takers)
@@ -78,15 +94,18 @@ class TeleopPanel:
     def _build(self, takers: tuple[ControllerReading, ...]) -> None:
         self._context.let_go(self._client.id)
         self._whole.clear()
-        self._targets, self._sliders = None, {}
+        self._targets, self._arm, self._sliders = None, None, {}
         active = [each for each in takers if each.state == "active"]
         with self._whole:
             if not self._context.teleop:
                 ui.html(LOOK, sanitize=False)
             elif not active:
-                ui.html(_NOTHING, sanitize=False)
+                names = escape(", ".join(each.name for each in takers))
+                ui.html(_INACTIVE.format(names) if names else _NOTHING, sanitize=False)
             elif active[0].is_base:
                 self._pad(active[0])
+            elif follows_trajectories(active[0]):
+                self._reach(active[0])
             else:
                 self._values(active[0])
             self._choice(takers, active)
@@ -134,6 +153,42 @@ class TeleopPanel:
             if self._targets is not None:
                 slider.on("update:model-value", partial(self._on_set, joint))
         hold_buttons(self._context, [HoldButton("drive", "Hold to drive")], lambda _key: self._motion(controller))
+
+    def _reach(self, controller: ControllerReading) -> None:
+        """Make a slider for each joint of an arm, and one button: while it is held, the arm goes where they are."""
+        limits = {joint: self._range(joint, "position") for joint in controller.joints}
+        targets = self._targets = Targets(limits)
+        targets.follow(self._positions)
+        for joint, (low, high) in limits.items():
+            slider = self._sliders[joint] = value_slider(joint, low, high, (high - low) / 400, targets.values[joint])
+            slider.on("update:model-value", partial(self._on_set, joint))
+        share = value_slider("speed, %", *_SHARE)
+
+        def motion(_key: str) -> Motion | None:
+            begins = not targets.driven
+            asked = targets.targets(self._positions), float(share.value)
+            if begins or asked != self._asked:  # a slider was set; the way to it begins where the arm is now
+                self._asked = asked
+                self._arm = self._way(controller, *asked)
+            return self._arm
+
+        hold_buttons(self._context, [HoldButton("drive", "Hold to move")], motion)
+
+    def _way(self, controller: ControllerReading, wanted: Sequence[float], percent: float) -> Motion | None:
+        """Return the way to where the sliders are, within each joint's limits; None where nobody knows where one is.
+
+        From rest to rest on a cubic the velocity peaks at 1.5 times its mean, the acceleration at 6 d/T^2.
+        """
+        longest = _SHORTEST_S
+        for joint, to in zip(controller.joints, wanted, strict=True):
+            at = self._positions.get(joint)
+            if at is None:
+                return None
+            found = self._joints.get(joint)
+            limit = found.limits.velocity if found is not None else math.inf
+            velocity = percent / 100 * (limit if math.isfinite(limit) and limit > 0.0 else _UNLIMITED)
+            longest = max(longest, 1.5 * abs(to - at) / velocity, math.sqrt(6.0 * abs(to - at) / _ACCELERATION))
+        return trajectory_motion(controller.name, controller.joints, wanted, longest)
 
     def _on_set(self, joint: str, event: Any) -> None:  # noqa: ANN401 - what a browser sends
         if self._targets is not None and isinstance(event.args, (int, float)):

@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from msgspec import structs
-from support.pages import FakeContext, StubDesk, html, settle, visited
+from support.pages import FORWARD, TARGET, FakeContext, StubDesk, drive_state, html, settle, state, visited
 from support.service_node import NodeStub
 
 from canopen_control.data_files import data_path
@@ -34,12 +34,13 @@ class Desk(StubDesk):
         self.work = work
 
 
-def played(act, *, teleop=True, joints=()):
-    page, desk = FakeContext(teleop=teleop), Desk()
+def played(act, *, teleop=True, joints=("left",), controllers=None, new=None):
+    taking = controllers or [TARGET | {"name": joint, "joints": [joint]} for joint in joints]
+    page, desk = FakeContext(teleop=teleop, controllers=taking), Desk()
     desk.place = structs.replace(desk.place, joints=list(joints))
 
     async def begin(user, tab):
-        tab.show(page.content())
+        tab.show(page.content(new or drive_state({"cia402_state": "SWITCH_ON_DISABLED"})))
         return await act(user, tab, page)
 
     return visited(lambda: TuneTab(DriveTabContext(page, desk)), begin), desk.begun
@@ -164,3 +165,28 @@ def test_of_a_drive_with_one_axis_nothing_is_to_be_chosen():
     (shown, words, axis), _ = played(act, joints=("wheel",))
     assert (shown, axis) == (False, 0)
     assert "Move left_drive?" in words
+
+
+async def closed(user, tab, _page):
+    return tab._run.enabled, tab._revert.enabled, html(user)
+
+
+@pytest.mark.parametrize(
+    ("how", "why"),
+    [
+        ({"controllers": [FORWARD]}, "forward commands left, and two must not move it"),
+        ({"controllers": [TARGET | {"state": "inactive"}]}, "No active controller takes a target for left"),
+        ({"joints": (), "controllers": [FORWARD]}, "left_drive moves no joint of pair"),
+        ({"new": state(latched=True)}, "STOP is latched: release it"),
+    ],
+)
+def test_a_run_that_would_be_refused_is_not_offered_and_why_is_said(how, why):
+    (run, _, words), _ = played(closed, **how)
+    assert not run
+    assert why in words
+
+
+def test_gains_are_not_offered_while_the_drive_is_enabled():
+    (run, revert, words), _ = played(closed, new=state())
+    assert (run, revert) == (True, False)
+    assert "left is enabled: disable it to set gains" in words

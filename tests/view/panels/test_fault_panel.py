@@ -90,3 +90,17 @@ def test_inputs_are_set_where_a_device_has_some():
 
     visited(lambda: FaultPanel(context), show)
     assert given == [("io", {"di0": 1.0, "ai0": 2.5})]
+
+
+def test_on_mock_hardware_nothing_is_offered_to_be_broken():
+    context = FakeContext()
+
+    async def show(_user, panel):
+        found = []
+        for board in (DriveFaults(), context.with_faults().robot.faults, DriveFaults()):
+            context.robot.faults = board
+            panel.show(context.content())
+            found.append(panel._whole.visible)
+        return found
+
+    assert visited(lambda: FaultPanel(context), show) == [False, True, False]

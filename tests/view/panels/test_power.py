@@ -3,7 +3,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import AXIS, NODE, FakeContext, html, seen, settle, visited
+from support.pages import AXIS, NODE, FakeContext, html, seen, settle, state, visited
 
 from canopen_control.rpc.messages.robot import AxisRequest
 from canopen_control.view.panels.power import PowerPanel
@@ -58,3 +58,19 @@ def test_without_drives_there_is_nothing_to_enable():
         return html(user)
 
     assert "No drives" in visited(lambda: PowerPanel(context), act)
+
+
+def test_enable_is_grey_and_closed_while_stop_is_latched():
+    context = FakeContext()
+
+    async def act(user, panel):
+        found = []
+        for latched in (False, True, False):
+            panel.show(context.content(state(latched=latched)))
+            (enable,) = [each for each in seen(ui.button) if each.text == "Enable"]
+            found.append((enable.enabled, enable.props["color"]))
+            others = [each.enabled for each in seen(ui.button) if each.text != "Enable"]
+            assert others == [True, True]  # to disable is always allowed
+        return found
+
+    assert visited(lambda: PowerPanel(context), act) == [(True, "green-8"), (False, "grey-5"), (True, "green-8")]

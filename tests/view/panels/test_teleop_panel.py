@@ -3,9 +3,9 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import BASE, FORWARD, LIFT, TARGET, FakeContext, drive_state, html, seen, settle, state, visited
+from support.pages import ARM, BASE, FORWARD, LIFT, TARGET, FakeContext, drive_state, html, seen, settle, state, visited
 
-from canopen_control.rpc.messages.robot import SwitchControllers
+from canopen_control.rpc.messages.robot import CancelTrajectory, SwitchControllers
 from canopen_control.view.elements.nicegui_elements import HoldButtons
 from canopen_control.view.panels.teleop_panel import TeleopPanel
 
@@ -123,7 +123,7 @@ def test_the_controller_is_chosen_and_a_refusal_told():
 
 def test_without_an_active_controller_or_teleop_nothing_can_be_driven():
     for context, words in (
-        (FakeContext(controllers=(OFF,)), "No active controller"),
+        (FakeContext(controllers=(OFF,)), "forward takes commands, and is not active"),
         (FakeContext(teleop=False), "--teleop"),
     ):
 
@@ -163,3 +163,45 @@ def test_who_may_not_drive_is_told():
         await user.should_see("another page drives")
 
     played(context, act)
+
+
+def test_an_arm_has_a_slider_for_each_joint_and_goes_there_while_its_button_is_held():
+    context = FakeContext(controllers=(ARM,))
+
+    async def act(user, _panel):
+        _left, lift, share = seen(ui.slider)
+        assert (lift.props["min"], lift.props["max"], lift.value) == (0.0, 0.5, 0.1)
+        hold(user, "drive")
+        user.find(kind=ui.slider).trigger("update:modelValue", 0.4)
+        share.value = 50.0
+        hold(user, "drive")
+        hold(user, "drive")
+
+    played(context, act)
+    stays, goes, again = context.held
+    assert goes == again  # the same way goes on: nothing is planned anew
+    assert stays.moving.points[0].positions == [1.0, 0.1]
+    (point,) = goes.moving.points
+    assert (goes.moving.controller, goes.moving.joints) == ("arm", ["left", "lift"])
+    assert (point.positions, point.velocities) == ([0.4, 0.4], [0.0, 0.0])
+    assert point.time_from_start == pytest.approx(1.5 * 0.3 / (0.5 * 0.2))  # half of the lift's limit, 0.2 m/s
+    assert goes.resting == CancelTrajectory(controller="arm", own=True, why="the page let go")
+
+
+def test_an_arm_of_which_a_joint_is_unknown_is_not_moved():
+    unknown = {"left": {"position": None, "velocity": None, "effort": None, "command": None}}
+    context = FakeContext(controllers=(ARM,), joints=unknown)
+
+    async def act(user, _panel):
+        hold(user, "drive")
+
+    played(context, act)
+    assert context.held == []
+
+
+def test_without_any_controller_that_takes_commands_the_page_says_so():
+    async def act(user, _panel):
+        return html(user)
+
+    assert "No active controller takes commands" in played(FakeContext(controllers=()), act)
+    assert "No active controller" not in played(FakeContext(controllers=(ARM,)), act)
