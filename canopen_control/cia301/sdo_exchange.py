@@ -128,6 +128,7 @@ class SdoExchange:
         self.mux = b""
         self._started: int | None = None  # None: the first frame has not been seen to leave
         self._budget: RetryBudget | None = None  # None: the request has had no trouble yet
+        self._in_vain: set[int] = set()  # "not now" of uploads that a pause has not changed
 
     # -- what the client does
 
@@ -184,6 +185,7 @@ class SdoExchange:
         """Forget what is known of the server: it has booted."""
         self.quarantine.owed.clear()
         self.block_supported = None
+        self._in_vain.clear()
 
     # -- what the phases do
 
@@ -261,7 +263,9 @@ class SdoExchange:
             self.again(request, now)
         elif budget.has_try(code):
             self.again(request, now)
-        elif (until := budget.pause(code, self.options.busy_ns, now)) is not None:
+        elif self._may_change(request, code, budget) and (
+            (until := budget.pause(code, self.options.busy_ns, now)) is not None
+        ):
             self.phase, self.mux, self.deadline = _PAUSING, b"", until
         else:
             self.finish(request, now, self._abort_error(request, code))
@@ -297,6 +301,19 @@ class SdoExchange:
         self.quarantine.died(self.mux)
         self.out = [one for one in self.out if one.data[0] == ABORT]  # no segment that nobody wants any more
         self._send_abort(code)
+
+    def _may_change(self, request: SdoRequest, code: int, budget: RetryBudget) -> bool:
+        """Whether "not now" may be another answer after a pause; an upload is asked for once more, a download longer.
+
+        What is written may have to wait for what the device does. An upload has nothing to wait for, but for a server
+        that serves somebody else; some answer 0x060A0023 for every object without a value (canopen's LocalNode), so
+        that a code which a pause did not change is taken at its word from then on.
+        """
+        if request.is_write:
+            return True
+        if budget.paused:
+            self._in_vain.add(code)
+        return not budget.paused and code not in self._in_vain
 
     def _trouble(self) -> RetryBudget:
         if self._budget is None:

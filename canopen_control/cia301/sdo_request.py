@@ -1,8 +1,8 @@
 """An SDO request as its caller holds it, the client's options, and how often is tried again.
 
 The law of trying again: a timeout is tried `retries` times more; a toggle error starts the transfer again at most
-twice; "not now" is asked again after pauses that grow, until `busy_ns` are over; what block transfer could not do is
-done in segments, once. None of these counts against another.
+twice; "not now" to a download is asked again after pauses that grow, until `busy_ns` are over, to an upload once; what
+block transfer could not do is done in segments, once. None of these counts against another.
 """
 
 from __future__ import annotations
@@ -119,6 +119,11 @@ class RetryBudget:
             self._restarts -= 1
             return True
         return False
+
+    @property
+    def paused(self) -> bool:
+        """Whether it was asked again after a pause."""
+        return self._busy_until is not None
 
     def pause(self, code: int, busy_ns: int, now: int) -> int | None:
         """Return when to ask again what the server cannot do now; None if it is no such code, or for too long."""

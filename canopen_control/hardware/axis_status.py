@@ -1,9 +1,10 @@
 """Where an axis' statusword and mode come from: a TPDO, else SDO, and not for longer than they are true.
 
 The law of this file: a statusword has an age. While its TPDO comes, it is the TPDO's; when that fails, the last one
-holds for `GRACE_NS`, is asked for by SDO meanwhile, and after that is unknown. A mode that no PDO carries is written
-to 0x6060 when it is wanted and asked for at 0x6061 until it shows. A drive whose statusword is gone is told to quick
-stop, since nobody can see what else it would do, and after a while to take its power away, unless it holds a load.
+holds for `GRACE_NS`, is asked for by SDO meanwhile, and after that is unknown; one that never came is asked for too. A
+mode that no PDO carries is written to 0x6060 when it is wanted and asked for at 0x6061 until it shows. A drive whose
+statusword is gone is told to quick stop, since nobody can see what else it would do, and after a while to take its
+power away, unless it holds a load.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
+from canopen_control.cia402.drive_goal import Goal
 
 if TYPE_CHECKING:
     from canopen_control.cia301.sdo_client import SdoRequest
@@ -46,12 +48,16 @@ class AxisStatus:
     def update(self, now: int) -> None:
         """Take what is new."""
         pdo, shown = self._pdo, self._shown
-        if pdo.stamp < 0 or not self._node.ready:
+        if not self._node.ready:
             self.word = self.display = None
             return
-        word: object = pdo.values[self._place]
-        if pdo.overdue:
+        word: object = None
+        if pdo.stamp < 0:
+            word = self._unseen(now)
+        elif pdo.overdue:
             word = self._by_sdo.word(self._statusword.value, now)
+        else:
+            word = pdo.values[self._place]
         self.word = word  # type: ignore[assignment]  # a statusword is an integer
         display: object = None
         if shown is not None and (showing := shown.pdo).stamp >= 0:
@@ -60,6 +66,15 @@ class AxisStatus:
             self._mode.step(self._machine.mode, now)
             display = self._mode.display if shown is None else display
         self.display = display  # type: ignore[assignment]  # and so is a mode
+
+    def _unseen(self, now: int) -> int | None:
+        """Return the statusword of a drive whose TPDO has not come since its boot; a stop must see what becomes of it.
+
+        Without SYNCs nothing says when the first one is due: it is asked for then by who waits for an end alone.
+        """
+        if self._pdo.overdue or self._machine.goal is not Goal.ENABLED:
+            return self._by_sdo.word(None, now)
+        return None
 
     def blind_word(self, now: int) -> int:
         """Return the controlword for a drive that nobody sees: a quick stop, then no power."""
@@ -98,8 +113,8 @@ class StatuswordBySdo:
         """Say that the TPDO is back, or the node gone."""
         self._since = self._value = None
 
-    def word(self, last: int, now: int) -> int | None:
-        """Return the statusword; `last` is the one the TPDO brought before it failed."""
+    def word(self, last: int | None, now: int) -> int | None:
+        """Return the statusword; `last` is the one that the TPDO brought before it failed, None: it never came."""
         if self._since is None:
             self._since, self._next = now, now
         if not self._asking and now >= self._next:

@@ -67,14 +67,13 @@ class JointParts:
     @property
     def state(self) -> State | None:
         """The CiA 402 state, None while the node is not there."""
-        return self.machine.state if self.node.ready and self.axis.statusword.fresh else None
+        return self.machine.state if self.node.ready else None
 
     @property
     def statusword(self) -> int | None:
-        """The newest statusword, None before the first."""
-        if self.axis.statusword.pdo.overdue:
-            return self.machine.statusword
-        return self.axis.statusword.value if self.axis.statusword.fresh else None
+        """The newest statusword, None before the first; without its TPDO the one that SDO brought."""
+        status = self.axis.statusword
+        return status.value if status.fresh and not status.pdo.overdue else self.machine.statusword
 
     @property
     def claimed(self) -> str | None:

@@ -18,6 +18,7 @@ connection, and a peer that reads too slowly for that is dropped, `reason` "slow
 from __future__ import annotations
 
 import contextlib
+import errno
 from collections import deque
 from typing import TYPE_CHECKING, Final
 
@@ -41,6 +42,7 @@ _LINES_PER_TURN: Final = 64
 _ACCEPTS_PER_TURN: Final = 16
 _GRACE_NS: Final = 500_000_000  # whoever has just come or just asked may go on
 _LINGER_NS: Final = 1_000_000_000  # how long a last answer may take to leave
+_NO_DESCRIPTOR: Final = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))  # accept(2)
 _ACCEPT_PAUSE_NS: Final = 100_000_000  # out of descriptors: look again later instead of spinning
 _ANOTHER_USERS: Final = "this is another user's"
 _MADE_WAY: Final = "all places are taken and this connection was idle; connect again when there is something to ask"
@@ -307,7 +309,10 @@ class LineServer:
                 sock, _ = self._socket.accept()
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
                 return
-            except OSError:
+            except OSError as error:
+                if error.errno in _NO_DESCRIPTOR and self._make_room():
+                    self._make_room()  # one more, for a file that the newcomer's request may need
+                    continue
                 self._pause()
                 return
             self._admit(sock)

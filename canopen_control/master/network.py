@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["Network"]
 
 _OPERATIONAL: Final = NmtState.OPERATIONAL  # for every heartbeat, see `hardware.interfaces.OK`
+_DEFAULT_TPDOS: Final = {number: Service[f"TPDO{number}"] for number in range(1, 5)}
 REFRESH_NS = 100_000_000  # an unchanged RPDO is repeated this often
 TIMERS_MISSED = 3  # after so many event timers without its TPDO what it carries is stale
 
@@ -69,6 +70,8 @@ class Network:
         self._foreign = ForeignMaster(name, report, self._wake)
         for node in self.nodes.values():
             self._connect(node)
+        for node in self.nodes.values():
+            self._watch_defaults(node)
         for can_id, handler in self._foreign.handlers(config.master.node_id, self.sync.cob_id, self._by_id):
             self._handlers.setdefault(can_id, handler)
 
@@ -290,6 +293,23 @@ class Network:
         mapped = next(each for sent in node.sent for each in sent.codec.objects if each[:2] == (index, subindex))
         if (value := value_of(mapped, data)) is not None:
             output.know(value)
+
+    def _watch_defaults(self, node: RemoteNode) -> None:
+        """Note frames with the default identifier of a TPDO that was given another one: some nodes go back to it.
+
+        durand 0.5.0 (PyPI) does so at NMT start, and takes every write before that.
+        """
+        for layout, pdo in zip(node.plan.tpdos, node.received, strict=True):
+            service = _DEFAULT_TPDOS.get(layout.number)
+            default = None if service is None else cob_id(service, node.node_id)
+            if default is None or default == pdo.cob_id or default in self._handlers:
+                continue
+
+            def astray(_data: bytes, _length: int, _now: int, pdo: ReceivedPdo = pdo, default: int = default) -> None:
+                if pdo.expected:
+                    node.log.astray[pdo] = default
+
+            self._handlers[default] = astray
 
     def _checked(self, node: RemoteNode, pdo: ReceivedPdo) -> Callable[[bytes, int, int], None]:
         """Return what takes a TPDO of a length that is not its own."""

@@ -39,6 +39,8 @@ class NodeLog:
         self.who = f"node {config.node_id} ({config.name})"
         self.errors = EmcyConsumer(config.node_id)
         self._name, self._report = config.name, report
+        self.astray: dict[ReceivedPdo, int] = {}
+        """TPDOs of which frames with their default identifier came instead, and that identifier."""
         self._gate = EmcyGate()
         self._duplicates = DuplicateWatch(config.supervision.heartbeat_ms * 1_000_000)
 
@@ -82,10 +84,23 @@ class NodeLog:
         if not pdo.overdue:
             self.tell(now, "pdo_back", f"its {what} is back")
         elif pdo.stamp < 0:
-            text = f"its {what} has not come within {pdo.silent} SYNCs of its start; check its transmission type"
-            self.tell(now, "pdo_missing", f"{text} and inhibit time", Level.ERROR)
+            advice = self._astray_words(pdo) or "check its transmission type and inhibit time"
+            text = f"its {what} has not come within {pdo.silent} SYNCs of its start; {advice}"
+            self.tell(now, "pdo_missing", text, Level.ERROR)
         else:
-            self.tell(now, "pdo_stale", f"no {what} for {pdo.silent} SYNCs; what it carries is stale", Level.ERROR)
+            astray = self._astray_words(pdo)
+            text = f"no {what} for {pdo.silent} SYNCs; what it carries is stale{astray and f'; {astray}'}"
+            self.tell(now, "pdo_stale", text, Level.ERROR)
+
+    def _astray_words(self, pdo: ReceivedPdo) -> str:
+        """Say that frames with the TPDO's default identifier come instead, "" where none do."""
+        default = self.astray.get(pdo)
+        if default is None:
+            return ""
+        return (
+            f"frames with 0x{default:03X}, its default, come instead: the node went back to its own COB-IDs, those of "
+            "its RPDOs too; write `cob_id: auto` for its PDOs in bus.yml"
+        )
 
     def malformed(self, pdo: ReceivedPdo, length: int, now: int) -> None:
         """Tell that a TPDO's length is not the mapping's: each wrong length once per boot and TPDO."""
@@ -101,11 +116,23 @@ class NodeLog:
         if self._duplicates.heartbeat(now, since):
             self._tell_duplicate("its heartbeats come twice as often as configured", now)
 
-    def boot_up(self, now: int, since: int | None = None) -> None:
-        """Take a boot-up: whatever was wrong before is gone, and two at once come from two nodes."""
+    def boot_up(self, now: int, since: int | None = None, *, asked: bool = False) -> None:
+        """Take a boot-up: whatever was wrong before is gone, and two at once come from two nodes.
+
+        `asked`: it is the answer to a reset.
+        """
         self.errors.forget()
-        if self._duplicates.boot_up(now, since):
+        self.astray.clear()
+        was_stuck = self._duplicates.stuck
+        if self._duplicates.boot_up(now, since, asked=asked):
             self._tell_duplicate("two boot-ups came at once", now)
+        elif self._duplicates.stuck and not was_stuck:
+            text = (
+                "it sends its boot-up (0x00) again and again, as others send heartbeats, and never shows a state: it "
+                "did not leave INITIALISING after a reset; restart its program, and if it is a LocalNode of python "
+                "canopen give it `reset_communication: false` in bus.yml"
+            )
+            self.tell(now, "boot_up_repeated", text, Level.ERROR)
 
     def _tell_duplicate(self, what: str, now: int) -> None:
         text = f"two devices seem to have this node id: {what}; give one of them another (lss, or its switches)"

@@ -291,8 +291,9 @@ class RemoteNode:
     def _on_boot_up(self, now: int, since: int | None) -> None:
         self.nmt_state, self.last_seen = NmtState.PRE_OPERATIONAL, now  # a boot-up tells that it has come there
         self.sdo.forget()  # a node that restarted answers nothing it was asked before
-        self.log.boot_up(now, since)
-        if self._task is not None and self._task.awaits_boot_up:
+        asked = self._task is not None and self._task.awaits_boot_up
+        self.log.boot_up(now, since, asked=asked)
+        if self._task is not None and asked:
             self._task.boot_up(now)
             self._settle(now)
             return

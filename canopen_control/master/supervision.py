@@ -21,6 +21,8 @@ _WINDOW_PERIODS: Final = 10
 _DOUBLE: Final = 16  # heartbeats in ten periods: more than jitter explains
 _FORGET_NS: Final = 10 * _SECOND
 _BOOT_UPS_APART_NS: Final = 100_000_000  # less than any device needs from one boot-up to the next
+_LONGEST_BEAT_NS: Final = 2 * _SECOND  # of boot-ups that are sent like heartbeats
+_STUCK: Final = 3  # distances as long as the one before
 
 
 class PdoWatch:
@@ -79,6 +81,11 @@ class PdoWatch:
         return False
 
 
+def _is_like(gap: int, other: int) -> bool:
+    """Whether two distances in time are the same but for jitter."""
+    return 4 * abs(gap - other) < other
+
+
 class EmcyGate:
     """Lets a node's emergencies through to the log, ten a second; `held` counts those that were kept back."""
 
@@ -113,7 +120,8 @@ class EmcyGate:
 class DuplicateWatch:
     """Tells that two devices share a node id: heartbeats at twice the rate, or two boot-ups at once.
 
-    A frame came between `since`, when none waited to be read, and `now`: what a late process reads in one go says
+    Boot-ups at equal distances, as from a heartbeat, are no restarts and no second device: `stuck` is set for them. A
+    frame came between `since`, when none waited to be read, and `now`: what a late process reads in one go says
     nothing of a rate. It is told again when for ten seconds nothing looked like it.
     """
 
@@ -123,9 +131,13 @@ class DuplicateWatch:
         self._count = 0
         self._boot_up = -_SECOND
         self._sign = -_FORGET_NS
+        self.stuck = False
+        """Whether the node sends its boot-up as others send heartbeats (a LocalNode of canopen 2.4 after a reset)."""
+        self._gap = self._alike = 0  # between the last two boot-ups, and how many gaps in a row were as long
 
     def heartbeat(self, now: int, since: int | None = None) -> bool:
         """Take a heartbeat; True when it is the one that gives the second device away."""
+        self.stuck, self._alike = False, 0
         if not self._period:
             return False
         late = since is not None and now - since >= self._period
@@ -134,11 +146,14 @@ class DuplicateWatch:
         self._count += not late
         return self._count >= _DOUBLE and self._is_new(now)
 
-    def boot_up(self, now: int, since: int | None = None) -> bool:
-        """Take a boot-up; True when another one came too shortly before."""
+    def boot_up(self, now: int, since: int | None = None, *, asked: bool = False) -> bool:
+        """Take a boot-up; True when another one came too shortly before. `asked`: it answers a reset."""
         late = since is not None and now - since >= _BOOT_UPS_APART_NS
-        close = now - self._boot_up < _BOOT_UPS_APART_NS and not late
-        self._boot_up = now
+        gap, before, self._boot_up = now - self._boot_up, self._gap, now
+        self._gap = gap
+        self._alike = self._alike + 1 if not asked and gap < _LONGEST_BEAT_NS and _is_like(gap, before) else 0
+        self.stuck = self._alike >= _STUCK
+        close = gap < _BOOT_UPS_APART_NS and not late and not _is_like(gap, self._period) and not self._alike
         self._window = self._count = 0
         return close and self._is_new(now)
 

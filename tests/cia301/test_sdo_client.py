@@ -324,6 +324,26 @@ class TestBusy:
         assert pauses == [20 * MS, 40 * MS, 80 * MS, 160 * MS, 320 * MS]
         assert request.error.code == AbortCode.DEVICE_STATE
 
+    @pytest.mark.parametrize("code", ["22000008", "23000A06"])
+    def test_an_upload_is_asked_for_once_more_and_then_taken_at_its_word(self, client, code):
+        first = client.read(0x6041, 0, now=0)
+        client.frames()
+        hear(client, f"583#80416000{code}")
+        assert (first.done, said(client)) == (False, [])
+        client.tick(client.next_deadline())
+        assert said(client) == ["603#4041600000000000"]
+        hear(client, f"583#80416000{code}", now=20 * MS)
+        assert isinstance(first.error, SdoAbort)
+        second = client.read(0x6064, 0, now=30 * MS)
+        client.frames()
+        hear(client, f"583#80646000{code}", now=31 * MS)
+        assert isinstance(second.error, SdoAbort)
+        client.forget()  # another device may be there now
+        third = client.read(0x6064, 0, now=40 * MS)
+        client.frames()
+        hear(client, f"583#80646000{code}", now=41 * MS)
+        assert not third.done
+
     def test_with_no_patience_the_first_not_now_is_the_answer(self):
         client = SdoClient(NODE, options=SdoOptions(busy_ns=0))
         request = client.write(0x6060, 0, b"\3", now=0)

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from canopen_control.cia402.drive_goal import Goal
 from canopen_control.hardware.axis_status import (
     BLIND_STOP_NS,
     GRACE_NS,
@@ -70,14 +71,29 @@ def test_a_wanted_mode_that_no_pdo_carries_goes_by_sdo():
 
 def test_before_the_first_frame_and_without_the_node_nothing_is_known():
     axis = make_axis()
-    status = AxisStatus(axis, SimpleNamespace(mode=9))
+    status = AxisStatus(axis, SimpleNamespace(mode=9, goal=Goal.ENABLED))
     axis.pdo.stamp = -1
     status.update(0)
     assert (status.word, status.display) == (None, None)
+    assert axis.node.reads == []
     assert status.blind_word(0) == 0
     axis.pdo.stamp, axis.node.ready = 5, False
     status.update(0)
     assert status.word is None
+
+
+@pytest.mark.parametrize(
+    ("goal", "overdue"), [(Goal.DISABLED, False), (Goal.QUICK_STOPPED, False), (Goal.ENABLED, True)]
+)
+def test_one_that_never_came_is_asked_for_by_sdo_where_an_end_waits_for_it(goal, overdue):
+    axis = make_axis()
+    axis.pdo.stamp, axis.pdo.overdue = -1, overdue
+    status = AxisStatus(axis, SimpleNamespace(mode=9, goal=goal))
+    status.update(0)
+    assert status.word is None
+    axis.node.answer(b"\x50\x02")
+    status.update(MS)
+    assert status.word == 0x0250
 
 
 def test_when_it_stays_away_the_last_one_holds_for_a_while_then_the_sdos_then_none():

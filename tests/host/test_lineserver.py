@@ -464,6 +464,32 @@ def test_out_of_descriptors_it_pauses_instead_of_spinning(reactor, owner, monkey
         assert len(owner.connections) == 1
 
 
+def test_out_of_descriptors_whoever_is_idle_makes_way_for_who_wants_to_stop(reactor, owner, monkeypatch):
+    class Full:
+        """A listener whose process may have as many descriptors as it has now."""
+
+        def __init__(self, real, most):
+            self.fileno, self._real, self._most = real.fileno, real, most
+
+        def accept(self):
+            if len(owner.server.connections) >= self._most:
+                raise OSError(errno.EMFILE, "too many open files")
+            return self._real.accept()
+
+    real = owner.server._socket
+    idle = [Peer(owner) for _ in range(8)]
+    reactor.run_for(SECOND)
+    owner.server._socket = Full(real, 8)
+    with Peer(owner) as peer:
+        peer.send(b'{"id": 1}\n')
+        reactor.run_for(SECOND)
+        assert peer.messages() == [{"id": 1}]
+        assert len(owner.server.connections) == 7, "one more is free for a file"
+    owner.server._socket = real
+    for each in idle:
+        each.socket.close()
+
+
 def test_closing_the_server_ends_all_and_removes_the_socket(reactor, owner, peer):
     reactor.run_for(1)
     owner.server.close()

@@ -1,5 +1,6 @@
 """Stale process data, floods, and two nodes with one id."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -102,6 +103,24 @@ def test_two_boot_ups_at_once_are_two_nodes_and_a_restart_is_not():
     assert not watch.boot_up(500 * MS)
     assert watch.boot_up(501 * MS)
     assert not watch.boot_up(502 * MS), "told once"
+
+
+@pytest.mark.parametrize("gap", [50, 100, 500])
+def test_boot_ups_at_equal_distances_are_a_node_that_does_not_start(gap):
+    watch = DuplicateWatch(100 * MS)
+    assert not watch.boot_up(0, asked=True)
+    told = [watch.boot_up(number * gap * MS + number % 2 * MS) for number in range(1, 6)]
+    assert watch.stuck
+    assert sum(told) == (gap == 50), "the first of them may look like a second device"
+    watch.heartbeat(3000 * MS)
+    assert not watch.stuck
+
+
+def test_boot_ups_that_answer_resets_are_no_such_thing():
+    watch = DuplicateWatch(1000 * MS)
+    for number in range(8):
+        watch.boot_up(number * 1000 * MS, asked=True)
+    assert not watch.stuck
 
 
 def test_syncs_of_a_late_process_that_lie_close_together_are_no_three_misses():
