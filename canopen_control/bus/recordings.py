@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TextIO
 from canopen_control.bus.candump import interface_name, line_of, read_lines
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, frames_of
-from canopen_control.host.files import failed
+from canopen_control.host.files import failed, make_private
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -122,8 +122,8 @@ def format_of(path: str | Path) -> str:
 class RecordingWriter:
     """Writes a recording; `written` and `left_out` count frames. Close it, or the last frames are lost.
 
-    A file of that name is replaced. ConfigError where it cannot be written, DiskFull where it cannot be finished: what
-    was written before is kept then, and `written` counts it.
+    A file of that name is replaced; a new one is its user's alone (mode 0600). ConfigError where it cannot be written,
+    DiskFull where it cannot be finished: what was written before is kept then, and `written` counts it.
     """
 
     def __init__(self, path: str | Path, channel: str = "") -> None:
@@ -135,6 +135,7 @@ class RecordingWriter:
         self._text: TextIO | None = None
         self._messages: can.io.generic.MessageWriter | None = None
         try:
+            make_private(self.path)
             if self._format.writer is None:
                 self._text = self.path.open("w", encoding="ascii")
             else:

@@ -56,7 +56,8 @@ def run(args: argparse.Namespace) -> int:
     else:
         current = {name: line.strip() for name, line in _errors(status).items()}
         sync = [f"bus {name}: {bus.sync}" for name, bus in status.buses.items() if bus.sync]
-        more = [*sync, *_boot(status, current), *tell_causes(status.events, current), *_program(status)]
+        missing = [f"program {name}: {what}" for name, what in status.missing_programs.items()]
+        more = [*sync, *missing, *_boot(status, current), *tell_causes(status.events, current), *_program(status)]
         print("\n".join([*render(status), *([""] if more else []), *more]))
     return 0
 

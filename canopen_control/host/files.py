@@ -24,10 +24,19 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from typing import BinaryIO
 
-__all__ = ["FULL", "LogFile", "failed", "state_dir", "telling", "write_whole"]
+__all__ = ["FULL", "LogFile", "failed", "make_private", "state_dir", "telling", "write_whole"]
 
 #: what ends a writing that had begun: no room, no more allowed, a broken disk
 FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO))
+
+
+def make_private(path: str | Path) -> None:
+    """Make an empty file that nobody but its user reads or writes, unless it is there; raises OSError.
+
+    What a robot says and does is nobody else's business, and whoever opens the file afterwards leaves its mode.
+    """
+    with contextlib.suppress(FileExistsError):
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600))
 
 
 def write_whole(path: str | Path, data: bytes) -> None:
@@ -92,10 +101,12 @@ class LogFile:
     def opened_for(self, argv: Sequence[str]) -> Iterator[BinaryIO]:
         """Open it for a child to inherit, with a line that says what starts; ConfigError when it cannot be written."""
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             if self.path.exists() and self.path.stat().st_size > self._limit:
                 self.path.replace(self._old)
+            make_private(self.path)
             file = open(self.path, "ab", buffering=0)  # noqa: SIM115 - closed below, errors of opening apart
+            os.fchmod(file.fileno(), 0o600)  # one of an older version
             command = " ".join(shlex.join(argv).split())
             file.write(f"--- {time.strftime('%Y-%m-%d %H:%M:%S')} {command}\n".encode(errors="replace"))
             self._start = file.tell()
@@ -133,6 +144,7 @@ class LogFile:
     def rotate(self) -> None:
         """Copy it to `.1` and empty it."""
         with contextlib.suppress(OSError):  # a full disk: emptying it is what helps
+            make_private(self._old)
             shutil.copyfile(self.path, self._old)
         with contextlib.suppress(OSError):
             os.truncate(self.path, 0)

@@ -116,15 +116,16 @@ class NodeLog:
         if self._duplicates.heartbeat(now, since):
             self._tell_duplicate("its heartbeats come twice as often as configured", now)
 
-    def boot_up(self, now: int, since: int | None = None, *, asked: bool = False) -> None:
-        """Take a boot-up: whatever was wrong before is gone, and two at once come from two nodes.
+    def reset(self) -> None:
+        """Take that a reset is sent to the node."""
+        self._duplicates.reset()
 
-        `asked`: it is the answer to a reset.
-        """
+    def boot_up(self, now: int, since: int | None = None) -> None:
+        """Take a boot-up: whatever was wrong before is gone, and two at once come from two nodes."""
         self.errors.forget()
         self.astray.clear()
         was_stuck = self._duplicates.stuck
-        if self._duplicates.boot_up(now, since, asked=asked):
+        if self._duplicates.boot_up(now, since):
             self._tell_duplicate("two boot-ups came at once", now)
         elif self._duplicates.stuck and not was_stuck:
             text = (

@@ -125,7 +125,7 @@ class RemoteNode:
         self._task = BootTask(
             self.plan,
             self.sdo,
-            lambda command: self._send_nmt(command, self.node_id),
+            self._send_command,
             reset=reset,
             now=now,
             count_tpdos=lambda: sum(pdo.count for pdo in self.received),
@@ -151,7 +151,7 @@ class RemoteNode:
 
     def command(self, command: NmtCommand, now: int, *, boot: bool = False) -> None:
         """Send an NMT command for a user: the node is not used any more until it is started; `boot`: after a reset."""
-        self._send_nmt(command, self.node_id)
+        self._send_command(command)
         if command is NmtCommand.START:
             self.begin_boot(now)
             return
@@ -160,6 +160,11 @@ class RemoteNode:
         self._retry_at = now + 2 * RETRY_NS if boot else None
         if command not in RESETS:  # a guarded node shows its state to who asks, and takes a silent master for lost
             self._guard(True, now)
+
+    def _send_command(self, command: NmtCommand) -> None:
+        if command in RESETS:
+            self.log.reset()
+        self._send_nmt(command, self.node_id)
 
     def on_heartbeat(self, event: HeartbeatEvent, now: int, since: int | None = None) -> None:
         """Take what the heartbeat consumer tells of this node; its frame came between `since` and `now`."""
@@ -291,9 +296,8 @@ class RemoteNode:
     def _on_boot_up(self, now: int, since: int | None) -> None:
         self.nmt_state, self.last_seen = NmtState.PRE_OPERATIONAL, now  # a boot-up tells that it has come there
         self.sdo.forget()  # a node that restarted answers nothing it was asked before
-        asked = self._task is not None and self._task.awaits_boot_up
-        self.log.boot_up(now, since, asked=asked)
-        if self._task is not None and asked:
+        self.log.boot_up(now, since)
+        if self._task is not None and self._task.awaits_boot_up:
             self._task.boot_up(now)
             self._settle(now)
             return

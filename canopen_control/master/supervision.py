@@ -22,6 +22,7 @@ _DOUBLE: Final = 16  # heartbeats in ten periods: more than jitter explains
 _FORGET_NS: Final = 10 * _SECOND
 _BOOT_UPS_APART_NS: Final = 100_000_000  # less than any device needs from one boot-up to the next
 _LONGEST_BEAT_NS: Final = 2 * _SECOND  # of boot-ups that are sent like heartbeats
+_MOST_RESETS: Final = 8
 _STUCK: Final = 3  # distances as long as the one before
 
 
@@ -121,8 +122,9 @@ class DuplicateWatch:
     """Tells that two devices share a node id: heartbeats at twice the rate, or two boot-ups at once.
 
     Boot-ups at equal distances, as from a heartbeat, are no restarts and no second device: `stuck` is set for them. A
-    frame came between `since`, when none waited to be read, and `now`: what a late process reads in one go says
-    nothing of a rate. It is told again when for ten seconds nothing looked like it.
+    frame came between `since`, when none waited to be read, and `now`: what a late process reads in one go says nothing
+    of a rate, nor what comes in one go after a silence, since a hub, a gateway or an adapter may have held it up. It is
+    told again when for ten seconds nothing looked like it.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -133,27 +135,48 @@ class DuplicateWatch:
         self._sign = -_FORGET_NS
         self.stuck = False
         """Whether the node sends its boot-up as others send heartbeats (a LocalNode of canopen 2.4 after a reset)."""
+        self._beat = 0  # the last heartbeat
+        self._held = 0  # heartbeats that a silence may have kept back
+        self._resets = 0  # that were sent and are not answered by a boot-up yet
         self._gap = self._alike = 0  # between the last two boot-ups, and how many gaps in a row were as long
 
     def heartbeat(self, now: int, since: int | None = None) -> bool:
         """Take a heartbeat; True when it is the one that gives the second device away."""
-        self.stuck, self._alike = False, 0
+        self.stuck, self._alike, self._resets = False, 0, 0
         if not self._period:
             return False
-        late = since is not None and now - since >= self._period
+        late = (since is not None and now - since >= self._period) or self._was_held(now)
         if late or now - self._window >= _WINDOW_PERIODS * self._period:
             self._window, self._count = now, 0
         self._count += not late
         return self._count >= _DOUBLE and self._is_new(now)
 
-    def boot_up(self, now: int, since: int | None = None, *, asked: bool = False) -> bool:
-        """Take a boot-up; True when another one came too shortly before. `asked`: it answers a reset."""
+    def _was_held(self, now: int) -> bool:
+        """Whether a heartbeat may be one of those that did not come before, while something on the way stood still."""
+        gap, self._beat = now - self._beat, now
+        if 2 * gap >= 3 * self._period:
+            self._held += gap // self._period
+        elif 2 * gap >= self._period:
+            self._held = 0
+        elif self._held:
+            self._held -= 1
+            return True
+        return False
+
+    def reset(self) -> None:
+        """Take that a reset is sent to the node, which answers by a boot-up, however many wait on the way."""
+        self._resets = min(self._resets + 1, _MOST_RESETS)
+
+    def boot_up(self, now: int, since: int | None = None) -> bool:
+        """Take a boot-up; True when another one came too shortly before, and fewer resets were sent."""
+        asked = self._resets > 0
+        self._resets -= asked
         late = since is not None and now - since >= _BOOT_UPS_APART_NS
         gap, before, self._boot_up = now - self._boot_up, self._gap, now
         self._gap = gap
         self._alike = self._alike + 1 if not asked and gap < _LONGEST_BEAT_NS and _is_like(gap, before) else 0
         self.stuck = self._alike >= _STUCK
-        close = gap < _BOOT_UPS_APART_NS and not late and not _is_like(gap, self._period) and not self._alike
+        close = gap < _BOOT_UPS_APART_NS and not (late or asked or self._alike or _is_like(gap, self._period))
         self._window = self._count = 0
         return close and self._is_new(now)
 

@@ -93,6 +93,8 @@ class RobotCore:
         self.after_cycle: list[Callable[[int], None]] = []
         self.wall, self.in_virtual_time = WallClock(reactor.now, follows=not reactor.clock.is_manual), False
         self.commander: str | None = None
+        self.missing_programs: Mapping[str, str] = {}
+        """Programs around it that have died (the page, the flight recorder, ...), and what follows."""
         self.latch, self.truth = StopLatch(self.report), TruePoseTracker()
         self.pacer = Pacer(reactor, setup.cycle_ns)
         self.pacer.phase.behind_ns = setup.phase_ns

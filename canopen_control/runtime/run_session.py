@@ -95,6 +95,7 @@ class Session:
             cleanup.callback(os.close, _claim(channel))
         self.supervisor = Supervisor(setup.name, self.reactor, self.robot.report)
         self.supervisor.on_started = self.realtime.release
+        self.robot.missing_programs = self.supervisor.missing
         cleanup.callback(self.supervisor.end)
         try:
             self.api = ApiServer(self.robot)
@@ -128,7 +129,8 @@ class Session:
             plant = write_plant(self.setup, self.robot.joints, self.options.world) if self.options.physics else None
             self.supervisor.start_drives(self.setup, plant or self.options.plant)
         if self.options.recorder:
-            self.supervisor.start_recorder({name: bus.channel for name, bus in self.robot.buses.items()})
+            channels = {name: bus.channel for name, bus in self.robot.buses.items()}
+            self.supervisor.start_recorder(channels, Restarts())
         if self.options.ros:
             bridge = ["canopen_control.ros.bridge", "--name", self.setup.name, *self.options.ros_arguments]
             self.supervisor.start_client("ros", bridge, ros=True, answers=True, restarts=Restarts())
@@ -155,7 +157,8 @@ class Session:
 
     def _start_view(self) -> None:
         options = ["--teleop"] if self.options.teleop else []
-        self.supervisor.start_client("view", ["canopen_control", "view", "--name", self.setup.name, *options])
+        view = ["canopen_control", "view", "--name", self.setup.name, *options]
+        self.supervisor.start_client("view", view, restarts=Restarts())
 
     def run(self) -> str | None:
         """Run until a signal, the duration, a client or a failure ends it."""

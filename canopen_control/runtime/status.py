@@ -84,6 +84,7 @@ def status_message(robot: RobotCore, readings: Readings | None = None) -> Status
         buses=_buses(robot),
         boot=[step for node in robot.nodes.values() for step in _boot_steps(node)],
         failure=robot.failure,
+        missing_programs=dict(robot.missing_programs),
         commander=robot.commander,
         events=[event_message(robot, event) for event in robot.events.recent[-_MAX_EVENTS:]],
     )

@@ -40,6 +40,7 @@ MOST: Final = 3  # restarts of a child within the window, then it is given up
 WINDOW_NS: Final = 60_000_000_000
 DELAY_NS: Final = 500_000_000  # before each restart, so that what the last one left behind is gone
 _DRIVE = "drive-"
+_FLIGHT: Final = "flight"
 _NOTES = 50  # lines of a process of drives, before it is ready
 _USAGE, _COMPLAINT = 2, "canopen-control: "  # how a command ends whose files are wrong, and what it says
 _READY_NS = 20_000_000_000  # for drives to be on the bus; a busy machine needs some
@@ -74,6 +75,8 @@ class Supervisor:
         self._recorder_silent = False
         self._ending = self._over = False
         self._again: dict[Child, Callable[[], None]] = {}
+        self.missing: dict[str, str] = {}
+        """The names of programs that have died, with what follows, until they are there again."""
 
     def start_drives(self, setup: RobotSetup, plant: Path | None = None) -> None:
         """Start a virtual drive for every node of bus.yml: a process each, or inside this one where the bus is.
@@ -106,6 +109,7 @@ class Supervisor:
         argv = [*MODULE, *arguments]
         child = self._start(argv, name, ros=ros, inherit_stdout=inherit_stdout, reports=answers)
         self._clients.append(child)
+        self.missing.pop(name, None)
         if answers:
             child.watch_ready(self._reactor, lambda: None)
             self._watch_answers(child, Silence(self._reactor.now()))
@@ -137,24 +141,34 @@ class Supervisor:
             try:
                 start_client()
             except CanopenError as error:
+                self.missing[name] = str(error)
                 self._report(Event(self._reactor.now(), "process_ended", "", str(error), Level.ERROR))
 
         text = restarts.died(self._reactor.now())
+        self.missing[name] = f"{self.missing.get(name, 'it has ended')}; {text}"
         level = Level.ERROR if restarts.given_up else Level.WARNING
         self._report(Event(self._reactor.now(), "restart", "", f"process {name}: {text}", level))
         if not restarts.given_up:
             self._reactor.call_later(DELAY_NS, start)
 
-    def start_recorder(self, buses: Mapping[str, str]) -> None:
-        """Start the flight recorder, which listens on `buses` {name: channel}; without it the robot runs as well."""
+    def start_recorder(self, buses: Mapping[str, str], restarts: Restarts | None = None) -> None:
+        """Start the flight recorder, which listens on `buses` {name: channel}; without it the robot runs as well.
+
+        With `restarts` it is started again when it dies.
+        """
         options = ["--name", self._name, *(f"--bus={name}={channel}" for name, channel in buses.items())]
         try:
-            self._recorder = self._start([*_RECORDER, *options], "flight", reports=True)
+            self._recorder = self._start([*_RECORDER, *options], _FLIGHT, reports=True)
         except CanopenError as error:
             self._report(Event(self._reactor.now(), "no_recorder", "", str(error), Level.WARNING))
         else:
             self._clients.append(self._recorder)
-            self._listen_to_recorder()
+            self.missing.pop(_FLIGHT, None)
+            self._recorder_silent = False
+            if restarts is not None:
+                start = partial(self.start_recorder, buses, restarts)
+                self._again[self._recorder] = partial(self._restart, _FLIGHT, restarts, start)
+            self._listen_to_recorder(self._recorder)
 
     def when_ready(self, begin: Callable[[], object], fail: Callable[[str], object]) -> None:
         """Call `begin` once all that was started is ready, or has died, which is told; now if that is so.
@@ -215,10 +229,9 @@ class Supervisor:
             timer.cancel()
         self._awaited.clear()
 
-    def _listen_to_recorder(self) -> None:
+    def _listen_to_recorder(self, child: Child) -> None:
         """Tell that the recorder hangs or was stopped, and that it goes on."""
-        child = self._recorder
-        if child is None or child not in self._clients:
+        if child not in self._clients:
             return
         now = self._reactor.now()
         silent = child.heard_at is not None and now - child.heard_at > _SILENCE_NS
@@ -228,7 +241,7 @@ class Supervisor:
             text = f"{who} is silent: it hangs or was stopped, and what happens now is not recorded"
             event = Event(now, "recorder_silent", "", text, Level.WARNING)
             self._report(event if silent else Event(now, "recorder_back", "", f"{who} records again"))
-        self._reactor.call_later(_LOOK_NS, self._listen_to_recorder)
+        self._reactor.call_later(_LOOK_NS, partial(self._listen_to_recorder, child))
 
     def end_clients(self) -> None:
         """End the clients; a second call does nothing."""
@@ -333,6 +346,7 @@ class Supervisor:
             return
         text = f"process {child.name} (pid {child.pid}) {how}{said}"
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
+        self.missing[child.name] = how
         self._arrived(child)  # nobody else can be waited for
         again = self._again.pop(child, None)
         if again is not None and not self._over:

@@ -276,6 +276,7 @@ def _open(path: Path) -> Any:  # noqa: ANN401 - rosbags' writer, or None once it
     try:
         writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
         writer.open()
+        path.chmod(0o700)  # nobody else's, as the other recordings
     except WriterError as error:
         raise ConfigError(f"{path}: there is something already; a bag gets a folder of its own") from error
     except OSError as error:

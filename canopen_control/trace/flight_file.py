@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from canopen_control.bus.candump import interface_name, line_of, parse_line
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, frames_of
-from canopen_control.host.files import telling
+from canopen_control.host.files import make_private, telling
 from canopen_control.rpc.messages.declare import Count, Document, UnixTime
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.robot import Asked
@@ -154,7 +154,7 @@ def save(
 ) -> Path:
     """Write a file about `meta.reason` into `folder`, and forget the oldest there; ConfigError and DiskFull."""
     with telling(folder, "no recording was written"):
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = _free_path(folder, meta)
     write_flight(path, meta, can, events, states, requests)
     _forget_oldest(folder)
@@ -172,6 +172,8 @@ def write_flight(
     """Write a file at `path`, where it is when it is whole; ConfigError and DiskFull."""
     part = path.with_suffix(".part")
     try:
+        with telling(path, _LOST):
+            make_private(part)
         with telling(path, _LOST), zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
             archive.writestr(_META, text_of(meta, indent=1))
             for name, lines in ((_EVENTS, events), (_STATES, states), (_REQUESTS, requests)):

@@ -8,21 +8,24 @@ Slip is noise on each wheel's steps, made from the seed and the number of the st
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import math
 import os
+import stat
 from collections import deque
-from typing import TYPE_CHECKING, TypedDict
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TypedDict
 
 from canopen_control.errors import ConfigError
+from canopen_control.host.sockets import runtime_dir
 from canopen_control.rpc.messages.drive import BasePose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
-__all__ = ["LEFT", "RIGHT", "DiffBase", "SharedBase", "open_shared", "slipped"]
+__all__ = ["LEFT", "RIGHT", "DiffBase", "SharedBase", "open_shared", "shared_path", "slipped"]
 
 LEFT, RIGHT = 0, 1
 SILENT_NS = 10_000_000_000
@@ -176,12 +179,39 @@ class SharedBase:
             self._file = None
 
 
+def shared_path(text: str) -> Path:
+    """Return the file that a `share:` means: a name alone is one in this user's private folder."""
+    if "/" in text:
+        return Path(text).expanduser()
+    return runtime_dir() / f"share-{text}"
+
+
 def open_shared(path: Path) -> int:
-    """Open a file that several processes keep something in, made if it is not there; ConfigError if it cannot be."""
+    """Open a file that several processes keep something in, made if it is not there; ConfigError if it cannot be.
+
+    A link, another user's file and one that others may write to are refused: in a folder of everybody, such as /tmp,
+    somebody else may have put it there.
+    """
     try:
-        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
     except OSError as error:
-        raise ConfigError(f"{path} cannot be shared: {error.strerror}") from error
+        reason = "it is a symbolic link" if error.errno == errno.ELOOP else error.strerror
+        raise ConfigError(f"{path} cannot be shared: {reason}; {_SHARE}") from error
+    found = os.fstat(fd)
+    problem = ""
+    if not stat.S_ISREG(found.st_mode):
+        problem = "it is no file"
+    elif found.st_uid != os.getuid():
+        problem = f"it belongs to user id {found.st_uid}, not to yours ({os.getuid()})"
+    elif found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        problem = f"others may write to it (mode {stat.S_IMODE(found.st_mode):04o})"
+    if problem:
+        os.close(fd)
+        raise ConfigError(f"{path} cannot be shared: {problem}; {_SHARE}")
+    return fd
+
+
+_SHARE: Final = "write a name without / after share: for a file in your own private folder"
 
 
 def slipped(way: float, slip: float, seed: int, wheel: int, step: int) -> float:

@@ -16,7 +16,7 @@ An engine is a `plant.World`; ours is `OwnWorld`, another one is named in the fi
       counts_per_revolution: 51200
       reversed: [right]            # wheels whose positive direction is backwards
       slip: 0.01                   # standard deviation of each step's way, relative
-      share: /tmp/robby.floor      # where the wheels' drives are processes of their own: the same file for all
+      share: robby-floor           # where the wheels' drives are processes of their own: the same name for all
     encoders:                      # CiA 406 nodes on the shafts of drives
       "5":
         axis: "3"                  # the axis that turns it
@@ -24,7 +24,7 @@ An engine is a `plant.World`; ours is `OwnWorld`, another one is named in the fi
         gear: 10                   # motor turns for each turn of the encoder
         reversed: true             # it turns the other way round
         lead: 0.005                # m for each of these turns, of a linear encoder
-        share: /tmp/robby.shafts   # where the drive is a process of its own: the same file for both
+        share: robby-shafts        # where the drive is a process of its own: the same name for both
     engine: mujoco                     # physics, see `canopen_control.physics`; the rest is then its own
     engine: package.module:function    # called with this file's Path, returns a World; the rest is then its own
 
@@ -37,13 +37,12 @@ import dataclasses
 import importlib
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from canopen_control.errors import ConfigError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.rpc.messages.drive import WorldState
-from canopen_control.virtual.diffbase import LEFT, RIGHT, DiffBase, SharedBase
+from canopen_control.virtual.diffbase import LEFT, RIGHT, DiffBase, SharedBase, shared_path
 from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant, Plant
 from canopen_control.virtual.shaft import Coupling, ShaftFile, load_counts
 from canopen_control.virtual.wheel import WheelPlant
@@ -53,6 +52,7 @@ from canopen_control.yamlfile.reader import load, tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from canopen_control.virtual.plant import World
     from canopen_control.yamlfile.problems import Problems
@@ -170,11 +170,11 @@ class OwnWorld:
         self._wheels: list[WheelPlant] = []
         self._encoders = {_address(name)[0]: each for name, each in file.encoders.items()}
         self._shafts: dict[tuple[int, int], Plant] = {}  # that are turned in this process
-        self._files = {each.share: ShaftFile(Path(each.share)) for each in self._encoders.values() if each.share}
+        self._files = {each.share: ShaftFile(shared_path(each.share)) for each in self._encoders.values() if each.share}
         self.period_ns = _SHAFT_NS if self._encoders else None if file.base is None else 20_000_000
         if file.base is not None:
             separation, share = file.base.wheel_separation, file.base.share
-            self._base = SharedBase(separation, Path(share)) if share else DiffBase(separation)
+            self._base = SharedBase(separation, shared_path(share)) if share else DiffBase(separation)
 
     def plant(self, node_id: int, axis: int) -> Plant:
         """Return the plant of an axis, on the floor where it is a wheel of the base."""

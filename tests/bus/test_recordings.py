@@ -216,3 +216,11 @@ def test_whatever_is_changed_in_a_recording_it_is_read_or_said(recordings, tmp_p
     count = len(list(recording))
     assert count <= 200
     assert count or recording.problem or recording.skipped
+
+
+@pytest.mark.parametrize("suffix", sorted(FORMATS))
+def test_a_new_recording_is_its_users_alone(tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    with RecordingWriter(path, "can0"):
+        pass
+    assert path.stat().st_mode & 0o777 == 0o600

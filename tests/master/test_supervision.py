@@ -108,7 +108,8 @@ def test_two_boot_ups_at_once_are_two_nodes_and_a_restart_is_not():
 @pytest.mark.parametrize("gap", [50, 100, 500])
 def test_boot_ups_at_equal_distances_are_a_node_that_does_not_start(gap):
     watch = DuplicateWatch(100 * MS)
-    assert not watch.boot_up(0, asked=True)
+    watch.reset()
+    assert not watch.boot_up(0)
     told = [watch.boot_up(number * gap * MS + number % 2 * MS) for number in range(1, 6)]
     assert watch.stuck
     assert sum(told) == (gap == 50), "the first of them may look like a second device"
@@ -119,8 +120,30 @@ def test_boot_ups_at_equal_distances_are_a_node_that_does_not_start(gap):
 def test_boot_ups_that_answer_resets_are_no_such_thing():
     watch = DuplicateWatch(1000 * MS)
     for number in range(8):
-        watch.boot_up(number * 1000 * MS, asked=True)
+        watch.reset()
+        watch.boot_up(number * 1000 * MS)
     assert not watch.stuck
+
+
+def test_what_comes_at_once_after_a_silence_was_held_up_on_the_way():
+    watch = DuplicateWatch(PERIOD)
+    assert not any(watch.heartbeat(number * PERIOD) for number in range(20))
+    for _ in range(3):
+        watch.reset()  # of a master whose frames were held up as well
+    stalled = 20 * PERIOD + 2000 * MS
+    assert not any(watch.heartbeat(stalled + number) for number in range(20))
+    assert not any(watch.heartbeat(stalled + number * PERIOD) for number in range(1, 20))
+    for _ in range(3):
+        watch.reset()
+    later = stalled + 30 * PERIOD
+    assert not any(watch.boot_up(later + number) for number in range(3))
+    assert watch.boot_up(later + 4), "one more than resets"
+
+
+def test_a_second_device_is_found_behind_a_hub_that_stood_still():
+    watch = DuplicateWatch(PERIOD)
+    told = [watch.heartbeat(9000 * MS + number // 2 * PERIOD + number % 2 * MS) for number in range(100)]
+    assert sum(told) == 1
 
 
 def test_syncs_of_a_late_process_that_lie_close_together_are_no_three_misses():

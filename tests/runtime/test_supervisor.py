@@ -88,6 +88,19 @@ def test_a_bridge_that_is_killed_is_started_again_three_times_a_minute(superviso
     assert "ros" not in supervisor.pids
 
 
+def test_a_recorder_that_is_killed_is_started_again_and_missing_meanwhile(supervisor, monkeypatch):
+    sleeper = (sys.executable, "-c", "import time; time.sleep(60)")
+    monkeypatch.setattr("canopen_control.runtime.supervisor._RECORDER", sleeper)
+    supervisor.start_recorder({}, Restarts())
+    first = supervisor.pids["flight"]
+    os.kill(first, signal.SIGKILL)
+    assert supervisor.reactor.run_until(lambda: bool(supervisor.missing), 20 * SECOND)
+    assert "started again (1 of 3" in supervisor.missing["flight"]
+    assert supervisor.reactor.run_until(lambda: "flight" in supervisor.pids, 20 * SECOND)
+    assert supervisor.pids["flight"] != first
+    assert supervisor.missing == {}
+
+
 def test_nothing_is_started_again_while_everything_ends(supervisor):
     import os
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import statistics
 
 import pytest
@@ -11,7 +12,8 @@ from hypothesis import strategies as st
 from msgspec.structs import astuple
 
 from canopen_control.errors import ConfigError
-from canopen_control.virtual.diffbase import LEFT, RIGHT, DiffBase, SharedBase, slipped
+from canopen_control.host.sockets import runtime_dir
+from canopen_control.virtual.diffbase import LEFT, RIGHT, DiffBase, SharedBase, open_shared, shared_path, slipped
 
 MS, S = 1_000_000, 1_000_000_000
 SEPARATION = 0.4
@@ -124,3 +126,28 @@ def test_slip_is_the_same_for_a_seed_and_has_its_deviation():
     assert statistics.fmean(steps) == pytest.approx(0.0, abs=0.002)
     assert steps != [slipped(1.0, 0.05, 8, LEFT, k) - 1.0 for k in range(20_000)]
     assert steps != [slipped(1.0, 0.05, 7, RIGHT, k) - 1.0 for k in range(20_000)]
+
+
+def test_a_name_alone_is_a_file_in_the_private_folder(monkeypatch, tmp_path):
+    tmp_path.chmod(0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    path = shared_path("robby-floor")
+    assert path.parent == runtime_dir()
+    os.close(open_shared(path))
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert shared_path(f"{tmp_path}/floor") == tmp_path / "floor"
+
+
+@pytest.mark.parametrize("make", ["link", "open", "fifo"])
+def test_a_file_that_somebody_else_may_have_put_there_is_refused(tmp_path, make):
+    path = tmp_path / "floor"
+    if make == "link":
+        (tmp_path / "other").write_text("")
+        path.symlink_to(tmp_path / "other")
+    elif make == "fifo":
+        os.mkfifo(path)
+    else:
+        path.write_text("")
+        path.chmod(0o666)
+    with pytest.raises(ConfigError, match=r"cannot be shared: .*private folder"):
+        open_shared(path)

@@ -290,6 +290,7 @@ class Status(Snapshot, frozen=True, kw_only=True):
     failure: str | None = None
     commander: str | None = None
     events: list[RobotEvent] = []
+    missing_programs: dict[str, str] = {}
 
 
 class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"claims": "claimed_interfaces"}):
