@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 ROOT: Final = Path(__file__).parents[1]
 PACKAGE: Final = "canopen_control"
-SMALL: Final = "tools/campaigner/robots"
+CAMPAIGN: Final = "tools/campaigner"
 
 
 class Change(NamedTuple):
@@ -77,6 +77,14 @@ _ARM: Final = "seeds arm6 --seeds 40 --for 20"
 _FORKLIFT: Final = "seeds forklift --seeds 40 --for 20"
 
 
+def _scenario(robot: str, name: str) -> str:
+    """Return the command that plays a scenario of the campaign, on a bundled robot or on one of its small ones."""
+    small = ROOT / CAMPAIGN / "robots" / robot
+    where = f"{CAMPAIGN}/robots/{robot}" if small.is_dir() else ""
+    file = f"{where}/{name}.yml" if where else f"{CAMPAIGN}/scenarios/{name}.yml"
+    return f"simulate {where or robot} --scenario {file} --json"
+
+
 MUTANTS: Final = (
     Mutant(
         "stop_begins_late",
@@ -97,7 +105,7 @@ def begin():
 self.reactor.call_later(300_000_000, begin)
 """,
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_latch"), _ROBBY),
         "runtime/test_core",
     ),
     Mutant(
@@ -109,7 +117,7 @@ self.reactor.call_later(300_000_000, begin)
             "self._fire(Trigger.FAULT_RESET)",
             "self._fire(Trigger.FAULT_RESET)\nself.resume = True",
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_fault"),),
         "hardware/test_system",
     ),
     Mutant(
@@ -121,14 +129,14 @@ self.reactor.call_later(300_000_000, begin)
             "self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, slot.controller.explain(off))",
             "pass",
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_disabled"), _ROBBY),
         "controllers/test_running",
     ),
     Mutant(
         "command_while_off",
         "a command is accepted while drives are off",
         Change("controllers.manager", "ControllerManager._hand", "self._require_enabled(controller)", "pass"),
-        (_ROBBY, _ARM, _FORKLIFT),
+        (_scenario("robby", "robby_disabled"), _FORKLIFT),
         "controllers/test_manager",
     ),
     Mutant(
@@ -140,7 +148,7 @@ self.reactor.call_later(300_000_000, begin)
             "RobotState.DISABLED if waiting else RobotState.RUNNING",
             "RobotState.RUNNING",
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_disabled"),),
         "runtime/test_core",
     ),
     Mutant(
@@ -152,7 +160,7 @@ self.reactor.call_later(300_000_000, begin)
             'values.pop("position", None)',
             'joints[sorted(joints)[0]].get("position")',
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_clients"),),
         "runtime/test_status",
     ),
     Mutant(
@@ -164,7 +172,7 @@ self.reactor.call_later(300_000_000, begin)
             "raw * self._axis.scale.vel_from_dev + 0.0",
             "-raw * self._axis.scale.vel_from_dev + 0.0",
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_clients"),),
         "hardware/test_feedback",
     ),
     Mutant(
@@ -200,7 +208,7 @@ self.reactor.call_later(300_000_000, begin)
             'self.by = str(json.loads(path.read_text())["by"])',
             "path.unlink()",
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_latch"),),
         "runtime/test_latch",
     ),
     Mutant(
@@ -212,7 +220,7 @@ self.reactor.call_later(300_000_000, begin)
             "self.manager.running.let_go(holder, why)",
             'self.manager.running.let_go(holder, why)\nself.latch.release("who left", self.reactor.now())',
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_latch"),),
         "runtime/test_core",
     ),
     Mutant(
@@ -236,7 +244,7 @@ self.reactor.call_later(300_000_000, begin)
             "not limits.low <= raw <= limits.high",
             "False",
         ),
-        (f"seeds {SMALL}/limits --seeds 10 --for 10",),
+        (_scenario("limits", "turns_and_levers"),),
         "hardware/test_joint_targets",
     ),
     Mutant(
@@ -248,14 +256,14 @@ self.reactor.call_later(300_000_000, begin)
             "",
             "return raw",
         ),
-        (f"seeds {SMALL}/limits --seeds 10 --for 10",),
+        (_scenario("limits", "turns_and_levers"),),
         "hardware/test_axis",
     ),
     Mutant(
         "target_while_disabled",
         "a target stays written while its drive is disabled",
         Change("hardware.joint_targets", "JointTargets.hold", "", "return"),
-        (_ROBBY, _ARM),
+        (_scenario("robby", "robby_fault"), _ROBBY, _ARM),
         "hardware/test_joint_targets",
     ),
     Mutant(
@@ -274,7 +282,7 @@ self.reactor.call_later(300_000_000, begin)
         "emcy_not_told",
         "an EMCY is not reported",
         Change("master.node_log", "NodeLog.emcy", "self._gate.passes(now)", "False"),
-        (_ROBBY,),
+        (_scenario("robby", "robby_fault"),),
         "master/test_node_log",
     ),
     Mutant(
@@ -298,7 +306,7 @@ self.reactor.call_later(300_000_000, begin)
             "self.unpack(data)",
             'self.unpack(data[1:] + b"\\0" if [each.bits for each in self.codec.objects] == [64] else data)',
         ),
-        (f"seeds {SMALL}/wide --seeds 4 --for 6",),
+        (_scenario("wide", "turns"),),
         "master/test_cycle",
     ),
     Mutant(
@@ -310,14 +318,14 @@ self.reactor.call_later(300_000_000, begin)
             "groups(plan.writes)",
             "groups([each for each in plan.writes if each.index != 0x6007])",
         ),
-        (_ARM,),
+        (_scenario("arm6", "arm6_goals"),),
         "master/test_boot_config",
     ),
     Mutant(
         "boot_skips_the_last",
         "a boot skips the last parameter",
         Change("master.boot_config", "configure", "groups(plan.writes)", "groups(plan.writes)[:-1]"),
-        (_ROBBY,),
+        (_scenario("robby", "robby_fault"),),
         "master/test_boot_config",
     ),
     Mutant(
@@ -329,7 +337,7 @@ self.reactor.call_later(300_000_000, begin)
             "not -_HALF <= step < _HALF",
             "False",
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_wrap"),),
         "cia402/test_units",
     ),
     Mutant(
@@ -341,7 +349,7 @@ self.reactor.call_later(300_000_000, begin)
             "self._brake()",
             "pass",
         ),
-        (_ARM,),
+        (_scenario("arm6", "arm6_goals"),),
         "controllers/trajectory/test_controller",
     ),
     Mutant(
@@ -353,7 +361,7 @@ self.reactor.call_later(300_000_000, begin)
             "self.over and self.outside < 0",
             "self.over and self.outside >= 0",
         ),
-        (_ARM,),
+        (_scenario("arm6", "arm6_goals"),),
         "controllers/trajectory/test_judgement",
     ),
     Mutant(
@@ -375,7 +383,7 @@ for component, start, stop in plan.switches:
     component.prepare_command_mode_switch(start, stop)
 """,
         ),
-        (f"seeds {SMALL}/limits --seeds 10 --for 10",),
+        (_scenario("limits", "turns_and_levers"),),
         "controllers/test_switcher",
     ),
     Mutant(
@@ -402,7 +410,7 @@ if not (index % 2 and self.life.live):
             "controller.life.holder is holder",
             "controller.life.live",
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_clients"),),
         "controllers/test_running",
     ),
     Mutant(
@@ -421,7 +429,7 @@ if not (index % 2 and self.life.live):
             "value >> 7 != node.toggle and node.seen",
             "value >> 7 > 1",
         ),
-        (f"seeds {SMALL}/guarded --seeds 10 --for 10",),
+        (_scenario("guarded", "toggle"),),
         "cia301/test_guarding",
     ),
     Mutant(
@@ -433,7 +441,7 @@ if not (index % 2 and self.life.live):
             'event.kind == "node_lost" and cause.node.config.motion.recovery == "enable"',
             'event.kind == "fault" or cause.node.config.motion.recovery == "enable"',
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_fault"),),
         "hardware/test_system",
     ),
     Mutant(
@@ -464,7 +472,7 @@ if not (index % 2 and self.life.live):
             "_write(builder, wanted, 1, wanted.cob_id)",
             '_write(builder, wanted, 1, wanted.cob_id & ~0x7FF if wanted.kind == "tpdo" else wanted.cob_id)',
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_fault"),),
         "master/test_plan_pdos",
     ),
 )

@@ -362,7 +362,7 @@ def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, q
         simulation.run(
             duration_ns,
             lambda robot_s, _real: progress.at(int(robot_s), int(duration_ns / 1e9) or None),
-            lambda: simulation.robot.core.state is RobotState.STOPPED,
+            lambda: simulation.robot.up and simulation.robot.core.state is RobotState.STOPPED,  # killed, it comes back
         )
 
     if recorder is not None and record is not None:

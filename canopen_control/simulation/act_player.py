@@ -18,6 +18,7 @@ from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame
 from canopen_control.hardware.axis_power import Action
 from canopen_control.rpc.messages.drive import BlockJoint, SetPlant, SwitchFault
+from canopen_control.runtime.core import RobotCore
 from canopen_control.simulation.acts import KINDS
 from canopen_control.simulation.fault_coverage import is_met, kind_of
 from canopen_control.simulation.simulated_clients import SimulatedClients
@@ -26,7 +27,6 @@ from canopen_control.simulation.simulated_robot import MASTER
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from canopen_control.runtime.core import RobotCore
     from canopen_control.simulation.acts import Act
     from canopen_control.simulation.simulated_robot import SimulatedRobot
     from canopen_control.simulation.simulated_wire import SimulatedWire
@@ -44,7 +44,8 @@ class ActPlayer:
     """Plays acts from now on; `played` are those that have begun, `refused` counts what the robot refused.
 
     `troubles` counts what went wrong, with the state that the robot was in; `on_asked` hears what clients ask for,
-    `on_played` each act that begins, both with its time.
+    `on_played` each act that begins, `on_goal` each goal that is taken, all with their time. `torn` are switches of
+    controllers that were refused and changed something all the same.
     """
 
     def __init__(self, robot: SimulatedRobot) -> None:
@@ -54,6 +55,8 @@ class ActPlayer:
         self.troubles: Counter[tuple[str, str]] = Counter()
         self.on_asked: Callable[[int, Act], object] = lambda _now, _act: None
         self.on_played: Callable[[int, Act], object] = lambda _now, _act: None
+        self.on_goal: Callable[[int, Act, Goal], object] = lambda _now, _act, _goal: None
+        self.torn: list[str] = []
         self.clients = SimulatedClients(robot)
         self._publishing: dict[str, int] = {}  # controller -> whose turn it is to command it
         self._down = False
@@ -198,7 +201,15 @@ class ActPlayer:
             points[-1].velocities = stands
         else:
             points = [Point(act.values, stands, time=act.for_ns or PUBLISH_NS)]
-        self._ask(act, lambda core: core.send_goal(act.target, Goal(JointTrajectory(joints, points)), SOURCE))
+        self._ask(act, lambda core: self._send(core, act, Goal(JointTrajectory(joints, points))))
+
+    def _send(self, core: RobotCore, act: Act, goal: Goal) -> None:
+        core.send_goal(act.target, goal, SOURCE)
+        self.on_goal(self.robot.now_ns, act, goal)
+
+    def cancel(self, act: Act) -> None:
+        """Cancel what a controller follows."""
+        self._ask(act, lambda core: core.manager.get(act.target).cancel_goal())
 
     # -- clients of its socket
 
@@ -242,7 +253,7 @@ class ActPlayer:
 
     def activate(self, act: Act) -> None:
         """Switch to a controller, from those that have what it claims."""
-        self._ask(act, lambda core: self._switch_to(core, act.target))
+        self._ask(act, lambda core: self._switch_whole(core, act, partial(self._switch_to, core, act.target)))
 
     def _switch_to(self, core: RobotCore, name: str) -> None:
         active = [each for each in core.manager.active if not core.manager.get(each).is_broadcaster]
@@ -250,7 +261,19 @@ class ActPlayer:
 
     def deactivate(self, act: Act) -> None:
         """Deactivate a controller."""
-        self._ask(act, lambda core: core.switch([], [act.target], strict=False))
+        switch = partial(RobotCore.switch, activate=[], deactivate=[act.target], strict=False)
+        self._ask(act, lambda core: self._switch_whole(core, act, partial(switch, core)))
+
+    def _switch_whole(self, core: RobotCore, act: Act, switch: Callable[[], object]) -> None:
+        """Switch controllers, and note a refusal that has changed something."""
+        before = _active(core)
+        try:
+            switch()
+        except CanopenError as error:
+            # a controller whose own activation fails takes its request with it, and what was stopped for it stays so
+            if _active(core) != before and "could not be activated" not in str(error):
+                self.torn.append(f"{act.kind} {act.target} was refused ({error}) and has changed what is active")
+            raise
 
     def _ask(self, act: Act, verb: Callable[[RobotCore], object]) -> None:
         """Ask the robot for something as a client; a robot that is down hears nothing."""
@@ -269,6 +292,10 @@ class ActPlayer:
 
     def _later(self, delay_ns: int, work: Callable[[], object]) -> None:
         self.robot.time.later(delay_ns, work)
+
+
+def _active(core: RobotCore) -> set[str]:
+    return {name for name, state in core.manager.states.items() if state == "active"}
 
 
 def _ignore(_reason: str | None) -> None:
@@ -291,6 +318,7 @@ _PLAY: Final[dict[str, Callable[[ActPlayer, Act], None]]] = {
     "frame": ActPlayer.frame,
     "command": ActPlayer.command,
     "trajectory": ActPlayer.trajectory,
+    "cancel": ActPlayer.cancel,
     "silent": ActPlayer.connect,
     "deaf": ActPlayer.connect,
     "ask": ActPlayer.connect,

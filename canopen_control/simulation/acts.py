@@ -54,6 +54,7 @@ KINDS: Final = {
         lasts=True,
         values=True,
     ),
+    "cancel": Kind("controller", "cancels what a trajectory controller follows"),
     "silent": Kind("", "connects clients that say nothing: how many, 1 without a value", lasts=True, values=True),
     "deaf": Kind("", "connects a client that watches everything, asks on and on, and reads nothing", lasts=True),
     "ask": Kind("", "asks for the status as a client that waits for each answer", lasts=True),

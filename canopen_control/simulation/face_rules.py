@@ -3,7 +3,7 @@
 Each is asked as a client gets it and held against the drives themselves: which states of NMT and CiA 402 they are in,
 in which mode, where their shafts are and how fast they turn, within the time in which each is told. What nobody could
 know (a drive that is disturbed, a bus that loses frames) is not judged; that a drive without supply is gone, and that a
-fault which everybody could see has an event, is. Times in ns.
+fault, an EMCY or a wrong toggle bit which everybody could see has an event, is. Times in ns.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ _EVERY_NS: Final = 100 * _MS  # how often the faces are asked
 _SOON_NS: Final = 400 * _MS  # in which a state that has changed is told
 _LAG_NS: Final = 120 * _MS  # in which values are told: some cycles
 _CALM_NS: Final = 1000 * _MS  # since a node was disturbed
+_FLOOD_NS: Final = 1500 * _MS  # in which of many EMCYs one is told
+_JUMPED: Final = "position_jump"
 _SLACK: Final = 0.02
 _LEAST: Final = 1e-3  # rad, rad/s, m or m/s
 _MARGIN_S: Final = 0.3  # by which an event may be before what a listener saw
@@ -50,14 +52,16 @@ class _Shaft:
     """A joint behind the first axis of a node, and where its shaft was in the last cycles.
 
     A drive that boots anew counts from 0, and a robot goes on from where it saw it last: `offset` is by how much they
-    differ, None until the next place that is told. Where the drive's count passes over its 32 bits, both go on.
+    differ, None until the next place that is told. What does not boot the drive, nor moves its count, changes nothing
+    of it: `origin` is what the offset is of. Where the drive's count passes over its 32 bits, both go on.
     """
 
-    def __init__(self, joint: str, view: NodeView, units: Mapping[str, float]) -> None:
-        self.joint, self.view = joint, view
+    def __init__(self, joint: str, node: str, view: NodeView, units: Mapping[str, float]) -> None:
+        self.joint, self.node, self.view = joint, node, view
         self._position, self._velocity = units["pos_from_dev"], units["vel_from_dev"]
         self.truth: deque[Truth] = deque()
         self.offset: float | None = 0.0
+        self.origin: tuple[object, ...] = ()
         self._shown = self._counts = 0  # what it counts, and without the turns of its 32 bits
         self._blur = 0.0  # of the offset, which was taken while it turned
         self._zero = 0.0
@@ -116,14 +120,20 @@ class FaceRules:
             name: view.nodes[plan.node_id] for view in views.values() for name, plan in view.config.plans.items()
         }
         self._shafts = [
-            _Shaft(joint, self._nodes[node.name], node.units.of_axis(0)) for joint, node in watched_joints(robot.setup)
+            _Shaft(joint, node.name, self._nodes[node.name], node.units.of_axis(0))
+            for joint, node in watched_joints(robot.setup)
         ]
         self._due = robot.now_ns + _EVERY_NS
         self._calm: dict[int, bool] = {}  # whether a node was left alone for a while, and is on its bus
         self._wrong_since: dict[tuple[Faces, str, str], int] = {}  # faces, who and what
         self._gone: dict[str, tuple[int, bool]] = {}  # node without supply -> since when, whether it was told ready
         self._ready: dict[str, bool] = {}
-        self._told_faults: dict[str, int] = {}
+        self._told_faults: dict[tuple[str, str], int] = {}
+        self._emcys: dict[str, int] = {}  # node -> an EMCY that has to be told, 0: none
+        self._emcys_told: dict[str, int] = {}  # node -> the last one that was looked for
+        self._ready_since: dict[str, int] = {}  # node -> since when it is told as ready
+        self._first_start = 0
+        self._jumped = 0.0  # when the newest jump was told that was looked at
 
     def sampled(self, now: int) -> None:
         """Judge what is shown now."""
@@ -137,6 +147,7 @@ class FaceRules:
             self._wrong_since.clear()
             self._gone.clear()
             return
+        self._first_start = self._first_start or robot.started_ns
         readings = readings_of(robot.core)
         status, sample = status_message(robot.core, readings), state_sample(robot.core, readings)
         self._calm = {view.node_id: self._is_calm(view, now) for view in self._nodes.values()}
@@ -150,6 +161,17 @@ class FaceRules:
         for name, view in self._nodes.items():
             self._judge_supply(name, status.nodes[name], status.events, now)
             self._judge_fault(name, view, status.events, now)
+            self._judge_emcy(name, view, status.events, now)
+            self._judge_toggle(name, view, status.events, now)
+        self._judge_jumps(status.events)
+
+    def true_place(self, joint: str) -> tuple[float, float] | None:
+        """Return between which positions a joint's shaft was in the last cycles, in SI; None where nobody knows."""
+        for shaft in self._shafts:
+            if shaft.joint == joint and shaft.truth and shaft.offset is not None and self._calm.get(shaft.view.node_id):
+                places = [each[_POSITION] for each in shaft.truth]
+                return min(places) + shaft.offset, max(places) + shaft.offset
+        return None
 
     def _is_calm(self, view: NodeView, now: int) -> bool:
         """Whether a node was left alone for a while and is on its bus."""
@@ -190,9 +212,14 @@ class FaceRules:
     def _judge_values(
         self, faces: Faces, shaft: _Shaft, position: float | None, velocity: float | None, now: int
     ) -> None:
-        calm = self._calm[shaft.view.node_id]
-        if not calm and self._disturbed.last(shaft.view.node_id):
-            shaft.offset = None
+        node_id = shaft.view.node_id
+        calm = self._calm[node_id]
+        boots = self._robot.core.nodes[shaft.node].boots
+        origin = self._robot.started_ns, boots, self._disturbed.moved(node_id)
+        if shaft.origin != origin:
+            if origin != (self._first_start, 1, 0):  # the first boot of both: what is told is what the drive counts
+                shaft.offset = None
+            shaft.origin = origin
         self._judge_value(faces, shaft, _POSITION, position, calm, now)
         self._judge_value(faces, shaft, _VELOCITY, velocity, calm, now)
 
@@ -239,6 +266,10 @@ class FaceRules:
         if self._robot.drives[view.node_id].device is not None:
             self._gone.pop(name, None)
             self._ready[name] = told.ready
+            if told.ready:
+                self._ready_since.setdefault(name, now)
+            else:
+                self._ready_since.pop(name, None)
             return
         since, was_ready = self._gone.setdefault(name, (now, self._ready.get(name, False)))
         limit = view.plan.heartbeat_timeout_ns
@@ -256,12 +287,51 @@ class FaceRules:
         if seen and hidden + _CALM_NS < view.fault_at < now - _SOON_NS and not _has_event(events, name, view.fault_at):
             self._tell_once(name, view.fault_at, "event_missing", f"{name} is in fault, and no event says so")
 
+    def _judge_emcy(self, name: str, view: NodeView, events: list[RobotEvent], now: int) -> None:
+        """Hold that an EMCY of an error is told; of a flood one."""
+        sent = self._emcys.get(name, 0)
+        if not sent:
+            if view.emcy_at > self._emcys_told.get(name, 0):
+                self._emcys[name] = view.emcy_at
+            return
+        if now <= sent + _FLOOD_NS:
+            return
+        self._emcys[name], self._emcys_told[name] = 0, sent
+        hidden = max(self._disturbed.deaf_at, self._robot.started_ns)
+        if hidden + _CALM_NS < sent and not _has_event(events, name, sent - _FLOOD_NS, "emcy"):
+            self._tell("event_missing", f"{name} has sent an EMCY, and no event says so")
+
+    def _judge_toggle(self, name: str, view: NodeView, events: list[RobotEvent], now: int) -> None:
+        """Hold that an answer to guarding with the toggle bit of the one before is told, of a node that was there."""
+        at = view.toggled_at
+        hidden = max(self._disturbed.deaf_at, self._robot.started_ns, view.booted_at)
+        known = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
+        if known and at < now - _SOON_NS and not _has_event(events, name, at, "guarding"):
+            self._tell_once(
+                name, at, "event_missing", f"the guarding toggle bit of {name} was wrong, and no event says so"
+            )
+
+    def _judge_jumps(self, events: list[RobotEvent]) -> None:
+        """Hold that a jump is told of counts alone that have jumped."""
+        for event in events:
+            if event.kind != _JUMPED or event.time <= self._jumped or event.node not in self._nodes:
+                continue
+            self._jumped = event.time
+            node_id = self._nodes[event.node].node_id
+            for shaft in self._shafts:
+                if shaft.node == event.node:
+                    shaft.offset = None
+            since = max(self._disturbed.moved(node_id), self._disturbed.deaf_at, self._robot.started_ns)
+            if since / 1e9 < event.time - _CALM_NS / 1e9:
+                self._tell("shown_wrong", f"events: {event.text}, and its shaft has turned on")
+
     def _tell_once(self, name: str, since: int, rule: str, text: str) -> None:
-        if self._told_faults.get(name) != since:
-            self._told_faults[name] = since
+        if self._told_faults.get((name, text)) != since:
+            self._told_faults[name, text] = since
             self._tell(rule, text)
 
 
-def _has_event(events: list[RobotEvent], node: str, since: int) -> bool:
-    """Whether something was told of a node since about then."""
-    return any(event.node == node and event.time > since / 1e9 - _MARGIN_S for event in events)
+def _has_event(events: list[RobotEvent], node: str, since: int, kind: str = "") -> bool:
+    """Whether something was told of a node since about then, of kinds that begin with `kind`."""
+    earliest = since / 1e9 - _MARGIN_S
+    return any(event.node == node and event.time > earliest and event.kind.startswith(kind) for event in events)

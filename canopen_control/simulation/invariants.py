@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.simulation.client_rules import ClientRules
+from canopen_control.simulation.configuration_rules import ConfigurationRules
 from canopen_control.simulation.disturbed_nodes import DisturbedNodes
 from canopen_control.simulation.face_rules import FaceRules
 from canopen_control.simulation.fault_coverage import FaultCoverage
+from canopen_control.simulation.goal_rules import GoalRules
 from canopen_control.simulation.motion_rules import MotionRules
 from canopen_control.simulation.state_coverage import StateCoverage
 from canopen_control.simulation.target_rules import TargetRules
@@ -86,6 +88,9 @@ class Invariants:
         self._told = ToldRules(robot, views, self._tell)
         self._faces = FaceRules(robot, views, self._disturbed, self._tell)
         self._clients = ClientRules(robot, player.clients, self._tell)
+        self._goals = GoalRules(robot, player, self._faces, self._tell)
+        plans = [plan for bus in robot.setup.joined.values() for plan in bus.plans.values()]
+        self._configured = ConfigurationRules(robot, plans, self._disturbed, self._tell)
         self._wires = [WireRules(robot, robot.wires[name], view, self._tell) for name, view in views.items()]
         self.coverage, self.troubled = StateCoverage(robot, views.values()), FaultCoverage(robot)
         self._rules = list(rules)
@@ -93,7 +98,7 @@ class Invariants:
         for (name, view), wire in zip(views.items(), self._wires, strict=True):
             robot.wires[name].observe(view.hear, view.wants)
             robot.wires[name].observe(wire.heard, wire.wants)
-        player.on_asked, player.on_played = self._asked, self._played
+        player.on_asked, player.on_played, player.on_goal = self._asked, self._played, self._goals.taken
         robot.time.later(_LOOK_NS, self._look)
 
     def _tell(self, rule: str, text: str) -> None:
@@ -103,6 +108,7 @@ class Invariants:
     def _asked(self, now: int, act: Act) -> None:
         self._motion.asked(now, act)
         self._targets.asked(now, act)
+        self._told.asked(now, act)
 
     def _played(self, now: int, act: Act) -> None:
         self._disturbed.troubled(now, act)
@@ -116,6 +122,8 @@ class Invariants:
         self._told.sampled(now)
         self._faces.sampled(now)
         self._clients.sampled(now)
+        self._goals.sampled(now)
+        self._configured.sampled(now)
         self.coverage.sampled()
         for wire in self._wires:
             wire.sampled(now)

@@ -35,6 +35,7 @@ PLACE_NS: Final = 8_000 * _MS  # for a position to be reached
 _UNASKED_NS: Final = 100 * _MS
 _STOPS: Final = ("stop", "latch", "axis disable", "axis quick-stop", "axis halt")
 _ENABLES: Final = ("axis enable",)
+_LATCHES: Final = {"latch": True, "release": False}
 _OFF_NS: Final = 300 * _MS  # in which a drive whose group stands is disabled
 _SEEN_NS: Final = 100 * _MS  # as old a statusword may be
 _NO_DISABLE: Final = ("axis halt was asked", "axis quick-stop was asked")
@@ -90,8 +91,7 @@ class MotionRules:
         """Take what a client asks for; a process that is stalled hears it when it goes on."""
         heard = max(now, self._robot.host.stalled_until)
         what = f"{act.kind} {act.name}".strip()
-        if act.kind in ("latch", "release"):
-            self._latched = act.kind == "latch"
+        self._latched = _LATCHES.get(act.kind, self._latched)
         if what in _ENABLES and not self._latched:
             self._enabled_ns, self._stop = heard, None
             if self._all_stand():
@@ -106,7 +106,7 @@ class MotionRules:
             life = self._lives.get(act.target, PLACE_NS)
             self._fresh[act.target] = heard + (life if any(act.values) or life == PLACE_NS else 0)
             self._held[act.target] = bool(act.name)
-        elif act.kind == "leave" and self._held.get(act.target):  # it ends with its client
+        elif act.kind == "cancel" or (act.kind == "leave" and self._held.get(act.target)):  # it ends with its client
             self._fresh[act.target] = min(self._fresh.get(act.target, 0), heard)
         elif act.kind == "trajectory":
             self._fresh[act.target] = heard + (act.for_ns or 0) + 2000 * _MS
@@ -131,6 +131,8 @@ class MotionRules:
         """Judge what the shafts do now."""
         if self._robot.started_ns > self._enabled_ns:  # a start enables, once
             self._enabled_ns, self._stop = self._robot.started_ns, None
+            if self._latched:  # it comes back latched
+                self._stop_by(now, "a start with STOP latched", now + BOOT_NS)
             self._fresh = {"": self._enabled_ns + BOOT_NS}
         for stop in self._reasons(now):
             self._stop_by(stop.since, stop.why, stop.until)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -149,6 +150,7 @@ class SimulatedRobot:
         self.host: Actor
         self.core: RobotCore
         self._times = 0
+        self._state = tempfile.TemporaryDirectory(prefix="canopen-control-")  # what outlives its process
         self._boot()
         self.floor: SimulatedFloor | None = None
         if setup.physics and time is None:
@@ -198,6 +200,7 @@ class SimulatedRobot:
         self.kill()
         for drive in self.drives.values():
             drive.power_off()
+        self._state.cleanup()
 
     def actor(self, name: str, timing: Timing, times: int = 1) -> Actor:
         """Make a process; its oscillator is off by what the seed draws."""
@@ -225,6 +228,7 @@ class SimulatedRobot:
         self.core.wall.fix(0)
         self.core.in_virtual_time = self.tells_time
         self.core.on_event = self._hear
+        self.core.latch.keep(Path(self._state.name) / "stop_latched")
 
     def _join(self) -> None:
         core, host = self.core, self.host

@@ -4,7 +4,10 @@ The first holds the targets on the wire against the values that clients have com
 says; a target between them and standstill is one too, since stops and limits lead there. The second holds the shaft
 against the targets on the wire, in the modes whose target is a velocity (PV, CSV) or a place at every SYNC (CSP): it
 may lag by a few cycles and along the drive's own ramps, and never goes beyond. Who was disturbed since its last enable
-is not judged, nor what stands on a floor. Times in ns.
+is not judged, nor what stands on a floor.
+
+In every mode a target stays within the drive's own limits (0x607D, 0x607F) and does not push against a limit switch,
+a command that somebody renews is followed, and a drive that is off is told to stand where it is. Times in ns.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.hardware.interfaces import VELOCITY
 from canopen_control.simulation.wire_view import watched_joints
+from canopen_control.virtual.axis_objects import wrap32
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -36,7 +40,14 @@ _KEPT: Final = 64  # commands of a joint that are looked back at
 _COMMAND, _FOLLOWS = 0x18F, 0x0F  # of a controlword: operation enabled, no halt
 _SHOWN, _UNLIMITED = 0x86F, 0x27  # of a statusword: OPERATION ENABLED, no limit active (bit 11)
 _PV, _CSV, _CSP = int(OperationMode.PV), int(OperationMode.CSV), int(OperationMode.CSP)
+_VELOCITY: Final = o.TARGET_VELOCITY
 _SLACK: Final = 0.02  # of a target, by which it may be rounded or a clock be off
+_CALM_NS: Final = 1000 * _MS  # since a drive was disturbed, or has booted
+_OFF_NS: Final = 500 * _MS  # since a drive was enabled last
+_LIMIT: Final = 0x800  # of a statusword: a limit is active
+_SWITCHES: Final = {1: -1, 2: 1}  # bits of 0x60FD that are limit switches: the direction that each closes
+_UNLIMITED_ABOVE: Final = 1 << 31
+_STOPS: Final = ("stop", "latch", "axis", "activate", "deactivate", "leave")
 _AT_ONCE: Final = 1e12  # counts/s^2
 _LEAST: Final = 5.0  # counts/s, or counts
 
@@ -49,6 +60,9 @@ class _Followed:
         self.low = self.high = 0.0
         self.at = 0  # when it was judged last, 0: not since its enable
         self.told = False
+        self.wrong = ""  # which rule it breaks now, of those that hold in every mode
+        self._limits_of: tuple[VirtualDrive | None, int] = None, -1
+        self._limits = (0, 0, 0)
         self._slope_of: tuple[VirtualDrive | None, int] = None, -1  # with which version of its values
         self._slope = 0.0
 
@@ -58,6 +72,16 @@ class _Followed:
         if self._slope_of[1] != version or self._slope_of[0] is not drive:
             self._slope_of, self._slope = (drive, version), _slope(drive)
         return self._slope
+
+    def limits(self, drive: VirtualDrive) -> tuple[int, int, int]:
+        """Return the ends of 0x607D and the greatest velocity of 0x607F; 0 where there is no such limit."""
+        objects, version = drive.objects, drive.objects.store.version
+        if self._limits_of[1] != version or self._limits_of[0] is not drive:
+            low, high = (objects.number(o.SOFTWARE_POSITION_LIMIT, sub) for sub in (1, 2))
+            most = objects.number(o.MAX_PROFILE_VELOCITY)
+            ends = (low, high) if low < high else (0, 0)
+            self._limits_of, self._limits = (drive, version), (*ends, most if most < _UNLIMITED_ABOVE else 0)
+        return self._limits
 
     def rest(self) -> None:
         """Begin anew with the next enable."""
@@ -90,12 +114,16 @@ class TargetRules:
         self._ends = {each.controller: each.ends for each in motions}
         self._scales = _velocity_scales(robot)
         self._commanded: dict[str, deque[tuple[int, float]]] = {}  # joint -> what it was commanded last
+        self._stopped_at = 0  # when somebody last asked for what may end a command
         self._others_until = 0  # until when something else than values joint by joint may lead
         self._wrong: set[str] = set()
+        self._lost: set[str] = set()
 
     def asked(self, now: int, act: Act) -> None:
         """Take what a client asks for."""
         heard = max(now, self._robot.host.stalled_until)
+        if act.kind in _STOPS:
+            self._stopped_at = heard
         if act.kind != "command" or not self._ends.get(act.target):
             if act.kind in ("command", "trajectory", "activate", "deactivate"):
                 self._others_until = 1 << 62
@@ -115,6 +143,8 @@ class TargetRules:
             view = axis.view
             device = self._robot.drives[view.node_id].device
             drive = None if device is None else device.drives.get(0)
+            if drive is not None and view.plan.axes:
+                self._judge_told(axis, drive, now)
             if drive is None or not view.plan.axes or not self._may_judge(view, now):
                 axis.rest()
                 continue
@@ -127,6 +157,70 @@ class TargetRules:
         if view.controlword & _COMMAND != _FOLLOWS or view.statusword & _SHOWN != _UNLIMITED:
             return False
         return self._disturbed.last(view.node_id) < view.enabled_at < now - _SETTLED_NS
+
+    # -- what holds in every mode
+
+    def _judge_told(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
+        """Judge what a drive is told by its own limits, or where it is off by its standstill."""
+        view = axis.view
+        if view.enabled:
+            wrong = self._beyond(axis, drive, now)
+        elif view.shown_enabled_at < now - _OFF_NS and now - view.told_at < _LAG_NS < now - view.target_changed_at:
+            wrong = self._not_at_rest(view, drive, now)
+        else:
+            wrong = ""
+        if wrong and not axis.wrong and self._is_calm(view, now):
+            rule = "limit_ignored" if view.enabled else "target_disabled"
+            self._tell(rule, f"node {view.node_id} is told {wrong}")
+            axis.wrong = wrong
+        elif not wrong:
+            axis.wrong = ""
+
+    def _all_calm(self, now: int) -> bool:
+        """Whether nothing has happened for a while that could stop the robot."""
+        disturbed = max((self._disturbed.last(axis.view.node_id) for axis in self._axes), default=0)
+        return max(disturbed, self._stopped_at, self._robot.started_ns) < now - 3 * _CALM_NS
+
+    def _is_calm(self, view: NodeView, now: int) -> bool:
+        """Whether nothing has come between a drive and the robot for a while."""
+        since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
+        return since < now - _CALM_NS
+
+    def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
+        """Return what leads an enabled drive beyond its limits, in words; "" where nothing does."""
+        low, high, most = axis.limits(drive)
+        targets, mode = axis.view.targets, drive.modes.number
+        if mode == _CSP:
+            told = targets.get(o.TARGET_POSITION)
+            if low == high or told is None or low <= told <= high:
+                return ""
+            place = float(drive.objects.units.user(drive.mover.plant.position))
+            inside = low - _LEAST <= place <= high + _LEAST  # else it may be held where it is
+            return f"to go to {told}, its software limits are {low} and {high}" if inside else ""
+        if mode not in (_PV, _CSV):
+            return ""
+        told = targets.get(_VELOCITY, 0)
+        if most and abs(told) > most + 1:
+            return f"to turn at {told}, its greatest velocity is {most}"
+        closed = _SWITCHES.get(drive.objects.number(o.DIGITAL_INPUTS) & 3, 0) if axis.view.statusword & _LIMIT else 0
+        pushes = told * closed > 0 and all(
+            each * closed > 0 for each in axis.view.targets_since(_VELOCITY, now - _LAG_NS)
+        )
+        return f"to turn at {told}, against the limit switch that is closed" if pushes else ""
+
+    def _not_at_rest(self, view: NodeView, drive: VirtualDrive, now: int) -> str:
+        """Return the target other than standstill that a drive has which is off; "" for none."""
+        if view.commanded or now - view.status_at > _LAG_NS:
+            return ""
+        if told := view.targets.get(_VELOCITY, 0):
+            return f"to turn at {told}, and it is off"
+        place = view.targets.get(o.TARGET_POSITION)
+        plant, units = drive.mover.plant, drive.objects.units
+        if place is None or abs(plant.velocity) > _LEAST:
+            return ""
+        here = float(units.user(plant.position))
+        off = abs(wrap32(place - round(here)))
+        return f"to go to {place}, and it is off at {here:.0f}" if off > _LEAST + _reach(drive) else ""
 
     # -- a shaft does what its drive is told
 
@@ -179,6 +273,8 @@ class TargetRules:
                     self._wrong.discard(joint)
                     continue
                 self._judge_target(joint, float(told), [scale * each for each in _recent(commands, now)])
+                if view.limited_at <= view.booted_at:  # else one way is closed
+                    self._judge_life(joint, told, commands, now)
 
     def _judge_target(self, joint: str, told: float, commanded: list[float]) -> None:
         low, high = min(0.0, *commanded), max(0.0, *commanded)
@@ -188,6 +284,16 @@ class TargetRules:
         elif joint not in self._wrong:
             self._wrong.add(joint)
             self._tell("target_wrong", f"the drive of {joint} is told {told:.0f}, commanded was {commanded[-1]:.0f}")
+
+    def _judge_life(self, joint: str, told: int, commands: deque[tuple[int, float]], now: int) -> None:
+        """Judge that a command which somebody renews, and nobody ends, is followed."""
+        newest, value = commands[-1]
+        steady = newest > now - _LAG_NS and value and all(each == value for each in _recent(commands, now))
+        if not steady or told or commands[0][0] > now - _LAG_NS or not self._all_calm(now):
+            self._lost.discard(joint)
+        elif joint not in self._lost:
+            self._lost.add(joint)
+            self._tell("command_lost", f"the drive of {joint} is told to stand, and {value:g} is commanded on and on")
 
 
 def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:

@@ -1,6 +1,7 @@
 """Invariants of the runtime itself: the state told is the state that is, memory is bounded, the program has no error.
 
-What a face of the robot claims (state, axes, velocities) is held against the wire and the shafts. Times in ns.
+What a face of the robot claims (state, axes, velocities) is held against the wire and the shafts, and the STOP latch
+against what clients have asked for, whoever has left or restarted since. Times in ns.
 """
 
 from __future__ import annotations
@@ -8,11 +9,13 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.hardware.interfaces import TARGET
 from canopen_control.runtime.core import RobotState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from canopen_control.simulation.acts import Act
     from canopen_control.simulation.simulated_robot import SimulatedRobot
     from canopen_control.simulation.wire_view import NodeView, WireView
 
@@ -27,7 +30,10 @@ _BLOCKS: Final = 60_000  # of memory, that a robot may have more than a while af
 
 
 class ToldRules:
-    """Holds the runtime's words against what is; `tell(rule, text)` takes breaches."""
+    """Holds the runtime's words against what is; `tell(rule, text)` takes breaches.
+
+    `asked` and `sampled` are called as time passes.
+    """
 
     def __init__(self, robot: SimulatedRobot, views: Mapping[str, WireView], tell: Callable[[str, str], None]) -> None:
         self._robot, self._tell = robot, tell
@@ -37,6 +43,14 @@ class ToldRules:
         self._errors = 0
         self._blocks: int | None = None
         self._weigh_at = robot.now_ns + _MEMORY_NS
+        self._latched: bool | None = False  # as clients have asked for it; None: nobody knows whether that was heard
+        self._latch_asked = self._latch_heard = 0
+
+    def asked(self, now: int, act: Act) -> None:
+        """Take what a client asks for; a process that is stalled hears it when it goes on."""
+        if act.kind in ("latch", "release"):
+            self._latched = act.kind == "latch"
+            self._latch_asked, self._latch_heard = now, max(now, self._robot.host.stalled_until)
 
     def sampled(self, now: int) -> None:
         """Judge what is told now."""
@@ -46,12 +60,22 @@ class ToldRules:
         self._errors = len(robot.errors)
         if now >= self._weigh_at:
             self._weigh(now)
+        if now <= self._latch_heard + _FRESH_NS and not (robot.up and robot.started_ns <= self._latch_asked):
+            self._latched = None
         if not robot.up or now < robot.host.stalled_until:
             self._wrong_since.clear()
             return
+        self._judge_latch(now)
         for node in self._nodes:
             self._judge_state(node, now)
             self._judge_axes(node, now)
+
+    def _judge_latch(self, now: int) -> None:
+        """Judge that STOP is latched from when a client has latched it until one releases it, and at no other time."""
+        held, latched = self._robot.core.latch.held, self._latched
+        if held is not latched or self._wrong_since:
+            self._hold("STOP was latched by {}, and is not any more", "a client", latched is True and not held, now)
+            self._hold("STOP is latched, and {} asked for it", "nobody", latched is False and held, now)
 
     def _judge_state(self, node: NodeView, now: int) -> None:
         """Judge that RUNNING means that every node is there and no drive is in fault."""
@@ -65,7 +89,7 @@ class ToldRules:
         self._hold("running, and {} is in fault", name, running and fault, now)
 
     def _judge_axes(self, node: NodeView, now: int) -> None:
-        """Judge that an axis told as enabled shows it on the wire."""
+        """Judge that an axis told as enabled shows it on the wire, and while RUNNING each that is claimed."""
         wrong = now - node.status_at < _FRESH_NS and not node.enabled
         if not (wrong or self._wrong_since):
             return
@@ -73,6 +97,9 @@ class ToldRules:
             if joint.node.node_id == node.node_id:
                 told = wrong and joint.enabled
                 self._hold("{} is told enabled, and its statusword says no", joint.joint, told, now)
+                claimed = wrong and not joint.axis.number and joint.claimed not in (None, TARGET)
+                off = claimed and self._robot.core.state is RobotState.RUNNING
+                self._hold("running, and {} is claimed by a controller and off", joint.joint, off, now)
 
     def _hold(self, text: str, who: str, wrong: bool, now: int) -> None:
         """Tell what has been wrong for longer than it takes to be told."""

@@ -30,6 +30,7 @@ _ENABLED: Final = 0x0F  # of a controlword: switch on, voltage, no quick stop, e
 _FAULT_RESET: Final = 0x80
 _KEPT: Final = 64  # values of a target that are looked back at
 _STATE: Final = 0x6F  # bits of a statusword that are the state
+_LIMIT: Final = 0x800  # a limit is active
 _SHOWN_ENABLED: Final = 0x27  # of these: OPERATION ENABLED
 
 
@@ -41,7 +42,8 @@ class NodeView:
     `status_at` when the statusword came, `fault_at` when it began to show a fault; `enabled_at` when a controlword
     began to enable it, `shown_enabled_at` when it last showed that it is. 0: never. `drive_edges` and `nmt_edges` count
     the pairs of statuswords (their bits of the state) and of NMT states that followed each other; `recent` the newest
-    values of each target with when they came.
+    values of each target with when they came. `emcy_at` is when it last sent an EMCY of an error, `toggled_at` when it
+    last answered guarding with the toggle bit of the answer before, `limited_at` when it last began to show a limit.
     """
 
     def __init__(self, plan: NodePlan) -> None:
@@ -52,20 +54,30 @@ class NodeView:
         self.recent: dict[int, deque[tuple[int, int]]] = {}
         self.target_changed_at = self.told_at = 0
         self.alive_at = self.booted_at = self.status_at = self.enabled_at = self.shown_enabled_at = 0
-        self.fault_at = 0
-        self.nmt = -1
+        self.fault_at = self.emcy_at = self.toggled_at = self.limited_at = 0
+        self.nmt, self._toggle = -1, -1
         self.drive_edges: dict[tuple[int, int], int] = {}
         self.nmt_edges: dict[tuple[int, int], int] = {}
 
     def alive(self, state: int, now: int) -> None:
         """Take a sign of life with an NMT state, 0 for a boot-up."""
         self.alive_at = now
+        if self.plan.guard:
+            state = self._without_toggle(state, now)
         if state == 0:
             self.booted_at = now
         if self.nmt not in (-1, state):
             edge = self.nmt, state
             self.nmt_edges[edge] = self.nmt_edges.get(edge, 0) + 1
         self.nmt = state
+
+    def _without_toggle(self, answer: int, now: int) -> int:
+        """Take an answer to guarding; return the state in it. A boot-up begins with toggle bit 0 anew."""
+        toggle = answer >> 7
+        if answer and toggle == self._toggle:
+            self.toggled_at = now
+        self._toggle = toggle if answer else 1
+        return answer & 0x7F
 
     @property
     def commanded(self) -> bool:
@@ -119,6 +131,8 @@ class NodeView:
         if (before ^ value) & _STATE:
             edge = before & _STATE, value & _STATE
             self.drive_edges[edge] = self.drive_edges.get(edge, 0) + 1
+        if value & ~before & _LIMIT:
+            self.limited_at = now
         faulty, self.statusword = self.in_fault, value
         if self.in_fault and not faulty:
             self.fault_at = now
@@ -138,6 +152,7 @@ class WireView:
             self._map(view, plan.tpdos, to_node=False)
         self._alive = {0x700 + node_id: view for node_id, view in self.nodes.items()}
         self._requests = {0x600 + node_id: view for node_id, view in self.nodes.items()}
+        self._emcys = {0x80 + node_id: view for node_id, view in self.nodes.items()}
         self._master = 0x700 + config.master.node_id
 
     def _map(self, view: NodeView, layouts: Sequence[PdoLayout], *, to_node: bool) -> None:
@@ -148,7 +163,7 @@ class WireView:
 
     def wants(self, can_id: int) -> bool:
         """Whether `hear` looks at frames with this identifier."""
-        known: tuple[Container[int], ...] = (self._pdos, self._alive, self._requests, (0x80, self._master))
+        known: tuple[Container[int], ...] = (self._pdos, self._alive, self._requests, self._emcys, (0x80, self._master))
         return any(can_id in each for each in known)
 
     def hear(self, now: int, label: str, record: bytes) -> None:
@@ -167,6 +182,8 @@ class WireView:
             index = int.from_bytes(data[1:3], "little")
             if index == o.CONTROLWORD:
                 view.told(index, int.from_bytes(data[4:6], "little"), now)
+        elif (view := self._emcys.get(can_id)) is not None and label != "stranger" and length == 8 and any(data[:2]):
+            view.emcy_at = now
 
     def _take(
         self, pdo: tuple[NodeView, bool, int, tuple[tuple[int, int, int, bool], ...]], bits: int, length: int, now: int

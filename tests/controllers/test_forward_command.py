@@ -235,3 +235,12 @@ def test_its_timeout_is_set_while_it_runs_and_counts_for_the_command_that_is_the
     with pytest.raises(CanopenError):
         control.set_parameters("forward", [ParameterValue(name="command_timeout", kind="double", value=-1.0)])
     assert forward.life.limit_ns == 0
+
+
+def test_a_command_takes_the_place_of_the_one_before_as_a_whole():
+    hardware, control, _ = robot()
+    start(control, hardware)
+    for now, values in enumerate(([1.0, 2.0, 3.0], [4.0, 5.0, 6.0])):
+        control.command("forward", values, now * S, source=f"client {now}")
+    control.update(S, 0.01)
+    assert hardware.values() == [4.0, 5.0, 6.0]

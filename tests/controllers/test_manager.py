@@ -15,6 +15,7 @@ from canopen_control.errors import (
     CanopenError,
     ControlError,
     InterfaceConflict,
+    NotEnabled,
     RobotConfigError,
     UnknownInterface,
 )
@@ -335,3 +336,17 @@ def test_who_tells_nothing_has_no_sample_and_who_cannot_tell_has_failed():
     one, other = (each.text for each in control.events())
     assert "broken was deactivated: sample raised ZeroDivisionError: no" in one
     assert "wrong was deactivated: sample returned OdometrySample, which is not what it `tells`" in other
+
+
+def test_a_command_is_refused_while_its_drive_is_off_and_counts_for_nothing_afterwards():
+    hardware = wheels()
+    control = manager(hardware)
+    add(control, "left", FORWARD, joints=["l"], interface_name="velocity")
+    control.switch(["left"], now=0)
+    left = hardware.command_interfaces[0]
+    left.enabled = False
+    with pytest.raises(NotEnabled):
+        control.command("left", [3.0], 0)
+    left.enabled = True
+    control.update(S // 100, 0.01)
+    assert not left.value > 0.0

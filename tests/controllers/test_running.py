@@ -89,3 +89,21 @@ def test_a_joint_state_is_of_its_update_and_not_of_the_cycle():
         sample = control.running.samples(0)["states"]
         seen.append((round(sample.time * 1000), sample.joints["a"]["position"]))
     assert list(dict.fromkeys(seen)) == [(20, 1.0), (120, 6.0), (220, 11.0)]
+
+
+def test_the_end_of_a_client_ends_what_it_commands_and_no_more():
+    hardware = Hardware("l/velocity", "r/velocity")
+    control = manager(hardware, rate=50, cycle=0.02)
+    for name, joint in (("left", "l"), ("right", "r")):
+        add(control, name, FORWARD, joints=[joint], interface_name="velocity")
+    control.switch(["left", "right"], now=0)
+    first, second = object(), object()
+    control.command("left", [1.0], 0, source="first", holder=first)
+    control.command("left", [2.0], 0, source="second", holder=second)
+    control.command("right", [3.0], 0, source="nobody's end ends it")
+    control.running.let_go(first)
+    control.update(S // 50, 0.02)
+    assert hardware.values() == [2.0, 3.0]
+    control.running.let_go(second)
+    control.update(2 * S // 50, 0.02)
+    assert hardware.values() == [0.0, 3.0]

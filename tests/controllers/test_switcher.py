@@ -56,6 +56,8 @@ def test_what_hardware_refuses_changes_nothing(robot):
         control.switch(["right"], ["left"])
     assert [verb for verb, _, _ in hardware.calls] == ["prepare"]
     assert control.active == ("left",)
+    assert control.states["left"] == "active"
+    assert [each.owner for each in hardware.command_interfaces] == ["left", None]
 
 
 def test_a_restart_of_an_active_controller_is_one_request(robot):

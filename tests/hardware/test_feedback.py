@@ -154,3 +154,14 @@ def test_further_interfaces_are_those_of_the_description():
     axis.node.emcy = SimpleNamespace(error_code=0x4310)
     feedback.read(5_000_000)
     assert feedback.states["error_code"].value == 0x4310
+
+
+@pytest.mark.parametrize("raw", [2500, -2500])
+def test_a_velocity_has_the_sign_of_the_motion(raw):
+    feedback, _ = make()
+    feedback.put(0, 0, raw)
+    feedback.read(0)
+    assert feedback.states["velocity"].value == raw / COUNTS
+    feedback.put(CYCLE, raw // 50, raw)
+    feedback.read(CYCLE)
+    assert feedback.states["position"].value * raw > 0

@@ -9,7 +9,9 @@ from support.robots import Bench
 from support.servos import DECELERATION, command
 
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode
+from canopen_control.cia402.units import PositionUnwrapper, Scale
 from canopen_control.errors import UnsupportedMode
+from canopen_control.hardware.axis import AxisLimits
 from canopen_control.hardware.joint_targets import TARGET_CLASSES, ModeTarget, stop_slope
 
 
@@ -218,3 +220,20 @@ def test_what_a_mode_must_say_itself_has_no_default(verb):
 
 def test_every_mode_whose_target_is_known_has_its_class():
     assert TARGET_CLASSES.keys() == TARGET_OBJECTS.keys()
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize("mode", [OperationMode.CSP, OperationMode.IP])
+def test_a_position_at_every_sync_stays_within_the_software_limits(mode):
+    output = SimpleNamespace(value=0)
+    output.set = lambda value: setattr(output, "value", value)
+    axis = SimpleNamespace(
+        limits=AxisLimits(), unwrap=PositionUnwrapper(), scale=Scale(1000.0, 0.001), raw_position=0, misfit=math.nan
+    )
+    axis.unwrap.update(0)
+    axis.limits.low, axis.limits.high = -200, 300
+    target = TARGET_CLASSES[mode](axis, output, SimpleNamespace())
+    for value, end in ((5.0, 300), (-5.0, -200), (0.1, 100)):
+        for _ in range(3):
+            target.follow(value, 0, 0.02)
+        assert output.value == end

@@ -144,3 +144,16 @@ def test_an_axis_that_no_device_can_have_is_an_error(tmp_path):
     path.write_text(path.read_text().replace("drive_two</param>", "drive_two</param><param name='channel'>9</param>"))
     with pytest.raises(RobotConfigError, match="axis '9'"):
         Bench("noaxis", config=config, drives=(2,))
+
+
+def test_a_fault_reset_enables_nothing_nor_does_the_end_of_a_fault(robby):
+    robby.start()
+    device = robby.drives[LEFT]
+    device.drives[0].fault(0x4310, robby.reactor.now())
+    robby.until(lambda: robby.joint(LEFT).machine.fault and not robby.joint(RIGHT).enabled)
+    robby.robot.axis(Action.FAULT_RESET, "all", lambda _error: None)
+    robby.until(lambda: not robby.joint(LEFT).machine.fault)
+    robby.run(1000)
+    assert not any(joint.wanted or joint.resume or joint.enabled for joint in robby.robot.joints.values())
+    robby.robot.axis(Action.ENABLE, "all", lambda _error: None)
+    robby.until(lambda: all(joint.enabled for joint in robby.robot.joints.values()))

@@ -205,3 +205,16 @@ def test_a_record_is_its_identifier_its_length_and_what_the_codec_packs(mapping,
         pdo.pack()
         assert pdo.record == RECORD.pack(0x203, len(data), data)
         assert not pdo.changed
+
+
+@pytest.mark.parametrize(("data_type", "signed"), [(DataType.UNSIGNED64, False), (DataType.INTEGER64, True)])
+@pytest.mark.parametrize("taken", [False, True])
+def test_a_tpdo_with_one_object_of_64_bits_is_decoded_from_its_first_byte_on(data_type, signed, taken):
+    image = ProcessImage()
+    objects = [MappedObject(0x2000, 0, 64, data_type)]
+    pdo = image.add_tpdo(9, 0x189, objects, 1)
+    if taken:  # as the node has it
+        pdo.use(PdoLayout(1, 0x189, 1, tuple(objects)), objects)
+    for value in (0x0123456789ABCDEF, 1, 1 << 56, -2 if signed else (1 << 64) - 1):
+        pdo.receive(value.to_bytes(8, "little", signed=signed), 8, 1)
+        assert image.input(9, 0x2000).value == value

@@ -390,3 +390,23 @@ def test_a_robot_runs_without_a_wheel_that_is_not_required_but_moves_none_before
     assert not robby.robot.joints["left_wheel_joint"].enabled
     robby.power_on(RIGHT)
     robby.until(lambda: all(joint.enabled for joint in robby.robot.joints.values()))
+
+
+def test_a_stop_begins_in_the_next_cycle_and_takes_the_command_back(bench):
+    robby = bench()
+    robby.start()
+    robby.command(10.0, 10.0)
+    robby.until(lambda: robby.speed(RIGHT) >= 9 * PPS)
+    robby.robot.stop(lambda _error: None, by="the test")
+    assert not robby.robot.manager.get(FORWARD).life.live  # at once, whatever the drives do
+    robby.run(60)
+    assert robby.speed(RIGHT) < 9 * PPS
+
+
+def test_a_client_that_leaves_takes_no_latch_along(bench):
+    robby = bench()
+    robby.start()
+    robby.robot.stop(lambda _error: None, "who latched it")
+    for holder in (object(), None):
+        robby.robot.let_go(holder)
+    assert robby.robot.latch.by == "who latched it"
