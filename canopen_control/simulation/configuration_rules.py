@@ -105,9 +105,7 @@ class ConfigurationRules:
         wrong = [write for write in final.values() if not _holds(device, write)]
         if wrong:
             names = ", ".join(f"0x{write.index:04X}:{write.subindex:02X}" for write in wrong)
-            self._tell(
-                "plan_unwritten", f"{node.name} is told as ready, and does not hold what the plan writes to {names}"
-            )
+            self._tell("plan_unwritten", f"{node.name} is ready, and does not hold what the plan writes to {names}")
 
     # -- what it may not hold
 

@@ -45,7 +45,6 @@ _SLACK: Final = 0.02  # of a target, by which it may be rounded or a clock be of
 _CALM_NS: Final = 1000 * _MS  # since a drive was disturbed, or has booted
 _OFF_NS: Final = 500 * _MS  # since a drive was enabled last
 _LIMIT: Final = 0x800  # of a statusword: a limit is active
-_SWITCHES: Final = {1: -1, 2: 1}  # bits of 0x60FD that are limit switches: the direction that each closes
 _UNLIMITED_ABOVE: Final = 1 << 31
 _STOPS: Final = ("stop", "latch", "axis", "activate", "deactivate", "leave")
 _AT_ONCE: Final = 1e12  # counts/s^2
@@ -163,13 +162,15 @@ class TargetRules:
     def _judge_told(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
         """Judge what a drive is told by its own limits, or where it is off by its standstill."""
         view = axis.view
+        pushes = ""
         if view.enabled:
-            wrong = self._beyond(axis, drive, now)
+            pushes = self._pushes(view, drive, now)
+            wrong = pushes or self._beyond(axis, drive)
         elif view.shown_enabled_at < now - _OFF_NS and now - view.told_at < _LAG_NS < now - view.target_changed_at:
             wrong = self._not_at_rest(view, drive, now)
         else:
             wrong = ""
-        if wrong and not axis.wrong and self._is_calm(view, now):
+        if wrong and not axis.wrong and (pushes or self._is_calm(view, now)):
             rule = "limit_ignored" if view.enabled else "target_disabled"
             self._tell(rule, f"node {view.node_id} is told {wrong}")
             axis.wrong = wrong
@@ -186,7 +187,7 @@ class TargetRules:
         since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
         return since < now - _CALM_NS
 
-    def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
+    def _beyond(self, axis: _Followed, drive: VirtualDrive) -> str:
         """Return what leads an enabled drive beyond its limits, in words; "" where nothing does."""
         low, high, most = axis.limits(drive)
         targets, mode = axis.view.targets, drive.modes.number
@@ -202,11 +203,18 @@ class TargetRules:
         told = targets.get(_VELOCITY, 0)
         if most and abs(told) > most + 1:
             return f"to turn at {told}, its greatest velocity is {most}"
-        closed = _SWITCHES.get(drive.objects.number(o.DIGITAL_INPUTS) & 3, 0) if axis.view.statusword & _LIMIT else 0
-        pushes = told * closed > 0 and all(
-            each * closed > 0 for each in axis.view.targets_since(_VELOCITY, now - _LAG_NS)
-        )
-        return f"to turn at {told}, against the limit switch that is closed" if pushes else ""
+        return ""
+
+    def _pushes(self, view: NodeView, drive: VirtualDrive, now: int) -> str:
+        """Return what leads an enabled drive further into a limit that it has come to, in words; "" where nothing does.
+
+        The direction that is closed is the one in which it is told to turn and stands.
+        """
+        if not view.statusword & _LIMIT or view.limited_at > now - _OFF_NS or drive.modes.number not in (_PV, _CSV):
+            return ""
+        told = view.targets_since(_VELOCITY, now - _LAG_NS)
+        pushes = bool(told) and all(told) and abs(drive.mover.plant.velocity) < _LEAST
+        return f"to turn at {told[-1]}, against the limit that it has come to" if pushes else ""
 
     def _not_at_rest(self, view: NodeView, drive: VirtualDrive, now: int) -> str:
         """Return the target other than standstill that a drive has which is off; "" for none."""

@@ -66,9 +66,11 @@ class ToldRules:
             self._wrong_since.clear()
             return
         self._judge_latch(now)
+        troubled = False
         for node in self._nodes:
-            self._judge_state(node, now)
-            self._judge_axes(node, now)
+            troubled = self._judge_state(node, now) or troubled
+        for node in self._nodes:
+            self._judge_axes(node, now, troubled=troubled)
 
     def _judge_latch(self, now: int) -> None:
         """Judge that STOP is latched from when a client has latched it until one releases it, and at no other time."""
@@ -77,18 +79,19 @@ class ToldRules:
             self._hold("STOP was latched by {}, and is not any more", "a client", latched is True and not held, now)
             self._hold("STOP is latched, and {} asked for it", "nobody", latched is False and held, now)
 
-    def _judge_state(self, node: NodeView, now: int) -> None:
-        """Judge that RUNNING means that every node is there and no drive is in fault."""
+    def _judge_state(self, node: NodeView, now: int) -> bool:
+        """Judge that RUNNING means that every node is there and no drive is in fault; return whether it is not so."""
         limit = node.timeout_ns
         silent = limit > 0 and node.alive_at > 0 and now - node.alive_at > limit
         fault = node.in_fault and now - node.status_at < _FRESH_NS
         if not (silent or fault or self._wrong_since):
-            return
+            return False
         name, running = self._names[node.node_id], self._robot.core.state is RobotState.RUNNING
         self._hold("running, and {} is silent", name, running and silent, now)
         self._hold("running, and {} is in fault", name, running and fault, now)
+        return silent or fault
 
-    def _judge_axes(self, node: NodeView, now: int) -> None:
+    def _judge_axes(self, node: NodeView, now: int, *, troubled: bool) -> None:
         """Judge that an axis told as enabled shows it on the wire, and while RUNNING each that is claimed."""
         wrong = now - node.status_at < _FRESH_NS and not node.enabled
         if not (wrong or self._wrong_since):
@@ -97,7 +100,7 @@ class ToldRules:
             if joint.node.node_id == node.node_id:
                 told = wrong and joint.enabled
                 self._hold("{} is told enabled, and its statusword says no", joint.joint, told, now)
-                claimed = wrong and not joint.axis.number and joint.claimed not in (None, TARGET)
+                claimed = wrong and not troubled and not joint.axis.number and joint.claimed not in (None, TARGET)
                 off = claimed and self._robot.core.state is RobotState.RUNNING
                 self._hold("running, and {} is claimed by a controller and off", joint.joint, off, now)
 

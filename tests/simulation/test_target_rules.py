@@ -2,6 +2,11 @@ import pytest
 from support.mutants import MUTANTS
 from support.simulated import BASE, FORWARD, MS, Judged, S, setup_of
 
+from canopen_control.controllers.running import RunningControllers
+from canopen_control.hardware.axis import AxisLimits as AxisLimitsOfMaster
+from canopen_control.hardware.joint_targets import JointTargets
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.acts import Act
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.simulation_run import SimulationRun
@@ -82,3 +87,60 @@ def test_the_seed_of_a_twist_for_one_cycle_breaks_nothing():
     run.run(6 * S)
     run.close()
     assert run.breaches == ()
+
+
+@pytest.mark.sources
+def test_a_drive_that_is_off_is_told_to_stand(judged, monkeypatch):
+    judged.run(1.2).do("stop").run(2.0)
+    assert judged.told == []
+    monkeypatch.setattr(JointTargets, "hold", lambda self: None)
+    judged.robot.core.joints["left_wheel_joint"].axis.output(0x60FF).set(500)
+    judged.run(0.5)
+    assert judged.told == [("target_disabled", "node 3 is told to turn at 500, and it is off")]
+
+
+def limits(*steps):
+    setup = read_robot(find_robot("tools/campaigner/robots/limits"))
+    acts = [Act(round(at * S), *words, **more) for at, words, more in steps]
+    run = SimulationRun(setup, 1, acts)
+    run.run(6 * S)
+    run.close()
+    return {breach.rule for breach in run.invariants.breaches}, run
+
+
+PUSH = (
+    (1.5, ("command", "velocity_controller"), {"values": (6.0,), "for_ns": S}),
+    (3.0, ("activate", "position_controller"), {}),
+    (3.5, ("command", "position_controller"), {"values": (0.5,), "for_ns": S}),
+)
+
+
+def test_limits_of_the_drive_hold_in_every_mode():
+    assert limits(*PUSH)[0] == set()
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize("verb", ["of_velocity", "of_position"])
+def test_a_target_beyond_the_limits_of_the_drive_is_told(monkeypatch, verb):
+    monkeypatch.setattr(AxisLimitsOfMaster, verb, lambda self, raw: raw)
+    assert limits(*PUSH)[0] == {"limit_ignored"}
+
+
+@pytest.mark.sources
+def test_a_target_against_a_limit_switch_is_told(monkeypatch):
+    steps = (
+        (1.0, ("command", "velocity_controller"), {"values": (1.5,), "for_ns": 5 * S}),
+        (2.0, ("fault", "2", "limit_switch"), {}),
+    )
+    assert limits(*steps)[0] == set()
+    monkeypatch.setattr(AxisLimitsOfMaster, "of_velocity", lambda self, raw: raw)
+    assert "limit_ignored" in limits(*steps)[0]
+
+
+@pytest.mark.sources
+def test_a_command_that_is_dropped_while_somebody_renews_it_is_told(judged, monkeypatch):
+    judged.run(3.0).drive(5.0, 5.0, seconds=2.0).run(0.6).do("ask", seconds=0.25).run(0.6)
+    assert judged.told == []
+    monkeypatch.setattr(RunningControllers, "let_go", lambda self, *who: self.forget(self.now, "somebody left"))
+    judged.do("ask", seconds=0.25).run(0.6)
+    assert set(judged.broken) == {"command_lost"}

@@ -41,3 +41,30 @@ def test_memory_that_grows_is_told(judged, monkeypatch):
     for minute in range(1, 4):
         judged.rules.sampled(judged.robot.now_ns + 61 * minute * S)
     assert judged.broken.count("memory") == 1
+
+
+def test_a_latch_holds_until_it_is_released_whoever_leaves_or_restarts(judged):
+    judged.do("latch").run(0.3).do("ask", seconds=0.2).run(0.5).do("kill", seconds=0.3).run(1.5)
+    assert judged.robot.core.latch.held
+    judged.do("release").run(0.5).do("axis", name="fault-reset").run(0.3).do("axis", name="enable").run(0.5)
+    assert judged.told == []
+    assert judged.robot.core.state is RobotState.RUNNING
+
+
+@pytest.mark.parametrize(
+    ("kind", "held", "words"), [("latch", None, "is not any more"), ("", "me", "nobody asked for it")]
+)
+def test_a_latch_that_is_lost_is_told_and_one_that_nobody_asked_for(judged, kind, held, words):
+    if kind:
+        judged.do(kind).run(0.3)
+    judged.robot.core.latch.by = held
+    judged.run(0.6)
+    assert judged.broken == ["state_told"]
+    assert judged.told[0][1].endswith(words)
+
+
+def test_running_is_a_lie_while_a_claimed_drive_is_off(judged, monkeypatch):
+    monkeypatch.setattr(RobotCore, "state", property(lambda self: RobotState.RUNNING))
+    judged.do("axis", name="disable").run(1.0)
+    told = {f"running, and {side}_wheel_joint is claimed by a controller and off" for side in ("left", "right")}
+    assert {text for _, text in judged.told} == told

@@ -4,6 +4,8 @@ import pytest
 from support.simulated import setup_of
 
 from canopen_control.frame import CanFrame, pack_records
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.wire_view import WireView
 
 TARGET_VELOCITY, CONTROLWORD = 0x60FF, 0x6040
@@ -58,3 +60,31 @@ def test_signs_of_life_and_boot_ups(view):
     hear(view, 9, 0x080, b"", "master")
     assert (view.nodes[3].alive_at, view.nodes[3].booted_at) == (6, 6)
     assert (view.master_at, view.sync_at) == (7, 9)
+
+
+def test_an_emcy_of_an_error_counts_and_a_strangers_does_not(view):
+    node = view.nodes[3]
+    hear(view, 5, 0x083, bytes(8))
+    hear(view, 6, 0x083, b"\x10\x43\x09", "drive 3")
+    hear(view, 7, 0x083, b"\x10\x43\x09\0\0\0\0\0", "stranger")
+    assert node.emcy_at == 0
+    hear(view, 8, 0x083, b"\x10\x43\x09\0\0\0\0\0")
+    assert node.emcy_at == 8
+
+
+def test_a_limit_counts_from_when_it_is_shown(view):
+    node = view.nodes[3]
+    for now, word in ((5, 0x0637), (6, 0x0E37), (7, 0x0E37)):
+        hear(view, now, 0x183, struct.pack("<Hb", word, 3))
+    assert node.limited_at == 6
+
+
+def test_an_answer_to_guarding_with_the_toggle_bit_of_the_one_before_counts():
+    view = WireView(read_robot(find_robot("tools/campaigner/robots/guarded")).bus)
+    node = view.nodes[2]
+    for now, answer in enumerate((0x00, 0x05, 0x85, 0x05, 0x85), 1):
+        hear(view, now, 0x702, bytes((answer,)))
+    assert (node.toggled_at, node.nmt, node.booted_at) == (0, 5, 1)
+    hear(view, 6, 0x702, b"\x85")
+    hear(view, 7, 0x702, b"\x00")
+    assert (node.toggled_at, node.booted_at) == (6, 7)

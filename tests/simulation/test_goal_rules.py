@@ -1,0 +1,95 @@
+import pytest
+from support.simulated import BASE, FORWARD, Judged
+
+from canopen_control.controllers.trajectory.controller import JointTrajectoryController
+from canopen_control.controllers.trajectory.goal import GoalState, ResultCode
+from canopen_control.controllers.trajectory.judgement import Judgement, Verdict
+from canopen_control.errors import ControlError
+from canopen_control.hardware.system import CanopenSystem
+from canopen_control.simulation.face_rules import FaceRules
+from canopen_control.simulation.goal_rules import GoalRules
+
+ARM = "arm_controller"
+MISSED = Verdict(GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, "it was missed")
+REACHED = Verdict(GoalState.SUCCEEDED, ResultCode.SUCCESSFUL, "it was reached")
+
+
+class Rules:
+    """The goals, with the faces by which a shaft's place is known."""
+
+    def __init__(self, judged, views, tell):
+        self.faces = FaceRules(judged.robot, views, judged.disturbed, tell)
+        self.goals = GoalRules(judged.robot, judged.player, self.faces, tell)
+        judged.player.on_goal = self.goals.taken
+
+    def sampled(self, now):
+        self.faces.sampled(now)
+        self.goals.sampled(now)
+
+
+@pytest.fixture
+def arm():
+    made = Judged(Rules, "arm6")
+    made.run(1.2).do("activate", ARM).run(0.4)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def judged():
+    made = Judged(Rules)
+    yield made
+    made.close()
+
+
+def go(arm, seconds=1.0):
+    return arm.do("trajectory", ARM, seconds, values=(0.1, 0.1, 0.1, 0.1, 0.1, 0.1))
+
+
+def test_a_goal_that_ends_as_its_tolerances_say_is_no_news(arm):
+    go(arm).run(2.0)
+    go(arm).run(0.5).do("cancel", ARM).run(1.5)
+    go(arm).run(0.5).do("stop").run(2.0)
+    assert arm.told == []
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize(
+    ("verdict", "when", "words"),
+    [
+        (REACHED, lambda self: True, "is told as reached, joint_1 is off by"),
+        (MISSED, lambda self: self.over, "is told as missed, and all joints are there"),
+        (None, lambda self: True, "has been reached, and it does not end"),
+    ],
+)
+def test_a_goal_that_ends_otherwise_is_told(arm, monkeypatch, verdict, when, words):
+    monkeypatch.setattr(Judgement, "verdict", lambda self, tolerances: verdict if when(self) else None)
+    go(arm).run(0.3 if verdict is REACHED else 3.0)
+    assert arm.broken
+    assert set(arm.broken) == {"goal_wrong"}
+    assert words in arm.told[0][1]
+
+
+@pytest.mark.sources
+def test_a_cancelled_trajectory_that_goes_on_is_motion_without_a_command(arm, monkeypatch):
+    monkeypatch.setattr(JointTrajectoryController, "_brake", lambda self: None)
+    go(arm, 2.0).run(0.5).do("cancel", ARM).run(0.2)
+    assert arm.speed(2) > 1000
+
+
+@pytest.mark.sources
+def test_a_switch_that_is_refused_changes_nothing(judged, monkeypatch):
+    def refuse(self, start, stop):
+        raise ControlError("not now")
+
+    monkeypatch.setattr(CanopenSystem, "prepare_command_mode_switch", refuse)
+    judged.do("activate", BASE).run(0.2)
+    assert (judged.told, judged.player.refused) == ([], 1)
+
+    def tear(self, start, stop):
+        judged.robot.core.manager.get(FORWARD).state = judged.robot.core.manager.get(BASE).state
+        raise ControlError("not now")
+
+    monkeypatch.setattr(CanopenSystem, "prepare_command_mode_switch", tear)
+    judged.do("activate", BASE).run(0.2)
+    assert judged.broken == ["switch_torn"]
