@@ -184,7 +184,7 @@ self.reactor.call_later(300_000_000, begin)
             "self._watch(self.node_id, self.plan.heartbeat_timeout_ns)",
             "self._watch(self.node_id, 2 * self.plan.heartbeat_timeout_ns)",
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_lost"), _ROBBY),
         "master/test_remote_node",
     ),
     Mutant(
@@ -196,7 +196,7 @@ self.reactor.call_later(300_000_000, begin)
             "consumer_entry(master.node_id, timeout)",
             "consumer_entry(master.node_id + 1, timeout)",
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_lost"), _ROBBY),
         "master/test_plan",
     ),
     Mutant(
@@ -232,7 +232,7 @@ self.reactor.call_later(300_000_000, begin)
             "life.limit_ns and now - life.given > life.limit_ns",
             "life.limit_ns < 0",
         ),
-        (_ROBBY, _FORKLIFT),
+        (_scenario("robby", "robby_commands"), _ROBBY),
         "controllers/test_mobile_base",
     ),
     Mutant(
@@ -275,7 +275,7 @@ self.reactor.call_later(300_000_000, begin)
             "for joint in self.joints:\n    joint.stop(now)",
             "for joint in self.joints[1:]:\n    joint.stop(now)",
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_lost"), _ROBBY),
         "hardware/test_stop_group",
     ),
     Mutant(
@@ -294,7 +294,7 @@ self.reactor.call_later(300_000_000, begin)
             "data[1:4] != exchange.mux or exchange.out or request is None",
             "exchange.out or request is None",
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_answer"), _ROBBY),
         "cia301/test_sdo_phases",
     ),
     Mutant(
@@ -398,7 +398,7 @@ if not (index % 2 and self.life.live):
     self._values[index] = float(values[index]) if command.enabled else math.nan
 """,
         ),
-        (_ROBBY,),
+        (_scenario("robby", "robby_commands"), _ROBBY),
         "controllers/test_forward_command",
     ),
     Mutant(
@@ -448,7 +448,7 @@ if not (index % 2 and self.life.live):
         "restart_ignored",
         "a node's own restart is ignored",
         Change("master.remote_node", "RemoteNode.on_heartbeat", "self._on_boot_up(now, since)", "pass"),
-        (_ROBBY,),
+        (_scenario("robby", "robby_lost"), _ROBBY),
         "master/test_remote_node",
     ),
     Mutant(

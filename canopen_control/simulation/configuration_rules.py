@@ -1,9 +1,9 @@
 """Invariants of configuration: a drive holds what its plan writes, and no PDO is active that may not be.
 
 The plan is held against the drive itself once for each boot, when the robot tells the node as ready; who was disturbed
-meanwhile may hold something else. The COB-IDs of active PDOs are looked at whenever a value of the drive has changed,
-and what the robot has decoded of objects wider than 32 bits, which are no feedback of an axis, against the drive.
-Times in ns.
+meanwhile, but by a stranger's frames, may hold something else. The COB-IDs of active PDOs are looked at whenever a
+value of the drive has changed, and what the robot has decoded of objects wider than 32 bits, which are no feedback of
+an axis, against the device. Times in ns.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class ConfigurationRules:
         if there.boots == node.boots:
             return
         node.boots = there.boots
-        disturbed = self._disturbed.last(node.plan.node_id)
+        disturbed = max(self._disturbed.moved(node.plan.node_id), self._disturbed.deaf_at)  # strangers excuse nothing
         if disturbed and disturbed > now - _CALM_NS:
             return
         final = {write.address: write for write in node.plan.writes}

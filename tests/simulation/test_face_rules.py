@@ -1,7 +1,12 @@
 import pytest
 from support.mutants import MUTANTS
-from support.simulated import MS, Judged, setup_of
+from support.simulated import MS, Judged, S, setup_of
 
+from canopen_control.master.event_log import Event
+from canopen_control.master.remote_node import RemoteNode
+from canopen_control.master.supervision import EmcyGate
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.acts import Act
 from canopen_control.simulation.face_rules import FaceRules
 from canopen_control.simulation.simulation_run import SimulationRun
@@ -71,9 +76,8 @@ def test_a_trouble_without_an_event_is_told_once(made, monkeypatch, act):
     MUTANTS["troubles_without_an_event"](monkeypatch)
     judged = made()
     judged.run(1.0).do(kind, node, lasts, **more).run(1.9)
-    assert [(rule, text.split(",")[0]) for rule, text in judged.told] == [
-        ("event_missing", "left_drive was lost" if kind == "power" else "left_drive is in fault")
-    ]
+    told = ["left_drive was lost"] if kind == "power" else ["left_drive is in fault", "left_drive has sent an EMCY"]
+    assert [(rule, text.split(",")[0]) for rule, text in judged.told] == [("event_missing", each) for each in told]
 
 
 @pytest.mark.sources
@@ -102,3 +106,46 @@ def test_a_drive_whose_count_passes_over_its_32_bits_goes_on():
     run.close()
     assert counted < 0  # it has passed over
     assert run.breaches == ()
+
+
+@pytest.mark.sources
+def test_an_emcy_that_nobody_tells_is_told(judged, monkeypatch):
+    judged.run(1.2).do("fault", 3, 0.3, name="device_error").run(2.5)
+    assert judged.told == []
+    monkeypatch.setattr(EmcyGate, "passes", lambda self, now: False)
+    judged.do("fault", 3, 0.3, name="device_error").run(2.5)
+    assert judged.told == [("event_missing", "left_drive has sent an EMCY, and no event says so")]
+
+
+@pytest.mark.sources
+def test_a_wrong_toggle_bit_that_nobody_tells_is_told(monkeypatch):
+    acts = [Act(3 * S + at * MS, "frame", values=(0x702, answer)) for at, answer in ((0, 5), (50, 0x85), (100, 0x85))]
+
+    def breaches():
+        run = SimulationRun(read_robot(find_robot("tools/campaigner/robots/guarded")), 1, acts)
+        run.run(5 * S)
+        run.close()
+        return [breach.text for breach in run.invariants.breaches]
+
+    assert breaches() == []
+    monkeypatch.setattr(RemoteNode, "on_guarding", lambda self, event, now: None)
+    assert breaches() == ["the guarding toggle bit of rotor_drive was wrong, and no event says so"]
+
+
+def test_a_count_that_goes_over_the_end_of_its_bits_is_no_jump(judged):
+    judged.do("fault", 2, 0.1, name="position_wrap").run(1.0).do("axis", name="enable").run(3.0)
+    judged.drive(8.0, 8.0, seconds=2.0).run(2.5)
+    assert judged.told == []
+    judged.robot.core.report(Event(judged.robot.now_ns, "position_jump", "right_drive", "its position jumped"))
+    judged.run(0.3)
+    assert judged.told == [("shown_wrong", "events: its position jumped, and its shaft has turned on")]
+
+
+def test_a_place_is_the_shafts_from_boot_on_whatever_the_bus_has_lost_since(judged):
+    judged.drive(5.0, 5.0, seconds=1.0).run(2.0).do("lose", 2, 0.1, values=(2.0,)).run(1.5)
+    assert judged.told == []
+    judged.robot.core.joints["right_wheel_joint"].axis.unwrap.count += 500
+    judged.drive(5.0, 5.0, seconds=0.5).run(1.0)
+    assert {text.split(" is told")[0] for _, text in judged.told} == {
+        f"{face}: the position of right_wheel_joint" for face in ("status", "sample", "joint_states")
+    }
