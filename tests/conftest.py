@@ -137,6 +137,8 @@ REST_FILES = frozenset(
         "integration/test_true_pose_of_a_run.py",
         "integration/test_tutorials.py",
         "integration/test_virtual_drive_and_canopen.py",
+        "ros/test_bridge.py",
+        "runtime/test_shared_world.py",
         "simulation/test_cluster.py",
         "tools/test_campaign.py",
         "tools/test_campaign_health.py",

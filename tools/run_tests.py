@@ -23,6 +23,7 @@ import sys
 import tempfile
 import threading
 import time
+import tomllib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
@@ -160,28 +161,37 @@ def rest_steps() -> list[list[list[Part]]]:
     Whole robots whose reactions have a limit in time (`timed`) run two at a time, what measures (`alone`) runs alone.
     """
     compiled = Path("build/compiled").absolute()
-    folders = [f"tests/{folder}" for folder in COMPILED_FOLDERS]
     long = pytest("long tests with processes", "process and rest and not alone and not timed", *SHARED,
                   *files_with(*PROCESS_MARKS), again=True)  # fmt: skip
     long_fast = pytest("long tests without a process", "not process and rest and not alone and not timed", *DEALT,
                        again=True)  # fmt: skip
-    compiled_fast = pytest("compiled, tests without a process",
-                           "not sources and not process and not rest and not alone", *DEALT, *folders,
-                           compiled=compiled, again=True)  # fmt: skip
-    compiled_slow = pytest("compiled, tests with processes",
-                           "not sources and not browser and process and not alone and not timed", *SHARED,
-                           *files_with(*PROCESS_MARKS, folders=COMPILED_FOLDERS),
+    compiled_fast = pytest("compiled, tests without a process", "not sources and not process and not rest", *DEALT,
+                           *files_of_compiled_modules(), compiled=compiled, again=True)  # fmt: skip
+    compiled_slow = pytest("compiled, tests with processes", "not sources and not browser and process and not rest",
+                           *SHARED, *files_with(*PROCESS_MARKS, folders=COMPILED_FOLDERS),
                            compiled=compiled, again=True)  # fmt: skip
     compiled_robots = pytest("compiled, whole robots", "not sources", *SHARED,
                              *(f"tests/{name}" for name in COMPILED_ROBOTS), compiled=compiled, again=True)  # fmt: skip
     timed = pytest("timed tests", "timed and not alone", *SHARED, *files_with("timed"), again=True)
     alone = pytest("tests that measure", "alone", *files_with("alone"), "tests/bench", again=True)
+    compile_package = Part("compile", ("tools/compile",))
     return [
-        [[Part("compile", ("tools/compile",), nice=_GIVING_WAY)], [long], guests()[:1], guests()[1:2], guests()[2:]],
-        [[compiled_fast, long_fast], [compiled_slow, compiled_robots]],
-        [[timed]],
+        [[compile_package, compiled_fast, compiled_slow], [long, long_fast], *([guest] for guest in guests())],
+        [[timed, compiled_robots]],
         [[alone]],
     ]
+
+
+def files_of_compiled_modules() -> list[str]:
+    """Return the test files of the modules that are compiled (pyproject.toml), and of properties of their folders."""
+    project = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))
+    modules = [
+        Path(name) for name in project["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"]["include"]
+    ]
+    files = {Path("tests", *module.parts[2:-1], f"test_{module.name}") for module in modules}
+    for folder in {path.parent for path in files}:
+        files.update(path for kind in ("properties", "vectors", "interop") for path in folder.glob(f"test_*_{kind}.py"))
+    return sorted(str(path) for path in files if path.exists())
 
 
 def guests() -> list[Part]:

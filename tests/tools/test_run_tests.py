@@ -71,6 +71,13 @@ def test_files_of_tests_with_processes_are_found_by_their_mark_or_their_folder(i
     assert all(name.startswith("tests/host/") for name in run_tests.files_with("process", folders=["host"]))
 
 
+def test_the_compiled_package_is_tested_by_the_tests_of_its_compiled_modules(in_checkout):
+    files = run_tests.files_of_compiled_modules()
+    assert "tests/cia301/test_pdo.py" in files
+    assert "tests/cia301/test_sdo_properties.py" in files
+    assert "tests/cli/test_sdo.py" not in files
+
+
 # ------------------------------------------------------------------------------------------------- running parts
 
 
