@@ -38,6 +38,7 @@ _TESTS_FAILED: Final = 1  # pytest: all tests ran and some failed; other codes m
 _NO_TESTS: Final = 5
 _TURN_S: Final = 0.02  # adopted processes are reaped this often: tests look whether those they ended are gone
 _PROGRESS_TURNS: Final = 50
+_OF_CHECKS: Final = 600_000  # ruff and mypy take about as long as the tests in so many bytes
 _GIVING_WAY: Final = 3  # niceness of parts that only compute, beside tests that wait for other processes
 _KEPT_OUT: Final = "not socketcan and not hardware"  # these need a kernel with CAN: the guests have one
 
@@ -149,10 +150,36 @@ SHARED: Final = ("-n", "2", "--dist", "loadfile")  # the tests of a file share i
 
 
 def default_lanes() -> list[list[Part]]:
-    """Return the lanes of ./tools/test: what only computes beside what waits for other processes."""
-    fast = pytest("tests without a process", "not process and not rest", *DEALT)
+    """Return the lanes of ./tools/test: what only computes beside what waits for other processes.
+
+    The tests without a process run in two plain pytest processes. Workers of pytest-xdist would each collect all of
+    them, which takes longer than an uneven end costs: the third lane fills it.
+    """
     slow = pytest("tests with processes", "process and not rest", *SHARED, *files_with(*PROCESS_MARKS))
-    return [[slow], [*checks(), replace(fast, nice=_GIVING_WAY)]]
+    one, two = (
+        replace(pytest(f"tests without a process, {number} of 2", "not process and not rest", *paths), nice=_GIVING_WAY)
+        for number, paths in enumerate(halves(), 1)
+    )
+    return [[slow], [*checks(), one], [two]]
+
+
+def halves() -> tuple[list[str], list[str]]:
+    """Return the folders and files of tests/ in two lists of about the same size in bytes."""
+    halves: tuple[list[str], list[str]] = ([], [])
+    sizes = [0, _OF_CHECKS]
+    entries = {
+        str(path): sum(each.stat().st_size for each in path.rglob("test_*.py"))
+        if path.is_dir()
+        else path.stat().st_size
+        for path in Path("tests").iterdir()
+        if path.is_dir() or path.match("test_*.py")
+    }
+    for name, size in sorted(entries.items(), key=lambda entry: (-entry[1], entry[0])):
+        smaller = sizes[0] > sizes[1]
+        if size:
+            halves[smaller].append(name)
+            sizes[smaller] += size
+    return halves[1], halves[0]
 
 
 def rest_steps() -> list[list[list[Part]]]:

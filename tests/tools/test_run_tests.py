@@ -59,8 +59,19 @@ def test_every_test_belongs_to_one_part_of_one_run(in_checkout):
     rest = [each for lanes in run_tests.rest_steps() for lane in lanes for each in lane]
     for marks in (set(each) for n in range(len(KINDS) + 1) for each in itertools.combinations(KINDS, n)):
         if possible(marks):
-            by_default, by_rest = selected(default, marks), selected(rest, marks)
+            by_default, by_rest = set(selected(default, marks)), selected(rest, marks)
+            by_default.discard("tests without a process, 2 of 2")  # the other half of the same tests
             assert (len(by_default), len(by_rest)) == ((0, 1) if "rest" in marks else (1, 0)), marks
+
+
+def test_both_halves_together_are_all_tests(in_checkout):
+    one, two = run_tests.halves()
+    assert not set(one) & set(two)
+    assert sorted(one + two) == sorted(
+        str(path)
+        for path in Path("tests").iterdir()
+        if (path.is_dir() and any(path.rglob("test_*.py"))) or path.match("test_*.py")
+    )
 
 
 def test_files_of_tests_with_processes_are_found_by_their_mark_or_their_folder(in_checkout):
