@@ -164,7 +164,7 @@ def default_lanes() -> list[list[Part]]:
 
 
 def halves() -> tuple[list[str], list[str]]:
-    """Return the folders and files of tests/ in two lists of about the same size in bytes."""
+    """Return the folders and files with tests that start no process, in two lists of about the same size in bytes."""
     halves: tuple[list[str], list[str]] = ([], [])
     sizes = [0, _OF_CHECKS]
     entries = {
@@ -173,6 +173,7 @@ def halves() -> tuple[list[str], list[str]]:
         else path.stat().st_size
         for path in Path("tests").iterdir()
         if path.is_dir() or path.match("test_*.py")
+        if path.name not in (*PROCESS_FOLDERS, "bench")
     }
     for name, size in sorted(entries.items(), key=lambda entry: (-entry[1], entry[0])):
         smaller = sizes[0] > sizes[1]
@@ -310,9 +311,7 @@ class Run:
         while self._running and time.monotonic() < deadline:
             self._reap_adopted()
             time.sleep(_TURN_S)
-        for pid in _descendants():
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+        kill_descendants()
 
     def _reap_adopted(self) -> None:
         """Reap processes that this one has adopted; those of parts are reaped by their lanes, which measure them."""
@@ -390,10 +389,6 @@ def _cpu_of_children() -> float:
     return usage.ru_utime + usage.ru_stime
 
 
-def _children() -> list[int]:
-    return [pid for pid, parent in _parents().items() if parent == os.getpid()]
-
-
 def _descendants() -> list[int]:
     parents = _parents()
     found, added = {os.getpid()}, True
@@ -402,6 +397,16 @@ def _descendants() -> list[int]:
         found |= more
         added = bool(more)
     return sorted(found - {os.getpid()})
+
+
+def kill_descendants() -> None:
+    """Kill and reap every process that descends from this one."""
+    while pids := _descendants():
+        for pid in pids:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        _reap()
+        time.sleep(_TURN_S)
 
 
 def _parents() -> dict[int, int]:
@@ -553,10 +558,7 @@ def ended_by_signals(run: Run) -> Iterator[None]:
         run.end_children()
         print("interrupted; every process of this run has ended", flush=True)
     finally:
-        for pid in _descendants():
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        _reap()
+        kill_descendants()
 
 
 def main(words: Sequence[str]) -> int:

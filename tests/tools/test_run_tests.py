@@ -71,6 +71,7 @@ def test_both_halves_together_are_all_tests(in_checkout):
         str(path)
         for path in Path("tests").iterdir()
         if (path.is_dir() and any(path.rglob("test_*.py"))) or path.match("test_*.py")
+        if path.name not in ("bench", "hardware_can", "integration", "socketcan", "tools")
     )
 
 
@@ -150,7 +151,7 @@ def test_a_failure_without_second_look_is_final(run):
 
 def test_processes_that_parts_leave_behind_are_adopted_and_reaped(run):
     run.lanes([[part("leaves one", "setsid sleep 0.1 & exit 0"), part("waits", "sleep 0.5")]])
-    assert run_tests._children() == []
+    assert run_tests._descendants() == []
 
 
 PROGRAM = """
