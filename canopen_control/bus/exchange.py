@@ -4,7 +4,8 @@ Rule 1: a frame reaches everybody but its sender, and frames of one sender stay 
 anybody: a reader whose queue is full loses its own frames, and finds an error frame with their number where they are
 missing. Rule 3: bytes come in any split; only whole records go out. Rule 4: without faults and bit rate there is no
 work per frame, only per chunk: who has said what he wants to hear is left in peace by chunks that hold nothing of that,
-and gets any other as a whole.
+and gets any other as a whole. Rule 5: a chunk has one time, that of its arrival or of its last bit on a paced wire; who
+has asked for stamps gets it before the chunk, the same as everybody else, and none is as early as the one before.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.arbitration import PacedWire
 from canopen_control.bus.error_frames import bus_off_frame, has_error_frames, overrun_frame, restarted_frame
-from canopen_control.bus.wanted import MARK, Wanted
+from canopen_control.bus.wanted import MARK, STAMP_STEP_NS, Wanted, pack_stamp
 from canopen_control.bus.wire_faults import WireFaults
 from canopen_control.frame import ERROR_FLAG, RECORD, RECORD_SIZE, CanFrame, pack_records
 
@@ -61,6 +62,9 @@ class Exchange:
         self._delayed: list[tuple[int, int, int, bytes]] = []  # due, serial, sender's number, records
         self._last_due: dict[int, int] = {}
         self._serial = 0
+        self._now = 0  # of the last chunk or tick
+        self._stamping = False  # whether anybody has asked for stamps
+        self._next_stamp = 0
 
     # Members -------------------------------------------------------------------------------------------------------
 
@@ -83,6 +87,7 @@ class Exchange:
     def leave(self, member: Member) -> None:
         """Remove an end; what it sent before still travels, except what waits for the wire."""
         self.members.pop(member.number, None)
+        self._stamping = any(each.wanted.stamps for each in self.members.values())
         self._last_due.pop(member.number, None)
         if self.wire is not None:
             self.wire.forget(member.number)
@@ -95,6 +100,7 @@ class Exchange:
 
     def receive(self, member: Member, data: bytes, now: int) -> None:
         """Take bytes from an end, in any split."""
+        self._now = now
         if member.partial:
             data = member.partial + data
             member.partial = b""
@@ -103,6 +109,7 @@ class Exchange:
             data = data[:-excess]
         if MARK in data:
             data = member.wanted.take(data)
+            self._stamping = self._stamping or member.wanted.stamps
         if not data:
             return
         member.tx += len(data) // RECORD_SIZE
@@ -137,20 +144,25 @@ class Exchange:
 
     def _transmit(self, sender: int, records: bytes, now: int) -> None:
         if self.wire is None:
-            self._deliver(sender, records)
+            self._deliver(sender, records, now)
             return
         self._advance(now)
         reports, frames = _split_reports(records)
         if reports:
-            self._deliver(sender, reports)
+            self._deliver(sender, reports, now)
         if frames:
             self.wire.put(sender, frames, now)
 
-    def _deliver(self, sender: int, records: bytes) -> None:
+    def _deliver(self, sender: int, records: bytes, at: int) -> None:
         self.frames += len(records) // RECORD_SIZE
         can_ids: list[int] | None = None
+        stamp, own = self._stamps(records, at) if self._stamping else (b"", b"")
         for number, member in self.members.items():
-            if number == sender or member.silent:
+            if number == sender:
+                if own and member.wanted.echoes and not member.silent:
+                    self._put(member, records, own)
+                continue
+            if member.silent:
                 continue
             wanted = member.wanted.ids
             if wanted is not None:
@@ -158,9 +170,15 @@ class Exchange:
                     can_ids = _plain_ids(records)
                 if can_ids and wanted.isdisjoint(can_ids):
                     continue
-            self._put(member, records)
+            self._put(member, records, stamp)
 
-    def _put(self, member: Member, records: bytes) -> None:
+    def _stamps(self, records: bytes, at: int) -> tuple[bytes, bytes]:
+        """Return the stamp of a chunk for others and for its sender: later than the last frame of the chunk before."""
+        at = max(at, self._next_stamp)
+        self._next_stamp = at + len(records) // RECORD_SIZE * STAMP_STEP_NS
+        return pack_stamp(at), pack_stamp(at, own=True)
+
+    def _put(self, member: Member, records: bytes, stamp: bytes) -> None:
         outbox = member.outbox
         if member.missed or len(outbox) + len(records) > self._limit:
             records = self._squeeze(member, records)
@@ -168,6 +186,8 @@ class Exchange:
                 return
         if not outbox:
             self.dirty.append(member)
+        if stamp and member.wanted.stamps:
+            outbox += stamp
         outbox += records
         member.rx += len(records) // RECORD_SIZE
 
@@ -193,7 +213,10 @@ class Exchange:
     def _append(self, member: Member, frame: CanFrame) -> None:
         if not member.outbox:
             self.dirty.append(member)
-        member.outbox += pack_records([frame])
+        record = pack_records([frame])
+        if member.wanted.stamps:
+            member.outbox += self._stamps(record, self._now)[0]
+        member.outbox += record
 
     def take_dirty(self) -> list[Member]:
         """Return the ends whose outbox was empty and is not now, each once."""
@@ -204,15 +227,18 @@ class Exchange:
 
     def tick(self, now: int) -> None:
         """Deliver what is due."""
+        self._now = now
         while self._delayed and self._delayed[0][0] <= now:
             due, _serial, sender, records = heapq.heappop(self._delayed)
             self._transmit(sender, records, due)
         self._advance(now)
 
     def _advance(self, now: int) -> None:
-        if self.wire is not None:
-            for sender, record in self.wire.advance(now):
-                self._deliver(sender, record)
+        wire = self.wire
+        while wire is not None and (due := wire.due_ns) is not None and due <= now:
+            if (passed := wire.finish()) is not None:
+                _, sender, _, record = passed
+                self._deliver(sender, record, due)
 
     def next_deadline(self) -> int | None:
         """Return when `tick` has something to do."""

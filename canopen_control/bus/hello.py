@@ -40,7 +40,7 @@ class Hello(NamedTuple):
     version: int
     pid: int
     label: str
-    abilities: int = 0  # of a hub: `wanted.TAKES_WANTED`
+    abilities: int = 0  # of a hub: those of `wanted`
 
 
 def pack_hello(pid: int, label: str, version: int = VERSION, abilities: int = 0) -> bytes:

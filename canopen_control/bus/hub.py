@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.exchange import Exchange, Member
 from canopen_control.bus.hello import Hello, HelloServer, pack_hello
-from canopen_control.bus.wanted import TAKES_WANTED
+from canopen_control.bus.wanted import GIVES_STAMPS, TAKES_WANTED
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import close_listener, listen, lock, socket_path
@@ -90,7 +90,7 @@ class Hub:
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
             sock.setsockopt(socket.SOL_SOCKET, option, _BUFFER_SIZE)  # the kernel takes what it allows
         end = self._ends[member.number] = _End(sock, member)
-        member.outbox += pack_hello(os.getpid(), member.label, abilities=TAKES_WANTED)
+        member.outbox += pack_hello(os.getpid(), member.label, abilities=TAKES_WANTED | GIVES_STAMPS)
         self._reactor.add_reader(sock, functools.partial(self._read, end))
         if self._linger is not None:
             self._linger.cancel()

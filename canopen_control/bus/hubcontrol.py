@@ -83,6 +83,7 @@ class HubControl:
 
     def _does(self, kind: type[R], do: Callable[[R], object]) -> None:
         def handle(call: Call[R]) -> None:
+            self._exchange.tick(self._now())  # what was due before is done before
             do(call.request)
             self._after()
             call.reply(Done())

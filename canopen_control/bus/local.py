@@ -17,7 +17,7 @@ from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.hello import HELLO_SIZE, VERSION, Hello, pack_hello, parse_hello
 from canopen_control.bus.port import BusEventKind, PortStats, Records, whole_records
 from canopen_control.bus.port_parts import EventLog, SendQueue
-from canopen_control.bus.wanted import TAKES_WANTED, pack_wanted
+from canopen_control.bus.wanted import GIVES_STAMPS, TAKES_WANTED, Chunk, chunks_of, pack_wanted, pack_wish
 from canopen_control.errors import BusClosed, BusError, BusNotOpen, CanopenError, ConfigError, RemoteError
 from canopen_control.frame import RECORD_SIZE
 from canopen_control.host.sockets import connect, list_sockets, lock, peer_pid, socket_path
@@ -38,6 +38,7 @@ _STARTING_S: Final = 15.0  # a busy machine needs seconds for a hub
 _ANSWER_S: Final = 5.0
 _UNANSWERED: Final = ("BusClosed", "Timeout", "RemoteProtocolError")
 _CLOSED_HERE: Final = "closed on this side"
+_NOTHING: Final = Chunk(0, own=False, records=b"")
 _HUB_GONE: Final = "the hub process is gone; open the channel again, which starts a new one"
 
 
@@ -54,6 +55,7 @@ class LocalPort:
         self._socket = sock
         self._abilities = abilities
         self._partial = b""
+        self._chunks: list[Chunk] | None = None  # of the last reading, once stamps are asked for
         self._queue = SendQueue()
         self._events = EventLog()
         self.events = self._events.drain
@@ -85,6 +87,9 @@ class LocalPort:
             self._lose()
         if self._partial or len(data) % RECORD_SIZE:
             data = self._reassemble(data)
+        if self._chunks is not None:
+            self._chunks = [*chunks_of(data, self._chunks[-1])]
+            data = b"".join([chunk.records for chunk in self._chunks])
         self.stats.rx += len(data) // RECORD_SIZE
         if has_error_frames(data):
             self._events.extend(note_errors(data, self.stats))
@@ -95,6 +100,32 @@ class LocalPort:
         whole = len(data) - len(data) % RECORD_SIZE
         self._partial = data[whole:]
         return data[:whole]
+
+    def ask_stamps(self, *, echo: bool = False) -> None:
+        """Ask the hub for the time of all that comes from now on, with `echo` for the own frames too, in their order.
+
+        A second call does nothing. A hub of an earlier version cannot do it; `gives_stamps` tells.
+        """
+        if self.gives_stamps and self._chunks is None:
+            self._chunks = [_NOTHING]
+            self._tell(pack_wish(echo=echo))
+
+    @property
+    def gives_stamps(self) -> bool:
+        """Whether the hub can tell when frames came."""
+        return bool(self._abilities & GIVES_STAMPS)
+
+    def receive_stamped(self) -> tuple[bytes, list[int]]:
+        """Return what `receive` does, and when the hub had each record, in monotonic ns; 0 where it does not tell."""
+        chunks = self.receive_chunks()
+        return b"".join([chunk.records for chunk in chunks]), [stamp for chunk in chunks for stamp in chunk.stamps]
+
+    def receive_chunks(self) -> list[Chunk]:
+        """Return what `receive` does, in the chunks in which it came."""
+        records = self.receive()
+        if not records:
+            return []
+        return [Chunk(0, own=False, records=records)] if self._chunks is None else self._chunks
 
     def send(self, records: Records) -> None:
         """Send whole records; what the kernel does not take is queued. Raise `BusClosed` when the hub is gone."""
@@ -125,10 +156,13 @@ class LocalPort:
     def set_filter(self, can_ids: Iterable[int]) -> None:
         """Ask the hub for these identifiers only: it leaves out what holds none of them, and others may come too."""
         if self._abilities & TAKES_WANTED:
-            asked = pack_wanted(can_ids)
-            with contextlib.suppress(BusClosed):  # who receives or sends next is told
-                self.send(asked)
-                self.stats.tx -= len(asked) // RECORD_SIZE
+            self._tell(pack_wanted(can_ids))
+
+    def _tell(self, asked: bytes) -> None:
+        """Send records that are for the hub and no frames."""
+        with contextlib.suppress(BusClosed):  # who receives or sends next is told
+            self.send(asked)
+            self.stats.tx -= len(asked) // RECORD_SIZE
 
     def flush(self) -> None:
         """Hand queued records to the kernel as far as it takes them; raise `BusClosed` when the hub is gone."""

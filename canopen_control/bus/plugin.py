@@ -6,18 +6,28 @@ while a robot runs on it. The entry point ``can.interface`` makes it known; noth
 
 from __future__ import annotations
 
+import copy
 import select
+import selectors
 import threading
 import time
 from collections import deque
+from typing import TYPE_CHECKING
 
 import can
 
 from canopen_control.bus.local import open_local
+from canopen_control.bus.port_abilities import Arrivals
+from canopen_control.bus.port_parts import WakeDescriptor
 from canopen_control.bus.pythoncan import message_of, record_of
 from canopen_control.errors import BusClosed, CanopenError
 from canopen_control.frame import frames_of
 from canopen_control.host.sockets import list_sockets
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.bus.wanted import Chunk
 
 __all__ = ["LocalBus"]
 
@@ -26,7 +36,9 @@ class LocalBus(can.BusABC):
     """One end of a ``local:`` bus, as python-can wants it; one thread may send while another receives.
 
     `channel` is the bus' name, with or without ``local:``; `label` is what others see of this end. Error frames are
-    delivered, with `is_error_frame` set. The bus has no bit rate of its own: a `bitrate` is accepted and ignored.
+    delivered, with `is_error_frame` set. With `receive_own_messages` what was sent comes back in its place among the
+    others' frames, with `is_rx` False. Time stamps are those of the hub, strictly increasing. The bus has no bit rate
+    of its own: a `bitrate` is accepted and ignored.
     """
 
     def __init__(
@@ -44,15 +56,32 @@ class LocalBus(can.BusABC):
         self._own = receive_own_messages
         self._waiting: deque[can.Message] = deque()
         self._sending = threading.Lock()
+        self._receiving = threading.RLock()
         try:
             self._port = open_local(name, label)
         except CanopenError as error:
             raise can.CanInitializationError(str(error)) from error
+        self._port.ask_stamps(echo=receive_own_messages)
+        self._arrivals = Arrivals(self._port)
+        self._wake = WakeDescriptor()
+        self._woken = False
+        self._poll = select.poll()
+        for each in (self._port, self._wake):
+            self._poll.register(each, select.POLLIN)
+        self._readable: selectors.BaseSelector | None = None
         super().__init__(channel=name, can_filters=can_filters, **kwargs)
 
     def fileno(self) -> int:
-        """Return the descriptor that is readable when frames wait."""
-        return self._port.fileno()
+        """Return a descriptor that is readable as long as a message waits, -1 once shut down."""
+        if self._is_shutdown:
+            return -1
+        if self._readable is None:
+            self._readable = selectors.DefaultSelector()  # its own descriptor is readable while one of these is
+            for each in (self._port, self._wake):
+                self._readable.register(each, selectors.EVENT_READ)
+            self._tell_waiting()
+        found: int = self._readable.fileno()  # type: ignore[attr-defined] # epoll's and kqueue's have one
+        return found
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a message; CanOperationError if the bus is gone or does not take it within `timeout` seconds."""
@@ -60,15 +89,23 @@ class LocalBus(can.BusABC):
         if record is None:
             raise can.CanOperationError("CAN FD frames have no place on a CANopen bus")
         with self._sending:
+            self._check_open()
             try:
                 self._port.send(record)
                 if timeout is not None and self._port.wants_write:
                     self._flush(timeout)
             except BusClosed as error:
                 raise can.CanOperationError(str(error)) from error
-        if self._own:
-            msg.timestamp = time.time()
-            self._waiting.append(msg)
+        if self._own and not self._port.gives_stamps:
+            self._echo(msg)
+
+    def _echo(self, msg: can.Message) -> None:
+        """Give an own message back where the hub, of an earlier version, does not."""
+        own = copy.copy(msg)
+        own.is_rx, own.timestamp, own.channel = False, time.time(), self._port.channel
+        self._woken = True
+        self._waiting.append(own)
+        self._wake.set()
 
     def _flush(self, timeout: float) -> None:
         deadline = time.monotonic() + timeout
@@ -78,27 +115,59 @@ class LocalBus(can.BusABC):
             self._port.flush()
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if not self._waiting:
-            self._fetch(timeout)
-        return (self._waiting.popleft() if self._waiting else None), False
+        with self._receiving:
+            self._check_open()
+            if not self._waiting:
+                self._fetch(timeout)
+            message = self._waiting.popleft() if self._waiting else None
+            self._tell_waiting()
+        return message, False
 
     def _fetch(self, timeout: float | None) -> None:
+        ready = self._poll.poll(None if timeout is None else max(0.0, 1000 * timeout))
+        self._check_open()
+        if not ready:
+            return
         try:
-            if not select.select([self._port], [], [], timeout)[0]:
-                return
-            records = self._port.receive()
-        except (BusClosed, OSError, ValueError) as error:  # the latter two: closed by another thread meanwhile
+            chunks = self._port.receive_chunks()
+        except BusClosed as error:
             raise can.CanOperationError(str(error)) from error
-        now = time.time()
-        self._waiting.extend(message_of(frame, now, self._port.channel) for frame in frames_of(records))
+        self._waiting.extend(self._messages(chunks))
         if self._port.wants_write:
             with self._sending:
                 self._port.flush()
 
+    def _messages(self, chunks: list[Chunk]) -> Iterator[can.Message]:
+        stamps = [stamp for chunk in chunks for stamp in chunk.stamps]
+        self._arrivals.order(stamps)
+        times, offset = iter(stamps), self._arrivals.unix_offset_ns
+        for chunk in chunks:
+            for frame in frames_of(chunk.records):
+                message = message_of(frame, (next(times) + offset) / 1e9, self._port.channel)
+                message.is_rx = not chunk.own
+                yield message
+
+    def _tell_waiting(self) -> None:
+        """Keep the descriptor readable while messages wait here, of which the port knows nothing any more."""
+        if self._readable is not None and bool(self._waiting) is not self._woken:
+            self._woken = not self._woken
+            (self._wake.set if self._woken else self._wake.clear)()
+
+    def _check_open(self) -> None:
+        if self._is_shutdown:
+            raise can.CanOperationError(f"{self.channel_info}: cannot operate on a closed bus")
+
     def shutdown(self) -> None:
-        """Leave the bus; a second call does nothing."""
+        """Leave the bus, also under a thread that receives; a second call does nothing."""
+        if self._is_shutdown:
+            return
         super().shutdown()
-        self._port.close()
+        self._wake.set()
+        with self._receiving, self._sending:
+            if self._readable is not None:
+                self._readable.close()
+            self._port.close()
+            self._wake.close()
 
     @staticmethod
     def _detect_available_configs() -> list[can.typechecking.AutoDetectedConfig]:

@@ -1,6 +1,6 @@
-"""What some ports can do beside `Port`: filter identifiers in the kernel, and time-stamp what they receive.
+"""What some ports can do beside `Port`: filter identifiers in the kernel, and say when each frame came.
 
-Both are asked for by a function that serves every port: one that cannot filter gives everything, and its owner ignores
+Both are asked for in a way that serves every port: one that cannot filter gives everything, and its owner ignores
 what is not his; one that has no stamps gets the time of reading. A file of its own, since mypyc, which compiles
 `port`, makes no protocols that can be asked for at run time.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
+from canopen_control.bus.wanted import STAMP_STEP_NS
 from canopen_control.frame import RECORD_SIZE
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
 
-__all__ = ["Filtering", "Stamping", "receive_stamped", "set_filter"]
+__all__ = ["Arrivals", "Filtering", "Stamping", "set_filter"]
 
 
 @runtime_checkable
@@ -36,15 +37,51 @@ def set_filter(port: Port, can_ids: Iterable[int]) -> None:
 
 @runtime_checkable
 class Stamping(Protocol):
-    """A port that knows from the kernel when its frames came. The cycle never asks: each stamp is work per frame."""
+    """A port that learns when its frames came: from the kernel, the hub or the adapter.
+
+    The cycle never asks: each stamp is work for each frame.
+    """
+
+    def ask_stamps(self) -> None:
+        """Have what comes from now on stamped; a second call does nothing."""
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
-        """Return what `receive` does, and the time of each record in Unix ns; raise `BusClosed`."""
+        """Return what `receive` does, and when each record came in monotonic ns, 0: unknown; raise `BusClosed`."""
 
 
-def receive_stamped(port: Port, clock: Callable[[], int] = time.time_ns) -> tuple[bytes, list[int]]:
-    """Return the records that wait and the time of each in Unix ns; where the port knows none, it is `clock`'s now."""
-    if isinstance(port, Stamping):
-        return port.receive_stamped()
-    records = port.receive()
-    return records, [clock()] * (len(records) // RECORD_SIZE)
+class Arrivals:
+    """Receives from a port, each record with the time at which it came; make it before the frames come that matter.
+
+    Times are strictly increasing, by a microsecond at least, so that recordings keep every one apart. A port that knows
+    none gives the time of reading. They are monotonic; `unix_offset_ns`, which is fixed, makes Unix time of them, so
+    that a clock which is set meanwhile leaves no gap and no frame before an earlier one.
+    """
+
+    def __init__(self, port: Port, clock: Callable[[], int] = time.monotonic_ns) -> None:
+        self.port = port
+        self.unix_offset_ns = time.time_ns() - clock()
+        self._clock = clock
+        self._stamping = port if isinstance(port, Stamping) else None
+        self._earliest = 1
+        if self._stamping is not None:
+            self._stamping.ask_stamps()
+
+    def receive(self) -> tuple[bytes, list[int]]:
+        """Return the records that wait and the time of each in monotonic ns; raise `BusClosed`."""
+        if self._stamping is not None:
+            records, stamps = self._stamping.receive_stamped()
+        else:
+            records = self.port.receive()
+            stamps = [0] * (len(records) // RECORD_SIZE)
+        if stamps:
+            self.order(stamps)
+        return records, stamps
+
+    def order(self, stamps: list[int]) -> None:
+        """Give a time to records without one, and make each later than the one before; for one who reads himself."""
+        now, earliest = self._clock(), self._earliest
+        for number, stamp in enumerate(stamps):
+            if stamp < earliest:  # 0 too
+                stamps[number] = max(stamp or now, earliest)
+            earliest = stamps[number] + STAMP_STEP_NS
+        self._earliest = earliest

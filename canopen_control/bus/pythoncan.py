@@ -32,7 +32,15 @@ from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, RECORD, RECORD_SIZE
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["PythonCanPort", "known_interfaces", "message_of", "missing_package", "open_python_can", "record_of"]
+__all__ = [
+    "AdapterClock",
+    "PythonCanPort",
+    "known_interfaces",
+    "message_of",
+    "missing_package",
+    "open_python_can",
+    "record_of",
+]
 
 _POLL_S: Final = 0.05  # how soon the reader notices that the port was closed
 _RETRY_S: Final = 0.1
@@ -44,6 +52,8 @@ _SHUTDOWN_S: Final = 2.0  # for a driver to close its device, or to return from 
 _QUEUE_LIMIT = 65536 * RECORD_SIZE
 _CLOSED_HERE = "closed on this side"
 _IDENTIFIER = 0x1FFFFFFF
+_NS = 1_000_000_000
+_DRIFT = 1e-4  # of an adapter's clock against ours, at most
 
 
 def message_of(frame: CanFrame, timestamp: float, channel: str | None = None) -> can.Message:
@@ -75,6 +85,43 @@ def record_of(message: can.Message) -> bytes | None:
     return RECORD.pack(can_id, min(message.dlc, 8), bytes(message.data))
 
 
+class AdapterClock:
+    """Makes our monotonic time of an adapter's time stamps, whatever they count from.
+
+    One that has no clock says 0: that is now. Unix time is taken as it is. A clock of the adapter's own, or of another
+    machine, is laid so that no frame comes later than it was read, and follows its drift; one that begins anew, or
+    leaps by more than a second, is laid anew.
+    """
+
+    def __init__(
+        self, monotonic: Callable[[], int] = time.monotonic_ns, unix: Callable[[], int] = time.time_ns
+    ) -> None:
+        self._monotonic, self._unix = monotonic, unix
+        self._is_unix: bool | None = None
+        self._lag = 0.0
+        self._seen: int | None = None
+
+    def stamp(self, seconds: float) -> int:
+        """Return when a frame came, which is handed over now."""
+        now = self._monotonic()
+        if not seconds:
+            return now
+        told = round(seconds * _NS)
+        by_unix = told - (self._unix() - now)
+        if self._is_unix is not False:
+            self._is_unix = 0 <= now - by_unix < _NS
+            if self._is_unix:
+                return by_unix
+        return min(now, told + self._lag_of(now - told, now))
+
+    def _lag_of(self, lag: int, now: int) -> int:
+        """Return the least by which frames were read later than stamped, of late."""
+        grown = self._lag + (0 if self._seen is None else (now - self._seen) * _DRIFT)
+        begins_anew = self._seen is None or lag - self._lag > _NS
+        self._lag, self._seen = (lag if begins_anew else min(lag, grown)), now
+        return round(self._lag)
+
+
 class PythonCanPort:
     """A python-can bus as a port; see `canopen_control.bus.port.Port`. It owns the bus and shuts it down.
 
@@ -92,6 +139,9 @@ class PythonCanPort:
         self._lock = threading.Lock()  # guards all that follows
         self._wake = WakeDescriptor()
         self._received = bytearray()
+        self._stamps: list[int] = []
+        self._taken_stamps: list[int] = []
+        self._adapter_clock: AdapterClock | None = None  # once stamps are asked for
         self._events = EventLog()
         self._outgoing = SendQueue(SEND_LIMIT)
         self._lost = 0  # by the threads, not yet in stats
@@ -118,6 +168,7 @@ class PythonCanPort:
             self._wake.clear()
             records = bytes(self._received)
             self._received.clear()
+            self._taken_stamps, self._stamps = self._stamps, []
             self.stats.lost += self._lost
             self._lost = 0
         if records:
@@ -127,6 +178,18 @@ class PythonCanPort:
                 with self._lock:
                     self._events.extend(events)
         return records
+
+    def ask_stamps(self) -> None:
+        """Keep the adapter's time of each frame from now on; a second call does nothing."""
+        with self._lock:
+            if self._adapter_clock is None:
+                self._adapter_clock = AdapterClock()
+                self._stamps = [0] * (len(self._received) // RECORD_SIZE)
+
+    def receive_stamped(self) -> tuple[bytes, list[int]]:
+        """Return what `receive` does, and when each record came by the adapter, in monotonic ns; 0: not known."""
+        records = self.receive()
+        return records, self._taken_stamps
 
     def send(self, records: Records) -> None:
         """Send whole records, or queue them for the writer; raise `BusClosed` on a closed port."""
@@ -200,6 +263,8 @@ class PythonCanPort:
             if not self._received:
                 self._wake.set()
             self._received += record
+            if self._adapter_clock is not None:
+                self._stamps.append(self._adapter_clock.stamp(message.timestamp))
 
     def _write_all(self) -> None:
         while not self._closing.is_set():

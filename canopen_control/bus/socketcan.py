@@ -102,13 +102,24 @@ class SocketCanPort:
         """Return the whole records that wait, or ``b""``; raise `BusClosed` on a closed port."""
         return self._receive(None)
 
-    def receive_stamped(self) -> tuple[bytes, list[int]]:
-        """Return what `receive` does, and for each record when the kernel took the frame, in Unix ns."""
+    def ask_stamps(self) -> None:
+        """Let the kernel stamp what it takes from now on; a second call does nothing."""
         if not self._stamping and not self._closed:
             ask_stamps(self._socket)
             self._stamping = True
+
+    def receive_stamped(self) -> tuple[bytes, list[int]]:
+        """Return what `receive` does, and when the kernel took each frame, in monotonic ns; 0 where it does not say.
+
+        The kernel's stamps are Unix time. One in the future is from before the clock was set back: it is taken for now.
+        """
         stamps: list[int] = []
-        return self._receive(stamps), stamps
+        records = self._receive(stamps)
+        if stamps:
+            now = self._now()
+            offset = time.time_ns() - now
+            stamps = [min(stamp - offset, now) if stamp else 0 for stamp in stamps]
+        return records, stamps
 
     def _receive(self, stamps: list[int] | None) -> bytes:
         self._prepare()
@@ -123,7 +134,7 @@ class SocketCanPort:
                     records += self._overflow(ancillary)
                 records.append(data)
                 if stamps is not None:
-                    stamp = stamp_of(ancillary) or time.time_ns()
+                    stamp = stamp_of(ancillary) or 0
                     stamps += [stamp] * (len(records) - len(stamps))
         except BlockingIOError:
             pass

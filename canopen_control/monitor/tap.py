@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.port_abilities import receive_stamped
+from canopen_control.bus.port_abilities import Arrivals
 from canopen_control.errors import BusError, ConfigError
 from canopen_control.frame import frames_of
 from canopen_control.monitor.frame_tables import LoadMeter
@@ -42,6 +42,7 @@ class BusTap:
         self._take = take
         self._decoder = Decoder(network)
         self._port: Port | None = None
+        self._arrivals: Arrivals | None = None
         self._retry_ns = 0
 
     @property
@@ -63,6 +64,7 @@ class BusTap:
         self._retry_ns = now + _AGAIN_NS
         try:
             self._port = open_listener(self.network.channel, LABEL, owner=self.owner)
+            self._arrivals = Arrivals(self._port)
         except (BusError, ConfigError) as error:
             self.problem = str(error)
             return
@@ -71,12 +73,12 @@ class BusTap:
 
     def receive(self) -> None:
         """Take what has come."""
-        port = self._port
-        if port is None:
+        arrivals = self._arrivals
+        if arrivals is None:
             return
         try:
-            records, stamps = receive_stamped(port)
-            for event in port.events():
+            records, stamps = arrivals.receive()
+            for event in arrivals.port.events():
                 if event.kind in (BusEventKind.DOWN, BusEventKind.UP):
                     self.problem = event.text if event.kind is BusEventKind.DOWN else ""
         except BusError as error:
@@ -85,11 +87,11 @@ class BusTap:
             return
         for stamp, frame in zip(stamps, frames_of(records), strict=True):
             self.meter.add(frame)
-            self._take(self._decoder.decode(frame, stamp))
+            self._take(self._decoder.decode(frame, stamp + arrivals.unix_offset_ns))
 
     def close(self) -> None:
         """Leave the bus; a second call does nothing."""
         if self._port is not None:
             self._on_port(None)
             self._port.close()
-            self._port = None
+            self._port = self._arrivals = None

@@ -20,11 +20,10 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import open_port, parse_channel
-from canopen_control.bus.port_abilities import Stamping, receive_stamped
+from canopen_control.bus.port_abilities import Arrivals
 from canopen_control.client.drive_client import shapes_of_world
 from canopen_control.client.robot_client import RobotClient
 from canopen_control.errors import BusError, CanopenError
-from canopen_control.frame import RECORD_SIZE
 from canopen_control.host.files import state_dir
 from canopen_control.host.lifeline import LivenessReport, lifeline_fd
 from canopen_control.host.reactor import Reactor
@@ -112,28 +111,22 @@ class FlightRecorder:
             print(error, flush=True)  # noqa: T201 - the log of this process
             return
         self._ports[bus] = port
-        take = self._take_stamped if isinstance(port, Stamping) else self._take_records
+        arrivals = Arrivals(port, self._reactor.now)
 
         def receive() -> None:
             try:
-                take(number, port)
+                self._take_frames(number, arrivals)
             except BusError:
                 self._reactor.remove_reader(port.fileno())
                 port.close()
 
         self._reactor.add_reader(port.fileno(), receive)
 
-    def _take_records(self, number: int, port: Port) -> None:
-        records = port.receive()
+    def _take_frames(self, number: int, arrivals: Arrivals) -> None:
+        """Take frames with the times of their arrival: a busy machine may read them late, and many at once."""
+        records, stamps = arrivals.receive()
         if records:
-            self._frames.add(number, records, self._reactor.now())
-
-    def _take_stamped(self, number: int, port: Port) -> None:
-        """Take frames with the kernel's times: a busy machine may read them late, and many at once."""
-        records, stamps = receive_stamped(port)
-        for position, stamp in enumerate(stamps):
-            record = records[position * RECORD_SIZE : (position + 1) * RECORD_SIZE]
-            self._frames.add(number, record, stamp - self._wall_offset_ns)
+            self._frames.add(number, records, stamps)
 
     def _connect(self) -> None:
         if self._finished:
@@ -269,7 +262,7 @@ class FlightRecorder:
             status=self._status,
             world=self._world,
         )
-        can = candump_lines(self._frames.batches(since), list(self.buses), offset)
+        can = candump_lines(self._frames.frames(since), list(self.buses), offset)
         try:
             lines = self._events.lines(), self._states.lines(since), self._requests.lines(since)
             path = save(flight_folder(self.name), meta, can, *lines)

@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.bus.candump import interface_name, line_of, parse_line
+from canopen_control.bus.wanted import STAMP_STEP_NS
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, frames_of
 from canopen_control.host.files import make_private, telling
@@ -43,7 +44,7 @@ from canopen_control.rpc.wire import decode, text_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from canopen_control.trace.flight_ring import Batch
+    from canopen_control.trace.flight_ring import KeptFrame
 
 __all__ = [
     "MAX_FILES",
@@ -136,12 +137,18 @@ class FlightFile:
     notes: tuple[str, ...] = ()
 
 
-def candump_lines(batches: Iterable[Batch], buses: Iterable[str], wall_offset_ns: int) -> Iterator[str]:
-    """Yield a line for each record; `buses` are their names by number, the offset makes Unix time of the batches'."""
+def candump_lines(frames: Iterable[KeptFrame], buses: Iterable[str], wall_offset_ns: int) -> Iterator[str]:
+    """Yield a line for each frame; `buses` are their names by number, the offset makes Unix time of the frames'.
+
+    Times are strictly increasing, also where frames of two buses came in the same microsecond.
+    """
     interfaces = [interface_name(bus) for bus in buses]
-    for now, bus, records in batches:
-        for frame in frames_of(records):
-            yield line_of(now + wall_offset_ns, interfaces[bus], frame)
+    earliest = 0
+    for time_ns, bus, record in frames:
+        at = max(time_ns, earliest)
+        earliest = at + STAMP_STEP_NS
+        for frame in frames_of(record):
+            yield line_of(at + wall_offset_ns, interfaces[bus], frame)
 
 
 def save(

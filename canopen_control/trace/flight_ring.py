@@ -1,43 +1,47 @@
 """What a flight recorder keeps in memory: the newest frames, and the newest lines, each within a bound.
 
 The law of this file: an addition costs the same however much is kept, and nothing is looked into. Frames stay the
-16-byte records that came from the port; what came in one reading has one time. Memory is bounded twice, by age and by
-bytes, whichever is less; when bytes are the bound, the window is shorter, and `begin` says so.
+16-byte records that came from the port, each with its own time. Memory is bounded twice, by age and by bytes, whichever
+is less; when bytes are the bound, the window is shorter, and `begin` says so.
 """
 
 from __future__ import annotations
 
+import bisect
+import heapq
+import operator
 from array import array
 from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from canopen_control.frame import RECORD_SIZE
 
-__all__ = ["Batch", "FrameRing", "LineRing"]
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+__all__ = ["FrameRing", "KeptFrame", "LineRing"]
 
 _SEGMENT_NS = 1_000_000_000
 _SEGMENTS_OF_LIMIT = 8  # a segment holds at most this part of the limit, so that forgetting goes in small steps
-_MARK = 3  # numbers of one reading in `marks`
 
 
-class Batch(NamedTuple):
-    """What came in one reading: `time` in monotonic ns, the number of the bus, whole records."""
+class KeptFrame(NamedTuple):
+    """One record: `time` in monotonic ns, the number of the bus."""
 
     time: int
     bus: int
-    records: bytes
+    record: bytes
 
 
 class _Segment:
-    """A second of frames, end to end in `data`; `marks` holds time, bus and length in bytes of each reading."""
+    """A second of frames of one bus, end to end in `data`; `times` holds one number for each."""
 
-    __slots__ = ("begin", "data", "marks")
+    __slots__ = ("begin", "bus", "data", "times")
 
-    def __init__(self, begin: int) -> None:
-        self.begin = begin
+    def __init__(self, bus: int, begin: int) -> None:
+        self.bus, self.begin = bus, begin
         self.data = bytearray()
-        self.marks = array("q")
+        self.times = array("q")
 
 
 class FrameRing:
@@ -46,47 +50,60 @@ class FrameRing:
     def __init__(self, window_ns: int, limit: int) -> None:
         self._window_ns, self._limit = window_ns, limit
         self._segments: deque[_Segment] = deque()
-        self._size = 0  # of all segments but the newest
+        self._newest: dict[int, _Segment] = {}  # by bus: those that grow
+        self._size = 0  # of all segments that do not grow any more
 
-    def add(self, bus: int, records: bytes, now: int) -> None:
-        """Keep the records of one reading."""
-        segments = self._segments
-        if not segments or now - segments[-1].begin >= _SEGMENT_NS or self._is_long(segments[-1]):
-            self._begin_segment(now)
-        newest = segments[-1]
-        newest.marks.extend((now, bus, len(records)))
-        newest.data += records
+    def add(self, bus: int, records: bytes, times: Sequence[int]) -> None:
+        """Keep the records of one reading, and when each came, in order and none before those of this bus before."""
+        segment, now = self._newest.get(bus), times[-1]
+        if segment is None or now - segment.begin >= _SEGMENT_NS or self._is_long(segment):
+            segment = self._begin_segment(bus, times[0], now)
+        segment.times.extend(times)
+        segment.data += records
 
     @property
     def size(self) -> int:
         """The bytes that are kept, times included."""
-        return self._size + (_size_of(self._segments[-1]) if self._segments else 0)
+        return self._size + sum(map(_size_of, self._newest.values()))
 
-    def batches(self, since: int) -> Iterator[Batch]:
-        """Yield what came at `since` or later, oldest first."""
+    def frames(self, since: int) -> Iterator[KeptFrame]:
+        """Yield what came at `since` or later, in the order of time."""
+        buses = {segment.bus for segment in self._segments}
+        return heapq.merge(*(self._frames_of(bus, since) for bus in sorted(buses)), key=operator.itemgetter(0))
+
+    def _frames_of(self, bus: int, since: int) -> Iterator[KeptFrame]:
         for segment in self._segments:
-            position, marks = 0, segment.marks
-            for each in range(0, len(marks), _MARK):
-                time, bus, length = marks[each : each + _MARK]
-                if time >= since:
-                    yield Batch(time, bus, bytes(segment.data[position : position + length]))
-                position += length
+            if segment.bus == bus:
+                for number in range(bisect.bisect_left(segment.times, since), len(segment.times)):
+                    at = number * RECORD_SIZE
+                    yield KeptFrame(segment.times[number], bus, bytes(segment.data[at : at + RECORD_SIZE]))
 
     def _is_long(self, segment: _Segment) -> bool:
         return len(segment.data) * _SEGMENTS_OF_LIMIT > self._limit
 
-    def _begin_segment(self, now: int) -> None:
+    def _begin_segment(self, bus: int, begin: int, now: int) -> _Segment:
         segments = self._segments
-        if segments:
-            self._size += _size_of(segments[-1])
-        segments.append(_Segment(now))
-        # A segment may go when the next one begins before the window; the newest always stays.
-        while len(segments) > 1 and (segments[1].begin <= now - self._window_ns or self._size > self._limit):
-            self._size -= _size_of(segments.popleft())
+        if (full := self._newest.get(bus)) is not None:
+            self._size += _size_of(full)
+        newest = self._newest[bus] = _Segment(bus, begin)
+        segments.append(newest)
+        self._forget(now)
+        return newest
+
+    def _forget(self, now: int) -> None:
+        """Drop the oldest segments as long as they are before the window, or too much; the newest stays."""
+        while len(self._segments) > 1 and (
+            self._segments[0].times[-1] < now - self._window_ns or self._size > self._limit
+        ):
+            oldest = self._segments.popleft()
+            if self._newest[oldest.bus] is oldest:  # of a bus that is silent
+                del self._newest[oldest.bus]
+            else:
+                self._size -= _size_of(oldest)
 
 
 def _size_of(segment: _Segment) -> int:
-    return len(segment.data) + segment.marks.itemsize * len(segment.marks)
+    return len(segment.data) + segment.times.itemsize * len(segment.times)
 
 
 class LineRing:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
 from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.port_abilities import receive_stamped
+from canopen_control.bus.port_abilities import Arrivals, Stamping
 from canopen_control.bus.recordings import RecordedFrame
 from canopen_control.errors import ConfigError
 from canopen_control.frame import frames_of
@@ -30,13 +30,19 @@ _NEWS: Final = frozenset({BusEventKind.DOWN, BusEventKind.UP, BusEventKind.OVERR
 
 
 def open_listener(channel: str, label: str, *, owner: str = "") -> Port:
-    """Open `channel` to listen; BusNotOpen where nobody has it, ConfigError while the robot `owner` has it alone."""
+    """Open `channel` to listen, with time stamps where it has them.
+
+    BusNotOpen where nobody has it, ConfigError while the robot `owner` has it alone.
+    """
     spec = parse_channel(channel)
     if spec.kind.in_process:
         raise ConfigError(f"{channel} is inside one process, nobody else can listen; use local:NAME instead")
     if owner and spec.kind is ChannelKind.PYTHON_CAN and spec.interface not in _SERVERS:
         raise ConfigError(f"{channel} has one owner, the running robot {owner}; nobody can listen beside it")
-    return open_port(channel, label=label, join=True)
+    port = open_port(channel, label=label, join=True)
+    if isinstance(port, Stamping):
+        port.ask_stamps()
+    return port
 
 
 def batches(
@@ -52,12 +58,14 @@ def batches(
     and shows in no frame, after the frames that came before it.
     """
     end = None if seconds is None else clock() + seconds
+    arrivals = Arrivals(port)
+    offset = arrivals.unix_offset_ns
     while end is None or clock() < end:
         wait = _IDLE_S if end is None else max(0.0, min(_IDLE_S, end - clock()))
         select.select([port.fileno()], [], [], wait)
-        records, stamps = receive_stamped(port)
+        records, stamps = arrivals.receive()
         events = port.events()
-        yield [RecordedFrame(stamp, frame) for stamp, frame in zip(stamps, frames_of(records), strict=True)]
+        yield [RecordedFrame(stamp + offset, frame) for stamp, frame in zip(stamps, frames_of(records), strict=True)]
         for event in events:
             if on_event is not None and event.kind in _NEWS:
                 on_event(event)

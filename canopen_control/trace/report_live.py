@@ -7,10 +7,12 @@ A bus that only its own process can hear is left out and named.
 from __future__ import annotations
 
 import contextlib
+import functools
+import operator
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import open_port, parse_channel
-from canopen_control.bus.port_abilities import receive_stamped
+from canopen_control.bus.port_abilities import Arrivals
 from canopen_control.client.robot_client import RobotClient
 from canopen_control.errors import BusError, CanopenError
 from canopen_control.frame import frames_of
@@ -52,6 +54,7 @@ def watch(name: str | None, seconds: float) -> FlightFile:
         )
         for port in ports.values():
             port.close()
+    file.frames.sort(key=operator.itemgetter(0))  # several buses are read one after the other
     return file
 
 
@@ -73,14 +76,15 @@ def _listen(reactor: Reactor, channels: dict[str, str], file: FlightFile) -> dic
         if not parse_channel(channel).kind.shared:
             continue
         ports[bus] = port = open_port(channel, label="report", join=True)
-
-        def receive(bus: str = bus, port: Port = port) -> None:
-            try:
-                records, stamps = receive_stamped(port)
-            except BusError:
-                reactor.remove_reader(port.fileno())
-                return
-            file.frames.extend((at, bus, frame) for at, frame in zip(stamps, frames_of(records), strict=True))
-
-        reactor.add_reader(port.fileno(), receive)
+        reactor.add_reader(port.fileno(), functools.partial(_receive, reactor, file, bus, Arrivals(port)))
     return ports
+
+
+def _receive(reactor: Reactor, file: FlightFile, bus: str, arrivals: Arrivals) -> None:
+    try:
+        records, stamps = arrivals.receive()
+    except BusError:
+        reactor.remove_reader(arrivals.port.fileno())
+        return
+    offset = arrivals.unix_offset_ns
+    file.frames.extend((at + offset, bus, frame) for at, frame in zip(stamps, frames_of(records), strict=True))

@@ -10,7 +10,7 @@ from canopen_control.bus import exchange as exchange_module
 from canopen_control.bus.error_frames import lost_frames, overrun_frame, protocol_error_frame
 from canopen_control.bus.exchange import BACKLOG_LIMIT, Exchange
 from canopen_control.bus.timing import duration_ns, frame_bits
-from canopen_control.bus.wanted import pack_wanted
+from canopen_control.bus.wanted import Chunk, chunks_of, pack_wanted, pack_wish
 from canopen_control.bus.wire_faults import DropRule
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
@@ -339,3 +339,95 @@ def test_a_paced_wire_knows_what_is_wanted(exchange, trio):
     exchange.receive(master, pack_records([frame(1, 0x203), CanFrame(0x80)]), 0)
     exchange.tick(MS)
     assert take(exchange, left) == [CanFrame(0x80)]
+
+
+# Stamps
+
+
+def chunks(exchange, member):
+    """Write everything of one member; return it as (time, whether it is its own, frames)."""
+    taken = bytes(member.outbox)
+    exchange.sent(member, len(taken))
+    found = chunks_of(taken, Chunk(0, own=False, records=b""))
+    return [(chunk.at_ns, chunk.own, list(frames_of(chunk.records))) for chunk in found if chunk.records]
+
+
+@pytest.fixture
+def listener(exchange, trio):
+    listener = exchange.join("trace", 13)
+    exchange.receive(listener, pack_wish(), 0)
+    return listener
+
+
+def test_who_asks_for_stamps_gets_one_before_each_chunk_and_the_others_none(exchange, trio, listener):
+    master, left, right = trio
+    exchange.receive(master, pack_records([frame(1), frame(2)]), 5 * MS)
+    exchange.receive(left, pack_records([frame(3)]), 6 * MS)
+    assert chunks(exchange, listener) == [(5 * MS, False, [frame(1), frame(2)]), (6 * MS, False, [frame(3)])]
+    assert take(exchange, right) == [frame(1), frame(2), frame(3)]
+    assert listener.rx == 3
+    assert exchange.frames == 3
+
+
+def test_no_chunk_is_stamped_before_the_last_frame_of_the_one_before(exchange, trio, listener):
+    master, left, _ = trio
+    exchange.receive(master, pack_records([frame(1)] * 100), MS)
+    exchange.receive(left, pack_records([frame(2)]), MS)
+    exchange.receive(left, pack_records([frame(3)]), MS + 150_000)
+    times = [at for at, _, _ in chunks(exchange, listener)]
+    assert times == [MS, MS + 100_000, MS + 150_000]
+
+
+def test_two_listeners_see_the_same_times(exchange, trio, listener):
+    other = exchange.join("record", 14)
+    exchange.receive(trio[0], pack_records([frame(1)]), MS)
+    exchange.receive(other, pack_wish(), MS)
+    exchange.receive(trio[0], pack_records([frame(2)]), MS)
+    first = chunks(exchange, listener)
+    assert [at for at, _, _ in first] == [MS, MS + 1000]
+    assert chunks(exchange, other)[-1] == first[-1]
+
+
+def test_own_frames_come_back_in_their_place_and_say_so(exchange, trio):
+    master, left, _ = trio
+    loud = exchange.join("loud", 13)
+    exchange.receive(loud, pack_wish(echo=True), 0)
+    exchange.receive(master, pack_records([frame(1)]), MS)
+    exchange.receive(loud, pack_records([frame(2)]), 2 * MS)
+    exchange.receive(left, pack_records([frame(3)]), 3 * MS)
+    expected = [(MS, False, [frame(1)]), (2 * MS, True, [frame(2)]), (3 * MS, False, [frame(3)])]
+    assert chunks(exchange, loud) == expected
+    exchange.cut("loud")
+    exchange.receive(loud, pack_records([frame(4)]), 4 * MS)
+    assert not loud.outbox, "what did not get onto the wire does not come back"
+
+
+def test_on_a_paced_wire_a_frame_has_the_time_of_its_last_bit(exchange, trio, listener):
+    exchange.pace(125_000, 0)
+    bits = [frame_bits(*frame(number)) for number in (1, 2)]
+    exchange.receive(trio[0], pack_records([frame(1), frame(2)]), MS)
+    exchange.tick(100 * MS)
+    first = MS + duration_ns(bits[0], 125_000)
+    times = [at for at, _, _ in chunks(exchange, listener)]
+    assert times == [first, first + duration_ns(bits[1], 125_000)]
+
+
+def test_a_delayed_frame_has_the_time_at_which_it_was_due(exchange, trio, listener):
+    exchange.faults.delay("master", 10 * MS)
+    exchange.receive(trio[0], pack_records([frame(1)]), 5 * MS)
+    exchange.tick(40 * MS)
+    assert [at for at, _, _ in chunks(exchange, listener)] == [15 * MS]
+
+
+def test_a_report_is_stamped_too(exchange, trio, listener):
+    exchange.tick(7 * MS)
+    exchange.report("", protocol_error_frame())
+    assert chunks(exchange, listener) == [(7 * MS, False, [protocol_error_frame()])]
+    assert take(exchange, trio[0]) == [protocol_error_frame()]
+
+
+def test_once_nobody_wants_stamps_any_more_none_are_made(exchange, trio, listener):
+    exchange.leave(listener)
+    assert not exchange._stamping
+    exchange.receive(trio[0], pack_records([frame(1)]), MS)
+    assert take(exchange, trio[1]) == [frame(1)]

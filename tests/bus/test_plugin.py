@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import select
 import subprocess
 import sys
 import textwrap
+import threading
+import time
 import tomllib
 from pathlib import Path
 
@@ -89,9 +92,103 @@ def test_own_messages_come_back_on_request_alone(port, bus):
         assert loud.recv(TIMEOUT_S).arbitration_id == 6
 
 
-def test_its_descriptor_is_readable_when_a_frame_waits(port, bus):
-    port.send(pack_records([CanFrame(1)]))
-    assert select.select([bus], [], [], TIMEOUT_S)[0]
+def test_own_messages_come_back_in_their_place_as_copies_that_say_so(port):
+    with LocalBus("plug", receive_own_messages=True) as bus:
+        port.send(pack_records([CanFrame(1)]))
+        assert select.select([bus], [], [], TIMEOUT_S)[0]
+        sent = can.Message(arbitration_id=2, is_extended_id=False, data=b"x")
+        bus.send(sent)
+        assert receive(port, 1) == [CanFrame(2, b"x")]
+        port.send(pack_records([CanFrame(3)]))
+        got = [bus.recv(TIMEOUT_S) for _ in range(3)]
+        assert [(message.arbitration_id, message.is_rx) for message in got] == [(1, True), (2, False), (3, True)]
+        assert got[1] is not sent
+        assert got[1].channel == "local:plug"
+        assert sent.timestamp == 0.0
+        assert got[0].timestamp < got[1].timestamp < got[2].timestamp
+
+
+def test_its_descriptor_is_readable_as_long_as_a_message_waits(port, bus):
+    assert not select.select([bus], [], [], 0)[0]
+    port.send(pack_records([CanFrame(n) for n in range(3)]))
+    for number in range(3):
+        assert select.select([bus], [], [], TIMEOUT_S)[0]
+        assert bus.recv(0).arbitration_id == number
+    assert not select.select([bus], [], [], 0)[0]
+
+
+def test_who_first_asks_for_the_descriptor_while_messages_wait_finds_it_readable(port, bus):
+    port.send(pack_records([CanFrame(n) for n in range(3)]))
+    assert bus.recv(TIMEOUT_S).arbitration_id == 0
+    assert select.select([bus], [], [], 0)[0]
+    assert [bus.recv(0).arbitration_id for _ in range(2)] == [1, 2]
+    assert not select.select([bus], [], [], 0)[0]
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_an_asyncio_notifier_hands_over_a_whole_burst(port, own):
+    async def burst():
+        bus, got, done = LocalBus("plug", receive_own_messages=own), [], asyncio.Event()
+
+        def take(message):
+            got.append(message)
+            if len(got) == 5 + own:
+                done.set()
+
+        with can.Notifier(bus, [take], loop=asyncio.get_running_loop()):
+            bus.send(can.Message(arbitration_id=9, is_extended_id=False))
+            port.send(pack_records([CanFrame(0x181, bytes([n])) for n in range(5)]))
+            await asyncio.wait_for(done.wait(), TIMEOUT_S)
+        bus.shutdown()
+        return got
+
+    got = asyncio.run(burst())
+    assert [message.data[0] for message in got if message.is_rx] == [0, 1, 2, 3, 4]
+    assert [message.arbitration_id for message in got if not message.is_rx] == [9] * own
+
+
+def test_every_message_has_the_time_at_which_the_hub_had_it(port, bus):
+    before = time.time()
+    for number in range(3):
+        port.send(pack_records([CanFrame(number)] * 4))
+        time.sleep(0.02)
+    time.sleep(0.3)
+    times = [bus.recv(TIMEOUT_S).timestamp for _ in range(12)]
+    assert times == sorted(set(times)), "strictly increasing"
+    assert before - 0.01 < times[0] <= times[-1] < time.time() - 0.25, "not the time of reading"
+    assert all(times[at + 3] - times[at] < 0.001 for at in (0, 4, 8)), "what came at once"
+
+
+def test_after_shutdown_the_error_is_python_cans(port, bus):
+    bus.shutdown()
+    bus.shutdown()
+    for use in (
+        bus.recv,
+        lambda: bus.recv(0),
+        lambda: bus.send(can.Message(arbitration_id=1)),
+        lambda: next(iter(bus)),
+    ):
+        with pytest.raises(can.CanOperationError, match="cannot operate on a closed bus"):
+            use()
+    assert bus.fileno() == -1
+
+
+def test_shutdown_ends_a_thread_that_receives(port, bus):
+    errors = []
+
+    def wait():
+        try:
+            bus.recv(None)
+        except can.CanOperationError as error:
+            errors.append(str(error))
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    time.sleep(0.05)
+    bus.shutdown()
+    thread.join(TIMEOUT_S)
+    assert not thread.is_alive()
+    assert errors == ["canopen_control local:plug: cannot operate on a closed bus"]
 
 
 def test_can_fd_is_refused_with_a_sentence(bus):

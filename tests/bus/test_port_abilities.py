@@ -2,37 +2,82 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from canopen_control.bus.memory import MemoryBus
-from canopen_control.bus.port_abilities import Filtering, Stamping, receive_stamped, set_filter
+from canopen_control.bus.port_abilities import Arrivals, Filtering, Stamping, set_filter
 from canopen_control.bus.socketcan import SocketCanPort
 from canopen_control.errors import BusClosed
 from canopen_control.frame import CanFrame, frames_of, pack_records
 
+S = 1_000_000_000
 ONE, TWO = CanFrame(0x181, b"1"), CanFrame(0x182, b"2")
 
 
-def test_a_port_without_stamps_gives_the_time_of_reading_to_every_record():
+def test_a_port_without_stamps_gives_the_time_of_reading_and_each_record_its_own():
     bus = MemoryBus.get("stamps")
     sender, reader = bus.open("sender"), bus.open("reader")
     assert not isinstance(reader, Stamping)
-    assert receive_stamped(reader, lambda: 5) == (b"", [])
+    now = 5 * S
+    arrivals = Arrivals(reader, lambda: now)
+    assert arrivals.receive() == (b"", [])
     sender.send(pack_records([ONE, TWO]))
-    records, stamps = receive_stamped(reader, lambda: 7)
-    assert (list(frames_of(records)), stamps) == ([ONE, TWO], [7, 7])
+    records, stamps = arrivals.receive()
+    assert (list(frames_of(records)), stamps) == ([ONE, TWO], [now, now + 1000])
+    sender.send(pack_records([ONE]))
+    assert arrivals.receive()[1] == [now + 2000], "later than what came before, though the clock stands"
     reader.close()
     with pytest.raises(BusClosed):
-        receive_stamped(reader)
+        arrivals.receive()
     sender.close()
 
 
-def test_a_port_that_knows_better_is_asked():
-    class Knowing:
-        def receive_stamped(self):
-            return pack_records([ONE]), [3]
+class Knowing:
+    """A port that says what is in `told`."""
 
-    assert receive_stamped(Knowing(), lambda: 99) == (pack_records([ONE]), [3])
+    def __init__(self, told):
+        self.told, self.asked = told, 0
+
+    def ask_stamps(self):
+        self.asked += 1
+
+    def receive_stamped(self):
+        return pack_records([ONE] * len(self.told)), [*self.told]
+
+
+def test_a_port_that_knows_better_is_asked_at_once():
+    port = Knowing([3000])
+    arrivals = Arrivals(port, lambda: 99_000)
+    assert port.asked == 1
+    assert arrivals.receive() == (pack_records([ONE]), [3000])
+
+
+@pytest.mark.parametrize(
+    ("told", "given"),
+    [
+        ([5000, 7000], [5000, 7000]),
+        ([5000, 5000, 5000], [5000, 6000, 7000]),
+        ([5000, 5999], [5000, 6000]),
+        ([5000, 1000, 9000], [5000, 6000, 9000]),
+        ([0, 0], [99_000, 100_000]),
+        ([5000, 0, 7000], [5000, 99_000, 100_000]),
+    ],
+)
+def test_times_are_strictly_increasing_by_what_a_recording_can_keep(told, given):
+    assert Arrivals(Knowing(told), lambda: 99_000).receive()[1] == given
+
+
+def test_times_go_on_from_one_reading_to_the_next():
+    port = Knowing([5000, 5000])
+    arrivals = Arrivals(port, lambda: 99_000)
+    assert arrivals.receive()[1] + arrivals.receive()[1] == [5000, 6000, 7000, 8000]
+
+
+def test_the_offset_to_unix_time_is_that_of_the_beginning():
+    before = time.time_ns() - time.monotonic_ns()
+    assert abs(Arrivals(Knowing([1])).unix_offset_ns - before) < S
 
 
 class Filters:

@@ -6,6 +6,7 @@ import importlib.util
 import queue
 import select
 import threading
+import time
 
 import can
 import pytest
@@ -16,7 +17,15 @@ from support.localbus import TIMEOUT_S, receive
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.error_frames import passive_frame
 from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.pythoncan import _PACKAGES, PythonCanPort, known_interfaces, message_of, record_of
+from canopen_control.bus.port_abilities import Arrivals
+from canopen_control.bus.pythoncan import (
+    _PACKAGES,
+    AdapterClock,
+    PythonCanPort,
+    known_interfaces,
+    message_of,
+    record_of,
+)
 from canopen_control.errors import BusClosed, BusError, ConfigError, InterfaceNotFound, LocalProtocolError
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, pack_records
 
@@ -298,3 +307,93 @@ def test_a_frame_becomes_a_message_and_the_same_frame_again(frame):
 
 def test_a_can_fd_message_has_no_record():
     assert record_of(can.Message(arbitration_id=1, is_fd=True, data=bytes(12))) is None
+
+
+# Time stamps
+
+S = 1_000_000_000
+UNIX = 1_800_000_000
+
+
+class Clocks:
+    """Our clocks at 900 s of monotonic time, and one of an adapter's that says `zero` then and goes `drift` fast."""
+
+    def __init__(self, zero=0.0, drift=0.0):
+        self.now, self.unix, self.zero, self.drift = 900 * S, UNIX * S, zero, drift
+        self.clock = AdapterClock(lambda: self.now, lambda: self.unix)
+
+    def stamp(self, later_ns=0):
+        """Return by how much a frame is wrong that comes now and is read `later_ns` later."""
+        came, told = self.now, self.zero + (self.now - 900 * S) / S * (1 + self.drift)
+        self.later(later_ns)
+        return self.clock.stamp(told) - came
+
+    def later(self, ns):
+        self.now += ns
+        self.unix += ns
+
+
+def test_an_adapter_without_a_clock_stamps_when_a_frame_is_handed_over():
+    assert Clocks().clock.stamp(0.0) == 900 * S
+
+
+@pytest.mark.parametrize("later_ns", [0, 50_000, 900_000_000])
+def test_unix_time_of_an_adapter_is_taken_as_it_is(later_ns):
+    clocks = Clocks(zero=float(UNIX))
+    for _ in range(5):
+        assert abs(clocks.stamp(later_ns)) <= 500, "as exact as a float of it"
+        clocks.later(S)
+
+
+def test_unix_time_that_is_set_does_not_show():
+    clocks = Clocks(zero=float(UNIX))
+    clocks.stamp(1000)
+    clocks.later(S)
+    clocks.unix -= 100 * S
+    clocks.zero -= 100
+    assert abs(clocks.stamp(1000)) <= 500
+
+
+@pytest.mark.parametrize("zero", [1e-6, 12345.0, UNIX + 77.0, UNIX - 77.0])
+@pytest.mark.parametrize("drift", [0.0, 5e-5, -5e-5])
+def test_a_clock_of_its_own_is_laid_by_what_was_read_soonest(zero, drift):
+    clocks = Clocks(zero, drift)
+    delays = [3_000_000, 200_000, 5_000_000, 200_000, 900_000, 40_000_000, 200_000]
+    for number in range(70):
+        wrong = clocks.stamp(delays[number % len(delays)])
+        if number > len(delays):
+            assert 0 <= wrong <= 260_000, (number, wrong)
+        clocks.later(20_000_000)
+
+
+@pytest.mark.parametrize("zero", [0.000_1, 5000.0])
+def test_a_clock_that_begins_anew_is_laid_anew(zero):
+    clocks = Clocks(4294.0)
+    clocks.stamp(100_000)
+    clocks.later(S)
+    clocks.zero = zero - 1.0001
+    assert abs(clocks.stamp(100_000)) <= 100_500
+
+
+def test_a_port_hands_over_the_adapters_times(scripted):
+    bus, port = scripted
+    arrivals = Arrivals(port)
+    told = [time.time() - 0.5 + number / 1000 for number in range(3)]
+    for number, each in enumerate(told):
+        bus.incoming.put(can.Message(timestamp=each, arbitration_id=0x180 + number, is_extended_id=False))
+    stamps = []
+    while len(stamps) < 3:
+        assert select.select([port], [], [], TIMEOUT_S)[0]
+        stamps += arrivals.receive()[1]
+    unix = [(stamp + arrivals.unix_offset_ns) / S for stamp in stamps]
+    assert unix == pytest.approx(told, abs=0.01, rel=0)
+    assert [round((later - stamps[0]) / 1e6) for later in stamps] == [0, 1, 2]
+
+
+def test_what_came_before_stamps_were_asked_for_has_none(scripted):
+    bus, port = scripted
+    bus.incoming.put(message_of(FRAMES[0], time.time()))
+    assert select.select([port], [], [], TIMEOUT_S)[0]
+    port.ask_stamps()
+    assert port.receive_stamped() == (pack_records(FRAMES[:1]), [0])
+    assert port.receive_stamped() == (b"", [])

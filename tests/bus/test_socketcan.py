@@ -6,7 +6,7 @@ import errno
 import os
 import socket
 import struct
-import time
+import types
 
 import pytest
 from hypothesis import given
@@ -20,6 +20,7 @@ from canopen_control.bus.socketcan import SocketCanPort, open_socketcan
 from canopen_control.errors import BusClosed, BusError, InterfaceDown, InterfaceNotFound, LocalProtocolError
 from canopen_control.frame import CanFrame, frames_of, pack_records
 
+S = 1_000_000_000
 ONE, TWO, THREE = (CanFrame(0x180 + n, bytes([n])) for n in (1, 2, 3))
 
 
@@ -292,15 +293,41 @@ def test_an_interface_that_is_heard_and_gone_again_before_it_is_bound_is_waited_
     assert bench.socket.bound == [("",), ("can0",)]
 
 
-def test_stamps_are_asked_for_once_and_come_with_every_record(bench):
-    bench.socket.put(ONE, stamp=1_700_000_000_123_456_789)
-    bench.socket.put(TWO, stamp=1_700_000_000_123_500_000, overflows=3)
+@pytest.fixture
+def clocks(bench, monkeypatch):
+    """Monotonic time is 900 s, Unix time what `clocks.unix` says."""
+    clocks = types.SimpleNamespace(unix=1_700_000_000 * S)
+    bench.now = 900 * S
+    monkeypatch.setattr("canopen_control.bus.socketcan.time.time_ns", lambda: clocks.unix)
+    return clocks
+
+
+def test_stamps_are_asked_for_once_and_come_with_every_record_as_monotonic_time(bench, clocks):
+    bench.port.ask_stamps()
+    assert bench.socket.options.pop((socket.SOL_SOCKET, 35)) == 1
+    bench.port.ask_stamps()
+    assert bench.socket.options == {}
+    bench.socket.put(ONE, stamp=clocks.unix - 876_543_211)
+    bench.socket.put(TWO, stamp=clocks.unix - 876_500_000, overflows=3)
     records, stamps = bench.port.receive_stamped()
     assert list(frames_of(records)) == [ONE, overrun_frame(3), TWO]
-    assert stamps == [1_700_000_000_123_456_789, 1_700_000_000_123_500_000, 1_700_000_000_123_500_000]
-    assert bench.socket.options.pop((socket.SOL_SOCKET, 35)) == 1
+    assert stamps == [900 * S - 876_543_211, 900 * S - 876_500_000, 900 * S - 876_500_000]
     assert bench.port.receive_stamped() == (b"", [])
-    assert bench.socket.options == {}
+
+
+def test_a_clock_that_is_set_leaves_no_gap_and_no_frame_in_the_future(bench, clocks):
+    bench.port.ask_stamps()
+    bench.socket.put(ONE, stamp=clocks.unix)
+    clocks.unix -= 2 * S
+    assert bench.port.receive_stamped()[1] == [900 * S], "stamped before the clock was set back"
+    bench.now += S
+    clocks.unix += S
+    bench.socket.put(TWO, stamp=clocks.unix - 1000)
+    assert bench.port.receive_stamped()[1] == [901 * S - 1000]
+    bench.now += S
+    clocks.unix += 3601 * S
+    bench.socket.put(TWO, stamp=clocks.unix - 1000)
+    assert bench.port.receive_stamped()[1] == [902 * S - 1000]
 
 
 def test_who_asks_for_no_stamps_pays_for_none(bench):
@@ -309,11 +336,10 @@ def test_who_asks_for_no_stamps_pays_for_none(bench):
     assert bench.socket.options == {}
 
 
-def test_a_kernel_that_says_no_time_is_helped_out_with_the_time_of_reading(bench):
-    before = time.time_ns()
+def test_a_kernel_that_says_no_time_leaves_it_open(bench, clocks):
+    bench.port.ask_stamps()
     bench.socket.put(ONE)
-    _, (stamp,) = bench.port.receive_stamped()
-    assert before <= stamp <= time.time_ns()
+    assert bench.port.receive_stamped()[1] == [0]
 
 
 def test_more_identifiers_than_the_kernel_can_choose_are_all_of_eleven_bits(bench):

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.bus.wanted import MARK, Wanted, pack_wanted
+from canopen_control.bus.wanted import MARK, Chunk, Wanted, chunks_of, pack_stamp, pack_wanted, pack_wish
 from canopen_control.frame import RECORD_SIZE, CanFrame, pack_records
 
 FRAME = pack_records([CanFrame(0x181, b"\xff" * 8)])
@@ -36,3 +36,41 @@ def test_who_asks_for_more_than_can_be_kept_hears_everything():
 def test_data_that_look_like_the_mark_are_data():
     record = pack_records([CanFrame(0x181, MARK + b"abc")])
     assert Wanted().take(record + pack_wanted([])) == record
+
+
+NOTHING = Chunk(0, own=False, records=b"")
+
+
+def test_stamps_and_own_frames_are_asked_for_beside_identifiers():
+    wanted = Wanted()
+    assert (wanted.stamps, wanted.echoes) == (False, False)
+    assert wanted.take(pack_wish() + FRAME + pack_wanted([0x80])) == FRAME
+    assert (wanted.stamps, wanted.echoes, wanted.ids) == (True, False, {0x80})
+    wanted.take(pack_wish(echo=True))
+    assert (wanted.stamps, wanted.echoes, wanted.ids) == (True, True, {0x80})
+
+
+def test_frames_are_parted_at_their_stamps():
+    data = FRAME + pack_stamp(5000) + FRAME * 3 + pack_stamp(9000, own=True) + FRAME
+    parts = list(chunks_of(data, NOTHING))
+    assert parts == [(0, False, FRAME), (5000, False, FRAME * 3), (9000, True, FRAME)]
+    assert [stamp for part in parts for stamp in part.stamps] == [0, 5000, 6000, 7000, 9000]
+
+
+def test_a_chunk_that_comes_in_two_readings_goes_on_in_time():
+    *_, last = chunks_of(pack_stamp(5000, own=True) + FRAME * 2, NOTHING)
+    assert list(chunks_of(FRAME + pack_stamp(9000) + FRAME, last)) == [(7000, True, FRAME), (9000, False, FRAME)]
+    *_, last = chunks_of(pack_stamp(5000), last)
+    assert list(chunks_of(FRAME, last)) == [(5000, False, FRAME)]
+
+
+@given(st.lists(st.one_of(st.integers(1, 2**62), st.binary(min_size=8, max_size=8)), max_size=30))
+def test_any_data_and_any_times_are_told_apart(things):
+    data, frames = b"", b""
+    for each in things:
+        record = pack_records([CanFrame(0x181, each)]) if isinstance(each, bytes) else b""
+        data += record or pack_stamp(each)
+        frames += record
+    parts = list(chunks_of(data, NOTHING))
+    assert b"".join(part.records for part in parts) == frames
+    assert [part.at_ns for part in parts[1:]] == [each for each in things if isinstance(each, int)]

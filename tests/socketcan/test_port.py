@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import itertools
 import select
 import socket
 import struct
@@ -16,11 +17,13 @@ from support.host import eventually
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.error_frames import lost_frames
 from canopen_control.bus.port import BusEventKind
+from canopen_control.bus.port_abilities import Arrivals
 from canopen_control.bus.port_parts import SEND_LIMIT
 from canopen_control.errors import InterfaceDown, InterfaceNotFound
 from canopen_control.frame import CanFrame, frames_of, pack_records
 
 pytestmark = pytest.mark.socketcan
+MS = 1_000_000
 ONE, TWO, THREE = (CanFrame(0x180 + n, bytes([n])) for n in (1, 2, 3))
 
 
@@ -151,17 +154,21 @@ def test_who_only_listens_hears_an_interface_made_again_without_sending(vcan):
 
 def test_the_kernel_says_when_it_took_each_frame(ports):
     ours, theirs = ports
-    assert theirs.receive_stamped() == (b"", [])
-    before = time.time_ns()
+    arrivals = Arrivals(theirs)
+    before = time.monotonic_ns()
     ours.send(pack_records([ONE]))
-    between = time.time_ns()
+    between = time.monotonic_ns()
     time.sleep(0.3)
-    ours.send(pack_records([TWO]))
+    ours.send(pack_records([TWO] * 5))
     time.sleep(0.3)
-    reading = time.time_ns()
-    records, (first, second) = theirs.receive_stamped()
-    assert list(frames_of(records)) == [ONE, TWO]
-    assert before <= first <= between < second <= reading - 200_000_000, "not the time of reading"
+    reading = time.monotonic_ns()
+    records, stamps = arrivals.receive()
+    assert list(frames_of(records)) == [ONE] + [TWO] * 5
+    first, *rest = stamps
+    assert before - MS <= first <= between + MS, "the clocks are read one after the other"
+    assert between + 290 * MS < rest[0]
+    assert rest[-1] <= reading - 200 * MS, "not the time of reading"
+    assert all(later - earlier >= 1000 for earlier, later in itertools.pairwise(stamps))
 
 
 def test_a_full_transmit_queue_makes_frames_wait_and_none_is_lost(ports, vcan):

@@ -11,7 +11,7 @@ from canopen_control.rpc.messages.state import RobotEvent, Status, TimedSnapshot
 from canopen_control.rpc.wire import convert, text_of
 from canopen_control.runtime.api import ApiServer
 from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta, candump_lines, save
-from canopen_control.trace.flight_ring import Batch
+from canopen_control.trace.flight_ring import KeptFrame
 
 FAULT = "node 3 (left_drive)"
 
@@ -51,8 +51,8 @@ def record(name="story", seconds=4, power_off_after=2.0, velocity=(4.0, 4.0)):
 
 def saved(file, folder):
     """Write it as the recorder would; return the path."""
-    batches = (Batch(time, 0, pack_records([frame])) for time, _, frame in file.frames)
+    frames = (KeptFrame(time, 0, pack_records([frame])) for time, _, frame in file.frames)
     lines = [[text_of(each) for each in part] for part in (file.events, file.states)]
     reason = next(event for event in file.events if event.level == "error")
     meta = replace(file.meta, reason=reason, written=file.states[-1].time)
-    return save(folder, meta, candump_lines(batches, ["can"], 0), *lines)
+    return save(folder, meta, candump_lines(frames, ["can"], 0), *lines)

@@ -30,7 +30,7 @@ from canopen_control.trace.flight_file import (
     save,
     write_flight,
 )
-from canopen_control.trace.flight_ring import Batch
+from canopen_control.trace.flight_ring import KeptFrame
 from canopen_control.trace.report_build import facts_of
 from canopen_control.trace.report_page import page_of
 
@@ -54,8 +54,8 @@ def sample(time, **more):
 
 
 def write(folder, frames=FRAMES, **meta):
-    batches = [Batch(5_000_000_123, 0, pack_records(frames))]
-    lines = candump_lines(batches, ["can"], 1_600_000_000_000_000_000)
+    kept = [KeptFrame(5_000_000_123, 0, pack_records([frame])) for frame in frames]
+    lines = candump_lines(kept, ["can"], 1_600_000_000_000_000_000)
     return save(folder, replace(META, **meta), lines, [text_of(REASON)], [sample(1) + b"\n", sample(2) + b"\n"])
 
 
@@ -76,7 +76,8 @@ def test_what_is_written_is_read_back(tmp_path):
     assert file.events == [REASON]
     assert [state.time for state in file.states] == [1, 2]
     assert [frame for _, _, frame in file.frames] == FRAMES
-    assert {(time, bus) for time, bus, _ in file.frames} == {(1_600_000_005_000_000_000, "can")}
+    times = [1_600_000_005_000_000_000 + 1000 * number for number in range(len(FRAMES))]
+    assert [(time, bus) for time, bus, _ in file.frames] == [(time, "can") for time in times], "none at the same time"
     assert file.unread_lines == 0
 
 
@@ -101,7 +102,7 @@ def test_any_frames_come_back(tmp_path_factory, frames):
 
 
 def test_a_length_above_8_on_the_wire_makes_no_broken_line():
-    lines = list(candump_lines([Batch(0, 0, RECORD.pack(0x1, 15, bytes(8)))], ["can"], 0))
+    lines = list(candump_lines([KeptFrame(0, 0, RECORD.pack(0x1, 15, bytes(8)))], ["can"], 0))
     assert lines == ["(0000000000.000000) can 001#0000000000000000\n"]
 
 

@@ -12,45 +12,65 @@ def record(number):
     return number.to_bytes(16, "little")
 
 
-def test_what_came_in_one_reading_comes_out_as_it_went_in():
+def test_each_frame_comes_out_with_its_own_time():
     ring = FrameRing(60 * S, 1 << 20)
-    ring.add(0, record(1) + record(2), 5)
-    ring.add(1, record(3), S + 5)
-    assert list(ring.batches(0)) == [(5, 0, record(1) + record(2)), (S + 5, 1, record(3))]
-    assert [batch.time for batch in ring.batches(6)] == [S + 5]
+    ring.add(0, record(1) + record(2), [5, 7])
+    ring.add(0, record(3), [S + 7])
+    assert list(ring.frames(0)) == [(5, 0, record(1)), (7, 0, record(2)), (S + 7, 0, record(3))]
+    assert [frame.time for frame in ring.frames(6)] == [7, S + 7]
+
+
+def test_frames_of_several_buses_come_out_in_the_order_of_time():
+    ring = FrameRing(60 * S, 1 << 20)
+    ring.add(0, record(1) + record(4), [1, 4])
+    ring.add(1, record(2) + record(3) + record(5), [2, 3, 5])
+    assert [(frame.time, frame.bus) for frame in ring.frames(0)] == [(1, 0), (2, 1), (3, 1), (4, 0), (5, 1)]
+    assert [frame.record for frame in ring.frames(0)] == [record(number) for number in range(1, 6)]
 
 
 def test_frames_older_than_the_window_are_forgotten_by_the_second():
     ring = FrameRing(60 * S, 1 << 20)
     for second in range(100):
-        ring.add(0, record(second), second * S)
-    times = [batch.time // S for batch in ring.batches(0)]
+        ring.add(0, record(second), [second * S])
+    times = [frame.time // S for frame in ring.frames(0)]
     assert times == list(range(39, 100))
+
+
+def test_a_bus_that_is_silent_keeps_nothing_of_another():
+    ring = FrameRing(60 * S, 1 << 20)
+    ring.add(0, record(0), [0])
+    for second in range(200):
+        ring.add(1, record(second), [second * S])
+    assert [frame.bus for frame in ring.frames(0)] == [1] * 61
+    assert ring.size == 61 * 24
+    ring.add(0, record(0), [200 * S])
+    assert [frame.bus for frame in ring.frames(0)][-1] == 0
 
 
 def test_a_bus_at_full_speed_shortens_the_window_instead_of_filling_the_memory():
     ring = FrameRing(60 * S, 100_000)
     for number in range(50_000):
-        ring.add(0, record(number), number * 1000)
+        ring.add(0, record(number), [number * 1000])
     assert ring.size < 2 * 100_000
-    kept = list(ring.batches(0))
-    assert kept[-1].records == record(49_999)
-    assert len(kept) > 100_000 / (16 + 24) / 2
+    kept = list(ring.frames(0))
+    assert kept[-1].record == record(49_999)
+    assert len(kept) > 100_000 / (16 + 8) / 2
 
 
-@given(st.lists(st.tuples(st.integers(0, 3 * S), st.integers(0, 2), st.integers(1, 50))))
+@given(st.lists(st.tuples(st.integers(1, 3 * S), st.integers(0, 2), st.integers(1, 50))))
 def test_the_newest_frames_are_there_in_order_and_the_memory_is_bounded(additions):
     ring, now, added = FrameRing(10 * S, 4000), 0, []
     for pause, bus, count in additions:
-        now += pause
-        records = record(len(added)) * count
-        ring.add(bus, records, now)
-        added.append((now, bus, records))
-        kept = list(ring.batches(0))
-        assert kept == added[len(added) - len(kept) :]
-        assert len(kept) >= 1
-        assert ring.size <= 4000 + 4000 // 8 + 50 * 16 + 2 * 24 + 1000
-        assert ring.size == sum(len(batch.records) + 24 for batch in kept)
+        times = [now + pause + each for each in range(count)]
+        now = times[-1]
+        numbers = [len(added) + each for each in range(count)]
+        ring.add(bus, b"".join(map(record, numbers)), times)
+        added += [(time, bus, record(number)) for time, number in zip(times, numbers, strict=True)]
+        kept = list(ring.frames(0))
+        assert kept == sorted(kept)
+        assert set(kept) <= set(added)
+        assert kept[-count:] == added[-count:]
+        assert ring.size == 24 * len(kept) <= 4000 + 3 * (4000 // 8 * 24 // 16 + 51 * 24)
 
 
 def test_lines_are_kept_by_age_and_by_bytes():

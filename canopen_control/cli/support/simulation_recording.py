@@ -24,7 +24,7 @@ from canopen_control.trace.flight_file import (
     read_flight,
     write_flight,
 )
-from canopen_control.trace.flight_ring import Batch
+from canopen_control.trace.flight_ring import KeptFrame
 from canopen_control.trace.flight_trigger import is_fault, is_sum
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class SimulationRecorder:
 
     def __init__(self, simulation: SimulationRun) -> None:
         self._run, self._robot = simulation, simulation.robot
-        self._batches: list[Batch] = []
+        self._frames: list[KeptFrame] = []
         self._events: list[RobotEvent] = []
         self._lines: list[bytes] = []
         self._requests: list[bytes] = []
@@ -71,7 +71,7 @@ class SimulationRecorder:
 
     def _heard(self, number: int) -> Callable[[int, str, bytes], object]:
         def heard(now: int, _label: str, record: bytes) -> None:
-            self._batches.append(Batch(now, number, record))
+            self._frames.append(KeptFrame(now, number, record))
 
         return heard
 
@@ -104,7 +104,7 @@ class SimulationRecorder:
             layout=layout_message(core),
             status=status_message(core),
         )
-        can = candump_lines(self._batches, list(self._robot.wires), 0)
+        can = candump_lines(self._frames, list(self._robot.wires), 0)
         write_flight(path, meta, can, [text_of(each) for each in self._events], self._lines, self._requests)
 
 
