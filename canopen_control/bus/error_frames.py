@@ -31,15 +31,22 @@ __all__ = [
 ]
 
 # Error classes, in the identifier.
+TX_TIMEOUT = 0x001
+ARBITRATION = 0x002  # at which bit: data[0]
 CONTROLLER = 0x004
-PROTOCOL = 0x008
+PROTOCOL = 0x008  # data[2], where: data[3]
+TRANSCEIVER = 0x010  # data[4]
+NO_ACKNOWLEDGE = 0x020
 BUS_OFF = 0x040
+BUS_ERROR = 0x080
 RESTARTED = 0x100
-COUNTERS = 0x200
+COUNTERS = 0x200  # transmit: data[6], receive: data[7]
 
 # Controller details, in data[1].
 RX_OVERFLOW = 0x01
 TX_OVERFLOW = 0x02
+RX_WARNING = 0x04
+TX_WARNING = 0x08
 PASSIVE = 0x30  # receive 0x10, transmit 0x20
 ACTIVE_AGAIN = 0x40
 

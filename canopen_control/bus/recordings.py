@@ -1,8 +1,8 @@
 """Recordings of a bus in the formats that others read: .log (candump), .asc and .blf (Vector), .trc (PEAK).
 
 The law of this file: what is written reads back the same, frame for frame; what a format cannot hold is left out and
-counted, never bent. candump's format is written here, the others by python-can. Its sqlite format is not offered: it
-loses frames at the end.
+counted, never bent. candump's format is written and PEAK's read here, the rest is python-can's. Its sqlite format is
+not offered: it loses frames at the end. What is text may be packed, with .gz at the end of its name.
 
 A recording that was cut (a full disk, no power) is read up to the cut, and says so.
 """
@@ -10,13 +10,15 @@ A recording that was cut (a full disk, no power) is read up to the cut, and says
 from __future__ import annotations
 
 import contextlib
+import gzip
 import logging
 import struct
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TextIO
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, TextIO
 
 from canopen_control.bus.candump import interface_name, line_of, read_lines
+from canopen_control.bus.trc import read_trc
 from canopen_control.errors import ConfigError
 from canopen_control.frame import CanFrame, frames_of
 from canopen_control.host.files import failed, make_private
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["FORMATS", "RecordedFrame", "Recording", "RecordingWriter", "format_of"]
 
-_NS = 1_000_000_000
 _UNREADABLE = (
     EOFError,
     ValueError,
@@ -87,18 +88,14 @@ def _blf_reader(file: Any) -> Any:  # noqa: ANN401 - as above
     return BlfReader(file)
 
 
-def _trc_reader(file: Any) -> Any:  # noqa: ANN401 - as above
-    import can
-
-    return can.TRCReader(file)
-
-
 class _Format(NamedTuple):
     """How a format is opened, and what it can hold."""
 
     writer: Callable[[Path], can.io.generic.MessageWriter] | None  # None: ours
-    reader: Callable[[Any], Any] | None
+    reader: Callable[[Any], Any] | None  # None: `lines` of ours
     holds: Callable[[CanFrame], bool]
+    lines: Callable[[TextIO], Iterator[tuple[int, CanFrame] | None]] = read_lines
+    is_text: bool = True
 
 
 FORMATS = {
@@ -106,17 +103,29 @@ FORMATS = {
     ".asc": _Format(
         _asc_writer, _asc_reader, lambda frame: not frame.is_error
     ),  # it keeps no more than that there was one
-    ".blf": _Format(_blf_writer, _blf_reader, lambda _frame: True),
-    ".trc": _Format(_trc_writer, _trc_reader, lambda frame: not frame.is_error and not frame.is_remote),
+    ".blf": _Format(_blf_writer, _blf_reader, lambda _frame: True, is_text=False),
+    ".trc": _Format(_trc_writer, None, lambda frame: not frame.is_error and not frame.is_remote, read_trc),
 }
+_PACKED: Final = ".gz"
 
 
-def format_of(path: str | Path) -> str:
-    """Return the suffix that names the format; ConfigError for one that is not offered."""
-    suffix = Path(path).suffix.lower()
+def format_of(path: str | Path, *, writing: bool = False) -> str:
+    """Return the suffix that names the format, without that of a packed one; ConfigError for one not offered."""
+    path = Path(path)
+    suffix = Path(path.stem).suffix.lower() if _is_packed(path) else path.suffix.lower()
     if suffix not in FORMATS:
-        raise ConfigError(f"{path}: the end of a recording's name says its format: {', '.join(FORMATS)}")
+        raise ConfigError(
+            f"{path}: the end of a recording's name says its format: {', '.join(FORMATS)}, and .gz after it if packed"
+        )
+    if _is_packed(path) and not FORMATS[suffix].is_text:
+        raise ConfigError(f"{path}: a {suffix} is packed by itself; name it without {_PACKED}, and unpack what is not")
+    if writing and _is_packed(path) and FORMATS[suffix].writer is not None:
+        raise ConfigError(f"{path}: a {suffix} is not written packed; name a .log.gz, or the same without {_PACKED}")
     return suffix
+
+
+def _is_packed(path: Path) -> bool:
+    return path.suffix.lower() == _PACKED
 
 
 class RecordingWriter:
@@ -131,13 +140,15 @@ class RecordingWriter:
         self.written = 0
         self.left_out = 0
         self._channel = interface_name(channel)
-        self._format = FORMATS[format_of(path)]
+        self._format = FORMATS[format_of(path, writing=True)]
         self._text: TextIO | None = None
         self._messages: can.io.generic.MessageWriter | None = None
         try:
             make_private(self.path)
             if self._format.writer is None:
-                self._text = self.path.open("w", encoding="ascii")
+                self._text = (
+                    _open_packed(self.path, "wt") if _is_packed(self.path) else self.path.open("w", encoding="ascii")
+                )
             else:
                 self._messages = self._format.writer(self.path)
         except OSError as error:
@@ -160,7 +171,8 @@ class RecordingWriter:
             elif self._messages is not None:
                 from canopen_control.bus.pythoncan import message_of
 
-                self._messages.on_message_received(message_of(frame, time_ns / _NS))
+                # whole microseconds: what is a microsecond apart stays apart in a float of Unix time
+                self._messages.on_message_received(message_of(frame, time_ns // 1000 / 1_000_000))
         except OSError as error:
             self._fail(error)
         self.written += 1
@@ -238,19 +250,28 @@ class Recording:
             self.problem = f"{self.path} cannot be read on after {count} frames: {reason}"
 
     def _lines(self) -> Iterator[RecordedFrame | None]:
-        with self.path.open(encoding="ascii", errors="replace") as file:
-            for each in read_lines(file):
-                yield None if each is None else RecordedFrame(*each)
+        with self._open() as file:
+            try:
+                for each in self._format.lines(file):
+                    yield None if each is None else RecordedFrame(*each)
+            except EOFError:
+                self._ends = not _is_packed(self.path)
+                raise
+
+    def _open(self) -> Any:  # noqa: ANN401 - text or bytes
+        if _is_packed(self.path):
+            return _open_packed(self.path, "rt")
+        return self.path.open(encoding="utf-8", errors="replace") if self._format.is_text else self.path.open("rb")
 
     def _messages(self) -> Iterator[RecordedFrame | None]:
         from canopen_control.bus.pythoncan import record_of
 
-        for name in ("can.io.trc", "can.io.asc", "can.io.blf"):
+        for name in ("can.io.asc", "can.io.blf"):
             logging.getLogger(name).setLevel(logging.ERROR)  # what it skips is counted here
         if self._format.reader is None:
             return
-        binary = self.path.suffix.lower() == ".blf"
-        with self.path.open("rb") if binary else self.path.open(encoding="utf-8", errors="replace") as file:
+        binary = not self._format.is_text
+        with self._open() as file:
             reader = None
             try:
                 reader = self._format.reader(file)
@@ -267,3 +288,9 @@ class Recording:
             if getattr(reader, "file_size", 0) > self.path.stat().st_size:  # a .blf says how long it was meant to be
                 self._ends = True
                 raise EOFError
+
+
+def _open_packed(path: Path, mode: str) -> TextIO:
+    found: Any = gzip.open(path, mode, encoding="utf-8", errors="replace")  # noqa: SIM115 - the caller closes it
+    text: TextIO = found
+    return text

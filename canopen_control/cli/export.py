@@ -31,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     dbc = kinds.add_parser("dbc", help="the PDO layout as a DBC file, for SavvyCAN, cantools and others")
     table = kinds.add_parser("csv", help="a recording, decoded: time, id, node, service, signal, value")
-    table.add_argument("file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc, or a flight recording")
+    table.add_argument(
+        "file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
+    )
     table.add_argument("--wide", action="store_true", help="a row for each PDO, a column for each signal")
     for each in (dbc, table):
         add_network_arguments(each)
@@ -57,7 +59,7 @@ def _dbc(args: argparse.Namespace) -> int:
 
 
 def _csv(args: argparse.Namespace) -> int:
-    from canopen_control.cli.support.frame_source import network_for, open_frames
+    from canopen_control.cli.support.frame_source import network_for, open_frames, tell_gaps
     from canopen_control.trace.csv_export import write_long, write_wide
 
     recording = open_frames(args.file, args.bus)
@@ -68,8 +70,7 @@ def _csv(args: argparse.Namespace) -> int:
         else:
             rows = write_long(_decoded(recording, network), out)
     _tell(args.output, f"{rows} rows")
-    if recording.problem:
-        print(f"canopen-control: {recording.problem}", file=sys.stderr)
+    tell_gaps(recording)
     return 1 if recording.problem else 0
 
 

@@ -1,6 +1,6 @@
 """Record every frame of a bus, or a robot as a ROS 2 bag, until Ctrl-C or for --duration seconds; it only listens.
 
-The end of the file's name says the format: .log (candump), .asc or .blf (Vector), .trc (PEAK).
+The end of the file's name says the format: .log (candump; .log.gz packed), .asc or .blf (Vector), .trc (PEAK).
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("say where to record to, as in: canopen-control record -o run.log, or record --bag run")
     if args.bag is not None:
         return _bag(args)
-    format_of(args.output)  # a wrong name is told before a bus is opened
+    format_of(args.output, writing=True)  # a wrong name is told before a bus is opened
     channel, owner = _bus_of(args)
     recorded = record_frames(open_listener(channel, LABEL, owner=owner), args.output, args.duration)
     print(json_text(recorded.document, indent=None) if args.json else recorded.sentence())

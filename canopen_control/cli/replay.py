@@ -53,7 +53,9 @@ _NOBODYS = frozenset((None, Service.NMT, Service.SYNC, Service.TIME, Service.LSS
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc, or a flight recording")
+    parser.add_argument(
+        "file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
+    )
     parser.add_argument("--can", metavar="CHANNEL", help="play it into this bus (local:NAME, vcan0, can0, ...)")
     parser.add_argument(
         "--speed",
@@ -146,6 +148,7 @@ def _tell_a_new_bus(channel: str) -> None:
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     """Play it and say what was played, also when Ctrl-C ends it."""
     from canopen_control.bus.play import Played, play
+    from canopen_control.cli.support.frame_source import tell_gaps
 
     port, played, ended = open_port(channel, label=LABEL), Played(), False
     progress = Progress(f"playing into {channel}, Ctrl-C ends it", "frames")
@@ -159,8 +162,7 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     result = {"file": args.file, "channel": channel, "frames": played.frames, "late_max_s": round(played.late_max, 6)}
     result |= {"left_out": played.errors, "lost": port.stats.lost}
     print(json_text(result, indent=None) if args.json else _sentence(channel, played, port.stats.lost))
-    if recording.problem:
-        print(f"canopen-control: {recording.problem}", file=sys.stderr)
+    tell_gaps(recording)
     return _INTERRUPTED if ended else 1 if recording.problem else 0
 
 

@@ -14,7 +14,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import seconds, whole_number
-from canopen_control.cli.support.frame_source import network_for, open_frames
+from canopen_control.cli.support.frame_source import network_for, open_frames, tell_gaps
 from canopen_control.cli.support.heard_bus import add_network_arguments, heard_bus
 from canopen_control.cli.support.output import json_line
 from canopen_control.trace.decoder import Decoder
@@ -43,7 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--can", metavar="CHANNEL", help="this bus (default: that of the running robot)")
-    where.add_argument("--file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc, or a flight recording")
+    where.add_argument(
+        "--file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
+    )
     parser.add_argument("--duration", type=seconds, metavar="S", help="end after so many seconds")
     add_network_arguments(parser)
     add_view_arguments(parser)
@@ -129,10 +131,7 @@ def show_file(args: argparse.Namespace, path: str) -> int:
     """Show a recording; 1 if it could not be read to its end."""
     recording = open_frames(path, args.bus)
     show(args, network_for(args, recording), _chunks(recording))
-    if recording.skipped:
-        print(f"canopen-control: {recording.skipped} lines of {path} are no frames of classic CAN", file=sys.stderr)
-    if recording.problem:
-        print(f"canopen-control: {recording.problem}", file=sys.stderr)
+    tell_gaps(recording)
     return 1 if recording.problem else 0
 
 

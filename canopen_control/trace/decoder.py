@@ -14,7 +14,8 @@ import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.bus.error_events import events_of
+from canopen_control.bus.error_events import error_text, events_of
+from canopen_control.bus.port import BusEventKind
 from canopen_control.cia301.emcy import EmcyMessage
 from canopen_control.cia301.emcy_codes import register_text
 from canopen_control.cia301.nmt import NmtState, parse_nmt, state_of_byte
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 __all__ = ["SERVICES", "DecodedFrame", "Decoder", "Mark"]
 
 SERVICES: Final = ("nmt", "sync", "emcy", "time", "pdo", "sdo", "hb", "lss", "error", "raw")
-_LENGTH_OF_FULL_ERROR_FRAME = 8
 _LONGEST = 8  # bytes of a classic CAN frame
 _SILENT_GAPS = 3  # usual gaps between heartbeats that are a silence
 _SHORTEST_SILENCE_NS = 200_000_000
@@ -323,9 +323,9 @@ def _unmapped(_frame: CanFrame) -> _Said:
 
 
 def _error(frame: CanFrame) -> _Said:
-    padded = CanFrame(frame.can_id, frame.data.ljust(_LENGTH_OF_FULL_ERROR_FRAME, b"\0"))
-    text = "; ".join(event.text for event in events_of(padded))
-    return _Said(text or "bus error: a frame was disturbed", mark=Mark.ERROR if text else Mark.WARNING)
+    kinds = {event.kind for event in events_of(CanFrame(frame.can_id, frame.data.ljust(_LONGEST, b"\0")))}
+    mark = Mark.ERROR if kinds - {BusEventKind.ERROR_ACTIVE} else Mark.NOTABLE if kinds else Mark.WARNING
+    return _Said(error_text(frame), mark=mark)
 
 
 def _nothing(_frame: CanFrame) -> _Said:

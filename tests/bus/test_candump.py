@@ -42,6 +42,32 @@ def test_lines_of_candump_are_read(line, frame):
     assert parse_line(line) == (1_700_000_000_123_456_000, frame)
 
 
+@pytest.mark.parametrize(
+    ("line", "time_ns", "frame"),
+    [
+        ("(1700000000.000000) can0 181#0102030405060708_9", 1_700_000_000 * 10**9, CanFrame(0x181, bytes(range(1, 9)))),
+        ("(1700000000.000000) can0 181#0102030405060708_F", 1_700_000_000 * 10**9, CanFrame(0x181, bytes(range(1, 9)))),
+        ("(1700000000.000000) can0 703#R8_D", 1_700_000_000 * 10**9, CanFrame(0x703 | REMOTE_FLAG, bytes(8))),
+        ("(-5.250000) can0 181#01", -5_250_000_000, CanFrame(0x181, b"\1")),
+        ("(-0.500000) can0 181#01", -500_000_000, CanFrame(0x181, b"\1")),
+    ],
+)
+def test_a_raw_dlc_and_a_time_before_1970_are_read(line, time_ns, frame):
+    assert parse_line(line) == (time_ns, frame)
+
+
+@pytest.mark.parametrize("time_ns", [-1000, -500_000_000, -5_250_000_000, 0])
+def test_a_time_before_1970_reads_back(time_ns):
+    assert parse_line(line_of(time_ns, "can0", CanFrame(0x80)).strip()) == (time_ns, CanFrame(0x80))
+
+
+def test_a_line_without_an_end_is_no_frame_and_costs_no_memory():
+    file = io.StringIO("x" * 100_000 + "\n(0000000001.000000) can0 080#\n")
+    found = list(read_lines(file))
+    assert found[-1] == (10**9, CanFrame(0x80))
+    assert set(found[:-1]) == {None}
+
+
 def test_what_is_no_classic_frame_is_none():
     text = "(1.0) can0 123##01122\n\nhello\n(1.000000) can0 123#11\n"
     assert list(read_lines(io.StringIO(text))) == [None, None, (10**9, CanFrame(0x123, b"\x11"))]

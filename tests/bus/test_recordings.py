@@ -1,3 +1,4 @@
+import gzip
 import itertools
 import os
 import subprocess
@@ -130,6 +131,59 @@ def test_can_fd_frames_of_others_are_skipped_and_counted(tmp_path):
     recording = Recording(path)
     assert len(list(recording)) == 1
     assert recording.skipped == 1
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".trc"])
+def test_a_packed_recording_is_read_as_an_unpacked_one(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    write(path, PLAIN)
+    packed = tmp_path / f"x{suffix.upper()}.gz"
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    recording = Recording(packed)
+    assert list(recording) == list(Recording(path))
+    assert (recording.skipped, recording.problem) == (0, "")
+
+
+def test_a_log_is_written_packed_where_its_name_says_so(tmp_path):
+    path = tmp_path / "x.log.gz"
+    with RecordingWriter(path, "can0") as writer:
+        for each in stream(PLAIN * 100):
+            writer.write(*each)
+        writer.flush()
+        assert len(list(Recording(path))) > 500, "what a crash leaves"
+    assert [each.frame for each in Recording(path)] == PLAIN * 100
+
+
+def test_a_packed_recording_that_was_cut_says_so(tmp_path):
+    path = tmp_path / "x.log.gz"
+    with RecordingWriter(path, "can0") as writer:
+        for number in range(20_000):
+            writer.write(START + number * 12_345_678, CanFrame(0x181, number.to_bytes(4, "little")))
+    path.write_bytes(path.read_bytes()[:-30_000])
+    recording = Recording(path)
+    assert 1000 < len(list(recording)) < 20_000
+    assert "cannot be read on after" in recording.problem
+    (tmp_path / "y.log.gz").write_bytes(b"no gzip")
+    assert list(recording := Recording(tmp_path / "y.log.gz")) == []
+    assert "cannot be read" in recording.problem
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [("x.blf.gz", "packed by itself"), ("x.asc.gz", "not written packed"), ("x.gz", "says its")]
+)
+def test_what_is_not_written_packed_is_said(tmp_path, name, reason):
+    with pytest.raises(ConfigError, match=reason):
+        RecordingWriter(tmp_path / name)
+
+
+@pytest.mark.parametrize("suffix", ALL)
+def test_times_that_are_a_microsecond_apart_stay_apart(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    with RecordingWriter(path, "can0") as writer:
+        for number in range(500):
+            writer.write(START + 437 + number * 1000 + number * number, CanFrame(0x80))
+    times = [each.time_ns for each in Recording(path)]
+    assert all(later > earlier for earlier, later in itertools.pairwise(times))
 
 
 def test_the_name_says_the_format(tmp_path):

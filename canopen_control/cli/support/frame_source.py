@@ -6,6 +6,7 @@ over what the recording says of itself.
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from canopen_control.trace.flight_file import FlightFile
     from canopen_control.trace.network_description import NetworkDescription
 
-__all__ = ["FlightSource", "Source", "network_for", "open_frames"]
+__all__ = ["FlightSource", "Source", "network_for", "open_frames", "tell_gaps"]
 
 
 class FlightSource:
@@ -49,6 +50,15 @@ Source: TypeAlias = Recording | FlightSource
 def open_frames(path: str, bus: str | None = None) -> Source:
     """Open FILE, of several buses `bus`; ConfigError where it cannot be read."""
     return FlightSource(path, bus) if is_flight_file(Path(path)) else Recording(path)
+
+
+def tell_gaps(source: Source) -> None:
+    """Say on standard error, after a reading, what of a source was left out and why it ends too early, if it does."""
+    if source.skipped:
+        lines = "1 line is no frame" if source.skipped == 1 else f"{source.skipped} lines are no frames"
+        print(f"canopen-control: {source.path}: {lines} of classic CAN, left out", file=sys.stderr)
+    if source.problem:
+        print(f"canopen-control: {source.problem}", file=sys.stderr)
 
 
 def network_for(args: argparse.Namespace, source: Source) -> NetworkDescription:
