@@ -5,6 +5,8 @@
 ``virtual:NAME``    python-can's virtual bus, inside one process
 ``can0``, ``vcan0`` a SocketCAN interface; one with an unusual name as ``socketcan:NAME``
 ``pcan:PCAN_USBBUS1``, ``slcan:/dev/ttyACM0@500000``  any python-can interface, with its bit rate after the @
+``kvaser:0@500000,receive_own_messages=true``         and what else its python-can class takes, after commas
+``socketcand:HOST:PORT/can0``                         a CAN interface that socketcand serves; port 29536 if not given
 
 The back end is imported when a channel of its kind is opened, and not before.
 """
@@ -13,9 +15,9 @@ from __future__ import annotations
 
 import enum
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ConfigError
 
@@ -24,13 +26,28 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
 
-__all__ = ["ChannelKind", "ChannelSpec", "may_host_virtual_drives", "open_port", "parse_channel"]
+__all__ = [
+    "SERVED",
+    "ChannelKind",
+    "ChannelSpec",
+    "may_host_virtual_drives",
+    "name_and_channel",
+    "open_port",
+    "parse_channel",
+]
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _LIKE_SOCKETCAN = re.compile(r"(can|vcan|vxcan|slcan)\d+")
 _INTERFACE = re.compile(r"[^\s/:\0]{1,15}")  # what Linux allows: IFNAMSIZ without the zero
 NETWORK_CLASS = Path("/sys/class/net")
 _ARPHRD_CAN = "280"  # linux/if_arp.h
+_OPTION = re.compile(r",(?=[A-Za-z_]\w*=)")  # before each keyword of python-can
+_TAKEN = {"channel": "before the comma", "interface": "before the colon", "bitrate": "after an @"}
+_SOCKETCAND = "socketcand"
+_SERVED = re.compile(r"(?P<host>[^\s:/]+)(?::(?P<port>\d{1,5}))?/(?P<channel>[^\s/]+)")
+_SOCKETCAND_PORT = "29536"
+SERVED: Final = frozenset({"remote", _SOCKETCAND, "udp_multicast"})
+"""Interfaces of python-can that reach a bus through a server or a network, where several can be."""
 
 
 class ChannelKind(enum.Enum):
@@ -55,18 +72,23 @@ class ChannelKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class ChannelSpec:
-    """A channel taken apart; `interface` and `bitrate` (bit/s) are python-can's, empty and None elsewhere."""
+    """A channel taken apart; `interface`, `bitrate` (bit/s) and `options` are python-can's, empty and None elsewhere.
+
+    `options` are keyword and value as text.
+    """
 
     kind: ChannelKind
     name: str
     interface: str = ""
     bitrate: int | None = None
+    options: tuple[tuple[str, str], ...] = ()
 
     def __str__(self) -> str:
         if self.kind is ChannelKind.SOCKETCAN:
             return self.name
         if self.kind is ChannelKind.PYTHON_CAN:
-            return f"{self.interface}:{self.name}" + (f"@{self.bitrate}" if self.bitrate else "")
+            rate = f"@{self.bitrate}" if self.bitrate else ""
+            return f"{self.interface}:{self.name}{rate}" + "".join(f",{key}={value}" for key, value in self.options)
         return f"{self.kind.value}:{self.name}"
 
 
@@ -103,14 +125,50 @@ def _is_can_interface(name: str) -> bool:
 
 
 def _python_can(text: str, interface: str, name: str) -> ChannelSpec:
+    name, *words = _OPTION.split(name)
     channel, at, rate = name.rpartition("@")
     if not at:
         channel, rate = name, ""
     if not interface or not channel or (at and not rate.isdecimal()):
         raise ConfigError(
-            f"channel {text!r}: write INTERFACE:CHANNEL or INTERFACE:CHANNEL@BITRATE, as in pcan:PCAN_USBBUS1@500000"
+            f"channel {text!r}: write INTERFACE:CHANNEL or INTERFACE:CHANNEL@BITRATE, as in pcan:PCAN_USBBUS1@500000; "
+            "other keywords of python-can follow as ,KEY=VALUE"
         )
-    return ChannelSpec(ChannelKind.PYTHON_CAN, channel, interface, int(rate) if rate else None)
+    options = tuple((key, value) for key, _, value in (word.partition("=") for word in words))
+    keys = [key for key, _ in options]
+    for key in keys:
+        if key in _TAKEN:
+            raise ConfigError(f"channel {text!r}: {key} is said {_TAKEN[key]}, as in pcan:PCAN_USBBUS1@500000")
+        if keys.count(key) > 1:
+            raise ConfigError(f"channel {text!r}: {key} is given twice; leave one of them away")
+    spec = ChannelSpec(ChannelKind.PYTHON_CAN, channel, interface, int(rate) if rate else None, options)
+    if interface == _SOCKETCAND:
+        _check_socketcand(spec, text)
+    return spec
+
+
+def _check_socketcand(spec: ChannelSpec, text: str) -> None:
+    """Raise ConfigError unless a server is named, either way."""
+    keys = {key for key, _ in spec.options}
+    if not _SERVED.fullmatch(spec.name) and not {"host", "port"} <= keys:
+        raise ConfigError(
+            f"channel {text!r}: write socketcand:HOST:PORT/CHANNEL, as in socketcand:192.168.0.7:29536/can0"
+        )
+
+
+def _for_python_can(spec: ChannelSpec) -> ChannelSpec:
+    """Return a channel as python-can is given it: where socketcand's server is, are keywords there."""
+    served = _SERVED.fullmatch(spec.name) if spec.interface == _SOCKETCAND else None
+    if served is None:
+        return spec
+    where = {"host": served["host"], "port": served["port"] or _SOCKETCAND_PORT}
+    return replace(spec, name=served["channel"], options=tuple({**where, **dict(spec.options)}.items()))
+
+
+def name_and_channel(text: str) -> tuple[str, str]:
+    """Part ``[BUS=]CHANNEL``; the name is empty where none is given. The channel may have ``=`` in its keywords."""
+    name, equals, channel = text.partition("=")
+    return (name, channel) if equals and name and not any(sign in name for sign in ":,/@") else ("", text)
 
 
 def may_host_virtual_drives(channel: str) -> bool:
@@ -157,7 +215,8 @@ def _open_python_can(spec: ChannelSpec, label: str) -> Port:  # noqa: ARG001 - p
     from canopen_control.bus.pythoncan import open_python_can
 
     interface = "virtual" if spec.kind.in_process else spec.interface
-    return open_python_can(str(spec), interface, spec.name, spec.bitrate)
+    theirs = _for_python_can(spec)
+    return open_python_can(str(spec), interface, theirs.name, theirs.bitrate, theirs.options)
 
 
 _OPENERS: dict[ChannelKind, Callable[[ChannelSpec, str], Port]] = {

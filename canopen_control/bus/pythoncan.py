@@ -18,10 +18,11 @@ import functools
 import importlib.util
 import threading
 import time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import can
 
+from canopen_control.bus.channel import SERVED
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
@@ -30,7 +31,7 @@ from canopen_control.errors import BusClosed, BusError, ConfigError, InterfaceNo
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, RECORD, RECORD_SIZE, REMOTE_FLAG, CanFrame, frames_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
 __all__ = [
     "AdapterClock",
@@ -424,8 +425,10 @@ def missing_package(interface: str) -> str | None:
     return package if importlib.util.find_spec(module) is None else None
 
 
-def open_python_can(channel: str, interface: str, name: str, bitrate: int | None) -> PythonCanPort:
-    """Open `name` of a python-can `interface`, which is `channel` to us.
+def open_python_can(
+    channel: str, interface: str, name: str, bitrate: int | None, options: Iterable[tuple[str, str]] = ()
+) -> PythonCanPort:
+    """Open `name` of a python-can `interface`, which is `channel` to us; `options` are its other keywords.
 
     Raise `InterfaceNotFound`, `BusError` with python-can's own reason, or `ConfigError` where a package is missing that
     the adapter needs.
@@ -434,15 +437,16 @@ def open_python_can(channel: str, interface: str, name: str, bitrate: int | None
         raise InterfaceNotFound(channel, f"python-can knows no {interface!r}, but: {', '.join(known_interfaces())}")
     if (package := missing_package(interface)) is not None:
         raise ConfigError(f"bus {channel}: {interface} needs {package}, which is not installed: pip install {package}")
-    bus_of = functools.partial(can.Bus, channel=name, interface=interface)
+    keywords: dict[str, Any] = {key: can.util.cast_from_string(value) for key, value in options}
+    bus_of = functools.partial(can.Bus, channel=name, interface=interface, **keywords)
     if bitrate is not None:
         bus_of = functools.partial(bus_of, bitrate=bitrate)
     try:
         bus = bus_of()
     except Exception as error:  # drivers that lack a library or a device raise nearly anything
-        raise BusError(
-            f"bus {channel}: python-can cannot open it: {_reason(error)}; is its driver installed, the device plugged "
-            "in?"
-        ) from error
+        advice = (
+            "does its server run there?" if interface in SERVED else "is its driver installed, the device plugged in?"
+        )
+        raise BusError(f"bus {channel}: python-can cannot open it: {_reason(error)}; {advice}") from error
     virtual = interface == "virtual"
     return PythonCanPort(channel, bus, writer=not virtual, reopen=None if virtual else bus_of)

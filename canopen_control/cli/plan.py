@@ -130,13 +130,14 @@ def _against(buses: dict[str, BusConfig], chosen: list[tuple[str, NodePlan]], ar
 
 
 def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, str]:
+    from canopen_control.bus.channel import name_and_channel
     from canopen_control.errors import ConfigError, nearest
     from canopen_control.runtime.robot_files import MAIN_BUS
 
     channels = {}
     for text in options:
-        name, equals, channel = text.rpartition("=")
-        name = name if equals else MAIN_BUS
+        name, channel = name_and_channel(text)
+        name = name or MAIN_BUS
         if name not in buses:
             raise ConfigError(f"--against {text}: the robot has no bus {name!r}{nearest(name, buses)}")
         channels[name] = channel

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.bus.channel import name_and_channel
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.package_search import installed_packages
@@ -66,7 +67,7 @@ class AskedHardware:
         if not self.channel:
             return list(can)
         if can:
-            if self.channel in {text.rpartition("=")[2] for text in can}:
+            if self.channel in {name_and_channel(text)[1] for text in can}:
                 return list(can)
             raise RobotConfigError(f"{self.channel_word} contradicts --can {can[0]}; leave one of them away")
         if len(buses) > 1:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.channel import ChannelKind, may_host_virtual_drives, parse_channel
+from canopen_control.bus.channel import ChannelKind, may_host_virtual_drives, name_and_channel, parse_channel
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.types import is_broadcaster, moves_joints
 from canopen_control.errors import RobotConfigError, nearest
@@ -213,7 +213,7 @@ def read_robot(
 
 def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, ...]:
     """Return the buses whose channel neither an option nor bus.yml names."""
-    named = {text.rpartition("=")[0] or BUS_NAME for text in can}
+    named = {name_and_channel(text)[0] or BUS_NAME for text in can}
     return tuple(name for name, bus in buses.items() if name not in named and not bus.master.channel)
 
 
@@ -377,8 +377,8 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
         for each, bus in buses.items()
     }
     for text in can:
-        bus, equals, channel = text.rpartition("=")
-        bus = bus if equals else BUS_NAME
+        bus, channel = name_and_channel(text)
+        bus = bus or BUS_NAME
         if bus not in channels:
             raise RobotConfigError(f"--can {text}: the robot has no bus {bus!r}{nearest(bus, channels)}")
         channels[bus] = channel

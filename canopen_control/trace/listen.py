@@ -10,7 +10,7 @@ import select
 import time
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.bus.channel import ChannelKind, open_port, parse_channel
+from canopen_control.bus.channel import SERVED, ChannelKind, open_port, parse_channel
 from canopen_control.bus.port import BusEventKind
 from canopen_control.bus.port_abilities import Arrivals, Stamping
 from canopen_control.bus.recordings import RecordedFrame
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["batches", "open_listener"]
 
 _IDLE_S: Final = 0.25  # how often a silent bus lets the owner look at his clock
-_SERVERS: Final = frozenset({"remote", "socketcand", "udp_multicast"})  # of python-can, which serve several clients
 _NEWS: Final = frozenset({BusEventKind.DOWN, BusEventKind.UP, BusEventKind.OVERRUN})  # no frame on the bus shows them
 
 
@@ -37,7 +36,7 @@ def open_listener(channel: str, label: str, *, owner: str = "") -> Port:
     spec = parse_channel(channel)
     if spec.kind.in_process:
         raise ConfigError(f"{channel} is inside one process, nobody else can listen; use local:NAME instead")
-    if owner and spec.kind is ChannelKind.PYTHON_CAN and spec.interface not in _SERVERS:
+    if owner and spec.kind is ChannelKind.PYTHON_CAN and spec.interface not in SERVED:
         raise ConfigError(f"{channel} has one owner, the running robot {owner}; nobody can listen beside it")
     port = open_port(channel, label=label, join=True)
     if isinstance(port, Stamping):

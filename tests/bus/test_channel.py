@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import can
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.bus import channel as channel_module
-from canopen_control.bus.channel import ChannelKind, ChannelSpec, may_host_virtual_drives, open_port, parse_channel
-from canopen_control.errors import ConfigError
+from canopen_control.bus.channel import (
+    ChannelKind,
+    ChannelSpec,
+    may_host_virtual_drives,
+    name_and_channel,
+    open_port,
+    parse_channel,
+)
+from canopen_control.errors import BusError, ConfigError
 
 
 @pytest.fixture(autouse=True)
@@ -30,6 +38,19 @@ def no_interfaces(monkeypatch, tmp_path):
         ("slcan:/dev/ttyACM0@500000", ChannelSpec(ChannelKind.PYTHON_CAN, "/dev/ttyACM0", "slcan", 500_000)),
         ("kvaser:0@1000000", ChannelSpec(ChannelKind.PYTHON_CAN, "0", "kvaser", 1_000_000)),
         ("gs_usb:1:2", ChannelSpec(ChannelKind.PYTHON_CAN, "1:2", "gs_usb")),
+        ("canalystii:0,1@500000", ChannelSpec(ChannelKind.PYTHON_CAN, "0,1", "canalystii", 500_000)),
+        (
+            "kvaser:0@500000,single_handle=true,driver_mode=False",
+            ChannelSpec(
+                ChannelKind.PYTHON_CAN, "0", "kvaser", 500_000, (("single_handle", "true"), ("driver_mode", "False"))
+            ),
+        ),
+        (
+            "slcan:/dev/ttyACM0,ttyBaudrate=115200",
+            ChannelSpec(ChannelKind.PYTHON_CAN, "/dev/ttyACM0", "slcan", None, (("ttyBaudrate", "115200"),)),
+        ),
+        ("socketcand:pi:29536/can0", ChannelSpec(ChannelKind.PYTHON_CAN, "pi:29536/can0", "socketcand")),
+        ("remote:ws://pi:54701/", ChannelSpec(ChannelKind.PYTHON_CAN, "ws://pi:54701/", "remote")),
     ],
 )
 def test_a_name_is_taken_apart_and_put_together_again(text, spec):
@@ -78,6 +99,11 @@ def test_an_unusual_interface_can_be_named_before_it_exists():
         (":x", "INTERFACE:CHANNEL"),
         ("pcan:", "INTERFACE:CHANNEL"),
         ("pcan:x@fast", "INTERFACE:CHANNEL@BITRATE"),
+        ("pcan:x,bitrate=5", "bitrate is said after an @"),
+        ("pcan:x,channel=5", "channel is said before the comma"),
+        ("pcan:x,fd=true,fd=false", "fd is given twice"),
+        ("socketcand:can0", "socketcand:HOST:PORT/CHANNEL"),
+        ("socketcand:can0,host=pi", "socketcand:HOST:PORT/CHANNEL"),
     ],
 )
 def test_a_wrong_name_is_answered_with_a_right_one(text, hint):
@@ -108,3 +134,44 @@ def test_a_memory_port_is_opened_by_its_name():
     port = open_port("memory:by-name", label="me")
     assert (port.channel, port.label) == ("memory:by-name", "me")
     port.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "given"),
+    [
+        ("virtual-like:0@500000,on=true,n=-3,f=1.5,s=a=b", {"bitrate": 500_000, "on": True, "n": -3, "f": 1.5,
+                                                            "s": "a=b"}),
+        ("socketcand:pi:1234/can7", {"channel": "can7", "host": "pi", "port": 1234}),
+        ("socketcand:192.168.0.7/can0,tcp_tune=True", {"channel": "can0", "host": "192.168.0.7", "port": 29536,
+                                                       "tcp_tune": True}),
+        ("socketcand:can0,host=pi,port=1", {"channel": "can0", "host": "pi", "port": 1}),
+    ],
+)  # fmt: skip
+def test_python_can_gets_the_keywords_with_their_types(monkeypatch, text, given):
+    asked = {}
+
+    def bus(**keywords):
+        asked.update(keywords)
+        raise can.CanInitializationError("no such device")
+
+    monkeypatch.setattr(can, "Bus", bus)
+    monkeypatch.setattr(can, "VALID_INTERFACES", {*can.VALID_INTERFACES, "virtual-like"})
+    with pytest.raises(BusError, match="no such device"):
+        open_port(text)
+    assert {key: asked[key] for key in given} == given
+    assert asked["interface"] == text.partition(":")[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("can0", ("", "can0")),
+        ("front=can0", ("front", "can0")),
+        ("front=kvaser:0,fd=false", ("front", "kvaser:0,fd=false")),
+        ("kvaser:0,fd=false", ("", "kvaser:0,fd=false")),
+        ("socketcand:pi/can0,tcp_tune=true", ("", "socketcand:pi/can0,tcp_tune=true")),
+        ("=can0", ("", "=can0")),
+    ],
+)
+def test_the_name_of_a_bus_is_told_from_keywords(text, parts):
+    assert name_and_channel(text) == parts

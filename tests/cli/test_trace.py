@@ -70,7 +70,7 @@ def test_a_file_that_breaks_off_is_shown_and_said(tmp_path, capsys):
     assert main(["trace", "robby", "--file", str(path)]) == 0
     out, err = capsys.readouterr()
     assert "SYNC" in out
-    assert "1 lines of" in err
+    assert "1 line is no frame of classic CAN, left out" in err
     path.write_text("")
     assert main(["trace", "robby", "--file", str(path)]) == 1
     assert "no frame is in it" in capsys.readouterr().err
