@@ -50,7 +50,7 @@ def _dbc(args: argparse.Namespace) -> int:
 
     if args.config is None and args.name is None and not args.eds:
         raise ConfigError("give the robot whose layout is wanted: a folder, a bundled one, --name, or --eds")
-    network = described(args)
+    network = described(args, units=True)
     with _output(args.output) as out:
         out.write(dbc_text(network))
     pdos = sum(len(node.pdos) for node in network.nodes.values())

@@ -5,24 +5,62 @@ It is what a boot makes of the bus, taken from the same plans; nothing is decide
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.cia301.sync import SYNC_COB_ID
+from canopen_control.cia402 import objects
+from canopen_control.cia402.units import Scale
 from canopen_control.rpc.messages.layout import BusLayout, MappedEntry, NodeLayout
 from canopen_control.rpc.messages.layout import PdoLayout as PdoMessage
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
+    from canopen_control.cia301.pdo import MappedObject
     from canopen_control.master.config import BusConfig
     from canopen_control.master.plan import NodePlan, PdoLayout
     from canopen_control.rpc.messages.layout import Direction
 
-__all__ = ["layout_of"]
+__all__ = ["LinearAxes", "layout_of"]
+
+LinearAxes = frozenset[tuple[str, int]]
+"""Node and axis of each prismatic joint."""
 
 
-def layout_of(config: BusConfig, channel: str = "") -> BusLayout:
-    """Return the layout of a bus; `channel` is that of bus.yml where none is given."""
+class _Meaning(NamedTuple):
+    """What a raw number is: times `factor` plus `offset`, in `unit`."""
+
+    factor: float = 1.0
+    offset: float = 0.0
+    unit: str = ""
+
+
+class _Quantity(NamedTuple):
+    """What an object of CiA 402 measures: which scale, whether it is commanded, and whether an offset belongs to it."""
+
+    scale: str
+    commanded: bool = False
+    absolute: bool = False
+
+
+_QUANTITIES: Final = {
+    0x6062: _Quantity("pos", absolute=True),  # position demand value
+    objects.POSITION_ACTUAL: _Quantity("pos", absolute=True),
+    0x60F4: _Quantity("pos"),  # following error actual value
+    objects.TARGET_POSITION: _Quantity("pos", commanded=True, absolute=True),
+    0x606B: _Quantity("vel"),  # velocity demand value
+    objects.VELOCITY_ACTUAL: _Quantity("vel"),
+    objects.TARGET_VELOCITY: _Quantity("vel", commanded=True),
+    objects.TORQUE_ACTUAL: _Quantity("eff"),
+}
+_UNITS: Final = {"pos": ("rad", "m"), "vel": ("rad/s", "m/s"), "eff": ("Nm", "N")}  # of a turning joint, of a prismatic
+
+
+def layout_of(config: BusConfig, channel: str = "", linear: Collection[tuple[str, int]] | None = None) -> BusLayout:
+    """Return the layout of a bus; `channel` is that of bus.yml where none is given.
+
+    `linear` are the prismatic joints by node and axis; None: nobody knows, so that no unit is named.
+    """
     master = config.master
     return BusLayout(
         channel or master.channel,
@@ -31,25 +69,69 @@ def layout_of(config: BusConfig, channel: str = "") -> BusLayout:
         SYNC_COB_ID,
         master.sync_period,
         tuple(
-            NodeLayout(name, plan.node_id, str(config.eds_paths[name].resolve()), tuple(_pdos(plan)))
+            NodeLayout(name, plan.node_id, str(config.eds_paths[name].resolve()), tuple(_pdos(config, plan, linear)))
             for name, plan in config.plans.items()
         ),
     )
 
 
-def _pdos(plan: NodePlan) -> Iterator[PdoMessage]:
-    yield from (_pdo(plan, "rpdo", layout) for layout in plan.rpdos)
-    yield from (_pdo(plan, "tpdo", layout) for layout in plan.tpdos)
+def _pdos(config: BusConfig, plan: NodePlan, linear: Collection[tuple[str, int]] | None) -> Iterator[PdoMessage]:
+    yield from (_pdo(config, plan, "rpdo", layout, linear) for layout in plan.rpdos)
+    yield from (_pdo(config, plan, "tpdo", layout, linear) for layout in plan.tpdos)
 
 
-def _pdo(plan: NodePlan, direction: Direction, layout: PdoLayout) -> PdoMessage:
-    objects = tuple(_objects(plan, layout))
+def _pdo(
+    config: BusConfig,
+    plan: NodePlan,
+    direction: Direction,
+    layout: PdoLayout,
+    linear: Collection[tuple[str, int]] | None,
+) -> PdoMessage:
+    objects = tuple(_objects(config, plan, layout, linear))
     return PdoMessage(layout.cob_id, direction, layout.number, layout.transmission_type, objects)
 
 
-def _objects(plan: NodePlan, layout: PdoLayout) -> Iterator[MappedEntry]:
+def _objects(
+    config: BusConfig, plan: NodePlan, layout: PdoLayout, linear: Collection[tuple[str, int]] | None
+) -> Iterator[MappedEntry]:
     for mapped in layout.objects:
         name = plan.entry_names.get((mapped.index, mapped.subindex), "")
         parent = plan.object_names.get(mapped.index, "")
         full = name if not parent or parent == name or not name else f"{parent}: {name}"
-        yield MappedEntry(mapped.index, mapped.subindex, mapped.bits, mapped.data_type.name, full)
+        meaning = _Meaning() if linear is None else _signal(plan, mapped) or _of_axis(config, plan, mapped, linear)
+        yield MappedEntry(mapped.index, mapped.subindex, mapped.bits, mapped.data_type.name, full, *meaning)
+
+
+def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
+    """Return what an input or output of a device means, where no number of the device has a part in it."""
+    for signal in plan.signals.values():
+        if signal.address == (mapped.index, mapped.subindex) and signal.bit is None and not signal.scales:
+            own = signal.data_type in (None, mapped.data_type)
+            return _Meaning(signal.factor, signal.offset, signal.unit) if own else None
+    return None
+
+
+def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Collection[tuple[str, int]]) -> _Meaning:
+    """Return what an object of a drive means by the scales of bus.yml; nothing where it names none."""
+    base, axis = objects.axis_of(mapped.index)
+    quantity = _QUANTITIES.get(base) if plan.axes and not mapped.subindex else None
+    if quantity is None or not _is_scaled(config, plan.name, axis, quantity.scale):
+        return _Meaning()
+    scale = Scale(**config.nodes[plan.name].units.of_axis(axis))
+    unit = _UNITS[quantity.scale][(plan.name, axis) in linear]
+    if quantity.commanded:
+        factor = 1 / (scale.pos_to_dev if quantity.scale == "pos" else scale.vel_to_dev)
+        return _Meaning(factor, -scale.offset_pos_to_dev * factor if quantity.absolute else 0.0, unit)
+    factors = {"pos": scale.pos_from_dev, "vel": scale.vel_from_dev, "eff": scale.eff_from_dev}
+    return _Meaning(factors[quantity.scale], scale.offset_pos_from_dev if quantity.absolute else 0.0, unit)
+
+
+def _is_scaled(config: BusConfig, node: str, axis: int, what: str) -> bool:
+    """Whether bus.yml says what a number of an axis is; upstream's defaults for want of that are no knowledge."""
+    units = config.nodes[node].units
+    if units.counts_per_revolution is not None and what != "eff":
+        return True
+    keys = (f"scale_{what}_from_dev", f"scale_{what}_to_dev")
+    own = units.channels[axis] if axis < len(units.channels) else None
+    section = config.sections[node]
+    return any(section.get(key) is not None or getattr(own, key, None) is not None for key in keys)

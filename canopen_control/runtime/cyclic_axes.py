@@ -45,6 +45,18 @@ def cyclic_axes(config: BusConfig, description: Description) -> list[CyclicAxis]
     return [axis for tag in description.hardware for joint in tag.joints for axis in _axes(config, joint)]
 
 
+def linear_axes(config: BusConfig, description: Description) -> frozenset[tuple[str, int]]:
+    """Return node and axis of each prismatic joint that a bus moves."""
+    return frozenset(
+        (node.name, axis_number(joint))
+        for tag in description.hardware
+        for joint in tag.joints
+        if (node := node_of(config, joint)) is not None
+        and (model := description.joints.get(joint.name)) is not None
+        and model.type == "prismatic"
+    )
+
+
 def joint_words(axes: Sequence[CyclicAxis]) -> str:
     """Name the joints, the first ones of many."""
     joints = list(dict.fromkeys(axis.joint for axis in axes))

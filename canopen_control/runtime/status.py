@@ -22,6 +22,7 @@ from canopen_control.rpc.messages.state import (
     Status,
     TrackingReading,
 )
+from canopen_control.runtime.cyclic_axes import linear_axes
 from canopen_control.runtime.pacer import LATE_EDGES_NS
 from canopen_control.version import __version__, build
 
@@ -159,7 +160,13 @@ def _texts(given: Any) -> dict[str, str]:  # noqa: ANN401 - whatever stands in b
 
 def layout_message(robot: RobotCore) -> Layout:
     """Return what the PDOs of each bus carry, for those who listen to it."""
-    return Layout({name: layout_of(bus.config, bus.channel) for name, bus in robot.buses.items()})
+    description = robot.setup.description
+    return Layout(
+        {
+            name: layout_of(bus.config, bus.channel, linear_axes(bus.config, description))
+            for name, bus in robot.buses.items()
+        }
+    )
 
 
 def event_message(robot: RobotCore, event: Event) -> RobotEvent:

@@ -1,8 +1,9 @@
 """The PDO layout of a bus as a DBC file, which SavvyCAN, cantools and Vector's tools read; cantools writes it.
 
-The law of this file: raw values, as on the wire. A DBC can name whole values only, so statusword and controlword are
-cut into the parts that have names: put together again they are the word (`WORD_PARTS`). Beside the PDOs there are the
-heartbeats, EMCY and NMT commands. Names of a DBC are C identifiers of at most 32 characters, each message's own.
+The law of this file: raw values, as on the wire, with factor, offset and unit where the robot's files know them. A DBC
+can name whole values only, so statusword and controlword are cut into the parts that have names: put together again
+they are the word (`WORD_PARTS`). Beside the PDOs there are the heartbeats, EMCY and NMT commands. Names of a DBC are C
+identifiers of at most 32 characters, each message's own.
 """
 
 from __future__ import annotations
@@ -112,6 +113,9 @@ class _Signal:
     real: bool = False
     comment: str = ""
     values: Mapping[int, str] = field(default_factory=dict)
+    factor: float = 1.0
+    offset: float = 0.0
+    unit: str = ""
 
 
 @dataclass(slots=True)
@@ -171,7 +175,13 @@ def _signal(signal: _Signal, receiver: str) -> Signal:
         signal.start,
         signal.bits,
         is_signed=signal.signed,
-        conversion=BaseConversion.factory(is_float=signal.real, choices=_choices(signal) or None),
+        conversion=BaseConversion.factory(
+            _plain_number(signal.factor),
+            _plain_number(signal.offset),
+            is_float=signal.real,
+            choices=_choices(signal) or None,
+        ),
+        unit=_plain(signal.unit) or None,
         comment=_plain(signal.comment) or None,
         receivers=[receiver],
     )
@@ -269,7 +279,9 @@ def _signals(mapped: PdoObject, start: int, *, is_drive: bool) -> Iterator[_Sign
     if not parts:
         real = mapped.data_type.is_real
         signed = mapped.data_type.signed or real
-        yield _Signal(name, start, mapped.bits, signed, real, comment, _VALUES.get((base, ""), {}))
+        values = _VALUES.get((base, ""), {})
+        meaning = mapped.factor, mapped.offset, mapped.unit
+        yield _Signal(name, start, mapped.bits, signed, real, comment, values, *meaning)
 
 
 # --- the text ---
@@ -279,6 +291,11 @@ def _identifier(text: str) -> str:
     """Return a C identifier of at most 32 characters."""
     cleaned = re.sub(r"[^A-Za-z0-9]+", "_", text.encode("ascii", "ignore").decode()).strip("_") or "x"
     return (cleaned if not cleaned[0].isdigit() else f"_{cleaned}")[:_LONGEST]
+
+
+def _plain_number(value: float) -> float:
+    """Return a whole number without its point, and 0 without a sign."""
+    return int(value) if value.is_integer() else value
 
 
 def _unused(name: str, taken: set[str]) -> str:

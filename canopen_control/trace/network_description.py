@@ -57,13 +57,19 @@ _RAW_TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class PdoObject:
-    """One object of a PDO and its name, or its address where it has none; `bits` is its width in the PDO."""
+    """One object of a PDO and its name, or its address where it has none; `bits` is its width in the PDO.
+
+    Times `factor` plus `offset` its number is in `unit`, which is empty where nobody knows.
+    """
 
     index: int
     subindex: int
     bits: int
     data_type: DataType
     name: str
+    factor: float = 1.0
+    offset: float = 0.0
+    unit: str = ""
 
     @property
     def mapped(self) -> MappedObject:
@@ -219,7 +225,8 @@ def _pdo_of_layout(pdo: PdoLayout) -> PdoDescription:
 def _object_of_layout(entry: MappedEntry) -> PdoObject:
     name = entry.name or address_text(entry.index, entry.subindex)
     data_type = DataType.__members__.get(entry.data_type) or type_of(None, entry.index, entry.subindex, entry.bits)
-    return PdoObject(entry.index, entry.subindex, entry.bits, data_type, name)
+    meaning = entry.factor, entry.offset, entry.unit
+    return PdoObject(entry.index, entry.subindex, entry.bits, data_type, name, *meaning)
 
 
 def address_text(index: int, subindex: int) -> str:

@@ -1,4 +1,7 @@
 import json
+import math
+
+import pytest
 
 from canopen_control.data_files import data_path
 from canopen_control.master.config import read_bus
@@ -26,8 +29,66 @@ def test_the_layout_is_what_a_boot_makes_of_the_bus():
         "bits": 16,
         "data_type": "UNSIGNED16",
         "name": "Statusword",
+        "factor": 1.0,
+        "offset": 0.0,
+        "unit": "",
     }
 
 
 def test_without_a_channel_it_is_that_of_the_bus_yml():
     assert layout_of(read_bus(ROBBY)).channel == ""
+
+
+def meanings(layout, node):
+    """Return (factor, offset, unit) of the objects of a node that have a unit."""
+    [found] = [each for each in layout.nodes if each.name == node]
+    objects = [each for pdo in found.pdos for each in pdo.objects if each.unit]
+    return {each.index: (pytest.approx(each.factor), pytest.approx(each.offset), each.unit) for each in objects}
+
+
+def robby_with(tmp_path, *lines, without=("counts_per_revolution", "gear_ratio", "reversed", "scale_")):
+    """Return robby's bus with these lines at its left drive, and no other word on units."""
+    kept = [line for line in ROBBY.read_text().splitlines() if not line.strip().startswith(without)]
+    at = next(number for number, line in enumerate(kept) if line == "  left_drive:") + 1
+    path = tmp_path / "bus.yml"
+    path.write_text("\n".join([*kept[:at], *(f"    {line}" for line in lines), *kept[at:]]) + "\n")
+    return read_bus(path)
+
+
+def test_numbers_have_the_factor_and_unit_of_bus_yml():
+    turn = math.tau / 1600
+    assert meanings(layout_of(read_bus(ROBBY), linear=()), "right_drive") == {
+        0x607A: (turn, 0, "rad"),
+        0x60FF: (turn, 0, "rad/s"),
+        0x6064: (turn, 0, "rad"),
+        0x606C: (turn, 0, "rad/s"),
+    }
+    assert meanings(layout_of(read_bus(ROBBY), linear=()), "left_drive")[0x6064] == (-turn, 0, "rad")
+
+
+def test_a_prismatic_joint_has_metres_and_offsets_belong_to_positions(tmp_path):
+    given = (
+        "scale_pos_to_dev: 4000",
+        "scale_pos_from_dev: 0.00025",
+        "offset_pos_to_dev: 100",
+        "offset_pos_from_dev: -0.025",
+    )
+    config = robby_with(tmp_path, *given, "scale_vel_to_dev: 2000", "scale_vel_from_dev: 0.0005")
+    assert meanings(layout_of(config, linear={("left_drive", 0)}), "left_drive") == {
+        0x607A: (0.00025, -0.025, "m"),
+        0x60FF: (0.0005, 0, "m/s"),
+        0x6064: (0.00025, -0.025, "m"),
+        0x606C: (0.0005, 0, "m/s"),
+    }
+
+
+def test_what_bus_yml_does_not_say_has_no_unit(tmp_path):
+    assert meanings(layout_of(robby_with(tmp_path), linear=()), "left_drive") == {}
+    given = robby_with(tmp_path, "scale_pos_to_dev: 1000.0", "scale_pos_from_dev: 0.001")
+    assert set(meanings(layout_of(given, linear=()), "left_drive")) == {0x607A, 0x6064}, (
+        "as upstream's default, but said"
+    )
+
+
+def test_where_nobody_knows_the_joints_no_unit_is_named():
+    assert meanings(layout_of(read_bus(ROBBY)), "left_drive") == {}

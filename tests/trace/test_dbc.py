@@ -93,3 +93,21 @@ def test_nodes_with_one_name_stay_apart():
     nodes = {number: NodeDescription("drive", number) for number in (4, 5)}
     db = database(NetworkDescription(nodes=nodes))
     assert {node.name for node in db.nodes} == {"master", "drive", "drive_2"}
+
+
+def test_numbers_are_scaled_with_their_unit_where_it_is_known():
+    pdo = PdoDescription(
+        0x181,
+        "tpdo",
+        1,
+        (
+            PdoObject(0x6064, 0, 32, DataType.INTEGER32, "Position", 0.00025, -0.5, "m"),
+            PdoObject(0x606C, 0, 32, DataType.INTEGER32, "Velocity"),
+        ),
+    )
+    db = database(NetworkDescription(nodes={1: NodeDescription("lift", 1, pdos=(pdo,))}))
+    message = db.get_message_by_frame_id(0x181)
+    position, velocity = (message.get_signal_by_name(name) for name in ("Position", "Velocity"))
+    assert (position.scale, position.offset, position.unit) == (0.00025, -0.5, "m")
+    assert (velocity.scale, velocity.offset, velocity.unit) == (1, 0, None)
+    assert message.decode(struct.pack("<ii", -4000, 7)) == {"Position": -1.5, "Velocity": 7}

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.support.target import find_eds, robot_on
 from canopen_control.client import RobotClient, find_robots
-from canopen_control.errors import ConfigError
+from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.robot import GetLayout
 from canopen_control.trace.eds_network import network_of_eds
 from canopen_control.trace.network_description import NetworkDescription, network_of_layout
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping
 
+    from canopen_control.master.config import BusConfig
+    from canopen_control.master.pdo_layout import LinearAxes
     from canopen_control.rpc.messages.layout import BusLayout
 
 __all__ = ["HeardBus", "add_network_arguments", "config_layout", "described", "heard_bus"]
@@ -95,9 +97,12 @@ def _refuse_channel(config: str | None) -> None:
     raise ConfigError(f"{channel} is a bus, no robot: write --can {channel}")
 
 
-def described(args: argparse.Namespace) -> NetworkDescription:
-    """Return the description for a file: by CONFIG, --eds, --name, or nothing but the predefined connection set."""
-    network = _described(args, "")
+def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescription:
+    """Return the description for a file: by CONFIG, --eds, --name, or nothing but the predefined connection set.
+
+    With `units` it says what numbers mean, which costs reading the robot's description.
+    """
+    network = _described(args, "", units=units)
     if network is None and args.name is not None:
         with RobotClient.connect(args.name) as robot:
             network = network_of_layout(_chosen(robot.ask(GetLayout()).buses, args.bus, f"robot {args.name}"))
@@ -108,22 +113,40 @@ def described(args: argparse.Namespace) -> NetworkDescription:
     return network
 
 
-def _described(args: argparse.Namespace, channel: str) -> NetworkDescription | None:
+def _described(args: argparse.Namespace, channel: str, *, units: bool = False) -> NetworkDescription | None:
     """Return what the arguments describe, None where they describe nothing; --eds adds to a robot's nodes."""
     by_eds = network_of_eds(channel, args.eds, find_eds) if args.eds else None
     if args.config is None:
         return by_eds
-    network = network_of_layout(config_layout(args.config, args.bus))
+    network = network_of_layout(config_layout(args.config, args.bus, units=units))
     return network if by_eds is None else replace(network, nodes={**by_eds.nodes, **network.nodes})
 
 
-def config_layout(config: str, bus: str | None = None) -> BusLayout:
-    """Return the layout of one bus of a robot's files; ConfigError and BusConfigError."""
+def config_layout(config: str, bus: str | None = None, *, units: bool = False) -> BusLayout:
+    """Return the layout of one bus of a robot's files, with `units` by its description; ConfigError, BusConfigError."""
     from canopen_control.master.config import read_bus
     from canopen_control.master.pdo_layout import layout_of
     from canopen_control.runtime.robot_files import find_buses
 
-    return layout_of(read_bus(_chosen(find_buses(config), bus, config)))
+    read = read_bus(_chosen(find_buses(config), bus, config))
+    return layout_of(read, linear=_linear_axes(config, read) if units else None)
+
+
+def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
+    """Return the prismatic joints of a robot's files; none of a bus alone, or where the description cannot be read."""
+    from canopen_control.runtime.cyclic_axes import linear_axes
+    from canopen_control.runtime.robot_files import find_robot
+    from canopen_control.urdf.description import DescriptionReader
+
+    try:
+        files = find_robot(config)
+        if files.bus_alone:
+            return frozenset()
+        with DescriptionReader(files.description, mappings=files.mappings()) as reader:
+            return linear_axes(bus, reader.result())
+    except CanopenError as error:
+        print(f"canopen-control: every joint is taken for one that turns: {error}", file=sys.stderr)
+        return frozenset()
 
 
 def _chosen(buses: Mapping[str, T], name: str | None, whose: str) -> T:

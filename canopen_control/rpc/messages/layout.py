@@ -14,13 +14,19 @@ Direction = Literal["rpdo", "tpdo"]
 
 
 class MappedEntry(msgspec.Struct, frozen=True):
-    """An object in a PDO; `data_type` is a name of CiA 301, `name` what the EDS calls it."""
+    """An object in a PDO; `data_type` is a name of CiA 301, `name` what the EDS calls it.
+
+    Times `factor` plus `offset` its number is in `unit`, where the robot's files say so; the unit is empty elsewhere.
+    """
 
     index: Index
     subindex: Subindex
     bits: Bits
     data_type: str
     name: str | None = ""
+    factor: float = 1.0
+    offset: float = 0.0
+    unit: str = ""
 
 
 class PdoLayout(msgspec.Struct, frozen=True):
