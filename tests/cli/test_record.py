@@ -120,9 +120,16 @@ def test_a_full_disk_is_exit_code_1_with_what_is_in_the_file(monkeypatch, folder
 
     monkeypatch.setattr(RecordingWriter, "write", write)
     port, path = open_local("full", "other"), tmp_path / "x.log"
-    ticking = threading.Timer(0.5, lambda: port.send(pack_records([CanFrame(0x80)])))
+    done = threading.Event()
+
+    def tick():
+        while not done.wait(0.05):
+            port.send(pack_records([CanFrame(0x80)]))
+
+    ticking = threading.Thread(target=tick)
     ticking.start()
     assert main(["record", "--can", "local:full", "-o", str(path), "--duration", "10"]) == 1
+    done.set()
     ticking.join()
     out, err = capsys.readouterr()
     assert out.startswith(f"{path}: 0 frames of local:full in ")
