@@ -216,7 +216,9 @@ def _open_python_can(spec: ChannelSpec, label: str) -> Port:  # noqa: ARG001 - p
 
     interface = "virtual" if spec.kind.in_process else spec.interface
     theirs = _for_python_can(spec)
-    return open_python_can(str(spec), interface, theirs.name, theirs.bitrate, theirs.options)
+    return open_python_can(
+        str(spec), interface, theirs.name, theirs.bitrate, theirs.options, served=interface in SERVED
+    )
 
 
 _OPENERS: dict[ChannelKind, Callable[[ChannelSpec, str], Port]] = {

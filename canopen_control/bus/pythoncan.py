@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import can
 
-from canopen_control.bus.channel import SERVED
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
@@ -426,9 +425,17 @@ def missing_package(interface: str) -> str | None:
 
 
 def open_python_can(
-    channel: str, interface: str, name: str, bitrate: int | None, options: Iterable[tuple[str, str]] = ()
+    channel: str,
+    interface: str,
+    name: str,
+    bitrate: int | None,
+    options: Iterable[tuple[str, str]] = (),
+    *,
+    served: bool = False,
 ) -> PythonCanPort:
     """Open `name` of a python-can `interface`, which is `channel` to us; `options` are its other keywords.
+
+    One that is `served` has no device here but a server somewhere.
 
     Raise `InterfaceNotFound`, `BusError` with python-can's own reason, or `ConfigError` where a package is missing that
     the adapter needs.
@@ -444,9 +451,7 @@ def open_python_can(
     try:
         bus = bus_of()
     except Exception as error:  # drivers that lack a library or a device raise nearly anything
-        advice = (
-            "does its server run there?" if interface in SERVED else "is its driver installed, the device plugged in?"
-        )
+        advice = "does its server run there?" if served else "is its driver installed, the device plugged in?"
         raise BusError(f"bus {channel}: python-can cannot open it: {_reason(error)}; {advice}") from error
     virtual = interface == "virtual"
     return PythonCanPort(channel, bus, writer=not virtual, reopen=None if virtual else bus_of)
