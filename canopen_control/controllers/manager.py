@@ -315,11 +315,15 @@ class ControllerManager:
             self._require_enabled(controller)
             take()
         except ControlError as error:
-            if name not in self._told_refusal and not isinstance(error, NotYetEnabled):
-                self._told_refusal.add(name)
-                self._tell("refused", name, f"{error} (from {source or 'nobody named'}; told once)")
+            self.tell_refusal(name, error, source)
             raise
         self._told_refusal.discard(name)
+
+    def tell_refusal(self, name: str, error: ControlError, source: str) -> None:
+        """Tell that something for a controller was refused, once until it takes something."""
+        if name not in self._told_refusal and not isinstance(error, NotYetEnabled):
+            self._told_refusal.add(name)
+            self._tell("refused", name, f"{error} (from {source or 'nobody named'}; told once)")
 
     def _require_enabled(self, controller: Controller) -> None:
         """Raise NotEnabled, and count it, while no part of what the controller moves follows commands as a whole."""

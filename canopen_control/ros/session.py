@@ -7,6 +7,7 @@ controller is told and the rest goes on; only the end of the connection ends the
 
 from __future__ import annotations
 
+import contextlib
 import time
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar
@@ -71,6 +72,7 @@ __all__ = ["Session"]
 
 A = TypeVar("A")
 _JOIN_S: Final = 1.0
+_LONGEST_TOLD: Final = 500  # characters, as the robot takes them
 
 
 class Session:
@@ -201,9 +203,20 @@ class Session:
         return name if has_it or not name else prefix + name
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
-        """Tell the user as a node, each key once per second at most; from any thread."""
+        """Tell the user as a node, each key once per second at most; from any thread.
+
+        Whoever runs the robot may not look at /rosout: its terminal and its status say it too.
+        """
         if self._throttle.allows(key, self._reactor.now()):
             node.get_logger().warning(text)
+            self.hand_over(lambda: self._tell_robot(text))
+
+    def _tell_robot(self, text: str) -> None:
+        """Have the robot tell a sentence as an event; on the reactor's thread."""
+        told = "".join(letter if letter.isprintable() else " " for letter in f"ROS: {text}")[:_LONGEST_TOLD]
+        if not self._ended:
+            with contextlib.suppress(RemoteError):  # a robot that is gone tells nothing; its end is seen elsewhere
+                self._client.notify(Tell(kind="ros_warning", text=told, level="warning"))
 
     def _warn(self, key: str, text: str) -> None:
         self.warn_of(self.node, key, text)

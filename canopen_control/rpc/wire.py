@@ -7,6 +7,7 @@ bytes are base64.
 
 from __future__ import annotations
 
+import re
 from typing import Any, Final, TypeVar
 
 import msgspec
@@ -70,7 +71,11 @@ def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - what `kind` sa
     except RecursionError:
         raise ValueError("it is nested too deep") from None
     except msgspec.DecodeError as error:
-        raise ValueError(str(error)) from None
+        raise ValueError(_NO_NUMBER.sub(_NOT_FINITE, str(error))) from None
+
+
+_NO_NUMBER: Final = re.compile(r"Expected `(?:float|int)(?: \| \w+)*`, got `null`")
+_NOT_FINITE: Final = "NaN or an infinite number (null in JSON) where a finite one is needed"
 
 
 def request_line(number: int | None, method: str, request: object) -> bytes:

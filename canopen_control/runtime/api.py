@@ -306,8 +306,13 @@ class ApiServer:
         kind, text = call.request.kind, " ".join(call.request.text.split())
         if not (kind.isidentifier() and len(kind) <= MAX_KIND and 0 < len(text) <= MAX_TEXT and text.isprintable()):
             raise LocalProtocolError(f"tell: a word as kind, and a printable text of 1 to {MAX_TEXT} characters")
-        self._robot.report(Event(self._robot.reactor.now(), kind, "", text))
+        if (level := _TOLD_LEVELS.get(call.request.level)) is None:
+            raise LocalProtocolError(f"tell: no level {call.request.level!r}; there are: {', '.join(_TOLD_LEVELS)}")
+        self._robot.report(Event(self._robot.reactor.now(), kind, "", text, level))
         call.reply(Done())
+
+
+_TOLD_LEVELS = {"info": Level.INFO, "warning": Level.WARNING}
 
 
 def _action(text: str) -> Action:

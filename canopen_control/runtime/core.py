@@ -12,7 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.manager import ControllerManager
-from canopen_control.errors import BusError, CanopenError
+from canopen_control.errors import BusError, CanopenError, ControlError
 from canopen_control.hardware.command_limits import CommandLimits
 from canopen_control.hardware.joint import Action, JointDrive
 from canopen_control.hardware.stop_group import regroup
@@ -242,7 +242,7 @@ class RobotCore:
         With a `holder` the command ends as soon as `let_go` says that he is gone, else by its time-out alone.
         """
         self.latch.refuse("a command to", controller)
-        require_active(self.setup, self.manager, controller)
+        self._require_active(controller, source)
         made = None if stamp is None else self.made_at(stamp)
         self.manager.command(controller, values, self.cycle.clock.now(), made, source=source, holder=holder)
         self.commander = source
@@ -269,9 +269,17 @@ class RobotCore:
     def send_goal(self, controller: str, goal: AnyGoal, source: str, *, holder: object = None) -> None:
         """Hand a goal to a controller; with a `holder` it ends when `let_go` says that he is gone."""
         self.latch.refuse("a goal to", controller)
-        require_active(self.setup, self.manager, controller)
+        self._require_active(controller, source)
         self.manager.send_goal(controller, goal, self.cycle.clock.now(), source=source, holder=holder)
         self.commander = source
+
+    def _require_active(self, controller: str, source: str) -> None:
+        """Raise ControlError for a controller that is not active; that is told once, as other refusals are."""
+        try:
+            require_active(self.setup, self.manager, controller)
+        except ControlError as error:
+            self.manager.tell_refusal(controller, error, source)
+            raise
 
     def let_go(self, holder: object, why: str = "is gone") -> None:
         """End what a commander has commanded who is gone, or `why` he counts as that, unless somebody else commands."""

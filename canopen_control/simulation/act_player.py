@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.bus.wire_faults import DropRule
 from canopen_control.controllers.trajectory.goal import Goal
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
-from canopen_control.errors import CanopenError
+from canopen_control.errors import CanopenError, ControlError, NotEnabled
 from canopen_control.frame import CanFrame
 from canopen_control.hardware.axis_power import Action
 from canopen_control.rpc.messages.drive import BlockJoint, SetPlant, SwitchFault
@@ -38,6 +38,7 @@ SOURCE: Final = "simulate"
 PUBLISH_NS: Final = 100_000_000
 _LOOK_NS: Final = 1_000_000  # how often an act that waits for a state looks
 _BRIEFLY_NS: Final = 100_000_000
+_COMMANDS: Final = frozenset({"command", "trajectory"})
 
 
 class ActPlayer:
@@ -52,6 +53,9 @@ class ActPlayer:
         self.robot = robot
         self.played: list[Act] = []
         self.refused = 0
+        self.mistakes: list[ControlError] = []
+        """Why commands were refused from the beginning, but for drives that are off and a latched STOP."""
+        self._asked: set[int] = set()  # the ids of acts, all of which are in `played`
         self.troubles: Counter[tuple[str, str]] = Counter()
         self.on_asked: Callable[[int, Act], object] = lambda _now, _act: None
         self.on_played: Callable[[int, Act], object] = lambda _now, _act: None
@@ -283,10 +287,15 @@ class ActPlayer:
         core = self.robot.core
 
         def ask() -> None:
+            first = id(act) not in self._asked
+            self._asked.add(id(act))
             try:
                 verb(core)
-            except CanopenError:
+            except CanopenError as error:
                 self.refused += 1
+                off = isinstance(error, NotEnabled) or core.latch.held
+                if first and act.kind in _COMMANDS and isinstance(error, ControlError) and not off:
+                    self.mistakes.append(error)
 
         self.robot.host.call(ask)
 

@@ -56,13 +56,17 @@ class TestedRobot:
     # -- time
 
     def run(self, seconds: float) -> None:
-        """Let time pass."""
+        """Let time pass; raises ControlError for a command of the test that the robot refused, see `command`."""
         if self._served is None:
             self.simulated.run_for(round(seconds * _S))
         else:
             self._served.run(round(seconds * _S), self._speed)
         if self.simulated.errors:
             raise self.simulated.errors[0]
+        if self.player.mistakes:
+            mistake = self.player.mistakes[0]
+            self.player.mistakes.clear()
+            raise mistake
 
     def serve(self, *, speed: float = 1.0, ros: Sequence[str] | None = None) -> None:
         """Let programs outside reach the robot by its socket from now on, at `speed` times real time.
@@ -126,12 +130,16 @@ class TestedRobot:
     # -- what is asked of it
 
     def command(self, controller: str, *values: float, seconds: float | None = None) -> None:
-        """Command a controller: once, or ten times a second for a while from now on."""
+        """Command a controller: once, or ten times a second for a while from now on.
+
+        What the robot refuses of it, such as a wrong number of values or a controller that is not active, is raised by
+        `run`; only that drives are off, or that STOP is latched, is an event: a test may be about that.
+        """
         self._controller(controller)
         self.do("command", controller, values=values, seconds=seconds)
 
     def trajectory(self, controller: str, *positions: float, seconds: float) -> None:
-        """Send a trajectory to positions of all joints of a controller, there after `seconds`."""
+        """Send a trajectory to positions of all joints of a controller, there after `seconds`; refused as `command`."""
         self._controller(controller)
         self.do("trajectory", controller, values=positions, seconds=seconds)
 

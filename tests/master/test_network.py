@@ -289,6 +289,38 @@ def test_a_guarded_node_that_is_taken_out_shows_its_state_and_is_asked_on():
     assert node.ready
 
 
+def test_a_tpdo_that_comes_with_its_default_identifier_is_named_with_it():
+    text = data_path("config", "robby").joinpath("bus.yml").read_text()
+    with_ids = text.replace("    node_id: 3\n", "    node_id: 3\n    tpdo:\n      1: {enabled: true, cob_id: 0x2C3}\n")
+    events = []
+    net = Network("can", read_text(with_ids), events.append, 20 * MS)
+    node = net.nodes["left_drive"]
+    pdo = node.received[0]
+    assert pdo.cob_id == 0x2C3
+    pdo.expected = True
+    feed(net, 0, "183#0000")
+    pdo.overdue, pdo.silent = True, 10
+    node.on_pdo(pdo, 200 * MS)
+    assert events[-1].kind == "pdo_missing"
+    assert "frames with 0x183, its default, come instead" in events[-1].text
+    assert "`cob_id: auto`" in events[-1].text
+    pdo.stamp = 0
+    node.on_pdo(pdo, 400 * MS)
+    assert events[-1].kind == "pdo_stale"
+    assert "0x183, its default" in events[-1].text
+    assert 0x182 in net.identifiers, "the right drive has its default"
+
+
+def read_text(text):
+    import tempfile
+    from pathlib import Path
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bus.yml"
+        path.write_text(text)
+        return read_bus(path)
+
+
 def copy_guarded(text):
     import tempfile
     from pathlib import Path

@@ -94,3 +94,10 @@ def test_answers_and_what_nobody_asked_for_have_keys_of_their_own():
         "error": {"kind": "ControlError", "message": "no"},
     }
     assert json.loads(wire.push_line("state", {"time": 1.0})) == {"state": {"time": 1.0}}
+
+
+def test_a_number_that_is_not_finite_is_called_that():
+    with pytest.raises(ValueError, match=r"NaN or an infinite number .* where a finite one is needed - at `\$\[1\]`"):
+        wire.decode(b"[1.0, null]", list[float])
+    with pytest.raises(ValueError, match="got `str`"):
+        wire.decode(b'["1"]', list[float])

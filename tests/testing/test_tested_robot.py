@@ -1,7 +1,7 @@
 import pytest
 from support.simulated import FORWARD, setup_of
 
-from canopen_control.errors import ConfigError, UnknownName
+from canopen_control.errors import ConfigError, ControlError, UnknownName
 from canopen_control.testing.tested_robot import TestedRobot
 
 
@@ -82,3 +82,20 @@ def test_an_arm_follows_a_trajectory():
     robot.run(1.0)
     assert robot.position("joint_1") == pytest.approx(0.2, abs=1e-3)
     robot.close()
+
+
+@pytest.mark.parametrize("values", [(1.0,), (1.0, 2.0, 3.0), (1.0, float("nan"))])
+def test_a_command_that_the_robot_refuses_is_raised(robot, values):
+    robot.command(FORWARD, *values, seconds=1.0)
+    with pytest.raises(ControlError, match=FORWARD):
+        robot.run(0.2)
+
+
+def test_a_command_to_a_controller_that_is_not_active_is_raised_and_one_to_drives_that_are_off_is_not(robot):
+    robot.disable()
+    robot.run(0.5)
+    robot.command(FORWARD, 1.0, 1.0)
+    robot.run(0.2)
+    robot.command("robby_base_controller", 0.1, 0.0)
+    with pytest.raises(ControlError, match="takes no command; activate it"):
+        robot.run(0.2)

@@ -133,10 +133,11 @@ class Subscribe(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("tell", Effect.CHANGES)
 class Tell(Request[Done], frozen=True, kw_only=True):
-    """An event of level info for all who watch: what a client has to say; `kind` is one word."""
+    """An event for all who watch: what a client has to say; `kind` is one word, `level` "info" or "warning"."""
 
     kind: str
     text: str
+    level: str = "info"
 
 
 # -- motion
