@@ -194,10 +194,12 @@ def joint_table(joints: Mapping[str, JointReading], linear: frozenset[str], comm
     for name, joint in joints.items():
         unit = "m" if name in linear else "rad"
         interface = commanded.get(name, "")
-        command = f"{_number(joint.command)}<small>{escape(interface)}</small>" if joint.command is not None else "-"
+        command = (
+            f"{_number(joint.command)}<wbr><small>{escape(interface)}</small>" if joint.command is not None else "-"
+        )
         lines.append(
-            f"<tr><td><b>{escape(name)}</b></td><td>{_number(joint.position)}<small>{unit}</small></td>"
-            f"<td>{_number(joint.velocity)}<small>{unit}/s</small></td><td>{_number(joint.effort)}</td>"
+            f"<tr><td><b>{escape(name)}</b></td><td>{_number(joint.position)}<wbr><small>{unit}</small></td>"
+            f"<td>{_number(joint.velocity)}<wbr><small>{unit}/s</small></td><td>{_number(joint.effort)}</td>"
             f"<td>{command}</td></tr>"
         )
         if joint.tracking is not None:  # below the joint: a column of it is wider than a card

@@ -12,6 +12,7 @@ import os
 import signal
 import threading
 import time
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
@@ -19,13 +20,17 @@ from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.browser import LEFT_WHEEL, RIGHT_WHEEL, RobotPage, without_webgl
 from support.floor import plant_text
 from support.host import eventually
+from support.pages import AXIS, NODE, state
 from support.robotview import DIFF_DRIVE, RIGHT, STANDING
 
+import canopen_control
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.rpc.messages.robot import GetStatus
+from canopen_control.view.words import axis_rows, drive_table, joint_table
 
 pytestmark = pytest.mark.browser
 
+PAGE_STYLE = Path(canopen_control.__file__).parent / "view" / "elements" / "page.css"
 SOCKET = "_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 
 
@@ -291,3 +296,28 @@ def test_a_simulated_base_has_its_own_way_beside_that_of_odometry(show, stage, k
     _what_nobody_sees_is_not_drawn(page)
     page.page.reload()
     assert eventually(lambda: len(page.page.evaluate("window.ccScene?.trail('truth') || []")) > 50, 20)
+
+
+@pytest.mark.parametrize("width", [390, 1100, 1440])
+def test_the_tables_stay_within_their_cards(chromium, width):
+    states = ("OPERATION_ENABLED", "READY_TO_SWITCH_ON", "FAULT_REACTION_ACTIVE", "QUICK_STOP_ACTIVE")
+    names = [f"front_left_steering_{number}" for number in range(len(states))]
+    nodes = {
+        name: NODE | {"node_id": 100, "axes": [AXIS | {"joint": name, "cia402_state": each}]}
+        for name, each in zip(names, states, strict=True)
+    }
+    tracking = {"interface": "position", "error_max": 0.0123, "error_rms": 0.00345, "skipped": 123, "repeated": 1234}
+    joint = {"position": -12345.6, "velocity": -1234.5, "effort": -123.4, "command": -1234.5, "tracking": tracking}
+    shown = state(nodes=nodes, joints=dict.fromkeys(names, joint))
+    tables = {
+        "drives": drive_table(axis_rows(shown)),
+        "joints": joint_table(shown.joints, frozenset(), dict.fromkeys(names, "velocity")),
+    }
+    panels = "".join(f"<section class='cc-panel cc-p-{key}'>{table}</section>" for key, table in tables.items())
+    page = chromium.new_page(viewport={"width": width, "height": 900})
+    page.set_content(f"<style>{PAGE_STYLE.read_text()}</style><main class='cc-page'><p></p><p></p>"
+                     f"<div class='cc-right'>{panels}</div></main>")  # fmt: skip
+    wider = "[...document.querySelectorAll('.cc-panel')].map(each => each.scrollWidth - each.clientWidth)"
+    assert page.evaluate(wider) == [0, 0]
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    page.close()

@@ -27,7 +27,7 @@ def test_everything_is_on_the_page_and_stop_is_before_it():
         return html(user), user._client.body_html
 
     text, body = made(context, act)
-    for words in ("pair", "running", "enabled, follows commands", "2.50<small>velocity", "Nothing has happened"):
+    for words in ("pair", "running", "enabled, follows commands", "2.50<wbr><small>velocity", "Nothing has happened"):
         assert words in text
     assert 'id="cc-stop-button"' in body
 
