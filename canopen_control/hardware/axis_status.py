@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
 from canopen_control.cia402.drive_goal import Goal
+from canopen_control.errors import SdoAbort
 
 if TYPE_CHECKING:
     from canopen_control.cia301.sdo_client import SdoRequest
@@ -85,6 +86,11 @@ class AxisStatus:
         stopping = self._holds_load or now - self._blind_since < BLIND_STOP_NS
         return _QUICK_STOP_WORD if stopping else 0
 
+    @property
+    def invisible(self) -> bool:
+        """Whether nothing shows the statusword: no TPDO, and the node refuses to tell it by SDO."""
+        return self.word is None and self._by_sdo.refused
+
     def came(self) -> None:
         """Say that the node is operational, or its TPDO is back."""
         self._by_sdo.end()
@@ -102,6 +108,8 @@ class StatuswordBySdo:
     """The statusword of an axis whose TPDO does not come any more."""
 
     def __init__(self, axis: Axis) -> None:
+        self.refused = False
+        """Whether the node has answered by an abort, which another request will not change."""
         self._axis = axis
         self._value: int | None = None
         self._stamp = 0
@@ -112,6 +120,7 @@ class StatuswordBySdo:
     def end(self) -> None:
         """Say that the TPDO is back, or the node gone."""
         self._since = self._value = None
+        self.refused = False
 
     def word(self, last: int | None, now: int) -> int | None:
         """Return the statusword; `last` is the one that the TPDO brought before it failed, None: it never came."""
@@ -126,6 +135,7 @@ class StatuswordBySdo:
 
     def _answered(self, request: SdoRequest, asked: int) -> None:
         self._asking = False
+        self.refused = self._since is not None and isinstance(request.error, SdoAbort)
         if request.error is None and self._since is not None:
             self._value, self._stamp = int.from_bytes(request.data[:2], "little"), asked
 

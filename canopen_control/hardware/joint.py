@@ -16,7 +16,7 @@ from canopen_control.cia402.modes import OperationMode, require_mode
 from canopen_control.cia402.setpoint import SetPointReached, SetPointTaken
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import DriveError
-from canopen_control.hardware.axis_power import RISING, Action, AxisState, Trigger
+from canopen_control.hardware.axis_power import RISING, STOPPED, Action, AxisState, Trigger
 from canopen_control.hardware.axis_status import BLIND_STOP_NS, AxisStatus
 from canopen_control.hardware.homing_run import HomingPhase, HomingRun
 from canopen_control.hardware.interfaces import POSITION, TARGET
@@ -116,6 +116,11 @@ class JointDrive(JointParts):
         self._abort_homing("stopped")
         if self.power.falling and not self.machine.enabled:
             self._fire(Trigger.DRIVE_LEFT)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it moves under power no more, as far as anybody can see; waiting shows no more."""
+        return self.power.state in STOPPED and (self.machine.reached or self._status.invisible)
 
     def quick_stop(self) -> None:
         """Use the drive's quick stop (0x605A); it is disabled or holds afterwards, as that says."""

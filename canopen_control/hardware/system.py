@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.objects import AXES
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface, nearest
-from canopen_control.hardware.axis_power import STOPPED
 from canopen_control.hardware.device_parts import DeviceParts, is_measured
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, TARGET, ReturnType
 from canopen_control.hardware.joint import JointDrive
@@ -184,13 +183,7 @@ class CanopenSystem(Lifecycle):
     @property
     def stopped(self) -> bool:
         """Whether no joint moves under power any more, and no output waits to be sent."""
-        return (
-            all(
-                not joint.node.ready or (joint.power.state in STOPPED and joint.machine.reached)
-                for joint in self.joints
-            )
-            and not self.devices.sending
-        )
+        return all(not joint.node.ready or joint.stopped for joint in self.joints) and not self.devices.sending
 
     def _moved(self, interfaces: Sequence[str]) -> dict[JointDrive, list[str]]:
         """Return the joints that these interfaces move, and by which of theirs."""

@@ -130,8 +130,8 @@ class NodeLog:
         elif self._duplicates.stuck and not was_stuck:
             text = (
                 "it sends its boot-up (0x00) again and again, as others send heartbeats, and never shows a state: it "
-                "did not leave INITIALISING after a reset; restart its program, and if it is a LocalNode of python "
-                "canopen give it `reset_communication: false` in bus.yml"
+                "did not leave INITIALISING after a reset. Its program has to (a LocalNode of python canopen: "
+                "node.nmt.state = 'PRE-OPERATIONAL' after each reset), or restart it"
             )
             self.tell(now, "boot_up_repeated", text, Level.ERROR)
 

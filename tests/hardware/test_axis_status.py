@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from canopen_control.cia402.drive_goal import Goal
+from canopen_control.errors import SdoAbort, SdoTimeout
 from canopen_control.hardware.axis_status import (
     BLIND_STOP_NS,
     GRACE_NS,
@@ -94,6 +95,22 @@ def test_one_that_never_came_is_asked_for_by_sdo_where_an_end_waits_for_it(goal,
     axis.node.answer(b"\x50\x02")
     status.update(MS)
     assert status.word == 0x0250
+
+
+def test_one_that_the_node_refuses_to_tell_is_invisible_until_its_tpdo_comes():
+    axis = make_axis()
+    axis.pdo.stamp = -1
+    status = AxisStatus(axis, SimpleNamespace(mode=9, goal=Goal.DISABLED))
+    status.update(0)
+    axis.node.answer(b"", error=SdoTimeout(5, 0x6041, 0, 0.5))
+    status.update(POLL_NS)
+    assert not status.invisible
+    axis.node.answer(b"", error=SdoAbort(5, 0x6041, 0, 0x060A0023, ""))
+    status.update(2 * POLL_NS)
+    assert status.invisible
+    axis.pdo.stamp = 1
+    status.update(3 * POLL_NS)
+    assert not status.invisible
 
 
 def test_when_it_stays_away_the_last_one_holds_for_a_while_then_the_sdos_then_none():
