@@ -83,6 +83,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "counts_per_revolution": "device units per turn of the motor: instead of the four scales",
         "gear_ratio": "motor turns per turn of the joint, a number or [motor turns, joint turns]",
         "reversed": "the motor turns against the joint",
+        "guesses": "the keys whose values nobody has measured yet: `init` writes it, `check` names them",
         "homing_timeout_seconds": "s that homing may take",
         "recovery": "how far a node that comes back goes by itself: booted, or enabled again too",
         "missed_syncs": "SYNCs without its TPDOs until its feedback is stale and the robot stops; on `local:` and "

@@ -22,8 +22,10 @@ __all__ = [
     "PositionUnwrapper",
     "Scale",
     "counts_per_revolution",
+    "is_feed",
     "rpm_of_unit",
     "to_object",
+    "told_counts",
     "wrap_int32",
 ]
 
@@ -60,6 +62,34 @@ def counts_per_revolution(
     if not all(part > 0 for pair in pairs for part in pair):
         raise ConfigError(f"0x608F {encoder_resolution}, 0x6091 {gear_ratio}, 0x6092 {feed_constant}: none may be 0")
     return math.prod(numerator / denominator for numerator, denominator in pairs)
+
+
+def is_feed(feed_constant: tuple[int, int]) -> bool:
+    """Whether 0x6092 defines a unit of the user's: 1/1 does not, it is what drives hold whose unit is the count.
+
+    By the letter of CiA 402-2 the unit would be a whole turn then, in which no drive could be positioned.
+    """
+    return feed_constant[0] != feed_constant[1]
+
+
+def told_counts(
+    encoder_resolution: tuple[int, int] | None,
+    gear_ratio: tuple[int, int] | None = None,
+    feed_constant: tuple[int, int] | None = None,
+) -> float | None:
+    """Return the position units per revolution of the driving shaft, None where the objects say nothing of it.
+
+    They say nothing where they are absent or hold a 0, and where encoder resolution and feed constant are 1/1, as
+    devices have them that nobody has set up.
+    """
+    feed = feed_constant if feed_constant is not None and is_feed(feed_constant) else None
+    encoder = encoder_resolution if encoder_resolution is not None and is_feed(encoder_resolution) else None
+    if encoder is None and feed is None:
+        return None
+    try:
+        return counts_per_revolution(encoder or (1, 1), gear_ratio or (1, 1), feed)
+    except ConfigError:
+        return None
 
 
 def rpm_of_unit(unit: int) -> float:

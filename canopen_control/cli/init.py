@@ -1,10 +1,11 @@
 """`init`: the folder of a new robot, made of the EDS files of its devices, or of who is on a bus.
 
-It writes bus.yml, a URDF with <ros2_control> and ros2_controllers.yaml, commented, and copies the EDS. `check --strict`
-passes it, and `demo NAME` turns it at once on virtual drives. What the EDS does not tell is written as a guess and
-called one: counts per revolution, gear ratio, measures. Before real drives: `preflight`.
+It writes bus.yml, a URDF with <ros2_control> and ros2_controllers.yaml, commented, and copies the EDS. `check` passes
+it, and `demo NAME` turns it at once on virtual drives. What the EDS does not tell is written as a guess and called one
+(`guesses` in bus.yml, which `check` names): counts per revolution, gear ratio, measures. What keeps it from being run,
+such as a drive that nothing would stop, is marked in bus.yml as a PROBLEM, and told. Before real drives: `preflight`.
 
-Exit codes: 0 good, 2 wrong usage, a file that is none, or a robot that cannot be made of it.
+Exit codes: 0 good, the files are written, 2 wrong usage, a file that is none, or a robot that cannot be made of it.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ _TELLING = ((0x6502, 0), *((index, sub) for index in (0x608F, 0x6091, 0x6092) fo
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("robot", metavar="NAME", help="of the robot, and of its folder, which is made where you are")
+    parser.add_argument("robot", metavar="NAME", help="of the robot, and of its folder; or the path of that")
     parser.add_argument(
         "--eds",
         metavar="FILE",
@@ -82,14 +83,15 @@ def run(args: argparse.Namespace) -> int:
     from canopen_control.scaffold.new_robot import check_robot_name, plan_robot
     from canopen_control.scaffold.robot_folder import refuse_existing, write_robot
 
-    check_robot_name(args.robot)
-    refuse_existing(Path() / args.robot, force=args.force)
+    folder = Path(args.robot)
+    check_robot_name(folder.name)
+    refuse_existing(folder, force=args.force)
     devices = _from_files(args) if args.can is None else _from_bus(args)
     robot = plan_robot(
-        args.robot, devices, joints=args.joint, base=args.base, allow_unsupervised=args.allow_unsupervised
+        folder.name, devices, joints=args.joint, base=args.base, allow_unsupervised=args.allow_unsupervised
     )
     on_can = args.can is not None and not args.can.startswith(("local:", "memory:"))
-    print("\n".join(_lines(write_robot(robot, Path(), force=args.force), args.can if on_can else "can0")))
+    print("\n".join(_lines(write_robot(robot, folder.parent, force=args.force), args.can if on_can else "can0")))
     return 0
 
 
@@ -196,11 +198,19 @@ def _lines(written: Written, channel: str) -> list[str]:
     robot = written.robot
     lines = [f"{written.folder}/ is made: {', '.join(written.files)}"]
     lines += [_node_line(node) for node in robot.nodes]
-    lines += [f"check warns: {text}" for text in written.warnings]
+    lines += [f"check warns: {text}" for text in written.warnings if "is a guess" not in text]
     guessed = list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.told))
     if guessed:
-        lines.append(f"counts_per_revolution in bus.yml is a guess for {_some(guessed)}: the EDS tells none")
-    name = robot.name
+        lines.append(
+            f"counts_per_revolution in bus.yml is a guess for {_some(guessed)}: the EDS tells none; measure it"
+        )
+    name = str(written.folder)
+    if written.problems:
+        lines += [f"PROBLEM, marked in bus.yml too: {text}" for text in written.problems]
+        return [
+            *lines,
+            f"it does not run like this: correct {written.folder}/bus.yml, then: canopen-control check {name}",
+        ]
     if robot.is_bus_alone:
         lines.append("nothing of them is a drive or a signal that is known, so there are no controllers: a bus alone")
         return [*lines, f"boot it, on virtual devices: canopen-control run {name}"]

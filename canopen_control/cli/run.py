@@ -214,6 +214,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     try:
         prefix = f"{setup.name}: " if args.say_name else ""
         session.robot.on_event = _teller(announcer, table, len(session.robot.nodes), prefix)
+        _warn(session)
         if unclear is not None:
             _slow_down(session, unclear)
         if table:
@@ -295,6 +296,15 @@ def _unclear(setup: RobotSetup) -> SlowReason | None:
     from canopen_control.runtime.clearance import doubt
 
     return doubt(setup)
+
+
+def _warn(session: Session) -> None:
+    """Tell what `check` warns of."""
+    from canopen_control.master.event_log import Event, Level
+    from canopen_control.runtime.check import start_warnings
+
+    for text in start_warnings(session.robot.setup):
+        session.robot.report(Event(session.reactor.now(), "check", "", text, Level.WARNING))
 
 
 def _slow_down(session: Session, unclear: SlowReason) -> None:

@@ -22,6 +22,11 @@ __all__ = ["STANDSTILL", "Feedback"]
 
 STANDSTILL: Final = 0.05  # rad/s (or m/s) and below count as standing
 _STILL_NS: Final = 100_000_000  # without a velocity: how long the position must not change
+_FAR: Final = 3.0  # how many times as fast as told a motion is that doubts the unit of velocities
+_STEADY: Final = (0.7, 1.3)  # measured rpm for one that is told
+_RISING: Final = (0.25, 1.5)  # the same between two samples, of a drive that is still getting faster
+_LOOK_NS: Final = 1_000_000_000
+_DOUBTS: Final = 3  # looks one after the other
 _EXTRAS: Final = ("nmt_state", "statusword", "error_code", "age", "digital_inputs")
 _SLACK: Final = math.tau  # rad: what a shaft may be turned between two samples with no velocity to show for it
 
@@ -51,6 +56,9 @@ class Feedback:
         self._slack = round(abs(axis.scale.pos_to_dev) * _SLACK) + 1
         self._stamp = self._moved_at = 0
         self._jumps = 0
+        self._jump_speed = 0.0  # counts/s that the last jump would have been
+        self._sampled = self._sampled_before = 0  # stamps of the last two positions
+        self._looked_at = self._looked_count = self._doubts = 0
 
     def came(self) -> None:
         """Say that the node is back: its position, whatever it is, is where the joint was."""
@@ -88,6 +96,7 @@ class Feedback:
             pdo = position.pdo
             if pdo.count != self._position_count and pdo.stamp >= 0:
                 self._position_count = pdo.count
+                self._sampled_before, self._sampled = self._sampled, pdo.stamp
                 raw = pdo.values[position.position]  # type: ignore[assignment]  # as above
                 if raw != self._raw_position:
                     jump = self._take_position(raw, pdo.stamp)
@@ -124,7 +133,32 @@ class Feedback:
         if unwrap.jumps == self._jumps:
             return 0
         self._jumps = unwrap.jumps
+        self._jump_speed = unwrap.last_jump * 1e9 / max(stamp - self._sampled_before, 1)
         return unwrap.last_jump
+
+    def jumped_in_rpm(self) -> bool:
+        """Whether the last jump was the way of a drive whose velocities are in rpm, taken for counts per second."""
+        return self._is_in_rpm(self._jump_speed, _RISING)
+
+    def turns_in_rpm(self, now: int) -> bool:
+        """Whether the drive moves as one does whose velocities are in rpm; asked ten times a second, told once."""
+        count = self._axis.unwrap.count
+        moved, elapsed = count - self._looked_count, now - self._looked_at
+        self._looked_count, self._looked_at = count, now
+        in_rpm = 0 < elapsed < _LOOK_NS and self._is_in_rpm(moved * 1e9 / elapsed, _STEADY)
+        self._doubts = self._doubts + 1 if in_rpm else 0
+        return self._doubts == _DOUBTS
+
+    def _is_in_rpm(self, speed: float, bounds: tuple[float, float]) -> bool:
+        """Hold a measured speed in counts/s against the velocity that the drive tells, as rpm within `bounds`."""
+        scale, raw = self._axis.scale, self._raw_velocity
+        if raw is None or self._position is None:
+            return False
+        told = scale.velocity_from_device(raw)
+        if abs(told) <= STANDSTILL or abs(speed) < _FAR * abs(told * scale.pos_to_dev):
+            return False
+        rpm = speed * 60.0 / (abs(scale.pos_to_dev) * math.tau * raw)
+        return bounds[0] < abs(rpm) < bounds[1]
 
     def _largest_step(self, elapsed_ns: int) -> int:
         """Return what can lie between two samples: twice the way at the present velocity, and a revolution."""

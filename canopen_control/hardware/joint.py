@@ -58,6 +58,12 @@ _GONE: Final = Link.GONE  # for every cycle, as _FOLLOWING
 _STALE: Final = Link.STALE
 _LIVE: Final = Link.LIVE
 
+_IN_RPM: Final = (
+    "it turns much faster than its velocity (0x606C) says, as a drive does whose velocities are in rpm and not in "
+    "counts per second; say so by 0x60A9 in its EDS (0x00B44700), or by the four scales in bus.yml "
+    "(scale_vel_to_dev: 9.549297, scale_vel_from_dev: 0.1047198)"
+)
+
 
 class JointDrive(JointParts):
     """A joint bound to one axis of one node; the interfaces are what controllers claim.
@@ -159,9 +165,10 @@ class JointDrive(JointParts):
             jump = self.feedback.read(now)
             if jump:
                 self.reference.forget()
-                self._events.append(
-                    JointEvent("position_jump", f"its position jumped by {jump} counts; home it again", stops=True)
-                )
+                text = f"its position jumped by {jump} counts; home it again"
+                in_rpm = self.feedback.jumped_in_rpm()
+                event = ("velocity_unit", _IN_RPM) if in_rpm else ("position_jump", text)
+                self._events.append(JointEvent(*event, stops=True))
 
     def step(self, now: int) -> bool:
         """Advance the state machine by one cycle; returns whether `events` tells anything."""
@@ -222,6 +229,8 @@ class JointDrive(JointParts):
         if self._watch.turns_the_wrong_way(self.enabled):
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
             self._events.append(JointEvent("direction", text, stops=True))
+        if self.feedback.turns_in_rpm(self._now):
+            self._events.append(JointEvent("velocity_unit", _IN_RPM, stops=True))
         if self.enabled:
             self.targets.hold_others()
         if (foreign := self.targets.feed_forward.refused()) is not None:

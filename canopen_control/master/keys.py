@@ -340,6 +340,7 @@ class UnitKeys:
     counts_per_revolution: float | None = setting(None, low=1e-9, high=1e12)
     gear_ratio: float | list[int] | None = setting(None, low=1e-9, high=1e9)  # noqa: RUF009 - makes a field
     reversed: bool | None = None
+    guesses: list[str] = field(default_factory=list)
 
     def with_scale(self, to_device: float) -> UnitKeys:
         """Return these with all four scales made of one, device units per SI unit."""

@@ -37,12 +37,13 @@ if TYPE_CHECKING:
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.robot_bus import RobotBus
     from canopen_control.runtime.robot_files import RobotFiles
+    from canopen_control.runtime.setup import RobotSetup
     from canopen_control.runtime.stop_times import StopTime
     from canopen_control.runtime.sync_choice import SyncChoice
     from canopen_control.urdf.description import Description
     from canopen_control.yamlfile.problems import Problem
 
-__all__ = ["CheckOptions", "CheckReport", "check_robot"]
+__all__ = ["CheckOptions", "CheckReport", "check_robot", "start_warnings"]
 
 _RATE_HZ = 100  # of the cycle where neither SYNC nor a readable ros2_controllers.yaml gives it
 
@@ -86,6 +87,19 @@ def check_robot(files: RobotFiles, options: CheckOptions) -> CheckReport:
     checker = _Checker(files, options)
     checker.run()
     return CheckReport(tuple(sorted_findings(checker.findings)), checker.budgets, checker.sync, checker.stops)
+
+
+def start_warnings(setup: RobotSetup) -> list[str]:
+    """Return what `check` warns of in the files of a robot that was read, but for what `setup.told` says already."""
+    if setup.files.bus_alone or not setup.buses:
+        return []
+    buses, control, description = dict(setup.buses), setup.controllers, setup.description
+    found = check_rules.find(setup.files, _one_bus(buses), control, description, controllers=())
+    for config in buses.values():
+        found += check_timing(config, control, description)
+    told = "\n".join(setup.notes)
+    warnings = [each for each in sorted_findings(found) if each.severity is Severity.WARNING]
+    return [str(replace(each, source="")) for each in warnings if each.text not in told]
 
 
 class _Checker:
@@ -218,8 +232,14 @@ def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:
     first = next(iter(buses.values()), None)
     if first is None:
         return None
-    nodes = {name: node for bus in buses.values() for name, node in bus.nodes.items()}
-    return replace(first, nodes=nodes, plans={})
+    return replace(
+        first,
+        nodes={name: node for bus in buses.values() for name, node in bus.nodes.items()},
+        plans={name: plan for bus in buses.values() for name, plan in bus.plans.items()},
+        dictionaries={name: od for bus in buses.values() for name, od in bus.dictionaries.items()},
+        sections={name: place for bus in buses.values() for name, place in bus.sections.items()},
+        unreadable={name: node_id for bus in buses.values() for name, node_id in bus.unreadable.items()},
+    )
 
 
 def _period_ns(config: BusConfig, control: ControllersFile | None) -> int:

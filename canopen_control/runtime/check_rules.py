@@ -13,6 +13,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402 import objects
 from canopen_control.controllers.command_life import DEFAULT_LIFE_S, ENDLESS
 from canopen_control.controllers.controllers_file import ManagerParams, is_within
 from canopen_control.controllers.mobile_base import ONE_UPDATE
@@ -237,6 +238,62 @@ def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) ->
         yield Finding(path, joint.place.line, Severity.ERROR, text, "use the node_id of a node")
 
 
+def _guesses(robot: CheckedRobot) -> Iterator[Finding]:
+    """Name what `init` had to guess, and counts that are no counts: one for a whole turn."""
+    bus = robot.bus
+    if bus is None:
+        return
+    for node in bus.nodes.values():
+        od = bus.dictionaries.get(node.name)
+        values = [None if od is None else od.get(objects.POSITION_ENCODER_RESOLUTION, sub) for sub in (1, 2)]
+        unset = all(entry is not None and entry.value == 1 for entry in values)
+        for key in node.units.guesses:
+            place = bus.place(node.name, key)
+            severity = Severity.WARNING if unset else Severity.NOTE
+            why = (
+                "0x608F and 0x6092 of the EDS are 1/1, as a device has them that nobody has set up"
+                if unset
+                else "neither EDS nor drive tells it"
+            )
+            text = f"{node.name}: {key} is a guess: {why}"
+            yield Finding(place.path, place.line, severity, text, _MEASURE, column=place.column)
+        counts = node.units.counts_per_revolution
+        if counts is not None and counts <= 1.0:
+            place = bus.place(node.name, "counts_per_revolution")
+            text = f"{node.name}: counts_per_revolution {counts:g}: a whole turn is one count, a default and no encoder"
+            yield Finding(place.path, place.line, Severity.WARNING, text, _MEASURE, column=place.column)
+
+
+_MEASURE: Final = (
+    "measure it: jog the axis by --position 1000counts, see how far it turns, write the counts of one turn, and remove "
+    "the key from guesses"
+)
+
+
+def _blind(robot: CheckedRobot) -> Iterator[Finding]:
+    """Look for drives that tell neither where they are nor how fast they turn."""
+    bus = robot.bus
+    if bus is None:
+        return
+    for name, node in bus.nodes.items():
+        plan = bus.plans.get(name)
+        if plan is None:
+            continue
+        for offset in plan.axes:
+            carried = {mapped.index for layout in plan.tpdos for mapped in layout.objects}
+            if carried.isdisjoint({objects.POSITION_ACTUAL + offset, objects.VELOCITY_ACTUAL + offset}):
+                text = (
+                    f"{name}: no TPDO carries 0x{objects.POSITION_ACTUAL + offset:04X} or "
+                    f"0x{objects.VELOCITY_ACTUAL + offset:04X}: it is moved without anything that tells how"
+                )
+                place, od = bus.place(name, "tpdo"), bus.dictionaries[name]
+                there = any((index + offset, 0) in od for index in (objects.POSITION_ACTUAL, objects.VELOCITY_ACTUAL))
+                fix = (
+                    "map one of them" if there else f"{node.identity.dcf} has neither, so no loop can be closed over it"
+                )
+                yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
+
+
 def _no_hardware(robot: CheckedRobot) -> Iterator[Finding]:
     description = robot.description
     if description is not None and not description.hardware:
@@ -354,6 +411,8 @@ COMMAND_PERIOD_S: Final = 0.1
 
 
 RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
+    _guesses,
+    _blind,
     _shared_names,
     _unknown_controllers,
     _illegal_names,

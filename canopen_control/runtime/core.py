@@ -88,6 +88,7 @@ class RobotCore:
         self.events = EventLog()
         self.failure: str | None = None
         self.on_event: Callable[[Event], None] | None = None
+        self.has_run = False
         self.on_running: Callable[[], None] | None = None
         self.on_stopped: Callable[[], None] | None = None
         self.after_cycle: list[Callable[[int], None]] = []
@@ -379,6 +380,7 @@ class RobotCore:
         elif self._activated and (settled(self.nodes.values(), self.joints.values()) or now > self._deadline):
             self._phase, self.cycle.advance = RobotState.RUNNING, None
             self.report(Event(now, "running", "", f"{self.setup.name} runs: {self.setup.runs}"))
+            self.has_run = True
             if self.on_running is not None:
                 self.on_running()
         elif missing and now > self._deadline:

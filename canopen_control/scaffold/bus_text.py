@@ -80,6 +80,7 @@ def _head(robot: NewRobot) -> list[str]:
     return [
         f"# The CANopen bus of {robot.name}, in the format of ros2_canopen: who is on it, and what a boot writes.",
         f"# What is wrong here: canopen-control check {robot.name}. And written: canopen-control plan {robot.name}.",
+        *(f"# PROBLEM, to be solved before it can run: {text}" for text in robot.problems),
         "",
         "master:  # this computer",
         remark(f"  node_id: {robot.master_id}", "its own, which no device may have"),
@@ -155,10 +156,11 @@ def _motion(node: NewNode, drive: DriveChoice) -> list[str]:
     for interface, mode in drive.modes.items():
         lines.append(remark(f"{interface}_mode: {int(mode)}", _MODE_WORDS[mode]))
     if _by_scale(node):
-        return lines
+        return [*lines, *_guesses(drive, "channels" if len(node.joints) > 1 else "scale_pos_to_dev")]
     return [
         *lines,
         remark(f"counts_per_revolution: {drive.axes[0].counts:g}", _said(drive.axes[0])),
+        *_guesses(drive, "counts_per_revolution"),
         remark("gear_ratio: 1.0", "turns of the motor for one of the joint"),
         "# A drive that counts velocities in another unit than counts/s, such as rpm, needs four scales instead:",
         "# scale_pos_to_dev and scale_pos_from_dev (counts per rad and back), scale_vel_to_dev, scale_vel_from_dev",
@@ -189,10 +191,16 @@ def _axis_scales(joint: NewJoint) -> Iterator[str]:
     yield f"scale_vel_from_dev: {1 / velocity!r}"
 
 
+def _guesses(drive: DriveChoice, *keys: str) -> list[str]:
+    """Return the key that names what is a guess, so that `check` says it until somebody has measured it."""
+    guessed = not all(axis.told for axis in drive.axes)
+    return [remark(f"guesses: [{', '.join(keys)}]", "measure it, then remove this line")] if guessed else []
+
+
 def _said(axis: AxisChoice) -> str:
     if axis.told:
         return "position counts of one turn, as EDS or drive tells; measure them"
-    return "A GUESS: position counts of one turn of the motor; the EDS tells none"
+    return "A GUESS: position counts of one turn of the motor; neither EDS nor drive tells them"
 
 
 def _writes(node: NewNode, drive: DriveChoice) -> list[str]:
@@ -224,6 +232,8 @@ def _takes(node: NewNode, index: int, value: int) -> bool:
 
 def _pdos(drive: DriveChoice) -> list[str]:
     lines = ["", "# Process data, sent every cycle. PDOs that are not listed are switched off."]
+    if not all(axis.feedback for axis in drive.axes):
+        lines.append("# NOTHING tells where it is or how fast it turns: neither 0x6064 nor 0x606C can be mapped.")
     for key, words, uses in (("tpdo", "from the drive", drive.tpdos), ("rpdo", "to the drive", drive.rpdos)):
         if any(use.own for use in uses):
             numbers = ", ".join(str(use.number) for use in uses)

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode, mode_name, supported_modes
-from canopen_control.cia402.units import counts_per_revolution, rpm_of_unit
-from canopen_control.errors import ConfigError, RobotConfigError
+from canopen_control.cia402.units import rpm_of_unit, told_counts
+from canopen_control.errors import RobotConfigError
 from canopen_control.scaffold.pdo_choice import PdoUse, PdoWish, choose_pdos
 
 if TYPE_CHECKING:
@@ -243,14 +243,7 @@ def _counts(od: ObjectDictionary, axis: int) -> float | None:
         first, second = (_number(od, objects.axis_index(index, axis), subindex) for subindex in (1, 2))
         return (first, second) if first and second and first > 0 and second > 0 else None
 
-    encoder, feed = pair(objects.POSITION_ENCODER_RESOLUTION), pair(objects.FEED_CONSTANT)
-    feed = feed if feed not in (None, (1, 1)) else None  # of drives without units of the user: it says nothing
-    if encoder is None and feed is None:
-        return None
-    try:
-        return counts_per_revolution(encoder or (1, 1), pair(objects.GEAR_RATIO) or (1, 1), feed)
-    except ConfigError:
-        return None
+    return told_counts(*map(pair, (objects.POSITION_ENCODER_RESOLUTION, objects.GEAR_RATIO, objects.FEED_CONSTANT)))
 
 
 def _number(od: ObjectDictionary, index: int, subindex: int) -> int | None:

@@ -94,7 +94,7 @@ class NewRobot:
     """A robot that has no files yet; `sync_us` is the period of SYNC in us, `baudrate` in kbit/s.
 
     `heartbeat_ms` is how often either side tells that it is there, or is asked. `eds_names` says what the copies of
-    EDS files are called, where that is decided.
+    EDS files are called, where that is decided. `problems` are sentences about what bars it from being run as it is.
     """
 
     name: str
@@ -106,6 +106,7 @@ class NewRobot:
     heartbeat_ms: int = 100
     allow_unsupervised: bool = False
     eds_names: dict[Path, str] = field(default_factory=dict)
+    problems: tuple[str, ...] = ()
 
     def eds_name(self, node: NewNode) -> str:
         """Return what the copy of a node's EDS is called."""
@@ -146,7 +147,7 @@ def plan_robot(
     if problems:
         raise RobotConfigError("\n".join(problems))
     names = [*joints, *BASES[base].joints(axes)[len(joints) :]]
-    nodes, number = list[NewNode](), 0
+    nodes, number, barring = list[NewNode](), 0, list[str]()
     for device in devices:
         count = len(axes_of(device.od))
         if not count:
@@ -161,7 +162,7 @@ def plan_robot(
             continue
         number += count
         if not nodes[-1].supervision.stops_alone and not allow_unsupervised:
-            problems.append(
+            barring.append(
                 f"{device.eds}: nothing stops node {device.node_id} when this computer dies: no heartbeat consumer "
                 "(0x1016) that can be set, no node guarding; with an emergency stop in reach, add --allow-unsupervised"
             )
@@ -175,6 +176,7 @@ def plan_robot(
         next(each for each in _MASTERS if each not in ids),
         _baudrate(devices),
         allow_unsupervised=allow_unsupervised,
+        problems=tuple(barring),
     )
 
 
@@ -204,8 +206,8 @@ def check_robot_name(name: str) -> None:
         better = re.sub(r"\W+", "_", name.rstrip("/").rpartition("/")[2], flags=re.ASCII).strip("_")[:_LONGEST]
         better = better if _NAME.fullmatch(better) else "my_robot"
         raise RobotConfigError(
-            f"{name!r} is no name for a robot: a letter, then letters, digits and _, {_LONGEST} at most, no path; "
-            f"call it {better!r} (its folder is made where you are)"
+            f"{name!r} is no name for a robot: a letter, then letters, digits and _, {_LONGEST} at most; "
+            f"call it {better!r}"
         )
 
 

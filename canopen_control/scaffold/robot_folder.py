@@ -1,7 +1,7 @@
 """Makes the folder of a new robot: its files are written aside, checked as `check --strict` does, then put in place.
 
 The law of this file: a folder that is there is not touched unless that is asked for, and then nothing but the files
-that are made anew; a robot in which the check finds an error is not written at all.
+that are made anew. What the check finds to be an error is written into bus.yml as a comment, and told.
 """
 
 from __future__ import annotations
@@ -39,12 +39,13 @@ _LARGEST_POWER: Final = 10
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """What was written: the robot as it is, its files, and the warnings that `check` gives."""
+    """What was written: the robot as it is, its files, the warnings that `check` gives, and the errors: problems."""
 
     robot: NewRobot
     folder: Path
     files: tuple[str, ...]
     warnings: tuple[str, ...]
+    problems: tuple[str, ...] = ()
 
 
 def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Written:
@@ -57,12 +58,12 @@ def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Writte
         robot, warnings = _make_checked(robot, made)
         names = tuple(sorted(path.name for path in made.iterdir()))
         try:
-            folder.mkdir(exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
             for name in names:
                 shutil.copyfile(made / name, folder / name)
         except OSError as error:
             raise RobotConfigError(f"{folder} cannot be written: {error.strerror}") from error
-    return Written(robot, folder, names, warnings)
+    return Written(robot, folder, names, warnings, robot.problems)
 
 
 def refuse_existing(folder: Path, *, force: bool) -> None:
@@ -87,7 +88,7 @@ def _with_distinct_files(robot: NewRobot) -> NewRobot:
 
 def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, ...]]:
     """Make the files with the shortest SYNC period that the bus carries; return the robot and what `check` warns of."""
-    errors, warnings = list[str](), tuple[str, ...]()
+    errors, warnings, robot = list[str](), tuple[str, ...](), replace(robot, problems=())
     for period in dict.fromkeys([*_told_periods(robot), *_PERIODS_US]):
         robot = replace(robot, sync_us=period)
         _make(robot, folder)
@@ -95,10 +96,8 @@ def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, .
         if not loaded:
             break
     if errors:
-        found = "\n".join(errors)
-        raise RobotConfigError(
-            f"this EDS needs a bus.yml written by hand; what was made of it would not pass:\n{found}"
-        )
+        robot = replace(robot, problems=tuple(dict.fromkeys(errors)))
+        _make(robot, folder)
     return robot, warnings
 
 

@@ -183,8 +183,9 @@ class FaceRules:
         for name, view in self._nodes.items():
             self._judge_node(faces, shown.nodes[name], view, now)
         for shaft in self._shafts:
-            told = shown.joints[shaft.joint]
-            self._judge_values(faces, shaft, told.position, told.velocity, now)
+            told = shown.joints.get(shaft.joint)
+            if told is not None:  # a joint without feedback is shown by nobody
+                self._judge_values(faces, shaft, told.position, told.velocity, now)
 
     # -- states
 

@@ -1,6 +1,6 @@
 """The objects of one axis, and its user units: what an object's number is in counts of the plant (CiA 402-2, 6.3, 7).
 
-Without a feed constant (0x6092) the user's unit is the count; with it
+Without a feed constant (0x6092), or with one of 1/1, the user's unit is the count; with another
 counts = user * encoder resolution (0x608F) * gear ratio (0x6091) / feed constant, as each of them is there. 0x6096 and
 0x6097 scale velocities and accelerations on top, whose unit is rpm where 0x60A9 says so. Bits 7 and 6 of 0x607E turn
 positions and velocities round. A zero is taken for one: no object may divide by it. Positions inside are the plant's;
@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canopen_control.cia402 import objects as o
-from canopen_control.cia402.units import rpm_of_unit
+from canopen_control.cia402.units import is_feed, rpm_of_unit
 
 if TYPE_CHECKING:
     from canopen_control.od.model import Value
@@ -52,7 +52,8 @@ class AxisUnits:
         """Take the objects as they are now."""
         polarity = objects.number(o.POLARITY)
         self.length = 1.0
-        if objects.has(o.FEED_CONSTANT, 1):
+        feed = objects.number(o.FEED_CONSTANT, 1, 1) or 1, objects.number(o.FEED_CONSTANT, 2, 1) or 1
+        if is_feed(feed):
             resolution, gear = objects.ratio(o.POSITION_ENCODER_RESOLUTION), objects.ratio(o.GEAR_RATIO)
             self.length = resolution * gear / objects.ratio(o.FEED_CONSTANT)
         per_second = objects.speed_unit or self.length

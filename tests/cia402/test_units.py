@@ -14,6 +14,7 @@ from canopen_control.cia402.units import (
     counts_per_revolution,
     rpm_of_unit,
     to_object,
+    told_counts,
     wrap_int32,
 )
 from canopen_control.errors import ConfigError
@@ -153,3 +154,22 @@ def test_no_stream_moves_the_count_by_more_than_the_largest_step(start, raws, ma
 )
 def test_the_unit_of_velocities_is_read_with_its_power_of_ten(unit, rpm):
     assert rpm_of_unit(unit) == pytest.approx(rpm)
+
+
+@pytest.mark.parametrize(
+    ("encoder", "gear", "feed", "counts"),
+    [
+        ((2000, 1), None, None, 2000),
+        ((2000, 1), (50, 1), None, 100_000),
+        ((2000, 1), None, (1, 1), 2000),
+        ((2000, 1), None, (360, 1), 360),
+        ((1, 1), None, (360, 1), 360),
+        ((1, 1), (1, 1), (1, 1), None),
+        ((1, 1), (50, 1), None, None),
+        (None, None, (1, 1), None),
+        ((7, 7), None, None, None),
+        ((2000, 0), None, None, None),
+    ],
+)
+def test_counts_of_a_turn_are_told_where_somebody_has_set_them(encoder, gear, feed, counts):
+    assert told_counts(encoder, gear, feed) == counts

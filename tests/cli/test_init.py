@@ -42,7 +42,7 @@ def test_a_robot_is_made_and_the_next_commands_are_named(capsys):
     assert capsys.readouterr().out.splitlines() == [
         "turntable/ is made: TMCM-1270.eds, bus.yml, ros2_controllers.yaml, turntable.urdf",
         "  node 5 table_drive: moves table_joint, velocity in PV",
-        "counts_per_revolution in bus.yml is a guess for table_drive: the EDS tells none",
+        "counts_per_revolution in bus.yml is a guess for table_drive: the EDS tells none; measure it",
         "turn it, on virtual devices: canopen-control demo turntable",
         "real drives, after a look at bus.yml: canopen-control preflight turntable --can can0",
     ]
@@ -99,7 +99,7 @@ def test_what_cannot_be_is_one_sentence_and_no_folder(what, capsys):
     assert "\n" not in told
 
 
-@pytest.mark.parametrize("name", ["my robot", "a/b", "..", "-", ""])
+@pytest.mark.parametrize("name", ["my robot", "a/b c", "..", "-", ""])
 def test_a_name_that_is_none_is_refused(name, capsys):
     assert "is no name for a robot" in refused(capsys, *TMCM, "--node-id", "3", "--", name)
 

@@ -127,3 +127,11 @@ def test_ctrl_c_ends_a_simulation_and_keeps_what_there_is(capsys, monkeypatch, t
     assert code == 0
     assert json.loads(out)["robot_s"] == pytest.approx(0.11)
     assert path.stat().st_size > 1000
+
+
+def test_a_robot_that_never_runs_is_exit_1_and_a_sentence(capsys, tmp_path):
+    path = tmp_path / "silent.yml"
+    path.write_text("for: 1s\nsteps:\n  - {at: 0s, node: 3, fault: silent}\n")
+    code, _, err = simulate(capsys, "robby", "--scenario", str(path))
+    assert code == 1
+    assert "robby never ran in 1 s" in err

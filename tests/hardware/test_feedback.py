@@ -165,3 +165,53 @@ def test_a_velocity_has_the_sign_of_the_motion(raw):
     feedback.put(CYCLE, raw // 50, raw)
     feedback.read(CYCLE)
     assert feedback.states["position"].value * raw > 0
+
+
+def in_rpm(feedback, *, rpm, factor, cycles=40):
+    """Turn at `rpm`; the drive tells `rpm * factor` as its velocity. Return whether that was told, and jumps."""
+    told, jumps, position = [], [], 0.0
+    for cycle in range(1, cycles + 1):
+        now = cycle * CYCLE
+        position += rpm / 60.0 * COUNTS * math.tau * CYCLE / 1e9
+        feedback.put(now, wrap_int32(round(position)), round(rpm * factor))
+        if feedback.read(now):
+            jumps.append(feedback.jumped_in_rpm())
+        if cycle % 5 == 0:
+            told.append(feedback.turns_in_rpm(now))
+    return told, jumps
+
+
+@pytest.mark.parametrize("rpm", [80, -80, 1000])
+def test_a_drive_whose_velocities_are_in_rpm_is_recognised_by_its_motion(rpm):
+    feedback, _ = make()
+    told, jumps = in_rpm(feedback, rpm=rpm, factor=1)
+    assert sum(told) == 1 or jumps
+    assert all(jumps)
+
+
+@pytest.mark.parametrize("factor", [COUNTS * math.tau / 60.0, COUNTS * math.tau / 60.0 / 2, 10.0, 30.0])
+def test_other_velocities_are_no_rpm(factor):
+    feedback, _ = make()
+    told, jumps = in_rpm(feedback, rpm=80, factor=factor)
+    assert not any(told)
+    assert not any(jumps)
+
+
+def test_a_position_that_jumps_while_it_stands_is_no_unit():
+    feedback, _ = make()
+    feedback.put(CYCLE, 0, 0)
+    feedback.read(CYCLE)
+    feedback.put(2 * CYCLE, 1_000_000, 0)
+    assert feedback.read(2 * CYCLE) == 1_000_000
+    assert not feedback.jumped_in_rpm()
+
+
+def test_a_drive_in_rpm_that_starts_after_a_long_rest_is_recognised_at_its_first_leap():
+    feedback, _ = make()
+    for cycle in range(1, 200):
+        feedback.put(cycle * CYCLE, 0, 0)
+        feedback.read(cycle * CYCLE)
+    way = round(6000 / 60.0 * COUNTS * math.tau * CYCLE / 1e9 / 2)  # while its speed rises from 0
+    feedback.put(200 * CYCLE, way, 6000)
+    assert feedback.read(200 * CYCLE) == way
+    assert feedback.jumped_in_rpm()

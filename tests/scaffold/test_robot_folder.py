@@ -1,6 +1,7 @@
 """From an EDS, as vendors write theirs, to a robot that passes `check --strict`, boots, is enabled and turns."""
 
 import math
+from pathlib import Path
 
 import pytest
 from support.drive_shapes import MAKERS, NODE, SHAPES, UNWATCHED, commissioned, shape, write_shape
@@ -13,8 +14,10 @@ from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.check import CheckOptions, check_robot
+from canopen_control.runtime.check_data import Severity
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.scaffold.bases import BASES
+from canopen_control.scaffold.drive_choice import GUESSED_COUNTS
 from canopen_control.scaffold.new_robot import Device, plan_robot
 from canopen_control.scaffold.robot_folder import write_robot
 
@@ -50,7 +53,8 @@ def test_a_drive_as_vendors_describe_theirs_is_enabled_and_turns(tmp_path, what)
     axis = written.robot.joints[0].axis
     assert (axis.interface, axis.mode.name) == (interface, mode)
     report = check_robot(find_robot(str(written.folder)), CheckOptions())
-    assert report.passes(strict=True), report.findings
+    assert report.passes(strict=what != "no feedback"), report.findings
+    assert bool(written.warnings) is (what == "no feedback")
     counts, turn = turned(written.folder, f"{interface}_controller")
     assert math.copysign(1, turn) == 1
     if mode != "VL":  # revolutions per minute, whatever the scale
@@ -104,10 +108,60 @@ def test_pdos_that_are_off_and_cannot_be_put_on_are_no_way_to_a_drive(tmp_path):
 @pytest.mark.parametrize("what", UNWATCHED)
 def test_a_drive_that_nothing_stops_needs_a_word(tmp_path, what):
     path = write_shape(tmp_path, UNWATCHED[what]())
-    with pytest.raises(RobotConfigError, match=r"nothing stops node 5 when this computer dies.*--allow-unsupervised"):
-        new_robot(tmp_path, path)
+    marked = new_robot(tmp_path, path, name="marked")
+    assert any("nothing would stop this drive when the master dies" in each for each in marked.problems)
+    assert f"# PROBLEM, to be solved before it can run: {marked.problems[0]}" in (marked.folder / "bus.yml").read_text()
+    assert not check_robot(find_robot(str(marked.folder)), CheckOptions()).passes()
     written = new_robot(tmp_path, path, allow_unsupervised=True)
+    assert written.problems == ()
     assert "allow_unsupervised: true" in (written.folder / "bus.yml").read_text()
+
+
+EDITS = Path(__file__).parents[1] / "data" / "eds_edits"
+
+
+def findings(written, words):
+    report = check_robot(find_robot(str(written.folder)), CheckOptions())
+    return [each for each in report.findings if words in each.text]
+
+
+def test_counts_of_one_in_all_factors_are_a_guess_that_check_warns_of(tmp_path):
+    written = new_robot(tmp_path, EDITS / "ones.eds")
+    axis = written.robot.joints[0].axis
+    assert (axis.told, axis.counts) == (False, GUESSED_COUNTS)
+    text = (written.folder / "bus.yml").read_text()
+    assert "A GUESS" in text
+    assert "guesses: [counts_per_revolution]" in text
+    (found,) = findings(written, "is a guess")
+    assert found.severity is Severity.WARNING
+    text = text.replace("guesses: [counts_per_revolution]", "").replace(
+        "counts_per_revolution: 4096", "counts_per_revolution: 1"
+    )
+    (written.folder / "bus.yml").write_text(text)
+    assert [each.severity for each in findings(written, "a whole turn is one count")] == [Severity.WARNING]
+
+
+def test_a_feed_constant_of_one_means_the_same_to_the_robot_and_to_the_drive(tmp_path):
+    written = new_robot(tmp_path, EDITS / "feedrpm.eds")
+    axis = written.robot.joints[0].axis
+    assert (axis.counts, axis.told, axis.rpm) == (2000, True, 1.0)
+    counts, turn = turned(written.folder, "velocity_controller")
+    assert 0.3 < turn / counts < 1.1
+
+
+def test_a_drive_without_feedback_is_written_and_told_and_simulated(tmp_path):
+    written = new_robot(tmp_path, EDITS / "nofb.eds")
+    (found,) = findings(written, "no TPDO carries 0x6064 or 0x606C")
+    assert found.severity is Severity.WARNING
+    assert "nofb.eds has neither" in found.fix
+    assert any("no TPDO carries" in each for each in written.warnings)
+    assert "# NOTHING tells where it is or how fast it turns" in (written.folder / "bus.yml").read_text()
+
+
+def test_a_robot_may_be_made_in_a_folder_that_is_not_there(tmp_path):
+    written = new_robot(tmp_path / "a" / "b", EDITS / "feedrpm.eds")
+    assert written.folder == tmp_path / "a" / "b" / "fresh"
+    assert check_robot(find_robot(str(written.folder)), CheckOptions()).passes(strict=True)
 
 
 BUILT = [name for name, base in BASES.items() if base.type_name in TYPES]

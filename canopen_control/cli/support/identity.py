@@ -80,7 +80,7 @@ def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
             continue
         vendor = _default(od, 1, od.device.vendor_number)
         product = _default(od, 2, od.device.product_number)
-        if product:  # without one it would fit to every device that tells nothing
+        if product or vendor:  # without either it would fit to every device that tells nothing
             known.append(KnownEds(path, vendor, product, _default(od, 3, od.device.revision_number)))
     return known, refused
 
@@ -99,12 +99,18 @@ def match_eds(identity: NodeIdentity, known: Iterable[KnownEds]) -> tuple[KnownE
         eds for eds in known if (eds.vendor_id, eds.product_code) == (identity.vendor_id or 0, identity.product_code)
     ]
     if not same:
-        return None, ""
+        return _of_the_vendor(identity, known)
     exact = [eds for eds in same if eds.revision_number == identity.revision_number]
     best = (exact or sorted(same, key=lambda eds: eds.revision_number))[-1]
     if exact:
         return best, ""
     return best, f"for revision 0x{best.revision_number:08X}"
+
+
+def _of_the_vendor(identity: NodeIdentity, known: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
+    """Return the one file of the vendor that has no product code, as some vendors write theirs."""
+    same = [eds for eds in known if not eds.product_code and eds.vendor_id and eds.vendor_id == identity.vendor_id]
+    return (same[0], "without a product code, chosen by its vendor") if len(same) == 1 else (None, "")
 
 
 def differences(identity: NodeIdentity, expected: Mapping[str, int]) -> list[str]:

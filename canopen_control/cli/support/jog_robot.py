@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import tempfile
 from dataclasses import replace
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.client import find_robots
 from canopen_control.controllers.params import Params
+from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.runtime.background import BackgroundRobot
 from canopen_control.runtime.clearance import limit_speed
 from canopen_control.runtime.robot_files import BUS, find_robot
@@ -48,6 +50,8 @@ def choose_jog(device: Device, interface: str, *, allow_unsupervised: bool) -> N
     if name in find_robots():
         name = f"{name}_{os.getpid()}"
     planned = plan_robot(name, [device], allow_unsupervised=allow_unsupervised, interfaces=(interface,))
+    if planned.problems:
+        raise RobotConfigError("\n".join(planned.problems))
     return replace(planned, heartbeat_ms=HEARTBEAT_MS)
 
 
@@ -72,7 +76,7 @@ def own_robot(
         path.write_text(bus_text(robot), encoding="utf-8")
         for node in robot.nodes:
             shutil.copyfile(node.device.eds, path.parent / robot.eds_name(node))
-        setup = _short_lived(read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True))
+        setup = _short_lived(_read(robot, path, channel))
         joint = next(each for each in robot.joints if each.axis is axis)
         names = [part.name for tag in setup.description.hardware for part in tag.joints]
         own = names[robot.joints.index(joint)]
@@ -93,6 +97,18 @@ def own_robot(
             yield JogDrive(robot.name, joint.node, own, own, axis.mode.name)
         finally:
             background.shutdown()
+
+
+def _read(robot: NewRobot, path: Path, channel: str) -> RobotSetup:
+    """Read the robot; a mistake is one of the EDS, and is told without the file that was made of it for a moment."""
+    try:
+        return read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True)
+    except ConfigError as error:
+        lines = [each for each in str(error).split("\n") if not each.startswith("    ")]
+        text = re.sub(re.escape(str(path)) + r"(:\d+)*: ", "", "\n".join(lines)).replace(f"{path.parent}{os.sep}", "")
+        raise RobotConfigError(
+            f"{robot.nodes[0].device.eds}: what follows from this EDS cannot be run:\n{text}"
+        ) from None
 
 
 def _short_lived(setup: RobotSetup) -> RobotSetup:
