@@ -136,25 +136,31 @@ class Feedback:
         self._jump_speed = unwrap.last_jump * 1e9 / max(stamp - self._sampled_before, 1)
         return unwrap.last_jump
 
-    def jumped_in_rpm(self) -> bool:
-        """Whether the last jump was the way of a drive whose velocities are in rpm, taken for counts per second."""
-        return self._is_in_rpm(self._jump_speed, _RISING)
+    def jumped_in_rpm(self, commanded: float = 0.0) -> bool:
+        """Whether the last jump was the way of a drive whose velocities are in rpm, taken for counts per second.
+
+        `commanded` is the velocity that it was sent, in rad/s: the one that it tells may lag behind.
+        """
+        raw = commanded * self._axis.scale.vel_to_dev
+        return self._is_in_rpm(self._jump_speed, _RISING, raw) or self._is_in_rpm(
+            self._jump_speed, _RISING, self._raw_velocity
+        )
 
     def turns_in_rpm(self, now: int) -> bool:
         """Whether the drive moves as one does whose velocities are in rpm; asked ten times a second, told once."""
         count = self._axis.unwrap.count
         moved, elapsed = count - self._looked_count, now - self._looked_at
         self._looked_count, self._looked_at = count, now
-        in_rpm = 0 < elapsed < _LOOK_NS and self._is_in_rpm(moved * 1e9 / elapsed, _STEADY)
+        in_rpm = 0 < elapsed < _LOOK_NS and self._is_in_rpm(moved * 1e9 / elapsed, _STEADY, self._raw_velocity)
         self._doubts = self._doubts + 1 if in_rpm else 0
         return self._doubts == _DOUBTS
 
-    def _is_in_rpm(self, speed: float, bounds: tuple[float, float]) -> bool:
-        """Hold a measured speed in counts/s against the velocity that the drive tells, as rpm within `bounds`."""
-        scale, raw = self._axis.scale, self._raw_velocity
+    def _is_in_rpm(self, speed: float, bounds: tuple[float, float], raw: float | None) -> bool:
+        """Hold a measured speed in counts/s against a velocity of the drive's, as rpm within `bounds`."""
+        scale = self._axis.scale
         if raw is None or self._position is None:
             return False
-        told = scale.velocity_from_device(raw)
+        told = raw * scale.vel_from_dev
         if abs(told) <= STANDSTILL or abs(speed) < _FAR * abs(told * scale.pos_to_dev):
             return False
         rpm = speed * 60.0 / (abs(scale.pos_to_dev) * math.tau * raw)

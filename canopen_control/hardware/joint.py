@@ -19,7 +19,7 @@ from canopen_control.errors import DriveError
 from canopen_control.hardware.axis_power import RISING, STOPPED, Action, AxisState, Trigger
 from canopen_control.hardware.axis_status import BLIND_STOP_NS, AxisStatus
 from canopen_control.hardware.homing_run import HomingPhase, HomingRun
-from canopen_control.hardware.interfaces import POSITION, TARGET
+from canopen_control.hardware.interfaces import POSITION, TARGET, VELOCITY
 from canopen_control.hardware.joint_events import JointEvent, StatusWatch, joint_event_of
 from canopen_control.hardware.joint_parts import JointParts
 from canopen_control.hardware.mode_choice import listed_modes
@@ -166,7 +166,9 @@ class JointDrive(JointParts):
             if jump:
                 self.reference.forget()
                 text = f"its position jumped by {jump} counts; home it again"
-                in_rpm = self.feedback.jumped_in_rpm()
+                command = self.targets.tracked
+                sent = command.value if command is not None and command.quantity == VELOCITY else 0.0
+                in_rpm = self.feedback.jumped_in_rpm(sent)
                 event = ("velocity_unit", _IN_RPM) if in_rpm else ("position_jump", text)
                 self._events.append(JointEvent(*event, stops=True))
 
