@@ -90,16 +90,18 @@ def check_robot(files: RobotFiles, options: CheckOptions) -> CheckReport:
 
 
 def start_warnings(setup: RobotSetup) -> list[str]:
-    """Return what `check` warns of in the files of a robot that was read, but for what `setup.told` says already."""
-    if setup.files.bus_alone or not setup.buses:
+    """Return what `check` warns of in the files of a robot that was read."""
+    if setup.files.bus_alone:
         return []
     buses, control, description = dict(setup.buses), setup.controllers, setup.description
-    found = check_rules.find(setup.files, _one_bus(buses), control, description, controllers=())
+    found = check_rules.find(setup.files, _one_bus(buses), control, description)
     for config in buses.values():
         found += check_timing(config, control, description)
-    told = "\n".join(setup.notes)
+        for note in config.notes:  # those with a place are warnings
+            told = check_rules.findings_of(note, config.path, 0, Severity.WARNING)
+            found += [each for each in told if each.line]
     warnings = [each for each in sorted_findings(found) if each.severity is Severity.WARNING]
-    return [str(replace(each, source="")) for each in warnings if each.text not in told]
+    return [str(replace(each, source="")) for each in warnings]
 
 
 class _Checker:

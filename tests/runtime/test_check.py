@@ -8,9 +8,10 @@ import pytest
 from support.robots import copy_robby
 
 from canopen_control.data_files import data_names, data_path
-from canopen_control.runtime.check import CheckOptions, check_robot
+from canopen_control.runtime.check import CheckOptions, check_robot, start_warnings
 from canopen_control.runtime.check_data import Severity
 from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
 
 
 def check(config, **options):
@@ -252,3 +253,13 @@ def test_a_robot_on_drives_needs_one(tmp_path):
         error,
     )
     assert check(config, mock=True).passes()
+
+
+def test_a_start_tells_every_warning_of_the_check_and_no_note(tmp_path):
+    config = copy_robby(tmp_path, bus={"polling: false": "polling: false\n  foo_bar: 1"})
+    shutil.copy(REPORTS.parent / "tutorials" / "gazebo_diff_drive.yaml", config / "ros2_controllers.yaml")
+    wanted = [each for each in check(config).findings if each.severity is Severity.WARNING]
+    told = start_warnings(read_robot(find_robot(str(config))))
+    assert len(told) == len(wanted) > 5
+    assert all(any(each.text in text for text in told) for each in wanted)
+    assert start_warnings(read_robot(find_robot("robby"))) == []
