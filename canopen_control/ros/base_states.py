@@ -12,7 +12,7 @@ from canopen_control.ros.controller_state import ControllerState
 from canopen_control.ros.conversions import unknown_as_nan
 from canopen_control.ros.endpoint import Endpoint, NewSamples
 from canopen_control.ros.frames import odometry_transform
-from canopen_control.ros.interfaces import interface
+from canopen_control.ros.interfaces import interface, put
 from canopen_control.ros.qos import SYSTEM_DEFAULT
 from canopen_control.rpc.messages.samples import MecanumSample, OdometrySample, SteeringSample
 
@@ -54,7 +54,8 @@ class SteeringState(ControllerState[SteeringSample]):
         message.traction_wheels_position = _numbers(sample.traction_positions)
         message.traction_wheels_velocity = _numbers(sample.traction_velocities)
         message.steer_positions = _numbers(sample.steering)
-        message.linear_velocity_command = _numbers(sample.traction_commands)
+        commands = _numbers(sample.traction_commands)
+        put(message, linear_velocity_command=commands, traction_command=commands)  # the latter in newer ones
         message.steering_angle_command = _numbers(sample.steering_commands)
 
 

@@ -19,7 +19,6 @@ from nav_msgs.msg import Odometry
 
 from canopen_control.ros.conversions import diagonal, seconds_of
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples, success_of
-from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
 from canopen_control.ros.twist_subscription import TwistSubscription
@@ -105,8 +104,8 @@ class OdometrySetting(Endpoint):
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name
-        kind: Any = interface("control_msgs/srv/SetOdometry")
-        self._service = ros.serve(kind, f"{controller.name}/set_odometry", self._answer)
+        name = f"{controller.name}/set_odometry"
+        self._service = ros.serve("control_msgs/srv/SetOdometry", name, self._answer)
 
     def close(self) -> None:
         """Leave the graph."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.ros.conversions import unknown_as_nan
 from canopen_control.ros.endpoint import Endpoint, NewSamples
-from canopen_control.ros.interfaces import interface
+from canopen_control.ros.interfaces import MissingInterface, interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import SYSTEM_DEFAULT
 from canopen_control.rpc.messages.samples import BatteriesSample
@@ -34,10 +34,15 @@ class BatteryTopics(Endpoint):
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._name, self._samples = ros, controller.name, NewSamples(BatteriesSample)
         self._one: Any = interface("sensor_msgs/msg/BatteryState")
-        self._array: Any = interface("control_msgs/msg/BatteryStateArray")
         make = ros.node.create_publisher
         self._together = make(self._one, f"{self._name}/battery_state", SYSTEM_DEFAULT)
-        self._each = make(self._array, f"{self._name}/raw_battery_states", SYSTEM_DEFAULT)
+        self._each: Any = None
+        try:
+            self._array: Any = interface("control_msgs/msg/BatteryStateArray")
+        except MissingInterface as error:
+            ros.leave_out(error.name)
+        else:
+            self._each = make(self._array, f"{self._name}/raw_battery_states", SYSTEM_DEFAULT)
 
     def on_state(self, state: StateSample) -> None:
         """Publish what is new."""
@@ -46,14 +51,14 @@ class BatteryTopics(Endpoint):
             return
         if self._together.get_subscription_count():
             self._together.publish(self._message(sample.together, sample.time))
-        if self._each.get_subscription_count():
+        if self._each is not None and self._each.get_subscription_count():
             self._each.publish(
                 self._array(battery_states=[self._message(each, sample.time) for each in sample.batteries])
             )
 
     def close(self) -> None:
         """Leave the topics."""
-        for publisher in (self._together, self._each):
+        for publisher in filter(None, (self._together, self._each)):
             self._ros.node.destroy_publisher(publisher)
 
     def _message(self, battery: BatteryReading, time: float) -> RosMessage:

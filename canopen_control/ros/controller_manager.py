@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from canopen_control.ros.endpoint import Endpoint
-from canopen_control.ros.interfaces import interface
+from canopen_control.ros.interfaces import interface, made
 from canopen_control.rpc.messages.robot import (
     ROBOT,
     CleanupController,
@@ -50,7 +50,7 @@ class ControllerManagerServices(Endpoint):
         self._ros = ros
         self._state_class = interface("lifecycle_msgs/msg/State")
         self._services = [
-            ros.serve(interface(f"controller_manager_msgs/srv/{kind}"), f"controller_manager/{name}", handler)
+            ros.serve(f"controller_manager_msgs/srv/{kind}", f"controller_manager/{name}", handler)
             for name, kind, handler in self._table()
         ]
 
@@ -92,7 +92,8 @@ class ControllerManagerServices(Endpoint):
         def fill(answer: tuple[ControllerReading, ...]) -> None:
             commanded = {name for each in answer for name in each.claims}
             response.controller = [
-                make(
+                made(
+                    make,
                     name=each.name,
                     state=each.state,
                     type=each.type,
@@ -154,7 +155,8 @@ class ControllerManagerServices(Endpoint):
 
         def fill(answer: list[HardwareReading]) -> None:
             response.component = [
-                make(
+                made(
+                    make,
                     name=each.name,
                     type=each.type,
                     plugin_name=each.plugin,
@@ -195,7 +197,8 @@ class ControllerManagerServices(Endpoint):
     def _interfaces(self, told: Iterable[InterfaceReading]) -> list[Any]:
         make = interface("controller_manager_msgs/msg/HardwareInterface")
         return [
-            make(
+            made(
+                make,
                 name=each.name,
                 data_type="double",
                 is_available=each.available,

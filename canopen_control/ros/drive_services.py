@@ -17,7 +17,6 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.ros.endpoint import COMMANDER, Endpoint
-from canopen_control.ros.interfaces import interface
 from canopen_control.ros.sdo_services import NodeSdo, master_handlers
 from canopen_control.rpc.messages.robot import AxisDone, AxisRequest, CommandController, NmtRequest
 
@@ -94,7 +93,7 @@ class DriveServices(Endpoint):
     def __init__(self, ros: Ros, node: NodeView, targets: Targets, joint: str | None = None) -> None:
         self._ros, self._node, self._targets, self._own = ros, node, targets, joint
         self._state: StateSample | None = None
-        trigger = interface("std_srvs/srv/Trigger")
+        trigger = "std_srvs/srv/Trigger"
         self._services = [
             ros.serve(trigger, node.path(name), self._trigger(asking(node.name, joint)))
             for name, asking in (TRIGGERS if node.joints else PROXY_TRIGGERS).items()
@@ -106,10 +105,9 @@ class DriveServices(Endpoint):
             if isinstance(request := asking(node.name, channel.joint), AxisRequest)
         ]
         self._services += [
-            ros.serve(interface(kind), node.path(name), handler)
-            for name, kind, handler in NodeSdo(ros, node.name).handlers()
+            ros.serve(kind, node.path(name), handler) for name, kind, handler in NodeSdo(ros, node.name).handlers()
         ]
-        target = interface("canopen_interfaces/srv/COTargetDouble")
+        target = "canopen_interfaces/srv/COTargetDouble"
         self._services += [
             ros.serve(target, node.path("target", channel), self._target(channel))
             for channel in node.channels or ((None,) if node.joints else ())
@@ -179,9 +177,7 @@ class MasterServices(Endpoint):
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
-        self._services = [
-            ros.serve(interface(kind), f"master/{name}", handler) for name, kind, handler in master_handlers(ros)
-        ]
+        self._services = [ros.serve(kind, f"master/{name}", handler) for name, kind, handler in master_handlers(ros)]
 
     def close(self) -> None:
         """Leave the graph."""

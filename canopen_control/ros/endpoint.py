@@ -64,8 +64,14 @@ class Ros(Protocol):
     def unsubscribe(self, subscription: object) -> None:
         """Leave a topic."""
 
-    def serve(self, kind: type, name: str, handler: Handler) -> object:
-        """Make a service; `handler(request, response, reply)` is called on the reactor's thread and never blocks."""
+    def serve(self, kind: str, name: str, handler: Handler) -> object:
+        """Make a service of the interface `kind`; where this ROS has none of it, it is left out, which is told.
+
+        `handler(request, response, reply)` is called on the reactor's thread and never blocks.
+        """
+
+    def leave_out(self, interface: str) -> None:
+        """Tell that something is left out, since this ROS does not have an interface; once for each."""
 
     def unserve(self, service: object) -> None:
         """Leave a service."""

@@ -65,8 +65,7 @@ class Lifecycle(Endpoint):
             ("get_available_transitions", "GetAvailableTransitions", self._transitions),
         )
         self._services = [
-            ros.serve(interface(f"lifecycle_msgs/srv/{kind}"), f"{path}/{name}", handler)
-            for name, kind, handler in table
+            ros.serve(f"lifecycle_msgs/srv/{kind}", f"{path}/{name}", handler) for name, kind, handler in table
         ]
         self._actions = {"activate": self._activate, "deactivate": self._deactivate, "shutdown": self._deactivate}
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from canopen_control.ros.endpoint import serve as make_service
+from canopen_control.ros.interfaces import MissingInterface, interface
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,6 +41,9 @@ class Shared(Protocol):
     def frame(self, name: str) -> str:
         """Return the name by which ROS knows a frame: with the robot's prefix."""
 
+    def leave_out(self, interface: str) -> None:
+        """Tell that this ROS does not have an interface."""
+
     def warn_of(self, node: Node, key: str, text: str) -> None:
         """Tell the user, rarely."""
 
@@ -67,7 +71,7 @@ class OnNode:
         self.robot = shared.robot
         self.command, self.hand_over, self.connect = shared.command, shared.hand_over, shared.connect
         self.watch_process_data, self.call, self.ask = shared.watch_process_data, shared.call, shared.ask
-        self.unix, self.frame = shared.unix, shared.frame
+        self.unix, self.frame, self.leave_out = shared.unix, shared.frame, shared.leave_out
 
     @property
     def controllers(self) -> dict[str, ControllerReading]:
@@ -94,8 +98,11 @@ class OnNode:
         """Leave a topic, between two callbacks."""
         self.call(lambda: self.node.destroy_subscription(subscription))
 
-    def serve(self, kind: type, name: str, handler: Handler) -> object:
-        """Make a service; `handler(request, response, reply)` is called on the reactor's thread and never blocks."""
+    def serve(self, kind: str, name: str, handler: Handler) -> object:
+        """Make a service of the interface `kind`; None where this ROS has none of it, which is told.
+
+        `handler(request, response, reply)` is called on the reactor's thread and never blocks.
+        """
 
         def guarded(request: object, response: object, reply: Reply) -> None:
             try:
@@ -107,8 +114,13 @@ class OnNode:
         def taken(request: object, response: object, reply: Reply) -> None:
             self.hand_over(lambda: guarded(request, response, reply))
 
-        return make_service(self.node, kind, name, taken)
+        try:
+            return make_service(self.node, interface(kind), name, taken)
+        except MissingInterface as error:
+            self.leave_out(error.name)
+            return None
 
     def unserve(self, service: object) -> None:
         """Leave a service, between two callbacks."""
-        self.call(lambda: self.node.destroy_service(service))
+        if service is not None:
+            self.call(lambda: self.node.destroy_service(service))

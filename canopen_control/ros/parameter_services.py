@@ -51,8 +51,7 @@ class ParameterServices(Endpoint):
             ("set_parameters_atomically", "SetParametersAtomically", self._set_together),
         )
         self._services = [
-            ros.serve(interface(f"rcl_interfaces/srv/{kind}"), f"{name}/{service}", handler)
-            for service, kind, handler in table
+            ros.serve(f"rcl_interfaces/srv/{kind}", f"{name}/{service}", handler) for service, kind, handler in table
         ]
 
     def close(self) -> None:

@@ -137,8 +137,8 @@ class FeedForwardSwitch(Endpoint):
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name
-        kind: Any = interface("std_srvs/srv/SetBool")
-        self._service = ros.serve(kind, f"{controller.name}/set_feedforward_control", self._answer)
+        name = f"{controller.name}/set_feedforward_control"
+        self._service = ros.serve("std_srvs/srv/SetBool", name, self._answer)
 
     def close(self) -> None:
         """Leave the graph."""

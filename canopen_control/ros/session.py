@@ -23,6 +23,7 @@ from canopen_control.ros.drive_services import DriveServices, MasterServices, Ta
 from canopen_control.ros.drive_topics import DriveTopics
 from canopen_control.ros.frames import Frames
 from canopen_control.ros.ground_truth import GroundTruth
+from canopen_control.ros.interfaces import MissingInterface
 from canopen_control.ros.laser_scans import LaserScans
 from canopen_control.ros.lifecycle_services import Lifecycle
 from canopen_control.ros.mailbox import Mailbox
@@ -73,6 +74,7 @@ __all__ = ["Session"]
 A = TypeVar("A")
 _JOIN_S: Final = 1.0
 _LONGEST_TOLD: Final = 500  # characters, as the robot takes them
+_LACKING_NS: Final = 1_000_000_000
 
 
 class Session:
@@ -97,6 +99,7 @@ class Session:
         self._endpoints: dict[str, list[Endpoint]] = {}
         self._common: list[Endpoint] = []
         self._told: dict[str, str] = {}
+        self._lacking: dict[str, bool] = {}  # interfaces that this ROS does not have, and whether that was told
         self._throttle = Throttle()
         self._rate = options.rate
         self._outpaced: str | None = None
@@ -135,6 +138,8 @@ class Session:
         for make in wanted:
             try:
                 self._common.append(make())
+            except MissingInterface as error:
+                self.leave_out(error.name)
             except Exception as error:  # noqa: BLE001 - a name of bus.yml that ROS refuses, an interface it lacks
                 self._warn(str(error), str(error))
 
@@ -201,6 +206,20 @@ class Session:
         prefix = self._options.frame_prefix
         has_it = prefix.endswith("/") and name.startswith(prefix)
         return name if has_it or not name else prefix + name
+
+    def leave_out(self, interface: str) -> None:
+        """Tell the run what this ROS does not have, all that comes up within a second in one sentence."""
+        if all(self._lacking.values()):
+            self._reactor.call_later(_LACKING_NS, self._tell_lacking)
+        self._lacking.setdefault(interface, False)
+
+    def _tell_lacking(self) -> None:
+        new = sorted(name for name, told in self._lacking.items() if not told)
+        self._lacking.update(dict.fromkeys(new, True))
+        if new:
+            self._tell_robot(
+                f"what needs these is left out, which the packages of this host do not have: {', '.join(new)}"
+            )
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
         """Tell the user as a node, each key once per second at most; from any thread.

@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.ros.endpoint import Endpoint
-from canopen_control.ros.interfaces import interface
 from canopen_control.rpc.messages.simulation import MAX_STEPS, PauseSimulation, ResetSimulation, StepSimulation
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ class SimulationServices(Endpoint):
         if self._services or state.sim_epoch is None:
             return
         for name, (kind, asking) in _SERVICES.items():
-            service = interface(f"mujoco_ros2_control_msgs/srv/{kind}")
+            service = f"mujoco_ros2_control_msgs/srv/{kind}"
             self._services += [self._ros.serve(service, f"{node}/{name}", self._handler(asking)) for node in _NODES]
 
     def _handler(self, asking: Callable[[RosMessage], Request[Simulation]]) -> Handler:

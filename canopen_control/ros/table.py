@@ -16,6 +16,7 @@ from canopen_control.ros.forward import ForwardCommands
 from canopen_control.ros.gpio_commands import GpioCommands
 from canopen_control.ros.gpio_states import GpioStates
 from canopen_control.ros.gripper_action import GripperAction, ParallelGripperAction
+from canopen_control.ros.interfaces import MissingInterface
 from canopen_control.ros.joint_states import JointStates
 from canopen_control.ros.node_of_joint import DeviceNode, ProxyNode
 from canopen_control.ros.pid_topics import FeedForwardSwitch, PidMeasuredStates, PidReferences, PidState
@@ -23,7 +24,7 @@ from canopen_control.ros.sensor_topics import ImuTopic, PoseTopic, RangeTopic, W
 from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from canopen_control.ros.endpoint import Endpoint, Ros
     from canopen_control.rpc.messages.state import ControllerReading
@@ -75,4 +76,12 @@ def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
     commands = OF_BASES if controller.is_base else BY_TOPIC.get(controller.topic, ())
     own = (*commands, *BY_SAMPLE.get(controller.tells, ()))
     factories = (*own, *published, *BY_TYPE.get(controller.type, ()))
-    return [make(ros, controller) for make in factories]
+    return [endpoint for make in factories for endpoint in _made(make, ros, controller)]
+
+
+def _made(make: Factory, ros: Ros, controller: ControllerReading) -> Iterator[Endpoint]:
+    """Yield an endpoint, none where this ROS does not have its interface: the controller's others are there."""
+    try:
+        yield make(ros, controller)
+    except MissingInterface as error:
+        ros.leave_out(error.name)

@@ -16,7 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from canopen_control.ros.controller_state import ControllerState
 from canopen_control.ros.endpoint import COMMANDER, Endpoint
-from canopen_control.ros.interfaces import interface
+from canopen_control.ros.interfaces import interface, put
 from canopen_control.ros.qos import KEPT_DEFAULT, SYSTEM_DEFAULT
 from canopen_control.ros.throttle import without_numbers
 from canopen_control.ros.trajectory_messages import fill_point, is_one_piece, pieces_of, seconds, stamp_of
@@ -99,7 +99,7 @@ class TrajectoryState(ControllerState[TrajectorySample]):
         fill_point(message.feedback, sample.feedback)
         fill_point(message.error, sample.error)
         fill_point(message.output, sample.output)
-        message.speed_scaling_factor = sample.speed_scaling_factor
+        put(message, speed_scaling_factor=sample.speed_scaling_factor)
 
 
 class TrajectoryQuery(Endpoint):
@@ -107,8 +107,8 @@ class TrajectoryQuery(Endpoint):
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name
-        kind: Any = interface("control_msgs/srv/QueryTrajectoryState")
-        self._service = ros.serve(kind, f"{controller.name}/query_state", self._answer)
+        name = f"{controller.name}/query_state"
+        self._service = ros.serve("control_msgs/srv/QueryTrajectoryState", name, self._answer)
 
     def close(self) -> None:
         """Leave the graph."""

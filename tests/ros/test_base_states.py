@@ -29,7 +29,7 @@ def reading(tells, axes, topic="reference"):
 @pytest.fixture
 def ros(monkeypatch):
     for module in (base_states, base_topics, controller_state):
-        monkeypatch.setattr(module, "interface", interface)
+        monkeypatch.setattr(module, "interface", interface, raising=False)
     return Ros()
 
 

@@ -157,7 +157,7 @@ def test_odometry_has_the_speed_to_the_left():
 
 
 def test_odometry_is_set_by_a_service_in_the_plane_alone(monkeypatch):
-    monkeypatch.setattr(base_topics, "interface", interface)
+    monkeypatch.setattr(base_topics, "interface", interface, raising=False)
     given = Ros()
     endpoint = OdometrySetting(given, reading(HOLONOMIC))
     response, asked = given.call("base/set_odometry", {}, x=1.0, y=-2.0, yaw=0.5)

@@ -68,7 +68,7 @@ def test_list_controllers_shows_type_state_and_claims(call):
 
 
 def test_list_controllers_shows_who_commands_whom(monkeypatch):
-    monkeypatch.setattr(controller_manager, "interface", endpoints.interface)
+    monkeypatch.setattr(controller_manager, "interface", endpoints.interface, raising=False)
     robot = endpoints.Ros()
     controller_manager.ControllerManagerServices(robot)
     names = ("loops/left/position", "loops/right/position", "loops/left/velocity", "loops/right/velocity")

@@ -49,7 +49,7 @@ def reading(kind="Proxy", joint="terminal", state="active"):
 @pytest.fixture
 def ros(monkeypatch):
     for module in (drive_services, drive_topics, sdo_services):
-        monkeypatch.setattr(module, "interface", interface)
+        monkeypatch.setattr(module, "interface", interface, raising=False)
     return Ros()
 
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from canopen_control.ros import on_node
+from canopen_control.ros.interfaces import MissingInterface
 from canopen_control.ros.on_node import OnNode
 
 pytestmark = pytest.mark.ros
@@ -24,8 +25,9 @@ def scene(monkeypatch):
         robot="robby", controllers={}, warn_of=lambda of, _key, text: told.append((of is node, text)),
         hand_over=later.append, call=lambda function: function(),
     )  # fmt: skip
-    for name in ("command", "connect", "watch_process_data", "ask", "unix", "frame"):
+    for name in ("command", "connect", "watch_process_data", "ask", "unix", "frame", "leave_out"):
         setattr(shared, name, lambda *_: None)
+    monkeypatch.setattr(on_node, "interface", lambda name: name)
     monkeypatch.setattr(on_node, "make_service", lambda _node, _kind, name, taken: made.setdefault(name, taken))
     return SimpleNamespace(ros=OnNode(shared, node), told=told, gone=gone, made=made, later=later, shared=shared)
 
@@ -43,7 +45,7 @@ def test_a_request_is_handed_over_and_one_that_raises_is_answered(scene):
     def handler(request, response, reply):
         raise KeyError(request)
 
-    scene.ros.serve(str, "get", handler)
+    scene.ros.serve("p/srv/Get", "get", handler)
     answered = []
     scene.made["get"]("request", "response", answered.append)
     assert answered == [], "not yet: it is for the other thread"
@@ -58,3 +60,16 @@ def test_what_is_left_is_destroyed_and_what_is_shared_is_the_sessions(scene):
     assert scene.gone == ["topic", "service"]
     scene.shared.controllers = {"base": 1}
     assert (scene.ros.robot, scene.ros.controllers) == ("robby", {"base": 1})
+
+
+def test_a_service_that_this_ros_has_no_interface_for_is_left_out_and_told(scene, monkeypatch):
+    def interface(name):
+        raise MissingInterface(name)
+
+    monkeypatch.setattr(on_node, "interface", interface)
+    left_out = []
+    scene.ros.leave_out = left_out.append
+    service = scene.ros.serve("p/srv/New", "new", None)
+    assert (service, left_out, "new" in scene.made) == (None, ["p/srv/New"], False)
+    scene.ros.unserve(service)
+    assert scene.gone == []

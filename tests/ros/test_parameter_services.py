@@ -21,7 +21,7 @@ READINGS = (
 @pytest.fixture
 def robot(monkeypatch):
     for module in (parameter_services, parameter_values):
-        monkeypatch.setattr(module, "interface", endpoints.interface)
+        monkeypatch.setattr(module, "interface", endpoints.interface, raising=False)
     robot = endpoints.Ros()
     robot.endpoint = ParameterServices(robot, "base")
     return robot

@@ -35,7 +35,7 @@ def reading(*interfaces, state="active"):
 @pytest.fixture
 def ros(monkeypatch):
     for module in (pid_topics, controller_state):
-        monkeypatch.setattr(module, "interface", interface)
+        monkeypatch.setattr(module, "interface", interface, raising=False)
     return Ros()
 
 

@@ -32,7 +32,7 @@ ARM = ControllerReading(name="arm", type="x/Y", state="active", interface="posit
 @pytest.fixture
 def ros(monkeypatch):
     for module in (trajectory_topics, controller_state):
-        monkeypatch.setattr(module, "interface", interface)
+        monkeypatch.setattr(module, "interface", interface, raising=False)
     return Ros()
 
 

@@ -38,14 +38,20 @@ class Ros:
 
     def __init__(self):
         self.node, self.asked, self.told, self.clients, self.commanded = self, [], [], [], []
-        self.subscriptions, self.services, self.publishers, self.left = {}, {}, [], []
+        self.subscriptions, self.services, self.publishers, self.left, self.lacking = {}, {}, [], [], []
 
     def subscribe(self, kind, topic, callback, quality):
         self.subscriptions[topic] = (kind, callback, quality)
         return topic
 
     def serve(self, kind, name, handler):
-        self.services[name] = (kind, handler)
+        self.services[name] = (interface(kind), handler)
+        return name
+
+    def leave_out(self, interface):
+        self.lacking.append(interface)
+
+    def frame(self, name):
         return name
 
     def create_publisher(self, *what):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from canopen_control.ros.interfaces.support import Supports
 
-__all__ = ["PACKAGES", "interface", "provide"]
+__all__ = ["PACKAGES", "MissingInterface", "interface", "made", "provide", "put"]
 
 PACKAGES: Final = tuple(dict.fromkeys(parts_of(name)[0] for name in DEFINITIONS))
 """The packages that can be made."""
@@ -55,12 +55,40 @@ def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
     return missing
 
 
+class MissingInterface(CanopenError):
+    """An interface that this ROS does not have, `name`: its package is older or newer than what asks for it."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"this ROS has no {name}")
+        self.name = name
+
+
 def interface(name: str) -> Any:  # noqa: ANN401 - a class made by somebody's generator, or by us
-    """Return the class of "package/msg/Name", made if need be; CanopenError when this ROS is not known."""
+    """Return the class of "package/msg/Name", made if need be.
+
+    MissingInterface when this ROS does not have it; any other CanopenError when this ROS is not known.
+    """
     package, kind, short = parts_of(name)
     if package in PACKAGES:
         provide([package])
-    return getattr(importlib.import_module(f"{package}.{kind}"), short)
+    try:
+        return getattr(importlib.import_module(f"{package}.{kind}"), short)
+    except (ImportError, AttributeError) as error:
+        raise MissingInterface(name) from error
+
+
+def made(kind: Any, **values: object) -> Any:  # noqa: ANN401 - as above
+    """Return a message with those of the values that its type has a field for on this host."""
+    known = kind.get_fields_and_field_types()
+    return kind(**{name: value for name, value in values.items() if name in known})
+
+
+def put(message: Any, **values: object) -> None:  # noqa: ANN401 - as above
+    """Put those of the values into a message that its type has a field for on this host."""
+    known = message.get_fields_and_field_types()
+    for name, value in values.items():
+        if name in known:
+            setattr(message, name, value)
 
 
 class _Factory:
