@@ -151,7 +151,7 @@ class Server(Generic[H, P]):
         except CanopenError as error:
             call.refuse(error)
         except (msgspec.DecodeError, ValueError, OverflowError, RecursionError) as error:
-            call.refuse(LocalProtocolError(f"{name}: {error}"))
+            call.refuse(LocalProtocolError(f"{name}: {wire.mistake(error)}"))
 
 
 def _complaint(kind: str, message: str) -> bytes:

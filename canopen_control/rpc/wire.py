@@ -15,8 +15,8 @@ import msgspec
 from canopen_control.host.lines import MAX_VALUES, too_many_values
 from canopen_control.rpc.messages.declare import Refusal
 
-__all__ = ["Incoming", "Raw", "answer_line", "convert", "decode", "error_line", "plain", "push_line", "read_line",
-           "read_request", "request_line", "text_of"]  # fmt: skip
+__all__ = ["Incoming", "Raw", "answer_line", "convert", "decode", "error_line", "mistake", "plain", "push_line",
+           "read_line", "read_request", "request_line", "text_of"]  # fmt: skip
 
 T = TypeVar("T")
 Id = int | str | None
@@ -71,7 +71,12 @@ def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - what `kind` sa
     except RecursionError:
         raise ValueError("it is nested too deep") from None
     except msgspec.DecodeError as error:
-        raise ValueError(_NO_NUMBER.sub(_NOT_FINITE, str(error))) from None
+        raise ValueError(mistake(error)) from None
+
+
+def mistake(error: Exception) -> str:
+    """Return msgspec's sentence; a null where a number belongs was one that is not finite, which JSON has not."""
+    return _NO_NUMBER.sub(_NOT_FINITE, str(error))
 
 
 _NO_NUMBER: Final = re.compile(r"Expected `(?:float|int)(?: \| \w+)*`, got `null`")

@@ -285,6 +285,29 @@ def test_stamps_are_judged_by_the_time_that_the_clock_was_set_to(step):
     base.close()
 
 
+def test_a_command_that_is_not_finite_is_refused_as_that(robby, client):
+    refused = client.ask("command", controller=FORWARD, values=[1.0, None])["error"]
+    assert "NaN or an infinite number" in refused["message"]
+    assert "$.values[1]" in refused["message"]
+
+
+def test_a_client_may_tell_with_a_level(robby, client):
+    client.ask("subscribe", events=True)
+    client.send(method="tell", params={"kind": "ros_warning", "text": "dropped", "level": "warning"})
+    assert client.next()["event"]["level"] == "warning"
+    assert "no level" in client.ask("tell", kind="x", text="y", level="loud")["error"]["message"]
+
+
+def test_a_command_to_a_controller_that_is_not_active_is_told_once(robby, client):
+    for _ in range(2):
+        assert (
+            "activate it"
+            in client.ask("command", controller="robby_base_controller", values=[0.1, 0.0])["error"]["message"]
+        )
+    robby.run(20)
+    assert [event.kind for event in robby.robot.events.recent].count("refused") == 1
+
+
 def test_a_client_may_tell_something_to_all_who_watch(robby, client):
     client.ask("subscribe", events=True)
     client.send(method="tell", params={"kind": "flight", "text": "it is\nwritten"})
