@@ -25,7 +25,7 @@ from canopen_control.scaffold.bases import BASES
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from canopen_control.cli.scan import FoundNode
     from canopen_control.scaffold.new_robot import Device, NewNode
@@ -143,13 +143,14 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
     bundled = [find_eds(name) for name in data_names("eds") if name.lower().endswith(".eds")]
     survey = survey_channel(args.can, args.timeout)
     match_files(survey, [*bundled, *files])
+    _take_given(survey.found.values(), files)
     nodes = [node for node_id, node in survey.found.items() if node_id != survey.master_id]
     if not nodes:
         raise CanopenError(f"nobody answers on {survey.channel}; is it powered, and the bit rate right?")
     devices = []
     for node in nodes:
         if node.eds is None:
-            print(f"canopen-control: left out: {_unknown(node)}", file=sys.stderr)
+            print(f"canopen-control: left out: {_unknown(node, args.eds)}", file=sys.stderr)
         else:
             devices.append(_device(Path(node.eds), node.node_id, _who(node)))
     if not devices:
@@ -157,6 +158,17 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
     if survey.expected is None:  # no robot runs there, whose drives nobody else may ask
         ask_drives(survey.channel, devices, args.timeout)
     return devices
+
+
+def _take_given(nodes: Iterable[FoundNode], files: Sequence[Path]) -> None:
+    """Give the one file that has no product code to the devices that no other fits, unless its vendor is another."""
+    from canopen_control.cli.support.identity import vendor_and_product
+
+    without = [(file, vendor) for file in files for vendor, product in [vendor_and_product(file)] if not product]
+    for node in nodes if len(without) == 1 else ():
+        (file, vendor), identity = without[0], node.identity
+        if node.eds is None and identity is not None and vendor in (0, identity.vendor_id or 0):
+            node.eds, node.remark = str(file), "the one given, which has no product code"
 
 
 def ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
@@ -186,12 +198,15 @@ def _who(node: FoundNode) -> str:
     return ", ".join(part for part in parts if part)
 
 
-def _unknown(node: FoundNode) -> str:
+def _unknown(node: FoundNode, given: Sequence[str]) -> str:
     identity = node.identity
     if identity is None:
         return f"node {node.node_id} answers no SDO"
     vendor, product = identity.vendor_id or 0, identity.product_code or 0
-    return f"node {node.node_id}, vendor 0x{vendor:08X}, product 0x{product:08X}: no EDS fits; add its file with --eds"
+    who = f"node {node.node_id}, vendor 0x{vendor:08X}, product 0x{product:08X}"
+    if given:
+        return f"{who}: {', '.join(given)} is for another device; add its own file with --eds"
+    return f"{who}: no EDS fits; add its file with --eds"
 
 
 def _lines(written: Written, channel: str) -> list[str]:

@@ -1,6 +1,7 @@
 """The verb init: what it makes and says, and how it answers what cannot be."""
 
 import contextlib
+import re
 import shlex
 from pathlib import Path
 from typing import ClassVar
@@ -129,6 +130,49 @@ def found(monkeypatch, *nodes):
 
 def who(product, vendor=0x286, **more):
     return NodeIdentity(device_type=0x192, vendor_id=vendor, product_code=product, **more)
+
+
+def without_product(path, vendor):
+    text = data_path("eds", "TMCM-1270.eds").read_text()
+    text = re.sub(r"ProductNumber=.*", "ProductNumber=", text)
+    begin, middle, rest = text.partition("[1018sub2]")
+    rest = re.sub(r"DefaultValue=.*\n", "", rest, count=1)
+    begin = re.sub(r"VendorNumber=.*", f"VendorNumber=0x{vendor:X}", begin)
+    begin, sub1, identity = begin.partition("[1018sub1]")
+    path.write_text(begin + sub1 + re.sub(r"DefaultValue=.*", f"DefaultValue=0x{vendor:X}", identity) + middle + rest)
+    return str(path)
+
+
+@pytest.mark.parametrize(("vendor", "device"), [(0x286, 0x286), (0, 0x286), (0, 0)])
+def test_an_eds_without_a_product_code_is_taken_where_it_is_given(tmp_path, monkeypatch, capsys, vendor, device):
+    found(monkeypatch, FoundNode(5, who(0x99, vendor=device)))
+    given = without_product(tmp_path / "maker.eds", vendor)
+    assert main(["init", "found", "--can", "local:x", "--eds", given]) == 0
+    assert Path("found/maker.eds").exists()
+    assert "product code" in Path("found/bus.yml").read_text()
+
+
+def test_an_eds_that_was_given_and_is_for_another_device_is_named(tmp_path, monkeypatch, capsys):
+    found(monkeypatch, FoundNode(5, who(0x99, vendor=0x1)))
+    given = without_product(tmp_path / "maker.eds", 0x286)
+    assert main(["init", "found", "--can", "local:x", "--eds", given]) == 2
+    assert f"{given} is for another device; add its own file with --eds" in capsys.readouterr().err
+
+
+def test_a_robot_may_be_made_at_a_path(capsys):
+    assert main(["init", "robots/fresh", *TMCM, "--node-id", "3"]) == 0
+    assert "demo robots/fresh" in capsys.readouterr().out
+    assert main(["check", "robots/fresh"]) == 0
+
+
+def test_a_problem_is_marked_and_told_in_one_sentence(capsys):
+    eds = str(Path(__file__).parents[1] / "data" / "eds_edits" / "nohb.eds")
+    assert main(["init", "fresh", "--eds", eds, "--node-id", "2,3"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("PROBLEM, marked in bus.yml too:") == 1
+    assert "nothing would stop this drive" in out
+    assert "# PROBLEM" in Path("fresh/bus.yml").read_text()
+    assert main(["check", "fresh"]) == 2
 
 
 def test_who_is_on_the_bus_gets_the_eds_that_fits(monkeypatch, capsys):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import ObjectDictionary
 
-__all__ = ["KnownEds", "NodeIdentity", "differences", "match_eds", "read_known"]
+__all__ = ["KnownEds", "NodeIdentity", "differences", "match_eds", "read_known", "vendor_and_product"]
 
 #: field: (object, what it is called)
 FIELDS: dict[str, tuple[tuple[int, int], str]] = {
@@ -83,6 +83,15 @@ def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
         if product or vendor:  # without either it would fit to every device that tells nothing
             known.append(KnownEds(path, vendor, product, _default(od, 3, od.device.revision_number)))
     return known, refused
+
+
+def vendor_and_product(path: Path) -> tuple[int, int]:
+    """Return vendor and product that an EDS is for, 0 for what it does not say; (0, 1) for a file that is none."""
+    try:
+        od = read_eds(path).od
+    except EdsError:
+        return 0, 1
+    return _default(od, 1, od.device.vendor_number), _default(od, 2, od.device.product_number)
 
 
 def _default(od: ObjectDictionary, subindex: int, device: int | None) -> int:
