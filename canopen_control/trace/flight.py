@@ -71,7 +71,7 @@ class FlightRecorder:
         self.name, self.buses = name, dict(buses)
         self.said: list[str] = []
         self._reactor = reactor
-        self._wall_offset_ns = time.time_ns() - reactor.now()
+        self._begun_ns = time.time_ns() - reactor.now()
         self._frames = FrameRing(WINDOW_NS, FRAME_BYTES)
         self._states = LineRing(WINDOW_NS, STATE_BYTES)
         self._events = LineRing(None, EVENT_BYTES)
@@ -87,6 +87,14 @@ class FlightRecorder:
         self._writer: tuple[int, int] | None = None  # process id and pipe of the copy that writes
         self._finished = False
         self._liveness = LivenessReport()
+
+    @property
+    def _wall_offset_ns(self) -> int:
+        """What makes Unix time of the reactor's, by the computer's clock as it is now, as the robot stamps its events.
+
+        So a recorder that began before the clock was set, as at a boot without a battery, has the time all the same.
+        """
+        return self._begun_ns if self._reactor.clock.is_manual else time.time_ns() - self._reactor.now()
 
     def start(self) -> None:
         """Listen; a bus that cannot be listened to is left out and noted in the file."""

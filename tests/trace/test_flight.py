@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 
 import pytest
 from msgspec.structs import replace
@@ -227,4 +228,25 @@ def test_where_the_kernel_knows_when_a_frame_came_that_is_its_time(reactor):
     recorder.finish()
     times = [time for time, _, _ in read_flight(newest(flight_folder("nobody"))).frames]
     assert times[1] - times[0] in (1_500_000, 1_499_000, 1_501_000)  # the file has microseconds
-    assert abs(times[0] - recorder._wall_offset_ns - base - 1_000_000) <= 1000
+    assert abs(times[0] - recorder._wall_offset_ns - base - 1_000_000) <= 100_000_000
+
+
+def test_a_clock_that_is_set_while_it_records_is_followed(reactor, monkeypatch):
+    class Stamped:
+        stats = type("Stats", (), {"lost": 0})
+
+        def ask_stamps(self):
+            pass
+
+        def receive_stamped(self):
+            return pack_records([CanFrame(0x181)]), [reactor.now() - 1_000_000]
+
+    recorder = FlightRecorder(reactor, "nobody", {"can": "can0"})
+    now = time.time_ns
+    monkeypatch.setattr("canopen_control.trace.flight.time.time_ns", lambda: now() + 3600 * SECOND)
+    recorder._take_frames(0, Arrivals(Stamped(), reactor.now))
+    recorder._on_event(FAULT)
+    recorder.finish()
+    file = read_flight(newest(flight_folder("nobody")))
+    assert abs(file.frames[0][0] - now() - 3600 * SECOND) < 60 * SECOND
+    assert abs(file.meta.written * 1e9 - file.frames[0][0]) < 60 * SECOND
