@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.arbitration import PacedWire
 from canopen_control.bus.error_frames import bus_off_frame, has_error_frames, overrun_frame, restarted_frame
-from canopen_control.bus.wanted import MARK, STAMP_STEP_NS, Wanted, pack_stamp
+from canopen_control.bus.wanted import MARK, STAMP_STEP_NS, Wanted, own_stamp, pack_stamp
 from canopen_control.bus.wire_faults import WireFaults
 from canopen_control.frame import ERROR_FLAG, RECORD, RECORD_SIZE, CanFrame, pack_records
 
@@ -156,11 +156,11 @@ class Exchange:
     def _deliver(self, sender: int, records: bytes, at: int) -> None:
         self.frames += len(records) // RECORD_SIZE
         can_ids: list[int] | None = None
-        stamp, own = self._stamps(records, at) if self._stamping else (b"", b"")
+        stamp = self._stamp(records, at) if self._stamping else b""
         for number, member in self.members.items():
             if number == sender:
-                if own and member.wanted.echoes and not member.silent:
-                    self._put(member, records, own)
+                if stamp and member.wanted.echoes and not member.silent:
+                    self._put(member, records, own_stamp(stamp))
                 continue
             if member.silent:
                 continue
@@ -172,11 +172,12 @@ class Exchange:
                     continue
             self._put(member, records, stamp)
 
-    def _stamps(self, records: bytes, at: int) -> tuple[bytes, bytes]:
-        """Return the stamp of a chunk for others and for its sender: later than the last frame of the chunk before."""
-        at = max(at, self._next_stamp)
+    def _stamp(self, records: bytes, at: int) -> bytes:
+        """Return the stamp of a chunk, which is later than the last frame of the chunk before."""
+        if at < self._next_stamp:
+            at = self._next_stamp
         self._next_stamp = at + len(records) // RECORD_SIZE * STAMP_STEP_NS
-        return pack_stamp(at), pack_stamp(at, own=True)
+        return pack_stamp(at)
 
     def _put(self, member: Member, records: bytes, stamp: bytes) -> None:
         outbox = member.outbox
@@ -215,7 +216,7 @@ class Exchange:
             self.dirty.append(member)
         record = pack_records([frame])
         if member.wanted.stamps:
-            member.outbox += self._stamps(record, self._now)[0]
+            member.outbox += self._stamp(record, self._now)
         member.outbox += record
 
     def take_dirty(self) -> list[Member]:

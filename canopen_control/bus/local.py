@@ -89,7 +89,9 @@ class LocalPort:
             data = self._reassemble(data)
         if self._chunks is not None:
             self._chunks = [*chunks_of(data, self._chunks[-1])]
-            data = b"".join([chunk.records for chunk in self._chunks])
+            data = (
+                self._chunks[0].records if len(self._chunks) == 1 else b"".join([each.records for each in self._chunks])
+            )
         self.stats.rx += len(data) // RECORD_SIZE
         if has_error_frames(data):
             self._events.extend(note_errors(data, self.stats))
@@ -117,8 +119,12 @@ class LocalPort:
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
         """Return what `receive` does, and when the hub had each record, in monotonic ns; 0 where it does not tell."""
-        chunks = self.receive_chunks()
-        return b"".join([chunk.records for chunk in chunks]), [stamp for chunk in chunks for stamp in chunk.stamps]
+        records = self.receive()
+        if self._chunks is None:
+            return records, [0] * (len(records) // RECORD_SIZE)
+        if len(self._chunks) == 1:
+            return records, self._chunks[0].stamps if records else []
+        return records, [stamp for chunk in self._chunks for stamp in chunk.stamps] if records else []
 
     def receive_chunks(self) -> list[Chunk]:
         """Return what `receive` does, in the chunks in which it came."""

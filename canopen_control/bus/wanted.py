@@ -25,6 +25,7 @@ __all__ = [
     "Chunk",
     "Wanted",
     "chunks_of",
+    "own_stamp",
     "pack_stamp",
     "pack_wanted",
     "pack_wish",
@@ -63,9 +64,14 @@ def pack_wish(*, echo: bool = False) -> bytes:
     return _RECORD.pack(MARK, _STAMPS | (_ECHO if echo else 0), 0, 0)
 
 
-def pack_stamp(at_ns: int, *, own: bool = False) -> bytes:
-    """Return the record before a chunk that came at `at_ns`, monotonic; `own` is what its reader has sent itself."""
-    return _STAMP.pack(MARK, _OWN if own else 0, at_ns)
+def pack_stamp(at_ns: int) -> bytes:
+    """Return the record before a chunk that came at `at_ns`, monotonic."""
+    return _STAMP.pack(MARK, 0, at_ns)
+
+
+def own_stamp(stamp: bytes) -> bytes:
+    """Return the same for the reader who has sent the chunk."""
+    return MARK + bytes((_OWN,)) + stamp[len(MARK) + 1 :]
 
 
 class Chunk(NamedTuple):
@@ -90,6 +96,9 @@ class Chunk(NamedTuple):
 def chunks_of(data: bytes, before: Chunk) -> Iterator[Chunk]:
     """Part whole records at their stamps; what comes before the first stamp goes on where `before` ended."""
     at_ns, own, begin, mark = before.next_ns, before.own, 0, -1
+    if data.startswith(MARK):  # nearly always
+        _, kind, at_ns = _STAMP.unpack_from(data)
+        own, begin, mark = bool(kind & _OWN), RECORD_SIZE, RECORD_SIZE - 1
     while True:
         mark = data.find(MARK, mark + 1)
         while mark % RECORD_SIZE and mark > 0:  # data of a frame that look like it

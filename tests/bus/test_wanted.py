@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.bus.wanted import MARK, Chunk, Wanted, chunks_of, pack_stamp, pack_wanted, pack_wish
+from canopen_control.bus.wanted import MARK, Chunk, Wanted, chunks_of, own_stamp, pack_stamp, pack_wanted, pack_wish
 from canopen_control.frame import RECORD_SIZE, CanFrame, pack_records
 
 FRAME = pack_records([CanFrame(0x181, b"\xff" * 8)])
@@ -51,14 +51,14 @@ def test_stamps_and_own_frames_are_asked_for_beside_identifiers():
 
 
 def test_frames_are_parted_at_their_stamps():
-    data = FRAME + pack_stamp(5000) + FRAME * 3 + pack_stamp(9000, own=True) + FRAME
+    data = FRAME + pack_stamp(5000) + FRAME * 3 + own_stamp(pack_stamp(9000)) + FRAME
     parts = list(chunks_of(data, NOTHING))
     assert parts == [(0, False, FRAME), (5000, False, FRAME * 3), (9000, True, FRAME)]
     assert [stamp for part in parts for stamp in part.stamps] == [0, 5000, 6000, 7000, 9000]
 
 
 def test_a_chunk_that_comes_in_two_readings_goes_on_in_time():
-    *_, last = chunks_of(pack_stamp(5000, own=True) + FRAME * 2, NOTHING)
+    *_, last = chunks_of(own_stamp(pack_stamp(5000)) + FRAME * 2, NOTHING)
     assert list(chunks_of(FRAME + pack_stamp(9000) + FRAME, last)) == [(7000, True, FRAME), (9000, False, FRAME)]
     *_, last = chunks_of(pack_stamp(5000), last)
     assert list(chunks_of(FRAME, last)) == [(5000, False, FRAME)]
@@ -73,4 +73,5 @@ def test_any_data_and_any_times_are_told_apart(things):
         frames += record
     parts = list(chunks_of(data, NOTHING))
     assert b"".join(part.records for part in parts) == frames
-    assert [part.at_ns for part in parts[1:]] == [each for each in things if isinstance(each, int)]
+    stamped = [each for each in things if isinstance(each, int)]
+    assert [part.at_ns for part in parts if part.at_ns] == stamped
