@@ -39,6 +39,7 @@ __all__ = [
     "is_cyclic",
     "is_event_driven",
     "is_reserved",
+    "is_restricted",
     "mapping_entry",
     "parse_mapping_entry",
 ]
@@ -107,6 +108,15 @@ def is_event_driven(transmission_type: int) -> bool:
     return transmission_type in (EVENT_MANUFACTURER, EVENT_PROFILE)
 
 
+# CiA 301, table 42: identifiers that no configurable object may take.
+_RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
+
+
+def is_restricted(cob_id: int) -> bool:
+    """Whether the standard keeps an 11-bit identifier for itself."""
+    return any(low <= cob_id <= high for low, high in _RESTRICTED)
+
+
 def is_reserved(transmission_type: int) -> bool:
     """Whether the standard gives the value no meaning: 241 to 251, and what no UNSIGNED8 holds."""
     return not (0 <= transmission_type <= LAST_CYCLIC or RTR_SYNCHRONOUS <= transmission_type <= EVENT_PROFILE)
@@ -116,7 +126,8 @@ def is_reserved(transmission_type: int) -> bool:
 class PdoParameters:
     """The communication record, 0x1400 or 0x1800 and following, of one PDO.
 
-    `cob_id` is the CAN identifier alone; `enabled` and `rtr_allowed` are the inverse of bits 31 and 30 of the entry.
+    `cob_id` is the CAN identifier alone; `enabled` and `rtr_allowed` are the inverse of bits 31 and 30 of the entry. A
+    PDO whose identifier is 0, or another one that the standard keeps for itself, is not enabled.
     """
 
     cob_id: int
@@ -150,9 +161,10 @@ class PdoParameters:
     ) -> PdoParameters:
         """Make the parameters of an entry of subindex 1, and of the values of the other subindices."""
         extended = bool(value & EXTENDED_BIT)
+        identifier = value & (0x1FFFFFFF if extended else 0x7FF)
         return cls(
-            value & (0x1FFFFFFF if extended else 0x7FF),
-            not value & INVALID_BIT,
+            identifier,
+            not value & INVALID_BIT and (extended or not is_restricted(identifier)),
             not value & NO_RTR_BIT,
             transmission_type,
             inhibit_time_100us,

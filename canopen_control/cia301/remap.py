@@ -12,29 +12,23 @@ from typing import TYPE_CHECKING, NamedTuple
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.pdo import (
     DUMMY_TYPES,
+    INVALID_BIT,
     MAX_BITS,
     RTR_EVENT,
     RTR_SYNCHRONOUS,
     PdoParameters,
     is_reserved,
+    is_restricted,
     parse_mapping_entry,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["MappingTarget", "PdoRules", "is_restricted"]
+__all__ = ["MappingTarget", "PdoRules"]
 
 MAX_ENTRIES = 64
 COB_ID, TRANSMISSION_TYPE, INHIBIT_TIME, COMPATIBILITY, EVENT_TIMER, SYNC_START = range(1, 7)
-
-# CiA 301, table 42: identifiers that no configurable object may take.
-_RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
-
-
-def is_restricted(cob_id: int) -> bool:
-    """Whether the standard keeps an 11-bit identifier for itself."""
-    return any(low <= cob_id <= high for low, high in _RESTRICTED)
 
 
 class MappingTarget(NamedTuple):
@@ -54,7 +48,8 @@ class PdoRules:
     kept as written, and means nothing.
 
     `lookup` finds an object, or says why not (NO_OBJECT, NO_SUBINDEX). `partial`: objects may be mapped in part, as
-    bit-granular devices allow. `wrong_state` is the refusal of mapping changes while the PDO is valid or its count is
+    bit-granular devices allow. `in_use`: whether another service or PDO of the device has a CAN identifier; some
+    devices do not look. `wrong_state` is the refusal of mapping changes while the PDO is valid or its count is
     not 0; devices differ there.
     """
 
@@ -65,6 +60,7 @@ class PdoRules:
     extended_supported: bool = False
     dummy_usage: frozenset[int] = frozenset()
     partial: bool = False
+    in_use: Callable[[int], bool] = lambda _cob_id: False
     wrong_state: AbortCode = AbortCode.INVALID_VALUE
 
     def check_communication(self, subindex: int, value: int, present: PdoParameters) -> AbortCode | None:
@@ -110,10 +106,11 @@ class PdoRules:
         without_rtr = self.is_tpdo and not self.rtr_supported
         if (new.rtr_allowed and without_rtr) or (new.extended and not self.extended_supported):
             return AbortCode.INVALID_VALUE
-        if not new.enabled:
+        if value & INVALID_BIT:
             return None
         moved = (new.cob_id, new.extended) != (present.cob_id, present.extended)
-        if (moved and present.enabled) or (not new.extended and is_restricted(new.cob_id)):
+        taken = not new.extended and (is_restricted(new.cob_id) or self.in_use(new.cob_id))
+        if (moved and present.enabled) or taken:
             return AbortCode.INVALID_VALUE
         return self._check_type(new.transmission_type, new)
 

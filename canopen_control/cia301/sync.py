@@ -13,8 +13,9 @@ from typing import NamedTuple
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.heartbeat import next_on_grid
 from canopen_control.cia301.outbox import Outbox
+from canopen_control.cia301.pdo import is_restricted
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import CanFrame, can_id_of
+from canopen_control.frame import EXTENDED_BIT, CanFrame, can_id_of
 
 __all__ = [
     "PRODUCER_BIT",
@@ -52,6 +53,8 @@ def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
 def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> AbortCode | None:
     """Return the abort code of a write to 0x1005 that holds `present`, or None: accepted."""
     if value & PRODUCER_BIT and not can_produce:
+        return AbortCode.INVALID_VALUE
+    if not value & EXTENDED_BIT and is_restricted(value & 0x7FF):
         return AbortCode.INVALID_VALUE
     changed = (value ^ present) & (PRODUCER_BIT - 1)
     if changed and value & PRODUCER_BIT and present & PRODUCER_BIT:

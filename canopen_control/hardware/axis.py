@@ -77,6 +77,8 @@ class Axis:
         self.unwrap = PositionUnwrapper()
         self.limits = AxisLimits()
         self.rpm_to_dev = 60.0 / math.tau  # mode VL: 0x6042 counts revolutions of the motor per minute
+        self.who = node.who if len(node.plan.axes) <= 1 else f"{node.who}, {joint}"
+        """The node, as every message has it, and of one with several axes the joint."""
         self.misfit = math.nan  # the target that did not fit its object, nan while the last one did
         self.statusword = self._need_input(objects.STATUSWORD)
         self.controlword = self._need_output(objects.CONTROLWORD)

@@ -95,12 +95,12 @@ class JointDrive(JointParts):
         """Raise the DriveError that `enable` would."""
         if not self.machine.remote:
             raise DriveError(
-                f"{self.node.who}: under local control (statusword bit 9 is 0), "
+                f"{self.axis.who}: under local control (statusword bit 9 is 0), "
                 "it would not obey; give control to the bus at the drive, or if it never sets the bit give it "
                 "`ignore_remote: true` in bus.yml"
             )
         if self.axis.is_stale:
-            raise DriveError(f"{self.node.who}: cannot be enabled, a TPDO with its feedback stays away")
+            raise DriveError(f"{self.axis.who}: cannot be enabled, a TPDO with its feedback stays away")
         self.machine.require_enable()
 
     def enable(self) -> None:

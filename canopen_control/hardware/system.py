@@ -210,7 +210,7 @@ class CanopenSystem(Lifecycle):
     def _tell(self, joint: JointDrive, event: JointEvent, now: int) -> None:
         """Report it, and let what is trouble stop the group."""
         cause = f"; {joint.node.error}" if event.stops and joint.node.error and joint.node.ready else ""
-        self._report(Event(now, event.kind, joint.node.name, f"{joint.node.who}: {event.text}{cause}", event.level))
+        self._report(Event(now, event.kind, joint.node.name, f"{joint.axis.who}: {event.text}{cause}", event.level))
         if event.stops:
             self._stop_group(joint, now, event)
 
@@ -226,12 +226,12 @@ class CanopenSystem(Lifecycle):
         if not cause.node.ready or not cause.machine.enabled:
             cause.give_up()
         for joint in moving:
-            joint.stopped_by = f"stopped by {cause.node.who}: {event.text}"
+            joint.stopped_by = f"stopped by {cause.axis.who}: {event.text}"
         for joint in moving + waiting:
             joint.resume = resumable
         if moving:
             names = ", ".join(joint.joint for joint in moving)
-            text = f"stopping {names}: {cause.node.who}: {event.text}"
+            text = f"stopping {names}: {cause.axis.who}: {event.text}"
             self._report(Event(now, "stop", cause.node.name, text + _then(cause, resumable=resumable), Level.ERROR))
 
 

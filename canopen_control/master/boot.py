@@ -16,7 +16,15 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia402.objects import CONTROLWORD, STATUSWORD, SUPPORTED_DRIVE_MODES, TARGET_VELOCITY
 from canopen_control.errors import SdoAbort, SdoLengthError, SdoTimeout
-from canopen_control.master.boot_config import RESTORE, STORE_NS, compare_only, configure, store
+from canopen_control.master.boot_config import (
+    RESTORE,
+    STORE_NS,
+    check_expected,
+    compare_only,
+    configure,
+    store,
+    watch_running,
+)
 from canopen_control.master.boot_pdos import read_outputs, read_signals
 from canopen_control.master.requests import (
     LETTERS,
@@ -201,12 +209,18 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
 
 
 def _leave_running(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Take a node over that runs: compare its configuration, and name what differs (letter L, no failure)."""
+    """Take a node over that runs: compare its configuration, and name what differs (letter L, no failure).
+
+    Its supervision is written all the same, and a PDO in use that differs is an error.
+    """
     yield Step("compare")
-    missing = yield from compare_only(plan, transfers)
+    yield from check_expected(plan, transfers)
+    written = transfers.writes
+    missing = yield from watch_running(plan, (yield from compare_only(plan, transfers)), transfers)
+    done = "only its supervision was written" if transfers.writes > written else "nothing was written"
     differs = ", ".join(f"0x{write.index:04X}:{write.subindex:02X}" for write in missing)
     told = f"; it differs from bus.yml in {differs}: reset it to have that written" if missing else ""
-    transfers.warnings.append(f"boot status L: {LETTERS['L']} and is to be kept alive, so nothing was written{told}")
+    transfers.warnings.append(f"boot status L: {LETTERS['L']} and is to be kept alive, so {done}{told}")
     yield from _await_heartbeat(plan)
 
 

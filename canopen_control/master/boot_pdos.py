@@ -15,9 +15,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.pdo import INVALID_BIT, MAX_BITS, MappedObject, PdoCodec, parse_mapping_entry
+from canopen_control.cia301.pdo import (
+    INVALID_BIT,
+    MAX_BITS,
+    MappedObject,
+    PdoCodec,
+    is_restricted,
+    parse_mapping_entry,
+)
 from canopen_control.cia402.objects import MOTION
 from canopen_control.errors import CanopenError, SdoAbort, SdoLengthError, SdoTimeout
+from canopen_control.frame import EXTENDED_BIT
 from canopen_control.master.compare import (
     cob_id_of,
     final_values,
@@ -40,7 +48,7 @@ if TYPE_CHECKING:
     from canopen_control.master.plan_builder import PlannedWrite
     from canopen_control.od.model import Value
 
-__all__ = ["configure_pdo", "read_outputs", "read_signals", "value_of"]
+__all__ = ["configure_pdo", "read_outputs", "read_signals", "release_cob_ids", "value_of"]
 
 Held = dict[tuple[int, int], bytes | None]
 _UNSIGNED = {kind.bits: kind for kind in DataType if kind.name.startswith("UNSIGNED")}
@@ -58,6 +66,31 @@ class _Own:
         return ", ".join(f"0x{index:04X}:{subindex:02X}" for index, subindex, _ in self.objects) or "nothing"
 
 
+def release_cob_ids(
+    grouped: Sequence[Sequence[PlannedWrite]], transfers: BootTransfers
+) -> Generator[Request, Answer, None]:
+    """Make the PDOs invalid that hold the identifier which another one is to have: two users of one are refused.
+
+    Devices check that when a PDO becomes valid (maxon EPOS4 among them).
+    """
+    final = {
+        group[0].pdo: int.from_bytes(next(write.data for write in reversed(group) if is_cob_id(write)), "little")
+        for group in grouped
+        if group[0].pdo is not None and any(is_cob_id(write) for write in group)
+    }
+    wanted = {value & 0x7FF: pdo for pdo, value in final.items() if not value & INVALID_BIT}
+    for pdo in final:
+        if pdo is None:
+            continue
+        try:
+            data = yield from transfers.held(cob_id_of(pdo), 1)
+        except SdoTimeout:
+            return  # told when the PDO is configured
+        held = INVALID_BIT if data is None else int.from_bytes(data, "little")
+        if not held & INVALID_BIT and wanted.get(held & 0x7FF, pdo) != pdo:
+            yield from _try(transfers, cob_id_of(pdo), 1, (held | INVALID_BIT).to_bytes(4, "little"))
+
+
 def configure_pdo(
     plan: NodePlan, group: Sequence[PlannedWrite], transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
@@ -66,7 +99,9 @@ def configure_pdo(
     try:
         for address in reads_of(group):
             held[address] = yield from transfers.held(*address)
-        wanted = [_with_rtr_bit(write, held) for write in group]
+        # A setting that nothing asks for, and that the device does not have, is none of it.
+        lacking = [write for write in group if write.optional and not is_cob_id(write) and held[write.address] is None]
+        wanted = [_with_rtr_bit(write, held) for write in group if write not in lacking]
         writes = needed(wanted, held)
         refusal = yield from _write_all(writes, transfers)
         if refusal is None and writes:
@@ -119,6 +154,9 @@ def _refused(
         transfers.warnings.append(f"{_name(wanted)}, which nobody configured, stays live: {refusal}")
         return
     own = yield from _own(pdo, held, transfers)
+    if own.cob_id & EXTENDED_BIT or is_restricted(own.cob_id & 0x7FF):
+        text = f"{_name(wanted)}: {refusal}; its own COB-ID 0x{own.cob_id:X} is none a PDO may have (CiA 301, table 42)"
+        raise boot_error(plan, "J", text)
     missing = [mapped for mapped in layout.objects if _address(mapped) not in {each[:2] for each in own.objects}]
     if missing or sum(bits for _, _, bits in own.objects) > MAX_BITS:
         yield from _try(transfers, cob_id_of(pdo), 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
@@ -189,7 +227,7 @@ def _adopted(layout: PdoLayout, own: _Own, known: dict[tuple[int, int], MappedOb
         known.get((index, subindex)) or MappedObject(index, subindex, bits, _UNSIGNED.get(bits, DataType.BOOLEAN))
         for index, subindex, bits in own.objects
     )
-    return PdoLayout(layout.number, own.cob_id & 0x7FF, own.transmission_type, objects)
+    return PdoLayout(layout.number, own.cob_id & 0x7FF, own.transmission_type, objects, layout.event_ms)
 
 
 def _address(mapped: MappedObject) -> tuple[int, int]:

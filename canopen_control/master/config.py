@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
+from canopen_control.cia301.sync import SYNC_COB_ID
 from canopen_control.errors import BusConfigError, ConfigError, nearest
+from canopen_control.frame import Service, cob_id
 from canopen_control.master.keys import (
     MISNAMED_MASTER,
     MISNAMED_OPTIONS,
@@ -30,7 +32,7 @@ from canopen_control.master.keys import (
 )
 from canopen_control.master.named_files import NotFound, Sources
 from canopen_control.master.node_config import node_config, tolerated, with_defaults
-from canopen_control.master.plan import CONSUMER, NodePlan, PlanInput, make_plan
+from canopen_control.master.plan import NodePlan, PlanInput, make_plan
 from canopen_control.od.concise import concise_of
 from canopen_control.od.model import BIT_RATES
 from canopen_control.yamlfile.convert import convert, keys_of
@@ -55,6 +57,7 @@ __all__ = [
 ]
 
 _SECTIONS = ("options", "master", "defaults", "nodes")
+_TIME_COB_ID = 0x100  # predefined (CiA 301, 7.5.2.18)
 _IGNORED_ID = 255  # a node that ros2_canopen's generator leaves out
 
 
@@ -117,6 +120,7 @@ class _Reader:
         self._sources = Sources(path.parent, self._options.dcf_path)
         self._unused: dict[str, str] = {}
         self._unreadable: dict[str, int] = {}
+        self._remarks: list[str] = []
         self._doubled: set[str] = set()  # nodes whose id another one has: all their COB-IDs follow from that
         self._spare_cob_ids = itertools.count(0x680)  # where ros2_canopen's generator begins with `auto` above PDO 4
 
@@ -137,7 +141,10 @@ class _Reader:
             dictionaries,
             plans,
             paths,
-            tuple(f"{self._path}: {key}: {why}" for key, why in sorted(self._unused.items())),
+            (
+                *(f"{self._path}: {key}: {why}" for key, why in sorted(self._unused.items())),
+                *dict.fromkeys(self._remarks),
+            ),
             self._sources.issues,
             self._period_line(),
             {name: node for name, (_, node) in nodes.items()},
@@ -249,8 +256,9 @@ class _Reader:
             owner.setdefault(node_id, name)
 
     def _check_cob_ids(self, nodes: dict[str, tuple[NodeConfig, Node]], plans: dict[str, NodePlan]) -> None:
-        """Refuse two live PDOs with one COB-ID: their senders would destroy each other's frames."""
-        owner: dict[int, str] = {}
+        """Refuse two users of one COB-ID, be they PDOs or services: their senders would destroy each other's frames."""
+        owner = {SYNC_COB_ID: "SYNC", _TIME_COB_ID: "TIME"}
+        owner |= {cob_id(Service.EMCY, plan.node_id): f"EMCY of {name}" for name, plan in plans.items()}
         for name, plan in plans.items():
             if name in self._doubled:
                 continue
@@ -285,6 +293,10 @@ class _Reader:
             place = _place(node, key)
             place.warning(_named(config, place, text))
 
+        def remark(key: str, text: str) -> None:
+            place = _place(node, key)
+            self._remarks.append(f"{self._path}: {_named(config, place, text)}")
+
         plan = make_plan(
             PlanInput(
                 config,
@@ -295,19 +307,18 @@ class _Reader:
                 complain=complain,
                 warn=warn,
                 note=self._note,
+                remark=remark,
                 spare_cob_ids=self._spare_cob_ids,
             )
         )
-        if not plan.axes or _watched(config, od, plan):
+        if not plan.unsupervised:
             return plan
+        accepts = "`allow_unsupervised: true` accepts that, or --allow-unsupervised"
         if self._allow_unsupervised:
-            warn("dcf", "nothing stops this drive when the master dies, which --allow-unsupervised accepts")
+            accepted = "nothing stops this drive when the master dies, which --allow-unsupervised accepts"
+            warn("dcf", f"{accepted}: {plan.unsupervised}")
         elif not config.supervision.allow_unsupervised:
-            complain(
-                "dcf",
-                "nothing would stop this drive when the master dies: it has neither a heartbeat consumer (0x1016) that "
-                "can be set nor node guarding; `allow_unsupervised: true` accepts that, or --allow-unsupervised",
-            )
+            complain("dcf", f"nothing would stop this drive when the master dies: {plan.unsupervised}; {accepts}")
         return plan
 
     def _note(self, key: str, text: str) -> None:
@@ -347,12 +358,5 @@ def _named(config: NodeConfig, place: Node, text: str) -> str:
 
 
 def is_supervised(bus: BusConfig, name: str) -> bool:
-    """Whether a node notices that the master is gone: by its heartbeat, or by node guarding."""
-    return _watched(bus.nodes[name], bus.dictionaries[name], bus.plans[name])
-
-
-def _watched(config: NodeConfig, od: ObjectDictionary, plan: NodePlan) -> bool:
-    heartbeat = (
-        any(write.index == CONSUMER for write in plan.writes) and config.supervision.heartbeat_consumer is not False
-    )
-    return heartbeat or (config.supervision.guarded and (0x100C, 0) in od)
+    """Whether the death of the master stops the axes of a node: by its heartbeat, or by node guarding."""
+    return not bus.plans[name].unsupervised

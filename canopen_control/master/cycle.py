@@ -190,7 +190,8 @@ class Output:
 class SentPdo:
     """One RPDO of a node, its record ready to be sent; `enabled` only while the node is operational.
 
-    `values` are the raw numbers in mapping order, written by their outputs. `repeated`: it is sent by itself.
+    `values` are the raw numbers in mapping order, written by their outputs. `repeated`: it is sent by itself. `refresh`
+    is after how many cycles it is sent again because the node has a deadline for it, 0: none.
     """
 
     __slots__ = (
@@ -203,6 +204,7 @@ class SentPdo:
         "enabled",
         "outputs",
         "record",
+        "refresh",
         "repeated",
         "sent_in",
         "values",
@@ -216,6 +218,7 @@ class SentPdo:
         self.record = RECORD.pack(cob_id, self.codec.length, b"")
         self._packer = _packer(self.codec)
         self.enabled, self.count = False, 0
+        self.refresh = 0
         self.sent_in = 0  # cycle in which it was sent last
         self._carry(outputs)
 
@@ -290,11 +293,22 @@ class ProcessImage:
         return pdo
 
     def add_rpdo(
-        self, node_id: int, cob_id: int, objects: Sequence[MappedObject], transmission_type: int = 255
+        self,
+        node_id: int,
+        cob_id: int,
+        objects: Sequence[MappedObject],
+        transmission_type: int = 255,
+        *,
+        deadline: int = 0,
     ) -> SentPdo:
-        """Send an RPDO; objects that an earlier one of the node maps share its value."""
+        """Send an RPDO; objects that an earlier one of the node maps share its value.
+
+        `deadline`: after how many cycles without it the node raises EMCY 0x8250, 0: never. It is repeated in half of
+        it, so that neither a late cycle nor one lost frame is an error.
+        """
         outputs = self.outputs_of(node_id, objects)
         pdo = SentPdo(cob_id, objects, outputs, cyclic=transmission_type in CYCLIC_SYNCHRONOUS)
+        pdo.refresh = max(1, min(self.refresh, deadline // 2)) if deadline else 0
         self.outputs.append(pdo)
         return pdo
 
@@ -328,7 +342,10 @@ class ProcessImage:
                 if not pdo.enabled:
                     continue
                 pdo.pack()
-            elif not (pdo.repeated and pdo.enabled and (pdo.cyclic or pdo.sent_in <= idle_since)):
+            elif not pdo.enabled or not (
+                (pdo.repeated and (pdo.cyclic or pdo.sent_in <= idle_since))
+                or (pdo.refresh and pdo.count and pdo.sent_in <= cycle - pdo.refresh)
+            ):
                 continue
             pdo.sent_in = cycle
             pdo.count += 1

@@ -40,7 +40,7 @@ class Network:
     """All nodes of a bus.yml on one channel; `report` is handed every event."""
 
     def __init__(self, name: str, config: BusConfig, report: Callable[[Event], None], cycle_ns: int) -> None:
-        self.name, self.config = name, config
+        self.name, self.config, self._cycle_ns = name, config, cycle_ns
         self.unknown = 0
         self.on_rerouted: Callable[[], None] = lambda: None
         """Called when `identifiers` have changed."""
@@ -222,7 +222,13 @@ class Network:
             self.pdo_watch.add(pdo)
             self._pdo_owner[pdo] = node
         for layout in node.plan.rpdos:
-            node.sent.append(self.image.add_rpdo(node.node_id, layout.cob_id, layout.objects, layout.transmission_type))
+            deadline = layout.event_ms * 1_000_000 // self._cycle_ns
+            if layout.event_ms:
+                deadline = max(1, deadline)
+            sent = self.image.add_rpdo(
+                node.node_id, layout.cob_id, layout.objects, layout.transmission_type, deadline=deadline
+            )
+            node.sent.append(sent)
         return node
 
     def _connect(self, node: RemoteNode) -> None:
@@ -327,13 +333,12 @@ class Network:
 
     def _guard(self, node: RemoteNode, on: bool, now: int) -> None:
         """Guard a node from now on, or no longer; for those without a heartbeat."""
-        keys = node.config.supervision
-        if not keys.guarded:
+        if node.plan.guard is None:
             return
         if self._guarding is None:
             self._guarding = GuardingMaster()
         if on:
-            self._guarding.watch(node.node_id, keys.guard_time * 1_000_000, keys.life_factor, now)
+            self._guarding.watch(node.node_id, *node.plan.guard, now)
         else:
             self._guarding.unwatch(node.node_id)
         self._stale = True

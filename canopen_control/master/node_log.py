@@ -15,7 +15,7 @@ from canopen_control.master.supervision import DuplicateWatch, EmcyGate
 from canopen_control.rpc.messages.state import EventDetails
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from canopen_control.cia301.emcy import EmcyMessage
     from canopen_control.master.config import NodeConfig
@@ -33,16 +33,19 @@ _HINTS = {
 
 
 class NodeLog:
-    """The events of one node, handed to `report`; `errors` are those it reported and has not taken back."""
+    """The events of one node, handed to `report`; `errors` are those it reported and has not taken back.
 
-    def __init__(self, config: NodeConfig, report: Callable[[Event], None]) -> None:
+    `period_ns` is that of its heartbeat, 0 for none.
+    """
+
+    def __init__(self, config: NodeConfig, report: Callable[[Event], None], period_ns: int) -> None:
         self.who = f"node {config.node_id} ({config.name})"
         self.errors = EmcyConsumer(config.node_id)
         self._name, self._report = config.name, report
         self.astray: dict[ReceivedPdo, int] = {}
         """TPDOs of which frames with their default identifier came instead, and that identifier."""
         self._gate = EmcyGate()
-        self._duplicates = DuplicateWatch(config.supervision.heartbeat_ms * 1_000_000)
+        self._duplicates = DuplicateWatch(period_ns)
 
     def tell(
         self, now: int, kind: str, text: str, level: Level = Level.INFO, details: EventDetails | None = None
@@ -60,8 +63,15 @@ class NodeLog:
         if held := self._gate.summary(now):
             self.tell(now, "emcy_flood", f"{held} more EMCY within a second, not listed one by one", Level.WARNING)
 
-    def emcy(self, message: EmcyMessage, now: int) -> str | None:
-        """Tell an emergency that `errors` heard; returns the error in words, None where one is gone."""
+    def heartbeat_changed(self, period_ns: int) -> None:
+        """Expect the heartbeats of the node in another period."""
+        self._duplicates = DuplicateWatch(period_ns)
+
+    def emcy(self, message: EmcyMessage, now: int, hints: Mapping[int, str] | None = None) -> str | None:
+        """Tell an emergency that `errors` heard; returns the error in words, None where one is gone.
+
+        `hints` say what helps by EMCY code, before what is said otherwise.
+        """
         told = self._gate.passes(now)
         if message.is_reset:
             if told:
@@ -74,7 +84,7 @@ class NodeLog:
         if told:
             raw = f"register 0x{message.error_register:02X}, data {message.data.hex(' ') or 'none'}"
             short = "" if message.is_complete else f"; {len(message.data) + 3} bytes, the standard has 8"
-            hint = _HINTS.get(message.error_code, "")
+            hint = (hints or {}).get(message.error_code, _HINTS.get(message.error_code, ""))
             self.tell(now, "emcy", f"{text}, {raw}{short}{hint}", Level.WARNING, _details(message))
         return text
 

@@ -3,44 +3,66 @@
 The law of the file: everything is decided here, before the first frame is sent, and whatever does not fit (an object
 the EDS lacks, a value out of its type, a mapping over 64 bits) is an error of the configuration, not of the boot.
 
-The order is the one of ros2_canopen's generator: error control, RPDOs, TPDOs (`plan_pdos.py`), then the `sdo:` list;
-a `configuration_file` or the ParameterValues of a DCF go before them, so that bus.yml has the last word. What this
-package adds has a `reason`: the drive watches the master (0x1016), stops when it is lost (0x1029 or 0x6007),
-interpolates over the SYNC period (0x60C2), and has no live PDO that nobody configured.
+The order: what concerns SYNC, then what a `configuration_file` or the ParameterValues of a DCF say, RPDOs, TPDOs
+(`plan_pdos.py`), the `sdo:` list, and supervision last. So bus.yml has the last word over a file, and nothing that is
+written into a node can switch its supervision off without being seen: `NodePlan.unsupervised` judges the values that
+the node holds after all writes. What this package adds has a `reason`: the drive watches the master (0x1016), stops
+when the master is lost (0x1029 or 0x6007), interpolates over the SYNC period (0x60C2), and has no live PDO that nobody
+configured.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.heartbeat import consumer_entry
-from canopen_control.cia402.objects import AXES, CONTROLWORD, STATUSWORD, axis_index
-from canopen_control.master.plan_builder import PdoLayout, PlanBuilder, PlannedWrite
+from canopen_control.cia301.heartbeat import consumer_entry, parse_consumer_entry
+from canopen_control.cia301.pdo import INVALID_BIT, is_restricted
+from canopen_control.cia301.sync import PRODUCER_BIT, SYNC_COB_ID
+from canopen_control.cia402.objects import (
+    AXES,
+    CONTROLWORD,
+    FEED_CONSTANT,
+    GEAR_RATIO,
+    POLARITY,
+    POSITION_ENCODER_RESOLUTION,
+    STATUSWORD,
+    axis_index,
+)
+from canopen_control.frame import Service, cob_id
+from canopen_control.master.keys import UnitKeys
+from canopen_control.master.plan_builder import STORED, PdoLayout, PlanBuilder, PlannedWrite
 from canopen_control.master.plan_feed_forward import add_feed_forward
 from canopen_control.master.plan_interpolation import plan_interpolation
 from canopen_control.master.plan_pdos import is_pdo_record, plan_downloaded_pdos, plan_pdos
-from canopen_control.master.plan_signals import plan_signals
+from canopen_control.master.plan_signals import plan_signals, warn_of_unwatched_outputs
+from canopen_control.od.codec import encode
 from canopen_control.profiles.device_type import Profile, profile_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from canopen_control.cia301.pdo import MappedObject
-    from canopen_control.master.keys import MasterConfig, NodeConfig, SupervisionKeys
+    from canopen_control.master.keys import MasterConfig, NodeConfig, SdoEntry, SupervisionKeys
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.profiles.device_signal import Signal
 
 __all__ = ["CONSUMER", "Identity", "NodePlan", "PdoLayout", "PlanInput", "PlannedWrite", "make_plan"]
 
 CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR = 0x1016, 0x1017, 0x100C, 0x100D, 0x1029
-TIME_COB_ID, SYNC_OVERFLOW = 0x1012, 0x1019
+TIME_COB_ID, SYNC_OVERFLOW, SYNC_PERIOD, SYNC, EMCY = 0x1012, 0x1019, 0x1006, 0x1005, 0x1014
 ABORT_CONNECTION = 0x6007
+STORE = 0x1010
 STOPPED = 2  # 0x1029: to NMT stopped
 FAULT_REACTION = 1  # 0x6007: malfunction, then the fault reaction of 0x605E
+_SUPERVISION = frozenset((CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR))
+FACTORS = tuple((index, sub) for index in (POSITION_ENCODER_RESOLUTION, GEAR_RATIO, FEED_CONSTANT) for sub in (1, 2))
+"""The objects that say how many position counts a turn has."""
 _MILLISECOND = 1_000_000
 _STOPS = "a lost master stops the motor"
+_NO_HEARTBEAT = "guarding takes the place of the heartbeat, and a heartbeat would switch it off"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +84,9 @@ class NodePlan:
     `guard` is (guard time in ns, life time factor) of a node watched by guarding; `restore` and `save` are subindices
     of 0x1011 and 0x1010, 0 for neither; `software_version` is what 0x1F56:01 must hold, 0 for anything. `signals` are
     those of a device that is no drive, and of `signals` in bus.yml, by name; `reads` is what the boot reads for them.
+    `unsupervised` says why the death of the master would not stop its axes, "" where it does: after all writes.
+    `expected` is what the scales of bus.yml count on and nothing writes: polarity, gear and feed, as in the EDS;
+    `turns` are the position counts of one turn by axis (its offset), as bus.yml has them.
     """
 
     name: str
@@ -86,6 +111,9 @@ class NodePlan:
     profile: Profile = Profile.NONE
     signals: dict[str, Signal] = field(default_factory=dict)
     reads: tuple[MappedObject, ...] = ()
+    unsupervised: str = ""
+    expected: tuple[PlannedWrite, ...] = ()
+    turns: dict[int, float] = field(default_factory=dict)
 
     @property
     def supervision_ns(self) -> int:
@@ -95,7 +123,9 @@ class NodePlan:
 
 @dataclass(frozen=True, slots=True)
 class PlanInput:
-    """What a plan is made of; `complain(key, text)`, `warn` and `note` take what is wrong, odd, or without effect.
+    """What a plan is made of; `complain(key, text)` and `warn` take what is wrong or odd, `note` and `remark` the rest.
+
+    `note` is told of keys without effect, `remark` of what is good to know.
 
     `downloads` are those of a `configuration_file` or of a DCF's ParameterValues; `source` names the EDS in messages;
     `spare_cob_ids` are for PDOs above 4 with `cob_id: auto`, one supply for the whole bus.
@@ -108,6 +138,7 @@ class PlanInput:
     complain: Callable[[str, str], None]
     warn: Callable[[str, str], None]
     note: Callable[[str, str], None]
+    remark: Callable[[str, str], None] = lambda _key, _text: None
     downloads: tuple[tuple[int, int, bytes], ...] = ()
     spare_cob_ids: Iterator[int] = field(default_factory=lambda: itertools.count(0x680))
 
@@ -115,9 +146,13 @@ class PlanInput:
 def make_plan(given: PlanInput) -> NodePlan:
     """Plan a node; where something was complained of the plan is not to be used."""
     node, od = given.node, given.od
-    builder = PlanBuilder(node, od, given.complain, given.warn, given.note, given.spare_cob_ids, given.downloads)
-    heartbeat_ms = _plan_error_control(builder, given.master)
+    builder = PlanBuilder(
+        node, od, given.complain, given.warn, given.note, given.spare_cob_ids, given.downloads, given.remark
+    )
     _plan_sync_counter(builder, given.master)
+    _plan_services(builder, given.master)
+    if node.boot.time_cob_id is not None:
+        builder.write(TIME_COB_ID, 0, node.boot.time_cob_id, "time_cob_id")
     _plan_downloads(builder)
     add_feed_forward(builder, tuple(_axes(od)))
     for kind in ("rpdo", "tpdo"):
@@ -125,8 +160,16 @@ def make_plan(given: PlanInput) -> NodePlan:
     _check_identity(builder)
     profile = Profile(node.profile) if node.profile else profile_of(od)
     signals = plan_signals(builder, profile, tuple(_axes(od)))
-    _plan_sdo_list(builder)
+    sdo = list(enumerate(node.boot.sdo))
+    storing = list(itertools.takewhile(lambda each: each[1].index == STORE, reversed(sdo)))[::-1]
+    _plan_sdo_list(builder, sdo[: len(sdo) - len(storing)])
     plan_interpolation(builder, tuple(_axes(od)), given.master.sync_period)
+    heartbeat_ms = _plan_error_control(builder, given.master)
+    _plan_sdo_list(builder, storing)  # what is stored is the whole configuration
+    guard = _guard(node.supervision) if node.supervision.guarded and not heartbeat_ms else None
+    watches = _watches(builder, given.master, guarded=guard is not None)
+    if not watches:
+        warn_of_unwatched_outputs(builder, signals.values())
     return NodePlan(
         node.name,
         node.node_id,
@@ -139,7 +182,7 @@ def make_plan(given: PlanInput) -> NodePlan:
         round(heartbeat_ms * node.supervision.multiplier * _MILLISECOND),
         {address: entry.name for address, entry in od.entries.items()},
         {index: info.name for index, info in od.objects.items()},
-        guard=_guard(node.supervision) if node.supervision.guarded and not heartbeat_ms else None,
+        guard=guard,
         keep_alive=not node.boot.reset_communication,
         software_version=node.identity.software_version,
         software_file=node.identity.software_file,
@@ -150,6 +193,9 @@ def make_plan(given: PlanInput) -> NodePlan:
         profile=profile,
         signals=signals,
         reads=tuple(builder.reads),
+        expected=tuple(_expected(builder)),
+        turns=_turns(node, od),
+        unsupervised=_why_unsupervised(builder, given.master, watches=watches),
     )
 
 
@@ -194,6 +240,33 @@ def _identity(node: NodeConfig, od: ObjectDictionary) -> Identity:
     )
 
 
+def _turns(node: NodeConfig, od: ObjectDictionary) -> dict[int, float]:
+    """Return the position counts of one turn of the motor by axis; none where bus.yml leaves that to the drive."""
+    found = {}
+    for number, offset in enumerate(_axes(od)):
+        to_device = node.units.of_axis(number)["pos_to_dev"]
+        if to_device != UnitKeys().scale_pos_to_dev:
+            found[offset] = node.units.counts_per_revolution or abs(to_device) * math.tau
+    return found
+
+
+def _expected(builder: PlanBuilder) -> Iterator[PlannedWrite]:
+    """Yield what scales count on: 0x607E, and with a scale in bus.yml 0x608F, 0x6091, 0x6092.
+
+    They are not written: they describe motor and mechanics, and a drive that was commissioned holds the right ones.
+    """
+    scaled = _turns(builder.node, builder.od)
+    for offset in _axes(builder.od):
+        factors = FACTORS if offset in scaled else ()
+        for index, subindex in ((POLARITY, 0), *factors):
+            entry = builder.od.get(index + offset, subindex)
+            if entry is None or not entry.readable or not isinstance(entry.default, int):
+                continue
+            if builder.asked_value(index + offset, subindex) is None:
+                data = encode(entry.default, entry.data_type)
+                yield PlannedWrite(*entry.address, data, entry.name, STORED, data_type=entry.data_type)
+
+
 def _axes(od: ObjectDictionary) -> Iterator[int]:
     for axis in range(AXES):
         controlword = axis_index(CONTROLWORD, axis)
@@ -208,90 +281,238 @@ def _store_object(builder: PlanBuilder, index: int, subindex: int, key: str) -> 
 
 
 def _plan_error_control(builder: PlanBuilder, master: MasterConfig) -> int:
-    """Let the drive watch the master and be watched: 0x1016, 0x1012, 0x1017, guarding, 0x1029. Return its period."""
-    keys, od = builder.node.supervision, builder.od
-    if (CONSUMER, 1) in od and keys.heartbeat_consumer is not False:
-        timeout = min(round(master.heartbeat_ms * keys.multiplier), 0xFFFF)
-        reason = "" if keys.heartbeat_consumer else "the node notices when the master dies"
-        free = (sub for sub in od.subindices(CONSUMER)[1:] if builder.can_write(CONSUMER, sub))
-        builder.write(CONSUMER, next(free, 1), consumer_entry(master.node_id, timeout), "heartbeat_consumer", reason)
-    elif keys.heartbeat_consumer:
-        builder.complain(
-            "heartbeat_consumer", f"0x1016:01 is not in {builder.file}, so the node cannot watch the master"
-        )
-    if builder.node.boot.time_cob_id is not None:
-        builder.write(TIME_COB_ID, 0, builder.node.boot.time_cob_id, "time_cob_id")
+    """Let the drive watch the master and be watched: 0x1016, 0x1017, guarding, 0x1029, 0x6007. Return its period in ms.
+
+    The keys of bus.yml go before its `sdo:` list, that before what this package adds, and that before a file.
+    """
+    keys = builder.node.supervision
+    _plan_consumer(builder, master)
     period = _plan_producer(builder)
+    guarded = keys.guarded and not period
     for key, index, value in (
         ("guard_time", GUARD_TIME, keys.guard_time),
         ("life_time_factor", LIFE_TIME, keys.life_time_factor),
     ):
         if value:
-            builder.write(index, 0, value if keys.guarded else 0, key)
-    if keys.guarded and not keys.life_time_factor:
+            builder.write(index, 0, value if guarded else 0, key)
+    if guarded and not keys.life_time_factor:
         builder.write(LIFE_TIME, 0, keys.life_factor, "guard_time", "the node notices when it is guarded no more")
     for subindex, value in keys.error_behavior.items():
         builder.write(ERROR_BEHAVIOUR, subindex, value, "error_behavior")
-    for offset in _axes(od):
-        _plan_abort_reaction(builder, offset)
+    for subindex in builder.od.subindices(ERROR_BEHAVIOUR)[1:]:
+        if subindex not in keys.error_behavior and subindex != 1:
+            builder.write_downloaded(ERROR_BEHAVIOUR, subindex)
+    _plan_reactions(builder)
     return period
 
 
+def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
+    """Let the node watch the master's heartbeat: 0x1016, one entry, beside what watches other nodes.
+
+    Two entries for one node are refused by devices (CiA 301, 7.5.2.19), so the entry that has the master is taken.
+    """
+    keys, od = builder.node.supervision, builder.od
+    subindices = od.subindices(CONSUMER)[1:]
+    if keys.heartbeat_consumer is False or not subindices:
+        for subindex in subindices:
+            builder.write_downloaded(CONSUMER, subindex)
+        if keys.heartbeat_consumer:
+            builder.complain(
+                "heartbeat_consumer", f"0x1016:01 is not in {builder.file}, so the node cannot watch the master"
+            )
+        return
+    timeout = min(round(master.heartbeat_ms * keys.multiplier), 0xFFFF)
+    listed = {entry.sub_index for entry in builder.node.boot.sdo if entry.index == CONSUMER}
+    entries = {subindex: parse_consumer_entry(builder.final(CONSUMER, subindex) or 0) for subindex in subindices}
+    if keys.heartbeat_consumer is None and any(
+        entries[subindex][0] == master.node_id and entries[subindex][1] for subindex in listed & entries.keys()
+    ):
+        return  # the `sdo:` list says for how long
+    own = keys.heartbeat_consumer or not listed
+    usable = [sub for sub in subindices if builder.can_write(CONSUMER, sub) and (own or sub not in listed)]
+
+    def fitness(subindex: int) -> tuple[bool, bool, bool]:
+        node_id, ms = entries[subindex]
+        return node_id != master.node_id, bool(ms and node_id), subindex in listed
+
+    chosen = min(usable, key=fitness, default=subindices[0] if own else None)
+    if chosen is None:
+        return
+    for subindex in subindices:
+        node_id, ms = entries[subindex]
+        if subindex != chosen and subindex not in listed:
+            if node_id == master.node_id and ms:
+                builder.write(CONSUMER, subindex, 0, "dcf", f"0x1016:{chosen:02X} watches the master", optional=True)
+            else:
+                builder.write_downloaded(CONSUMER, subindex)
+    reason = "" if keys.heartbeat_consumer else "the node notices when the master dies"
+    builder.write(CONSUMER, chosen, consumer_entry(master.node_id, timeout), "heartbeat_consumer", reason)
+    builder.note_overruled(CONSUMER, chosen, "heartbeat_consumer")
+
+
 def _plan_producer(builder: PlanBuilder) -> int:
-    """Return the node's heartbeat period in ms, and write it unless the `sdo:` list or a file does."""
+    """Return the node's heartbeat period in ms after all writes.
+
+    A file may give another period than the default, but not none: a maker's DCF lists every object with its default.
+    """
     keys = builder.node.supervision
-    asked = builder.asked_value(PRODUCER)
-    if asked is not None and not keys.heartbeat_producer:
-        return asked
-    if keys.heartbeat_ms and not keys.heartbeat_producer and not builder.can_write(PRODUCER, 0):
-        period = builder.default(PRODUCER, 0) or 0
-        if not period:
-            cannot = "cannot be written" if (PRODUCER, 0) in builder.od else f"is not in {builder.file}"
-            builder.warn("dcf", f"0x1017 {cannot}: nobody notices when this node dies; give it guard_time")
-        return period
-    if keys.heartbeat_ms:
-        reason = "" if keys.heartbeat_producer else "the master notices when the drive dies"
-        builder.write(PRODUCER, 0, keys.heartbeat_ms, "heartbeat_producer", reason)
+    fixed = 0 if builder.can_write(PRODUCER, 0) else builder.default(PRODUCER, 0) or 0
+    if keys.guarded:
+        if fixed:
+            text = f"0x1017 is {fixed} ms and cannot be written: the node sends heartbeats, which switch guarding off"
+            builder.warn("guard_time", f"{text} (CiA 301, 7.2.8.3); the heartbeat is what is watched")
+        elif builder.can_write(PRODUCER, 0):
+            builder.write(PRODUCER, 0, 0, "guard_time", _NO_HEARTBEAT)
+            builder.note_overruled(PRODUCER, 0, "guard_time")
+        return fixed
+    if not keys.heartbeat_producer:
+        if (listed := builder.listed_value(PRODUCER)) is not None:
+            if not listed:
+                builder.warn("sdo", "0x1017 is set to 0: nobody notices when this node dies")
+            return listed
+        if fixed or not builder.can_write(PRODUCER, 0):
+            if not fixed:
+                cannot = "cannot be written" if (PRODUCER, 0) in builder.od else f"is not in {builder.file}"
+                builder.warn("dcf", f"0x1017 {cannot}: nobody notices when this node dies; give it guard_time")
+            return fixed
+        if period := builder.downloaded_value(PRODUCER):
+            builder.write_downloaded(PRODUCER, 0)
+            return period
+    reason = "" if keys.heartbeat_producer else "the master notices when the drive dies"
+    builder.write(PRODUCER, 0, keys.heartbeat_ms, "heartbeat_producer", reason)
+    builder.note_overruled(PRODUCER, 0, "heartbeat_producer" if keys.heartbeat_producer else "the default")
     return keys.heartbeat_ms
 
 
-def _plan_abort_reaction(builder: PlanBuilder, offset: int) -> None:
-    """Let a lost master stop the motor: 0x6007 where it exists, else 0x1029:1 = stopped."""
-    keys, od = builder.node.supervision, builder.od
-    if keys.heartbeat_consumer is False and not keys.guarded:
+def _plan_reactions(builder: PlanBuilder) -> None:
+    """Let a lost master stop the motors: 0x6007 of each axis that has it, else 0x1029:1 = stopped.
+
+    What a file says counts where it is a reaction: 0 in 0x6007 is none, and so is 0 or 1 in 0x1029:1 of a drive with an
+    axis without 0x6007.
+    """
+    keys = builder.node.supervision
+    watches = keys.heartbeat_consumer is not False or keys.guarded
+    by_nmt = False  # whether an axis is stopped by the NMT state alone
+    for offset in _axes(builder.od):
+        index = ABORT_CONNECTION + offset
+        if (index, 0) not in builder.od:
+            by_nmt = True
+            continue
+        if builder.listed_value(index) is None:
+            if builder.downloaded_value(index) or not watches:
+                builder.write_downloaded(index, 0)
+            else:
+                builder.write(index, 0, FAULT_REACTION, "dcf", _STOPS)
+                builder.note_overruled(index, 0, "the default")
+        by_nmt = by_nmt or not (builder.can_write(index, 0) or builder.default(index, 0))
+    asked = 1 in keys.error_behavior or builder.listed_value(ERROR_BEHAVIOUR, 1) is not None
+    if asked or (ERROR_BEHAVIOUR, 1) not in builder.od:
         return
-    index = ABORT_CONNECTION + offset
-    if (index, 0) in od:
-        if builder.asked_for(index):
-            return
-        builder.write(index, 0, FAULT_REACTION, "dcf", _STOPS)
-        if builder.can_write(index, 0) or builder.default(index, 0):
-            return
-    asked = 1 in keys.error_behavior or builder.asked_for(ERROR_BEHAVIOUR)
-    if not offset and (ERROR_BEHAVIOUR, 1) in od and not asked:
+    if by_nmt and watches:
         builder.write(ERROR_BEHAVIOUR, 1, STOPPED, "error_behavior", _STOPS)
+        builder.note_overruled(ERROR_BEHAVIOUR, 1, "the default")
+    else:
+        builder.write_downloaded(ERROR_BEHAVIOUR, 1)
+
+
+def _watches(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bool:
+    """Whether a node that holds what the plan writes notices that the master is gone."""
+    if guarded and builder.final(GUARD_TIME, 0) and builder.final(LIFE_TIME, 0):
+        return True
+    seen = [parse_consumer_entry(builder.final(CONSUMER, sub) or 0) for sub in builder.od.subindices(CONSUMER)[1:]]
+    times = [ms for node_id, ms in seen if node_id == master.node_id and ms]
+    if times and min(times) <= master.heartbeat_ms:
+        builder.warn(
+            "heartbeat_consumer",
+            f"0x1016 gives the master {min(times)} ms, and its heartbeat comes every {master.heartbeat_ms} ms: "
+            "the node takes it for dead again and again; give it three heartbeats",
+        )
+    return bool(times)
+
+
+def _why_unsupervised(builder: PlanBuilder, master: MasterConfig, *, watches: bool) -> str:
+    """Say why a dead master would not stop the axes of a node that holds what the plan writes; "" where it would."""
+    axes = tuple(_axes(builder.od))
+    if not axes:
+        return ""
+    if not watches:
+        if (listed := builder.listed_value(CONSUMER, 1)) is not None:
+            return f"the sdo: list sets 0x1016:01 to 0x{listed:08X}, which does not watch node {master.node_id}"
+        return "it has neither a heartbeat consumer (0x1016) that can be set nor node guarding"
+    for offset in axes:
+        index = ABORT_CONNECTION + offset
+        if (index, 0) in builder.od:
+            if not builder.final(index, 0):
+                return f"it notices, and 0x{index:04X} = 0 lets the motor turn on"
+        elif (ERROR_BEHAVIOUR, 1) in builder.od and builder.final(ERROR_BEHAVIOUR, 1) != STOPPED:
+            value = builder.final(ERROR_BEHAVIOUR, 1)
+            return f"it notices, has no 0x{index:04X}, and 0x1029:01 = {value} lets the motor turn on; 2 stops it"
+    return ""
 
 
 def _plan_sync_counter(builder: PlanBuilder, master: MasterConfig) -> None:
     if not master.sync_overflow or builder.asked_for(SYNC_OVERFLOW):
         return
     if (SYNC_OVERFLOW, 0) in builder.od:
+        period = builder.default(SYNC_PERIOD, 0) if builder.can_write(SYNC_PERIOD, 0) else 0
+        if period:  # 0x1019 is refused while it is not 0 (CiA 301, 7.5.2.22)
+            builder.write(SYNC_PERIOD, 0, 0, "dcf", "0x1019 can be written while it is 0", optional=True)
         builder.write(SYNC_OVERFLOW, 0, master.sync_overflow, "dcf", "the master's SYNC carries a counter")
+        if period:
+            builder.write(SYNC_PERIOD, 0, period, "dcf", "as it was", optional=True)
     else:
         builder.warn("dcf", f"0x1019 is not in {builder.file}, and SYNC carries a counter: it may answer EMCY 0x8240")
 
 
+def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
+    """Let the node take SYNC where this package sends it, and send EMCY where this package hears it.
+
+    A value of the `sdo:` list stays, and is warned of where it is another one. 0x1005 of a node that sends SYNC itself
+    (bit 30) is left alone where `sync_producer` says that another node does.
+    """
+    if master.sync_producer != "other" or not (builder.default(SYNC, 0) or 0) & PRODUCER_BIT:
+        _plan_service(builder, SYNC, SYNC_COB_ID, "SYNC is sent there")
+    _plan_service(builder, EMCY, cob_id(Service.EMCY, builder.node.node_id), "EMCY is heard there alone")
+
+
+def _plan_service(builder: PlanBuilder, index: int, identifier: int, why: str) -> None:
+    """Plan the COB-ID of a service that the node has."""
+    if (index, 0) not in builder.od:
+        return
+    listed = builder.listed_value(index)
+    if listed is not None:
+        if listed != identifier:
+            builder.warn("sdo", f"0x{index:04X} = 0x{listed:X}, and {why} (0x{identifier:03X})")
+        return
+    default = builder.default(index, 0)
+    if not builder.can_write(index, 0):
+        if default is not None and default & 0x7FF != identifier:
+            builder.warn("dcf", f"0x{index:04X} = 0x{default:X} in {builder.file} cannot be written, and {why}")
+        return
+    if default is not None and not default & INVALID_BIT and is_restricted(default & 0x7FF):
+        builder.remark(
+            "dcf", f"0x{index:04X} = 0x{default:X} in {builder.file} is no COB-ID; 0x{identifier:03X} is written"
+        )
+    same = default is not None and default & (0x7FF | INVALID_BIT if index == EMCY else 0xFFFFFFFF) == identifier
+    value = default if same else identifier
+    builder.write(index, 0, value, "dcf", STORED if same else why, optional=True)
+    builder.note_overruled(index, 0, why)
+
+
 def _plan_downloads(builder: PlanBuilder) -> None:
-    """Plan what a concise DCF or a DCF downloads, but the PDOs that bus.yml configures itself."""
+    """Plan what a concise DCF or a DCF downloads, but supervision and the PDOs that bus.yml configures itself."""
+    supervision = _SUPERVISION | {SYNC, EMCY} | {ABORT_CONNECTION + offset for offset in _axes(builder.od)}
     for index, subindex, data in builder.downloads:
-        if not is_pdo_record(index):
+        if not is_pdo_record(index) and index not in supervision:
             builder.write_raw(index, subindex, data, builder.download_reason)
     plan_downloaded_pdos(builder)
 
 
-def _plan_sdo_list(builder: PlanBuilder) -> None:
+def _plan_sdo_list(builder: PlanBuilder, entries: Sequence[tuple[int, SdoEntry]]) -> None:
     seen: dict[tuple[int, int], object] = {}
-    for number, entry in enumerate(builder.node.boot.sdo):
+    for number, entry in entries:
+        if is_pdo_record(entry.index) and (entry.index, entry.sub_index) in builder.od:
+            continue  # planned with its PDO
         address = entry.index, entry.sub_index
         if seen.get(address) == entry.value:
             builder.warn(

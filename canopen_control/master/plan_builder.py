@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from canopen_control.od.codec import encode
 from canopen_control.od.limits import outside_limits
 from canopen_control.od.model import DataType
+from canopen_control.od.pdos import pdo_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -22,8 +23,10 @@ if TYPE_CHECKING:
     from canopen_control.master.keys import NodeConfig
     from canopen_control.od.model import ObjectDictionary, Value
 
-__all__ = ["PdoLayout", "PlanBuilder", "PlannedWrite"]
+__all__ = ["STORED", "PdoLayout", "PlanBuilder", "PlannedWrite"]
 
+STORED = "as in the EDS, but the device may have stored something else"
+"""The reason of a write that changes nothing where the device is as its file says."""
 _PROCEDURES = frozenset((0x1010, 0x1011))  # what is read there is no value that was written
 _BYTES = frozenset((DataType.OCTET_STRING, DataType.DOMAIN))
 
@@ -64,7 +67,10 @@ class PdoLayout:
 
 @dataclass(slots=True)
 class PlanBuilder:
-    """The plan in the making; `complain(key, text)` reports a mistake and goes on, `warn` a doubt, `note` no effect."""
+    """The plan in the making; `complain(key, text)` reports a mistake and goes on, `warn` a doubt.
+
+    `note` is told of keys without effect, `remark` of a choice.
+    """
 
     node: NodeConfig
     od: ObjectDictionary
@@ -73,13 +79,34 @@ class PlanBuilder:
     note: Callable[[str, str], None]
     spare_cob_ids: Iterator[int]
     downloads: tuple[tuple[int, int, bytes], ...] = ()
+    remark: Callable[[str, str], None] = lambda _key, _text: None
     writes: list[PlannedWrite] = field(default_factory=list)
     reads: list[MappedObject] = field(default_factory=list)
     layouts: dict[str, list[PdoLayout]] = field(default_factory=lambda: {"rpdo": [], "tpdo": []})
     _downloaded: dict[tuple[int, int], bytes] = field(init=False)
+    _records: dict[tuple[str, int], dict[tuple[int, int], tuple[int, bytes]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._downloaded = {(index, subindex): data for index, subindex, data in self.downloads}
+        for place, each in enumerate(self.node.boot.sdo):
+            pdo, entry = pdo_of(each.index), self.od.get(each.index, each.sub_index)
+            if pdo is None or entry is None:
+                continue  # what the EDS lacks is told where the list is planned
+            try:
+                data = encode(_bytes_of(each.value, entry.data_type), entry.data_type)
+            except ValueError as error:
+                self.complain(f"sdo[{place}]", f"0x{each.index:04X}:{each.sub_index:02X} {entry.name}: {error}")
+                continue
+            self._records.setdefault(pdo, {})[each.index, each.sub_index] = place, data
+            self._downloaded[each.index, each.sub_index] = data
+
+    def listed_pdos(self, kind: str) -> set[int]:
+        """Return the numbers of the PDOs that the `sdo:` list of bus.yml writes to."""
+        return {number for which, number in self._records if which == kind}
+
+    def listed_records(self, kind: str, number: int) -> dict[tuple[int, int], tuple[int, bytes]]:
+        """Return what the `sdo:` list writes to the records of a PDO: by address its last place in it, and the data."""
+        return self._records.get((kind, number), {})
 
     @property
     def file(self) -> str:
@@ -151,6 +178,53 @@ class PlanBuilder:
             return
         self._add(index, subindex, data, reason, False, pdo)
 
+    def write_downloaded(self, index: int, subindex: int) -> None:
+        """Add the write that a file asks for there, unless the `sdo:` list of bus.yml has another one."""
+        data = self._downloaded.get((index, subindex))
+        if data is not None and self.listed_value(index, subindex) is None:
+            self.write_raw(index, subindex, data, self.download_reason)
+
+    def listed_value(self, index: int, subindex: int = 0) -> int | None:
+        """Return the number that the `sdo:` list of bus.yml writes there last."""
+        for entry in reversed(self.node.boot.sdo):
+            if (entry.index, entry.sub_index) == (index, subindex):
+                return int(entry.value) if isinstance(entry.value, int) else None
+        return None
+
+    def downloaded_value(self, index: int, subindex: int = 0) -> int | None:
+        """Return the number that a file writes there."""
+        data = self._downloaded.get((index, subindex))
+        found = self.od.get(index, subindex)
+        signed = found is not None and found.data_type.signed
+        return None if data is None else int.from_bytes(data, "little", signed=signed)
+
+    def final(self, index: int, subindex: int) -> int | None:
+        """Return the number that the object holds after all writes so far; the default of the EDS where there is none.
+
+        A file's value counts where it is written, not before.
+        """
+        entry = self.od.get(index, subindex)
+        signed = entry is not None and entry.data_type.signed
+        for write in reversed(self.writes):
+            if write.address == (index, subindex):
+                return int.from_bytes(write.data, "little", signed=signed)
+        return self._held(index, subindex)
+
+    def _held(self, index: int, subindex: int) -> int | None:
+        """Return what the EDS says that the node holds; the ParameterValue of a DCF counts once it is written."""
+        entry = self.od.get(index, subindex)
+        value = None if entry is None else entry.default if entry.writable else entry.value
+        return value if isinstance(value, int) else None
+
+    def note_overruled(self, index: int, subindex: int, key: str) -> None:
+        """Note that a value of the file, or warn that one of the `sdo:` list, is not what the node holds in the end."""
+        final, where = self.final(index, subindex), f"0x{index:04X}:{subindex:02X}"
+        listed, downloaded = self.listed_value(index, subindex), self.downloaded_value(index, subindex)
+        if listed is not None and listed != final:
+            self.warn("sdo", f"{where} = 0x{listed:X} is overruled by {key}, which is written last: 0x{final or 0:X}")
+        elif downloaded is not None and downloaded != final and final is not None:
+            self.remark("dcf", f"{where} = 0x{downloaded:X} {self.download_reason} is overruled by {key}: 0x{final:X}")
+
     def asked_for(self, index: int) -> bool:
         """Whether the `sdo:` list of bus.yml or a file writes the object."""
         return any(entry.index == index for entry in self.node.boot.sdo) or any(
@@ -159,21 +233,14 @@ class PlanBuilder:
 
     def asked_value(self, index: int, subindex: int = 0) -> int | None:
         """Return the number that the `sdo:` list or a file writes there last."""
-        for entry in reversed(self.node.boot.sdo):
-            if (entry.index, entry.sub_index) == (index, subindex):
-                return entry.value if isinstance(entry.value, int) else None
-        data = self._downloaded.get((index, subindex))
-        found = self.od.get(index, subindex)
-        signed = found is not None and found.data_type.signed
-        return None if data is None else int.from_bytes(data, "little", signed=signed)
+        if any((entry.index, entry.sub_index) == (index, subindex) for entry in self.node.boot.sdo):
+            return self.listed_value(index, subindex)
+        return self.downloaded_value(index, subindex)
 
     def default(self, index: int, subindex: int) -> int | None:
         """Return what the object holds before bus.yml changes it: from a file, else from the EDS."""
         data = self._downloaded.get((index, subindex))
-        if data is not None:
-            return int.from_bytes(data, "little")
-        entry = self.od.get(index, subindex)
-        return entry.value if entry is not None and isinstance(entry.value, int) else None
+        return self._held(index, subindex) if data is None else int.from_bytes(data, "little")
 
     def signed_default(self, index: int, subindex: int) -> int | None:
         """Return what a signed object holds before bus.yml changes it, also where the EDS makes it unsigned."""

@@ -1,9 +1,10 @@
 """The PDOs of a plan: which are live, what they carry, and the writes that make it so (CiA 301, 7.5.2.35 to 38).
 
 The law of the file: a PDO is made invalid before anything of it is changed, and valid last; bit 30 of its COB-ID is the
-device's own. A PDO that is live by default, and that neither bus.yml nor a file mentions while they mention others, is
-switched off: a second live RPDO with a controlword is a second steering wheel. Where they mention none at all, the
-device's own PDOs are what is used.
+device's own. What bus.yml does not say is as in the EDS, and written all the same: a device may have stored something
+else. Where bus.yml lists PDOs, those that it does not list are switched off, also where a file or the device has them
+live: a second live RPDO with a controlword is a second steering wheel. Where bus.yml lists none, those of the file are
+used, and without any in a file the device's own. An entry of `sdo:` lists a PDO as well as `rpdo` and `tpdo` do.
 """
 
 from __future__ import annotations
@@ -17,16 +18,16 @@ from canopen_control.cia301.pdo import (
     MAX_BITS,
     NO_RTR_BIT,
     MappedObject,
+    is_restricted,
     mapping_entry,
     parse_mapping_entry,
 )
-from canopen_control.cia301.remap import is_restricted
 from canopen_control.frame import EXTENDED_BIT, rpdo_cob_id, tpdo_cob_id
-from canopen_control.master.plan_builder import PdoLayout
+from canopen_control.master.keys import PdoConfig
+from canopen_control.master.plan_builder import STORED, PdoLayout
 from canopen_control.od.pdos import COMMUNICATION, COUNT, MAPPING, pdo_of
 
 if TYPE_CHECKING:
-    from canopen_control.master.keys import PdoConfig
     from canopen_control.master.plan_builder import PlanBuilder
     from canopen_control.od.model import Entry
 
@@ -42,8 +43,9 @@ __all__ = [
 _PREDEFINED = {"rpdo": rpdo_cob_id, "tpdo": tpdo_cob_id}
 _PREDEFINED_COUNT = 4
 _LAST_SPARE = 0x6DF
-_STORED = "as in the EDS, but the device may have stored something else"
+_NONE = "none a PDO may have (CiA 301, table 42)"
 _SETTINGS = (2, 3, 5, 6)  # type, inhibit time, event timer, SYNC start
+_RELIED_ON = (2, 5)  # of these: what the master counts on, and writes where nothing asks for a value
 _EVENT_TIMER = _SETTINGS.index(5)
 
 
@@ -56,7 +58,7 @@ class _Wanted:
     key: str
     cob_id: int
     settings: tuple[tuple[int, int | None], ...]
-    remaps: bool
+    reason: str = ""
 
     @property
     def communication(self) -> int:
@@ -74,38 +76,96 @@ def is_pdo_record(index: int) -> bool:
 
 def plan_pdos(builder: PlanBuilder, kind: str) -> None:
     """Configure the PDOs that bus.yml lists, in its order; use or switch off the others."""
-    configured = builder.node.boot.pdos(kind)
-    downloaded = {
-        number for index, _, _ in builder.downloads for which, number in [pdo_of(index) or ("", 0)] if which == kind
-    }
+    configured, listed = builder.node.boot.pdos(kind), builder.listed_pdos(kind)
+    downloaded = _downloaded(builder, kind)
     for number, pdo in configured.items():
         _plan_pdo(builder, kind, number, pdo)
     for number in range(1, COUNT + 1):
-        cob_id = builder.default(COMMUNICATION[kind] + number - 1, 1)
-        if number in configured or cob_id is None or cob_id & INVALID_BIT:
+        index = COMMUNICATION[kind] + number - 1
+        if number in configured or (index, 1) not in builder.od:
             continue
-        if number in downloaded or not (configured or downloaded):
-            _adopt(builder, kind, number, cob_id)
-        else:
-            reason = "live by default, configured by nobody"
-            index = COMMUNICATION[kind] + number - 1
-            builder.write(index, 1, cob_id | INVALID_BIT, kind, reason, optional=True, pdo=(kind, number))
+        cob_id = builder.default(index, 1)
+        live = cob_id is not None and not cob_id & INVALID_BIT
+        used = number in (listed if configured or listed else downloaded or (number,))
+        if live and used and _usable(cob_id or 0):
+            if number in listed or number in downloaded:
+                _adopt(builder, kind, number, cob_id or 0)
+            else:
+                _plan_pdo(builder, kind, number, PdoConfig(), STORED)
+        elif number not in listed and not (number in downloaded and not live and not configured and not listed):
+            _switch_off(builder, kind, number, cob_id, in_file=number in downloaded)
+    for number in listed & configured.keys():
+        _compare_listed(builder, kind, number)
+
+
+def _switch_off(builder: PlanBuilder, kind: str, number: int, cob_id: int | None, *, in_file: bool) -> None:
+    """Switch a PDO off that nobody lists, or whose COB-ID is none; also where the EDS has it off."""
+    reason = STORED
+    if cob_id is None or not (cob_id & INVALID_BIT or _usable(cob_id)):
+        builder.remark(kind, f"{kind.upper()} {number} has no COB-ID in {builder.file} that a PDO may have; it is off")
+        reason = (
+            f"its COB-ID in {builder.file} is none that a PDO may have" if cob_id else "it has no COB-ID by default"
+        )
+    elif not cob_id & INVALID_BIT:
+        reason = "live by default, configured by nobody"
+        if in_file:
+            reason = f"live {builder.download_reason}, and bus.yml lists others"
+            builder.remark(
+                kind, f"{kind.upper()} {number} is live {builder.download_reason}; bus.yml does not list it: off"
+            )
+    index = COMMUNICATION[kind] + number - 1
+    off = (cob_id or 0) & ~EXTENDED_BIT | INVALID_BIT
+    builder.write(index, 1, off, kind, reason, optional=True, pdo=(kind, number))
+
+
+def _usable(cob_id: int) -> bool:
+    """Whether a COB-ID is one that this package sends or receives as a PDO (CiA 301, table 42)."""
+    return not cob_id & EXTENDED_BIT and not is_restricted(cob_id & 0x7FF)
+
+
+def _downloaded(builder: PlanBuilder, kind: str) -> set[int]:
+    pdos = (pdo_of(index) for index, _, _ in builder.downloads)
+    return {pdo[1] for pdo in pdos if pdo is not None and pdo[0] == kind}
+
+
+def _compare_listed(builder: PlanBuilder, kind: str, number: int) -> None:
+    """Refuse an entry of `sdo:` that says something else of a PDO than `rpdo` or `tpdo` does."""
+    for address, (place, data) in builder.listed_records(kind, number).items():
+        final, wanted = builder.final(*address), int.from_bytes(data, "little")
+        same = final is not None and (final ^ wanted) & (~NO_RTR_BIT if address[1] == 1 else -1) == 0
+        if not same and not (address[0] >= MAPPING[kind] and not address[1] and not wanted):
+            where = f"0x{address[0]:04X}:{address[1]:02X}"
+            text = f"{where} = 0x{wanted:X} is not what {kind}.{number} says (0x{final or 0:X}); keep one of them"
+            builder.complain(f"sdo[{place}]", text)
 
 
 def plan_downloaded_pdos(builder: PlanBuilder) -> None:
-    """Plan the PDO records of a file, in the order that a device accepts, unless bus.yml configures the PDO itself."""
+    """Plan the PDO records of a file and of `sdo:`, in the order that a device accepts.
+
+    Those of a file where bus.yml lists no PDO of that kind; those of `sdo:` where `rpdo` or `tpdo` does not have it.
+    """
     records: dict[tuple[str, int], dict[tuple[int, int], bytes]] = {}
     for index, subindex, data in builder.downloads:
-        if (pdo := pdo_of(index)) is not None and pdo[1] not in builder.node.boot.pdos(pdo[0]):
+        pdo = pdo_of(index)
+        if pdo is not None and not builder.node.boot.pdos(pdo[0]) and not builder.listed_pdos(pdo[0]):
             records.setdefault(pdo, {})[index, subindex] = data  # the last word of a file that writes it several times
     for (kind, number), values in records.items():
-        _plan_record(builder, kind, number, values)
+        _plan_record(builder, kind, number, values, builder.download_reason)
+    for kind in COMMUNICATION:
+        for number in sorted(builder.listed_pdos(kind) - builder.node.boot.pdos(kind).keys()):
+            found = builder.listed_records(kind, number)
+            cob_id = builder.default(COMMUNICATION[kind] + number - 1, 1) or 0
+            if not cob_id & INVALID_BIT and not _usable(cob_id):
+                place = next(iter(found.values()))[0]
+                builder.complain(f"sdo[{place}]", f"{kind.upper()} {number} would have COB-ID 0x{cob_id:X}, {_NONE}")
+            _plan_record(builder, kind, number, {address: data for address, (_, data) in found.items()}, "")
 
 
-def _plan_record(builder: PlanBuilder, kind: str, number: int, values: dict[tuple[int, int], bytes]) -> None:
+def _plan_record(
+    builder: PlanBuilder, kind: str, number: int, values: dict[tuple[int, int], bytes], reason: str
+) -> None:
     """Order what a file says of one PDO: invalid, settings, mapping, valid again if it is to be."""
     communication, mapping, pdo = COMMUNICATION[kind] + number - 1, MAPPING[kind] + number - 1, (kind, number)
-    reason = builder.download_reason
     cob_id = builder.default(communication, 1) or 0
 
     def put(index: int, subindex: int, data: bytes) -> None:
@@ -123,7 +183,7 @@ def _plan_record(builder: PlanBuilder, kind: str, number: int, values: dict[tupl
             if slot <= count:
                 put(mapping, slot, slots[slot])
         put(mapping, 0, bytes((count & 0xFF,)))
-    if not cob_id & INVALID_BIT:
+    if not cob_id & INVALID_BIT and _usable(cob_id):
         put(communication, 1, cob_id.to_bytes(4, "little"))
 
 
@@ -136,7 +196,8 @@ def _adopt(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> None:
         builder.layouts[kind].append(PdoLayout(number, cob_id & 0x7FF, _or_255(transmission), objects, timer))
 
 
-def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> None:
+def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reason: str = "") -> None:
+    """Plan one PDO; `reason` for one that bus.yml does not list."""
     key, index = f"{kind}.{number}", COMMUNICATION[kind] + number - 1
     if 1 <= number <= COUNT and (index, 1) not in builder.od and not pdo.enabled:
         return  # what the device does not have is off
@@ -145,41 +206,48 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> N
         builder.complain(key, f"{builder.file} has no {kind.upper()} {number} (0x{index:04X}); it has {known}")
         return
     off = not pdo.enabled and (builder.default(index, 1) or 0) & INVALID_BIT
-    wanted = _Wanted(
-        kind,
-        number,
-        key,
-        _cob_id(builder, kind, number, pdo),
-        _settings(builder, kind, number, pdo),
-        pdo.mapping is not None,
-    )
-    _write(builder, wanted, 1, wanted.cob_id | INVALID_BIT, _STORED if off else "")
+    settings = _settings(builder, kind, number, pdo)
+    wanted = _Wanted(kind, number, key, _cob_id(builder, kind, number, pdo), settings, reason)
+    _write(builder, wanted, 1, wanted.cob_id | INVALID_BIT, STORED if off else reason)
     if not pdo.enabled:
         return
     objects = _mapped(builder, kind, number, pdo)
-    _plan_live(builder, wanted, objects)
+    if not objects and pdo.mapping is None:
+        builder.warn(key, f"{kind.upper()} {number} has no mapping here and none in {builder.file}: it is left off")
+        return
+    _plan_live(builder, wanted, objects, stored_mapping=pdo.mapping is None)
     transmission = pdo.transmission if pdo.transmission is not None else builder.default(index, 2)
     timer = wanted.settings[_EVENT_TIMER][1]
     timer = builder.default(index, 5) or 0 if timer is None else timer
     builder.layouts[kind].append(PdoLayout(number, wanted.cob_id & 0x7FF, _or_255(transmission), objects, timer))
 
 
-def _plan_live(builder: PlanBuilder, wanted: _Wanted, objects: tuple[MappedObject, ...]) -> None:
+def _plan_live(
+    builder: PlanBuilder, wanted: _Wanted, objects: tuple[MappedObject, ...], *, stored_mapping: bool
+) -> None:
     for subindex, value in wanted.settings:
+        default = builder.default(wanted.communication, subindex)
         if value is not None:
-            same = value == builder.default(wanted.communication, subindex)
-            _write(builder, wanted, subindex, value, _STORED if same else "")
-    if wanted.remaps:
-        pdo, mapping = (wanted.kind, wanted.number), wanted.mapping
-        builder.write(mapping, 0, 0, wanted.key, pdo=pdo)
+            _write(builder, wanted, subindex, value, STORED if value == default else wanted.reason)
+        elif subindex in _RELIED_ON and default is not None and (wanted.communication, subindex) in builder.od:
+            _write(builder, wanted, subindex, default, STORED, optional=True)
+    pdo, mapping = (wanted.kind, wanted.number), wanted.mapping
+    if (mapping, 0) in builder.od:
+        reason = STORED if stored_mapping else wanted.reason
+        builder.write(mapping, 0, 0, wanted.key, reason, pdo=pdo)
         for slot, mapped in enumerate(objects, 1):
-            builder.write(mapping, slot, mapping_entry(mapped), f"{wanted.key}.mapping[{slot - 1}]", pdo=pdo)
-        builder.write(mapping, 0, len(objects), wanted.key, pdo=pdo)
-    _write(builder, wanted, 1, wanted.cob_id)
+            builder.write(mapping, slot, mapping_entry(mapped), f"{wanted.key}.mapping[{slot - 1}]", reason, pdo=pdo)
+        builder.write(mapping, 0, len(objects), wanted.key, reason, pdo=pdo)
+    elif not stored_mapping:
+        builder.complain(f"{wanted.key}.mapping", f"0x{mapping:04X} is not in {builder.file}")
+    _write(builder, wanted, 1, wanted.cob_id, wanted.reason)
 
 
-def _write(builder: PlanBuilder, wanted: _Wanted, subindex: int, value: int, reason: str = "") -> None:
-    builder.write(wanted.communication, subindex, value, wanted.key, reason, pdo=(wanted.kind, wanted.number))
+def _write(
+    builder: PlanBuilder, wanted: _Wanted, subindex: int, value: int, reason: str = "", *, optional: bool = False
+) -> None:
+    pdo = wanted.kind, wanted.number
+    builder.write(wanted.communication, subindex, value, wanted.key, reason, optional=optional, pdo=pdo)
 
 
 def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> tuple[tuple[int, int | None], ...]:
@@ -209,9 +277,9 @@ def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int
     default, key = builder.default(COMMUNICATION[kind] + number - 1, 1) or 0, f"{kind}.{number}"
     if isinstance(pdo.cob_id, int):
         if pdo.cob_id & EXTENDED_BIT or is_restricted(pdo.cob_id & 0x7FF):
-            builder.complain(f"{key}.cob_id", f"COB-ID 0x{pdo.cob_id:X} is none a PDO may have (CiA 301, table 42)")
+            builder.complain(f"{key}.cob_id", f"COB-ID 0x{pdo.cob_id:X} is {_NONE}")
         return (pdo.cob_id & ~INVALID_BIT) | default & NO_RTR_BIT
-    if pdo.cob_id is None and default & 0x7FF:
+    if pdo.cob_id is None and _usable(default):
         return default & ~INVALID_BIT
     if number > _PREDEFINED_COUNT:
         return _spare(builder, key, pdo) | default & NO_RTR_BIT
@@ -219,7 +287,8 @@ def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int
     if pdo.cob_id is None and pdo.enabled:
         builder.warn(
             key,
-            f"no cob_id here and none in {builder.file}; 0x{predefined:03X}, the predefined one, is used",
+            f"no cob_id here and none that a PDO may have in {builder.file}; 0x{predefined:03X}, the predefined one, "
+            "is used",
         )
     return predefined | default & NO_RTR_BIT
 
@@ -241,8 +310,8 @@ def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None)
     key = f"{kind}.{number}.mapping"
     wanted = _default_mapping(builder, kind, number)
     if pdo is not None and pdo.mapping is not None:
-        wanted = [(entry.index, entry.sub_index) for entry in pdo.mapping]
-    found = [_map_one(builder, kind, f"{key}[{slot}]", *address) for slot, address in enumerate(wanted)]
+        wanted = [(entry.index, entry.sub_index, 0) for entry in pdo.mapping]
+    found = [_map_one(builder, kind, f"{key}[{slot}]", *each) for slot, each in enumerate(wanted)]
     objects = tuple(mapped for mapped in found if mapped is not None)
     if (bits := sum(mapped.bits for mapped in objects)) > MAX_BITS:
         builder.complain(key, f"{bits} bits, a PDO holds {MAX_BITS}")
@@ -252,7 +321,8 @@ def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None)
     return objects
 
 
-def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: int) -> MappedObject | None:
+def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: int, part: int) -> MappedObject | None:
+    """Return an object as it is mapped; `part` are the bits that a default mapping takes of it, 0 for all."""
     if index in DUMMY_TYPES and not subindex:
         return _map_dummy(builder, kind, key, index)
     entry = builder.od.get(index, subindex)
@@ -264,7 +334,7 @@ def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: in
         builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} cannot be mapped into a {kind.upper()}")
     elif bits is None:
         builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} has no fixed length")
-    return None if bits is None else MappedObject(index, subindex, bits, entry.data_type)
+    return None if bits is None else MappedObject(index, subindex, part or bits, entry.data_type)
 
 
 def _map_dummy(builder: PlanBuilder, kind: str, key: str, index: int) -> MappedObject:
@@ -278,11 +348,11 @@ def _mappable(entry: Entry, kind: str) -> bool:
     return entry.rpdo_mappable if kind == "rpdo" else entry.tpdo_mappable
 
 
-def _default_mapping(builder: PlanBuilder, kind: str, number: int) -> list[tuple[int, int]]:
+def _default_mapping(builder: PlanBuilder, kind: str, number: int) -> list[tuple[int, int, int]]:
     mapping = MAPPING[kind] + number - 1
     count = builder.default(mapping, 0) or 0
     entries = [builder.default(mapping, slot) or 0 for slot in range(1, min(count, 64) + 1)]
-    return [parse_mapping_entry(value)[:2] for value in entries if value]
+    return [parse_mapping_entry(value) for value in entries if value]
 
 
 def _or_255(transmission: int | None) -> int:

@@ -28,9 +28,8 @@ if TYPE_CHECKING:
     from canopen_control.profiles.device_type import Profile
     from canopen_control.profiles.error_modes import SafeOutput
 
-__all__ = ["plan_signals"]
+__all__ = ["plan_signals", "warn_of_unwatched_outputs"]
 
-_CONSUMER: Final = 0x1016
 _SMALLEST_CHANGE: Final = 64  # of 32767, where neither the file nor the user says which change is worth a message
 _EVENT_TYPES: Final = (254, 255)
 _SAFE: Final = "outputs are safe when the master dies"
@@ -153,12 +152,15 @@ def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
     live = _mapped(builder, "rpdo")
     outputs = [each for each in safe_outputs(signals, builder.od) if each.output in live]
     keeping = [each for each in outputs if not _plan_safe(builder, each)]
-    if not outputs:
-        return
     if keeping:
         where = ", ".join(f"0x{each.output[0]:04X}:{each.output[1]:02X}" for each in keeping)
         builder.warn("dcf", f"the outputs {where} keep their values when the master dies: nothing switches them off")
-    if not builder.node.supervision.guarded and not any(each.index == _CONSUMER for each in builder.writes):
+
+
+def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
+    """Warn that a node which does not notice the death of its master has outputs."""
+    live = _mapped(builder, "rpdo")
+    if any(each.output in live for each in safe_outputs(signals, builder.od)):
         builder.warn(
             "dcf", "the outputs are not switched off when the master dies: the node has no heartbeat consumer (0x1016)"
         )

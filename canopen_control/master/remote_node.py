@@ -89,7 +89,7 @@ class RemoteNode:
         self.sent: list[SentPdo] = []
         self.emcy: EmcyMessage | None = None
         self.expected_state: NmtState | None = None  # what was commanded from outside a boot
-        self.log = NodeLog(config, report)
+        self.log = NodeLog(config, report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
         self.who = self.log.who
         """Its number and name, as every message has them."""
         self._send_nmt, self._watch, self._report = send_nmt, watch, report
@@ -131,6 +131,7 @@ class RemoteNode:
             count_tpdos=lambda: sum(pdo.count for pdo in self.received),
         )
         self._guarding_boot = False
+        self.log.heartbeat_changed(round(self.plan.heartbeat_timeout_ns / self.config.supervision.multiplier))
         self._settle(now)
 
     def read(self, index: int, subindex: int, done: Callable[[SdoRequest], None]) -> None:
@@ -156,6 +157,8 @@ class RemoteNode:
             self.begin_boot(now)
             return
         self._drop(now, f"NMT {command.name.lower().replace('_', ' ')} was commanded", Level.WARNING, kind="nmt")
+        if not self.plan.supervision_ns:
+            self.nmt_state = _COMMANDED.get(command)  # nothing will tell
         self.expected_state = None if boot else _COMMANDED.get(command)
         self._retry_at = now + 2 * RETRY_NS if boot else None
         if command not in RESETS:  # a guarded node shows its state to who asks, and takes a silent master for lost
@@ -212,10 +215,9 @@ class RemoteNode:
             self._guarded_outside(kind, now)
         elif kind is GuardingEventKind.MISSED:
             self.nmt_state = None
-            life = self.config.supervision.guard_time * self.config.supervision.life_factor / 1000
-            lost = HeartbeatLost(self.node_id, life, self.name)
-            self._drop(now, f"{self.who}: no answer to node guarding for {life:g} s", Level.ERROR, kind="guarding_lost")
-            self.error = str(lost)
+            silence = f"no answer to node guarding for {self.plan.supervision_ns / 1e9:g} s"
+            lost = f"{self.who}: {silence}; is it powered and connected?"
+            self._drop(now, lost, Level.ERROR, kind="guarding_lost")
             self._retry_at = now + RETRY_NS
         elif kind is GuardingEventKind.TOGGLE_ERROR:
             self._toggled(now)
@@ -236,11 +238,18 @@ class RemoteNode:
         self.log.errors.receive(frame, now)
         for message in self.log.errors.events():
             self.emcy, self.last_seen = message, now
-            text = self.log.emcy(message, now)
+            text = self.log.emcy(message, now, self._hints)
             if text is not None:
                 self.error = text
             elif self.ready and not self.log.errors.active:
                 self.error = None
+
+    @property
+    def _hints(self) -> dict[int, str]:
+        """What helps against an emergency while a boot is under way that takes its cause away."""
+        if self._task is None or not any(write.index == _SYNC_OVERFLOW for write in self.plan.writes):
+            return {}
+        return {_SYNC_LENGTH: "; the SYNC counter is not yet set, the boot under way writes its 0x1019"}
 
     def on_pdo(self, pdo: ReceivedPdo, now: int) -> None:
         """Take that a TPDO stays away, or is back."""
@@ -257,6 +266,8 @@ class RemoteNode:
             self.sdo_writes += request.is_write
             if request.is_write and request.error is None:
                 self._written(request.index, request.subindex, request.data)
+                self._guard_at_once(request, now)
+                self._follow_heartbeat(request, now)
             if self._task is not None:
                 self._task.transfer_ended(request, now)
             if callable(request.context):
@@ -399,6 +410,10 @@ class RemoteNode:
         if not self._guarding_boot:
             self._guard(True, now)
         self._farewell_until = None
+        if not self.plan.supervision_ns and self.nmt_state is not NmtState.OPERATIONAL:
+            self.nmt_state = NmtState.OPERATIONAL
+            text = "it has neither heartbeat nor guarding: NMT OPERATIONAL is what was commanded, nothing confirms it"
+            self.log.tell(now, "nmt_unconfirmed", text)
         self._lay_out(result)
         for received in self.received:
             received.expected, received.told_lengths = True, 0
@@ -411,6 +426,32 @@ class RemoteNode:
             "ready",
             f"operational after {(now - started) / 1e9:.3f} s, {result.writes} objects written, {result.reads} read",
         )
+
+    def _guard_at_once(self, request: SdoRequest, now: int) -> None:
+        """Guard the node from the moment on that it has its guard time or life time factor.
+
+        Some devices wait for the first request from then on, and not from the first one on (CiA 301, 7.2.8.3.1): they
+        raise EMCY 0x8130 when it comes only after the life time.
+        """
+        begins = request.index in (_GUARD_TIME, _LIFE_TIME_FACTOR) and self._task is not None
+        if begins and self.plan.guard is not None and not self._guarding_boot:
+            self._guarding_boot = True
+            self._guard(True, now)
+
+    def _follow_heartbeat(self, request: SdoRequest, now: int) -> None:
+        """Expect the heartbeats in the period that somebody has just written into a node in use."""
+        if request.index != _PRODUCER or self._task is not None or not self.plan.heartbeat_timeout_ns:
+            return
+        ms = int.from_bytes(request.data, "little")
+        if not ms:
+            text = "0x1017 was set to 0 by SDO: its heartbeat ends, and it will count as lost"
+            self.log.tell(now, "heartbeat_changed", text, Level.WARNING)
+            return
+        self.log.heartbeat_changed(ms * 1_000_000)
+        timeout = round(ms * self.config.supervision.multiplier * 1_000_000)
+        self._watch(self.node_id, timeout)
+        text = f"0x1017 was set to {ms} ms by SDO: it counts as lost after {timeout / 1e9:g} s, until it boots again"
+        self.log.tell(now, "heartbeat_changed", text)
 
     def _failed(self, error: CanopenError | None, now: int) -> None:
         text = str(error)
@@ -427,6 +468,8 @@ def _is_absence(request: SdoRequest) -> bool:
     return not request.is_write and isinstance(error, SdoAbort) and error.code in _ABSENT
 
 
+_GUARD_TIME, _LIFE_TIME_FACTOR, _PRODUCER, _SYNC_OVERFLOW = 0x100C, 0x100D, 0x1017, 0x1019
+_SYNC_LENGTH = 0x8240  # EMCY: the SYNC has another length than 0x1019 says
 _ABSENT = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
 _MAY_BE_ALIVE = ("heartbeat_lost", "guarding_lost", "guarding_toggle", "restarted", "nmt")
 _COMMANDED = {

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia301.remap import is_restricted
+from canopen_control.cia301.pdo import is_restricted
 from canopen_control.cia402.objects import (
     DIGITAL_OUTPUTS,
     HOME_OFFSET,

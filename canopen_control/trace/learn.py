@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia301.pdo import INVALID_BIT, MAX_BITS, mapping_entry, parse_mapping_entry
-from canopen_control.cia301.remap import is_restricted
+from canopen_control.cia301.pdo import INVALID_BIT, MAX_BITS, is_restricted, mapping_entry, parse_mapping_entry
 from canopen_control.cia402 import objects
 from canopen_control.frame import EXTENDED_FLAG, can_id_of
 from canopen_control.od.profile402 import TYPES

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.error_behaviour import check_reaction
 from canopen_control.cia301.heartbeat import parse_consumer_entry
-from canopen_control.cia301.pdo import INVALID_BIT
-from canopen_control.cia301.remap import is_restricted
+from canopen_control.cia301.pdo import INVALID_BIT, is_restricted
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia301.sync import check_cob_id_sync, check_overflow, parse_cob_id_sync
 from canopen_control.frame import MAX_NODE_ID
@@ -51,6 +50,11 @@ class Services:
     heartbeat: HeartbeatProducer
     guarding: GuardingSlave
     error_control: ErrorControl
+
+
+def _is_active(cob_id: int) -> bool:
+    """Whether a COB-ID with bit 31 for "invalid" makes its service active; 0 and what is reserved never does."""
+    return not cob_id & INVALID_BIT and not is_restricted(cob_id & 0x7FF)
 
 
 class CommunicationObjects:
@@ -119,7 +123,7 @@ class CommunicationObjects:
         services, number = self._services, self._store.number
         emcy, sync, heartbeat, guarding = services.emcy, services.sync, services.heartbeat, services.guarding
         cob_id = number(0x1014, 0, 0x80 + emcy.node_id)
-        emcy.cob_id, emcy.enabled = cob_id & 0x7FF, not cob_id & INVALID_BIT
+        emcy.cob_id, emcy.enabled = cob_id & 0x7FF, _is_active(cob_id)
         emcy.inhibit_ns = number(0x1015) * 100_000
         sync.cob_id = parse_cob_id_sync(number(0x1005, 0, 0x80))[0]
         sync.overflow = number(0x1019)
@@ -161,7 +165,7 @@ class CommunicationObjects:
         """Refuse another identifier while the message is valid."""
         present, new = self._store.number(entry.index), int(value)
         moved = (present ^ new) & 0x7FF
-        if not new & INVALID_BIT and ((moved and not present & INVALID_BIT) or is_restricted(new & 0x7FF)):
+        if not new & INVALID_BIT and ((moved and _is_active(present)) or is_restricted(new & 0x7FF)):
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         return value
 

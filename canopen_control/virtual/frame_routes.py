@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.emcy_codes import ErrorRegister
 from canopen_control.cia301.lss import MASTER_COB_ID
 from canopen_control.cia301.nmt import NmtState
+from canopen_control.cia301.pdo import is_restricted
 from canopen_control.cia301.sync import SyncEventKind
-from canopen_control.frame import REMOTE_FLAG, Service, cob_id
+from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, Service, cob_id
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -77,7 +78,7 @@ class FrameRoutes:
             (0x000, self._nmt.receive),
             (self._sdo.request_cob_id, self._on_sdo),
             (error_control | REMOTE_FLAG, self._guarding.receive),
-            (self._sync.cob_id, self._on_sync),
+            *self._sync_routes(),
             *((cob_id(Service.HEARTBEAT, node_id), consumer.receive) for node_id in consumer.watched()),
             *self._pdos.routes(),
         ]
@@ -90,6 +91,11 @@ class FrameRoutes:
 
     def _lss_routes(self) -> dict[int, Receiver]:
         return {} if self._lss is None else {MASTER_COB_ID: self._lss.receive}
+
+    def _sync_routes(self) -> list[tuple[int, Receiver]]:
+        """Return who takes SYNC; nobody where 0x1005 holds 0 or another identifier that is no SYNC's."""
+        can_id = self._sync.cob_id
+        return [] if not can_id & EXTENDED_FLAG and is_restricted(can_id) else [(can_id, self._on_sync)]
 
     def _on_sdo(self, frame: CanFrame, now: int) -> None:
         if self._nmt.state is not NmtState.STOPPED:

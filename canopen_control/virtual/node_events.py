@@ -26,6 +26,7 @@ __all__ = [
     "HeartbeatMissed",
     "ModeChanged",
     "NodeIdChanged",
+    "PdoLeftOff",
     "in_words",
 ]
 
@@ -93,6 +94,15 @@ class BitRateActivated:
     bitrate: int
 
 
+@dataclass(frozen=True, slots=True)
+class PdoLeftOff:
+    """A PDO that its record calls valid is not, for its COB-ID is none that it may have; `kind` is RPDO or TPDO."""
+
+    kind: str
+    number: int
+    cob_id: int
+
+
 def _axis(axis: int) -> str:
     return f"axis {axis}: " if axis else ""
 
@@ -117,6 +127,9 @@ _WORDS: dict[type, Callable[..., str]] = {
     EmergencyRaised: _emergency,
     HeartbeatMissed: _missed,
     NodeIdChanged: lambda event: f"LSS: node id {event.node_id}",
+    PdoLeftOff: lambda event: (
+        f"{event.kind} {event.number} stays off: its COB-ID 0x{event.cob_id:03X} is reserved, or has another user"
+    ),
     BitRateActivated: lambda event: f"LSS: bit rate {event.bitrate or 'detected by itself'}",
     FaultSwitched: lambda event: f"fault {event.name} {'on' if event.on else 'off'}",
 }

@@ -24,6 +24,7 @@ from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia402 import objects as o
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
 from canopen_control.virtual.mapped_pdo import MappedRpdo, MappedTpdo, concerns_of
+from canopen_control.virtual.node_events import PdoLeftOff
 from canopen_control.virtual.pdo_records import RPDO, TPDO, PdoRecords, mapping_of
 from canopen_control.virtual.rpdo_input import RpdoInput
 
@@ -107,6 +108,11 @@ class ProcessData:
         for number in self.tpdos:
             self._make_tpdo(number, now)
         self._survey()
+        for base, kind, numbers in ((RPDO, "RPDO", self.rpdos), (TPDO, "TPDO", self.tpdos)):
+            for number in numbers:
+                if self._records.is_valid(base + number) and not self._is_valid(base, number):
+                    cob_id = self._records.parameters(base + number).cob_id
+                    self._outbox.tell(PdoLeftOff(kind, number + 1, cob_id))
 
     def _rebuilt(self, base: int, number: int, _entry: Entry, _value: Value) -> None:
         before = self._is_valid(base, number)
@@ -116,8 +122,19 @@ class ProcessData:
             self._make_rpdo(number)
         else:
             self._make_tpdo(number, self._clock.now)
+        self._make_those_that_waited()
         self._survey()
         self._tell_rebuilt()
+
+    def _make_those_that_waited(self) -> None:
+        """Make the PDOs whose identifier another one had until now."""
+        for base, numbers in ((RPDO, self.rpdos), (TPDO, self.tpdos)):
+            for number in numbers:
+                if self._records.is_valid(base + number) and not self._is_valid(base, number):
+                    if base == RPDO:
+                        self._make_rpdo(number)
+                    else:
+                        self._make_tpdo(number, self._clock.now)
 
     def _is_valid(self, base: int, number: int) -> bool:
         core = self.rpdos[number].consumer if base == RPDO else self.tpdos[number].producer

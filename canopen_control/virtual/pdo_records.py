@@ -1,11 +1,13 @@
 """The PDO records of a node, 0x1400 to 0x1BFF: the rules of writing them, and what they say.
 
 What the rules forbid is an abort code (CiA 301, 7.5.2.35 to 7.5.2.38); a record that names what does not exist, or
-cannot be, maps nothing.
+cannot be, maps nothing. A CAN identifier has one user in the node: the services come first, then the RPDOs and the
+TPDOs by their number; a record with an identifier that another one has, or with none that a PDO may have, is off.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import AbortCode
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["RPDO", "TPDO", "PdoRecords", "mapping_of"]
 
 RPDO, TPDO = 0x1400, 0x1800
+_SYNC, _EMCY = 0x1005, 0x1014
 
 
 def mapping_of(communication: int) -> int:
@@ -41,6 +44,7 @@ class PdoRecords:
 
     def __init__(self, store: ObjectStore, *, rtr_supported: bool) -> None:
         self._store, self._rtr_supported = store, rtr_supported
+        self._communication = [base + number for base in (RPDO, TPDO) for number in self.numbers(base)]
 
     def numbers(self, base: int) -> list[int]:
         """Return the numbers, from 0, of the RPDOs (`base` 0x1400) or TPDOs (0x1800) that the dictionary has."""
@@ -54,7 +58,7 @@ class PdoRecords:
         self._store.guard([mapping], self._mapping_guard(rules, communication))
 
     def _rules(self, base: int, mapping: int) -> PdoRules:
-        od = self._store.od
+        od, communication = self._store.od, mapping - 0x200
         return PdoRules(
             is_tpdo=base == TPDO,
             lookup=self._lookup,
@@ -62,6 +66,7 @@ class PdoRecords:
             rtr_supported=self._rtr_supported,
             dummy_usage=od.dummy_usage,
             partial=od.device.granularity not in (0, 8),
+            in_use=lambda cob_id: self._users().get(cob_id, communication) != communication,
         )
 
     def _lookup(self, index: int, subindex: int) -> MappingTarget | AbortCode:
@@ -91,6 +96,20 @@ class PdoRecords:
 
         return judge
 
+    def _users(self) -> dict[int, int]:
+        """Return which record has an 11-bit identifier, by its index: 0x1005 and 0x1014, else the first PDO."""
+        store = self._store
+        users: dict[int, int] = {}
+        for index, default in ((_SYNC, 0x80), (_EMCY, INVALID_BIT)):
+            value = store.number(index, 0, default)
+            if index == _SYNC or not value & INVALID_BIT:
+                users.setdefault(value & 0x7FF, index)
+        for index in self._communication:
+            own = PdoParameters.from_value(store.number(index, 1, INVALID_BIT))
+            if own.enabled and not own.extended:
+                users.setdefault(own.cob_id, index)
+        return users
+
     def is_valid(self, communication: int) -> bool:
         """Whether a communication record says that its PDO is there."""
         return not self._store.number(communication, 1, INVALID_BIT) & INVALID_BIT
@@ -98,13 +117,15 @@ class PdoRecords:
     def parameters(self, communication: int) -> PdoParameters:
         """Return what a communication record says."""
         number = self._store.number
-        return PdoParameters.from_value(
+        found = PdoParameters.from_value(
             number(communication, 1, INVALID_BIT),
             transmission_type=number(communication, 2, 255),
             inhibit_time_100us=number(communication, 3),
             event_timer_ms=number(communication, 5),
             sync_start=number(communication, 6),
         )
+        taken = found.enabled and not found.extended and self._users().get(found.cob_id) != communication
+        return replace(found, enabled=False) if taken else found
 
     def _mapping(self, record: int) -> list[tuple[MappedObject, Entry | None]]:
         """Return the mapped objects; a record that names what does not exist maps nothing."""

@@ -6,8 +6,8 @@ usable default: until they are written, nothing moves. In profile velocity 0x608
 controlword do nothing in profile position, where bit 12 shows a set-point under way. In CSP it goes to the target
 within 0x60C2 and stands there until the next one comes. Bit 14 of the statusword is set while it moves, bit 15 is the
 direction. Homing method 35 needs no power. There is no 0x6007: what a lost heartbeat does is 0x1029:01, whose default
-goes to PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in operation is a fault. It answers no remote frames:
-bit 30 of its TPDOs' COB-IDs has to stay.
+goes to PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in operation is a fault. Bit 30 of its TPDOs' COB-IDs is
+set by default and may be cleared: `cob_id: auto` of ros2_canopen does that to real drives.
 """
 
 from __future__ import annotations
@@ -59,7 +59,6 @@ TMCM1270 = DeviceModel(
     homes_without_power=True,
     counts_per_revolution=51_200,
     delays=MappingProxyType({4: _ENABLE_DELAY}),
-    rtr_supported=False,
     communication_data=bytes.fromhex("00FF000000"),
     missing=MissingSetPoint(),
     recovers_sync=False,

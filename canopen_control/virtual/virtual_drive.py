@@ -266,8 +266,8 @@ class VirtualDrive:
         self._outbox.values_changed()
 
     def connection_lost(self, now: int) -> None:
-        """React to a lost heartbeat or guarding as 0x6007 says; without the object the axis goes on."""
-        if self.objects.has(o.ABORT_CONNECTION_OPTION):
+        """React to a lost heartbeat or guarding as 0x6007 says; without it 0x1029:01 decides, where that exists."""
+        if self.objects.has(o.ABORT_CONNECTION_OPTION) or not self._store.has(0x1029, 1):
             self.power.abort_connection(0x8130, now)
 
     def communication_stopped(self, now: int) -> None:

@@ -75,7 +75,7 @@ def test_when_the_runtime_is_killed_the_drives_stop_by_their_own_consumer(stage,
 
 def test_without_a_reaction_to_the_lost_master_the_wheels_would_turn_on(stage, turning, tmp_path):
     config = copy_robby(tmp_path, bus={"error_behavior: {1: 2}": "error_behavior: {1: 0}"})
-    robot, probes = turning("onwards", apart=True, config=config)
+    robot, probes = turning("onwards", "--allow-unsupervised", apart=True, config=config)
     robot.end(signal.SIGKILL)
     seconds_until(lambda: all(0x8130 in each.state.errors for each in probes), 5)  # they noticed, all the same
     begin = [position(each) for each in probes]

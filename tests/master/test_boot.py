@@ -199,6 +199,23 @@ def test_a_node_to_be_kept_alive_that_is_operational_is_only_compared():
     assert "differs from bus.yml in 0x6083:00" in result.warnings[0]
 
 
+def test_a_node_to_be_kept_alive_gets_the_supervision_that_it_lacks():
+    device = Device({(0x1016, 1): bytes(4)}, state=NmtState.OPERATIONAL)
+    write = PlannedWrite(0x1016, 1, b"\x2c\x01\x01\0", "consumer", data_type=DataType.UNSIGNED32)
+    result = device.run(boot(scripted(keep_alive=True, writes=(write,)), reset=True))
+    assert device.written == [(0x1016, 1, b"\x2c\x01\x01\0")]
+    assert "only its supervision was written" in result.warnings[0]
+
+
+def test_a_node_to_be_kept_alive_with_other_process_data_is_refused():
+    device = Device({(0x1800, 1): b"\x83\x01\0\0"}, state=NmtState.OPERATIONAL)
+    write = PlannedWrite(0x1800, 1, b"\x93\x01\0\0", "cob id", pdo=("tpdo", 1), data_type=DataType.UNSIGNED32)
+    plan = scripted(keep_alive=True, writes=(write,), tpdos=(PdoLayout(1, 0x193, 255, ()),))
+    with pytest.raises(BootError, match=r"its TPDO 1 is not as in bus\.yml: reset_communication: true"):
+        device.run(boot(plan, reset=True))
+    assert device.written == []
+
+
 def test_a_node_to_be_kept_alive_that_is_not_operational_is_reset_and_configured():
     device = Device({(0x6083, 0): b"\x05\0\0\0"}, state=NmtState.STOPPED)
     write = PlannedWrite(0x6083, 0, b"\x01\0\0\0", "ramp")

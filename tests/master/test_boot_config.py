@@ -2,12 +2,16 @@
 
 import pytest
 from support.conversation import NO_OBJECT, READ_ONLY, Device, plan
+from support.vendor import NODE, Booted, write_bus
 
+from canopen_control.data_files import data_path
 from canopen_control.errors import BootError
 from canopen_control.master.boot_config import compare_only, configure, store
 from canopen_control.master.plan_builder import PlannedWrite
 from canopen_control.master.requests import BootTransfers, Read, Write
+from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType
+from canopen_control.virtual.device import make_device
 
 
 def u32(index, value, **how):
@@ -107,3 +111,85 @@ def test_comparing_writes_nothing_and_names_each_object_once():
     missing = device.run(compare_only(plan(writes=writes), BootTransfers()))
     assert [write.index for write in missing] == [0x6083]
     assert device.written == []
+
+
+# -- what a device has stored is not taken for what its EDS says
+
+GENERIC = data_path("eds", "generic_cia402.eds")
+UNSAID = """\
+rpdo: {1: {enabled: false}, 2: {enabled: true}, 4: {enabled: true}}
+tpdo: {1: {enabled: false}, 2: {enabled: true, transmission: 1}, 3: {enabled: true}, 4: {enabled: true}}
+counts_per_revolution: 65536
+gear_ratio: 50
+"""
+
+
+def booted_with(folder, *stored, node=UNSAID):
+    """Boot a generic drive that has stored something else than its EDS says, with a bus.yml that does not say much."""
+    path = write_bus(folder, read_eds(GENERIC).od, node)
+    device = make_device(GENERIC, NODE)
+    for index, subindex, value in stored:
+        device.store.preset(index, subindex, value)
+    return Booted(path, device).run(5000)
+
+
+SWAPPED = ((0x1603, 0, 2), (0x1603, 1, 0x60FF0020), (0x1603, 2, 0x60400010))
+
+
+@pytest.mark.parametrize(
+    "stored",
+    [
+        SWAPPED,
+        ((0x1A02, 0, 2), (0x1A02, 1, 0x60640020), (0x1A02, 2, 0x60410010)),
+        ((0x1802, 2, 255),),
+        ((0x1403, 1, 0x40000511),),
+        ((0x1402, 1, 0x405),),  # live, and nobody lists it
+        ((0x1803, 1, 0x385),),  # what TPDO 3 is to have
+        ((0x1005, 0, 0x82),),
+        ((0x1014, 0, 0x91),),
+        ((0x1016, 2, 0x101F4),),  # watches the master in another place
+    ],
+    ids=lambda stored: f"{stored[0][0]:04X}",
+)
+def test_what_the_master_relies_on_is_written_whatever_the_device_has_stored(tmp_path, stored):
+    fresh, other = booted_with(tmp_path), booted_with(tmp_path, *stored)
+    assert fresh.node.ready, fresh.node.error
+    assert other.node.ready, other.node.error
+    ours = [0x1005, 0x1014, 0x1016, *range(0x1400, 0x1404), *range(0x1600, 0x1604), *range(0x1800, 0x1804)]
+    for index in [*ours, *range(0x1A00, 0x1A04)]:
+        for subindex in fresh.device.od.subindices(index):
+            held, planned = other.device.get(index, subindex), fresh.device.get(index, subindex)
+            same = held == planned
+            if index & 0xFF00 in (0x1400, 0x1800) and subindex == 1:  # bit 30 is the device's own
+                same = held & planned & 1 << 31 or (held ^ planned) & ~(1 << 30) == 0
+            unlisted = index & 0x3FF == 2 and index < 0x1800  # RPDO 3 is off, whatever it maps
+            assert same or unlisted, f"0x{index:04X}:{subindex:02X} 0x{held:X} 0x{planned:X}"
+
+
+@pytest.mark.parametrize(
+    "stored", [(0x607E, 0, 0xC0), (0x608F, 1, 4096), (0x6091, 1, 3), (0x6092, 1, 360)], ids=lambda each: f"{each[0]:X}"
+)
+def test_another_polarity_or_gear_than_bus_yml_was_made_for_is_refused_and_the_advice_works(tmp_path, stored):
+    index, subindex, value = stored
+    refused = booted_with(tmp_path, stored)
+    assert not refused.node.ready
+    line = f"{{index: 0x{index:04X}, sub_index: {subindex}, value: {value}}}"
+    assert f"holds {value}" in refused.node.error
+    assert f"add `{line}` under `sdo:`" in refused.node.error
+    accepted = booted_with(tmp_path, stored, node=f"{UNSAID}sdo: [{line}]\n")
+    assert accepted.node.ready, accepted.node.error
+    assert accepted.device.get(index, subindex) == value
+
+
+def test_a_scale_that_was_made_for_the_drive_as_it_is_is_taken(tmp_path):
+    own = UNSAID.replace("counts_per_revolution: 65536", "counts_per_revolution: 4096")
+    booted = booted_with(tmp_path, (0x608F, 1, 4096), (0x6092, 1, 4096), node=own)
+    assert booted.node.ready, booted.node.error
+
+
+def test_pdos_of_a_device_that_nobody_lists_are_as_in_its_eds_too(tmp_path):
+    live = [number for number in range(4) if not read_eds(GENERIC, 5).od.get(0x1800 + number, 1).default & 1 << 31]
+    index = 0x1A00 + live[0]
+    booted = booted_with(tmp_path, (index, 0, 1), (index, 1, 0x60640020), node="counts_per_revolution: 65536\n")
+    assert booted.node.ready, booted.node.error
+    assert booted.device.get(index, 1) == booted.device.od.get(index, 1).default == 0x60410010

@@ -149,4 +149,4 @@ def test_a_node_to_be_kept_alive_is_asked_for_its_state_by_its_heartbeat():
     harness.task.heartbeat(NmtState.OPERATIONAL, 100 * MS)
     assert harness.task.result is not None
     assert commands == []
-    assert harness.held == {}, "nothing was written"
+    assert harness.held == {b"\x17\x10\x00": b"d\x00"}, "its supervision, which it lacked, and nothing else"

@@ -218,3 +218,26 @@ def test_a_tpdo_with_one_object_of_64_bits_is_decoded_from_its_first_byte_on(dat
     for value in (0x0123456789ABCDEF, 1, 1 << 56, -2 if signed else (1 << 64) - 1):
         pdo.receive(value.to_bytes(8, "little", signed=signed), 8, 1)
         assert image.input(9, 0x2000).value == value
+
+
+def test_an_rpdo_with_a_deadline_is_repeated_in_half_of_it_and_another_one_as_before():
+    image = ProcessImage(refresh=10)
+    watched, other = image.add_rpdo(3, 0x203, [CONTROLWORD], deadline=10), image.add_rpdo(4, 0x204, [CONTROLWORD])
+    for pdo, node_id in ((watched, 3), (other, 4)):
+        image.output(node_id, 0x6040).drive()
+        pdo.start()
+    sent = [[each.count for each in (watched, other)] for _ in range(21) if image.collect() is not None]
+    assert sent[-1] == [5, 3]
+
+
+def test_an_output_with_a_deadline_is_repeated_once_it_was_written():
+    image = ProcessImage(refresh=10)
+    pdo = image.add_rpdo(3, 0x203, [CONTROLWORD], deadline=6)
+    pdo.start()
+    for _ in range(10):
+        image.collect()
+    assert pdo.count == 0
+    image.output(3, 0x6040).write(1)
+    for _ in range(9):
+        image.collect()
+    assert pdo.count == 3

@@ -245,7 +245,7 @@ def test_a_guarded_node_is_guarded_before_it_is_started(tmp_path):
     net = Network("can", config, events.append, 20 * MS)
     net.start(0)
     answers = Answers(net, 3)
-    for ms in range(0, 1000, 20):
+    for ms in range(0, 3000, 20):
         answers.serve(ms * MS)
     asked = [frame for frame in answers.log if frame.can_id == 0x703 | REMOTE_FLAG]
     started = next(number for number, frame in enumerate(answers.log) if frame.data == b"\x01\x03")
@@ -253,9 +253,10 @@ def test_a_guarded_node_is_guarded_before_it_is_started(tmp_path):
     assert answers.log.index(asked[0]) < started
     assert net.nodes["left_drive"].ready
     answers.deaf = True
-    for ms in range(1000, 2000, 20):
+    for ms in range(3000, 4000, 20):
         answers.serve(ms * MS)
     assert [event.kind for event in events if event.node == "left_drive"][-1] == "guarding_lost"
+    assert "no answer to node guarding for 0.3 s" in net.nodes["left_drive"].error
 
 
 def test_a_guarded_node_that_is_taken_out_shows_its_state_and_is_asked_on():

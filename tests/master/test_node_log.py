@@ -17,7 +17,7 @@ from canopen_control.rpc.messages.state import EventDetails
 @pytest.fixture
 def log():
     events = []
-    log = NodeLog(SimpleNamespace(node_id=3, name="left", supervision=SupervisionKeys()), events.append)
+    log = NodeLog(SimpleNamespace(node_id=3, name="left", supervision=SupervisionKeys()), events.append, 100_000_000)
     log.told = events
     return log
 

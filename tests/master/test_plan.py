@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from canopen_control.data_files import data_path
-from canopen_control.master.config import read_bus
+from canopen_control.master.config import inspect_bus, read_bus
 
 DATA = Path(__file__).parents[1] / "data"
 ROBBY = data_path("config", "robby") / "bus.yml"
@@ -24,11 +24,12 @@ def written(plan, index):
     return [(write.subindex, write.data.hex()) for write in plan.writes if write.index == index]
 
 
-def test_the_tutorials_file_gives_the_peers_writes_in_the_peers_order():
+def test_the_tutorials_file_gives_the_peers_writes_in_the_peers_order_but_supervision_last():
     golden = json.loads((DATA / "robby_tutorial_writes.json").read_text())
     plan = read_bus(DATA / "robby_tutorial" / "bus.yml").plans["left_drive"]
     ours = [[f"0x{w.index:04X}", w.subindex, w.data.hex().upper()] for w in plan.writes if not w.reason]
-    assert ours == golden
+    assert golden[0][0] == "0x1017"
+    assert ours == [*golden[1:], golden[0]]
     assert len(ours) == 35
 
 
@@ -53,6 +54,7 @@ def test_a_pdo_is_disabled_emptied_filled_counted_and_enabled_with_bit_30_kept(t
     order = [(w.index, w.subindex, w.data.hex()) for w in plan.writes if w.index in (0x1400, 0x1600)]
     assert order == [
         (0x1400, 1, "030200c0"),
+        (0x1400, 2, "ff"),  # as in the EDS, but the device may have stored something else
         (0x1600, 0, "00"),
         (0x1600, 1, "10004060"),
         (0x1600, 2, "08006060"),
@@ -99,3 +101,157 @@ def test_a_drive_with_0x6007_is_told_to_fault_when_the_master_is_lost(tmp_path):
 def test_what_cannot_be_is_an_error_of_the_file(tmp_path, node, words):
     with pytest.raises(Exception, match=words):
         plan_of(tmp_path, node)
+
+
+# -- supervision is written last and judged by what the node holds in the end
+
+EDITS = DATA / "eds_edits"
+SUPERVISED_DCF = DATA / "reports" / "dcf_supervision" / "drive.dcf"
+
+
+def read_plan(folder, node="", dcf="generic_cia402.eds"):
+    path = folder / "bus.yml"
+    keys = textwrap.indent(textwrap.dedent(node), "    ")
+    path.write_text(f"master: {{node_id: 1}}\nnodes:\n  drive:\n    dcf: {dcf}\n    node_id: 3\n{keys}")
+    config, problems = inspect_bus(path)
+    return config.plans["drive"], config.notes, [str(each) for each in problems.errors]
+
+
+def final(plan, index, subindex=0):
+    return {(w.index, w.subindex): int.from_bytes(w.data, "little") for w in plan.writes}[index, subindex]
+
+
+def test_supervision_is_written_last_and_a_file_does_not_switch_it_off(tmp_path):
+    plan, notes, errors = read_plan(tmp_path, dcf=SUPERVISED_DCF)
+    assert not errors
+    assert [write.index for write in plan.writes][-3:] == [0x1016, 0x1017, 0x6007]
+    assert final(plan, 0x1016, 1) == 1 << 16 | 300
+    assert any("0x1016:01 = 0x0 from" in note and "overruled" in note for note in notes)
+
+
+def test_a_configuration_is_stored_with_its_supervision(tmp_path):
+    plan, _, errors = read_plan(tmp_path, "sdo: [{index: 0x1010, sub_index: 1, value: save}]")
+    assert not errors
+    assert [write.index for write in plan.writes][-2:] == [0x6007, 0x1010]
+
+
+@pytest.mark.parametrize(
+    ("node", "dcf", "words"),
+    [
+        ("sdo: [{index: 0x6007, value: 0}]", "generic_cia402.eds", "0x6007 = 0 lets the motor turn on"),
+        ("error_behavior: {1: 0}", "TMCM-1270.eds", "0x1029:01 = 0 lets the motor turn on"),
+        ("sdo: [{index: 0x1029, sub_index: 1, value: 1}]", "TMCM-1270.eds", "0x1029:01 = 1 lets the motor turn on"),
+        ("sdo: [{index: 0x1016, sub_index: 1, value: 0}]", "TMCM-1270.eds", "sets 0x1016:01 to 0x00000000"),
+        ("sdo: [{index: 0x1016, sub_index: 1, value: 0x501F4}]", "TMCM-1270.eds", "does not watch node 1"),
+        ("guard_time: 100\nheartbeat_producer: 100", EDITS / "guardhb.eds", "neither a heartbeat consumer"),
+    ],
+)
+def test_a_plan_that_leaves_a_drive_unsupervised_is_an_error_unless_it_is_allowed(tmp_path, node, dcf, words):
+    plan, _, (error,) = read_plan(tmp_path, node, dcf)
+    assert "nothing would stop this drive" in error
+    assert words in error
+    assert plan.unsupervised
+    assert not read_plan(tmp_path, f"{node}\nallow_unsupervised: true", dcf)[2]
+
+
+@pytest.mark.parametrize(
+    ("node", "entries"),
+    [
+        ("", {1: 0x1012C}),
+        ("sdo: [{index: 0x1016, sub_index: 1, value: 0x103E8}]", {1: 0x103E8}),  # bus.yml says for how long
+        ("sdo: [{index: 0x1016, sub_index: 1, value: 0x503E8}]", {1: 0x503E8, 2: 0x1012C}),  # and watches another node
+        ("sdo: [{index: 0x1016, sub_index: 1, value: 0}]", {1: 0, 2: 0x1012C}),
+    ],
+)
+def test_the_master_has_one_entry_among_those_that_are_watched(tmp_path, node, entries):
+    plan, _, errors = read_plan(tmp_path, node)
+    assert not errors
+    assert {w.subindex: int.from_bytes(w.data, "little") for w in plan.writes if w.index == 0x1016} == entries
+
+
+def test_guarding_that_bus_yml_asks_for_goes_before_a_heartbeat_of_the_file(tmp_path):
+    plan, notes, errors = read_plan(tmp_path, "guard_time: 100", EDITS / "guardhb.eds")
+    assert not errors
+    assert (plan.guard, plan.heartbeat_timeout_ns) == ((100_000_000, 3), 0)
+    assert final(plan, 0x1017) == 0
+    assert any("0x1017:00 = 0x64 from" in note for note in notes)
+
+
+def test_what_a_device_beats_without_end_is_watched_instead_of_guarding(tmp_path):
+    head, _, rest = (EDITS / "guardhb.eds").read_text().partition("[1017]\n")
+    _, _, rest = rest.partition("\n\n")
+    section = (
+        "ParameterName=Heartbeat\nObjectType=0x7\nDataType=0x0006\nAccessType=const\nDefaultValue=100\nPDOMapping=0"
+    )
+    (tmp_path / "fixed.eds").write_text(f"{head}[1017]\n{section}\n\n{rest}")
+    plan, notes, (error,) = read_plan(tmp_path, "guard_time: 100", "fixed.eds")
+    assert (plan.guard, plan.heartbeat_timeout_ns) == (None, 300_000_000)
+    assert "neither a heartbeat consumer" in error
+    assert any("0x1017 is 100 ms and cannot be written" in note for note in notes)
+
+
+def test_a_second_axis_without_0x6007_is_stopped_by_the_nmt_state(tmp_path):
+    plan, _, errors = read_plan(tmp_path, dcf=DATA / "reports" / "amr_two_channels" / "two_axis.eds")
+    assert not errors
+    assert (final(plan, 0x6007), final(plan, 0x1029, 1)) == (1, 2)
+
+
+def test_the_sync_counter_is_written_before_anything_else(tmp_path):
+    path = tmp_path / "bus.yml"
+    path.write_text(
+        "master: {node_id: 1, sync_period: 20000, sync_overflow: 10}\nnodes:\n"
+        f"  drive: {{dcf: {SUPERVISED_DCF}, node_id: 3}}\n"
+    )
+    plan = read_bus(path).plans["drive"]
+    assert next(write.index for write in plan.writes if write.index != 0x1006) == 0x1019
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "words"), [("nocob", 0x1803, "TPDO 4 has no COB-ID"), ("sync0", 0x1005, "0x1005 = 0x0 in")]
+)
+def test_a_cob_id_that_the_file_lacks_is_named_and_written(tmp_path, name, index, words):
+    plan, notes, errors = read_plan(tmp_path, "tpdo: {1: {}}\nrpdo: {1: {}}", EDITS / f"{name}.eds")
+    assert not errors
+    assert any(words in note for note in notes)
+    assert final(plan, index, 1 if index >= 0x1400 else 0) == (1 << 31 if index >= 0x1400 else 0x80)
+
+
+def test_a_pdo_of_the_file_is_off_unless_bus_yml_lists_it(tmp_path):
+    dcf = EDITS / "pdo_kept_by_the_file.dcf"
+    plan, notes, errors = read_plan(tmp_path, "tpdo: {1: {}}", dcf)
+    assert not errors
+    assert [layout.number for layout in plan.tpdos] == [1]
+    assert final(plan, 0x1802, 1) & 1 << 31
+    assert any("TPDO 3 is live from" in note and "off" in note for note in notes)
+    assert 3 in [layout.number for layout in read_plan(tmp_path, "", dcf)[0].tpdos]
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("tpdo: {1: {cob_id: 0x83}}", "COB-ID 0x083 of TPDO 1 of drive is already that of EMCY of drive"),
+        ("tpdo: {1: {cob_id: 0x80}}", "already that of SYNC"),
+        ("tpdo: {1: {cob_id: 0x701}}", "none a PDO may have"),
+        ("sdo: [{index: 0x1800, sub_index: 1, value: 0x601}]", "TPDO 1 would have COB-ID 0x601"),
+        ("tpdo: {1: {transmission: 1}}\nsdo: [{index: 0x1800, sub_index: 2, value: 255}]", "keep one of them"),
+        (
+            "tpdo: {1: {cob_id: 0x190}}\nsdo: [{index: 0x1802, sub_index: 1, value: 0x190}]",
+            "COB-ID 0x190 of TPDO 3 of drive is already that of TPDO 1",
+        ),
+    ],
+)
+def test_a_cob_id_that_is_none_or_has_a_user_is_an_error(tmp_path, keys, words):
+    errors = read_plan(tmp_path, keys)[2]
+    assert any(words in error for error in errors), errors
+
+
+def test_a_pdo_that_the_sdo_list_configures_is_one_that_bus_yml_lists(tmp_path):
+    mapping = "{index: 0x1A02, sub_index: 0, value: 1}, {index: 0x1A02, sub_index: 1, value: 0x606C0020}"
+    listed = f"sdo: [{mapping}, {{index: 0x1802, sub_index: 1, value: 0x383}}]"
+    plan, _, errors = read_plan(tmp_path, listed)
+    assert not errors
+    assert [(each.number, each.cob_id, [o.index for o in each.objects]) for each in plan.tpdos] == [
+        (3, 0x383, [0x606C])
+    ]
+    order = [(w.index, w.subindex) for w in plan.writes if w.index in (0x1802, 0x1A02)]
+    assert (order[0], order[-1]) == ((0x1802, 1), (0x1802, 1))

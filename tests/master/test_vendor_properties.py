@@ -89,7 +89,11 @@ def test_a_read_only_reaction_to_a_lost_master_leaves_the_error_behaviour(tmp_pa
     plan, notes = plan_of(tmp_path, dictionary(s6007_00=RO))  # its default is a fault already
     assert written(plan, 0x1029) == []
     assert not [note for note in notes if "6007" in note]
-    assert written(plan_of(tmp_path, dictionary(s6007_00={**RO, "default": 0}))[0], 0x1029) == [(1, "02")]
+    od = dictionary(s6007_00={**RO, "default": 0})  # no reaction, for ever: whether 0x1029 stops it is the maker's word
+    with pytest.raises(CanopenError, match="0x6007 = 0 lets the motor turn on"):
+        plan_of(tmp_path, od)
+    plan, _ = plan_of(tmp_path, od, f"{ORDINARY}allow_unsupervised: true\n")
+    assert written(plan, 0x1029) == [(1, "02")]
 
 
 def test_a_sync_counter_is_not_set_where_it_cannot_be(tmp_path):
@@ -148,12 +152,12 @@ def test_a_drive_without_the_object_tells_no_modes_and_boots(tmp_path):
 def test_the_concise_dcf_of_another_generator_which_writes_bit_30_as_0_is_taken(tmp_path, number):
     """dcfgen turns ``cob_id: auto`` into the predefined COB-ID alone, whatever bit 30 of the EDS says."""
     rtr = {
-        f"s{base + number:04X}_01": {"default": 0x40000000 | first}
+        f"s{base + number:04X}_01": {"default": 0x40000000 | first + 0x100 * number}
         for base, first in ((0x1400, 0x205), (0x1800, 0x185))
     }
     booted = Booted(write_bus(tmp_path, dictionary(**rtr)))
     for base, cob_id in ((0x1400, 0x205), (0x1800, 0x185)):
-        for value in (cob_id | 1 << 31, cob_id):
+        for value in (cob_id + 0x100 * number | 1 << 31, cob_id + 0x100 * number):
             request = b"\x23" + (base + number).to_bytes(2, "little") + b"\x01" + value.to_bytes(4, "little")
             booted.device.tick(booted.now)
             booted.device.frames()

@@ -259,7 +259,8 @@ def test_the_wrong_device_at_a_node_id_is_refused(bench, tmp_path):
 
 def test_without_the_consumer_reaction_the_drives_would_turn_on(bench, tmp_path):
     """Why 0x1029:1 = 2 is written: the factory setting only leaves operational, and the motor goes on."""
-    config = copy_robby(tmp_path, bus={"error_behavior: {1: 2}": "error_behavior: {1: 0}"})
+    turned_off = "error_behavior: {1: 0}\n  allow_unsupervised: true"
+    config = copy_robby(tmp_path, bus={"error_behavior: {1: 2}": turned_off})
     for which, stops in ((str(config), False), ("robby", True)):
         robby = bench(config=which)
         robby.start()

@@ -286,7 +286,7 @@ def test_an_rpdo_that_only_waits_for_sync_is_held_and_counts_at_sync():
     assert bench.state == "READY_TO_SWITCH_ON"
 
 
-@pytest.mark.parametrize("why", ["its length", "a wrong one before", "late", "lost", "a fault", "two of one", "NMT"])
+@pytest.mark.parametrize("why", ["its length", "a wrong one before", "late", "lost", "a fault", "NMT"])
 def test_an_rpdo_that_has_a_consequence_is_not_held(why):
     bench = waiting_for_sync()
     data, node = b"\x06\0\x03", bench.node
@@ -300,8 +300,6 @@ def test_an_rpdo_that_has_a_consequence_is_not_held(why):
         node.pdos.input.lost.break_with(2)
     elif why == "a fault":
         FaultSwitches(node).set("silent", True, bench.now)
-    elif why == "two of one":
-        remap(bench, 1, [0x60FF0020], rpdo=True, kind=1, cob_id=0x205)
     else:
         bench.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
     assert not node.hold(CanFrame(0x205, data), bench.now)

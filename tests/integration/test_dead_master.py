@@ -1,0 +1,65 @@
+"""The master dies by SIGKILL and both drives stand within their time, whatever was written into them at boot."""
+
+import re
+import signal
+import struct
+from pathlib import Path
+
+import pytest
+from support.channel import channel_of
+from support.host import eventually
+from support.processes import seconds_until
+
+from canopen_control.od.concise import encode_concise
+
+pytestmark = pytest.mark.timed
+
+DATA = Path(__file__).parents[1] / "data" / "reports" / "dcf_supervision"
+NODES = (2, 3)
+NOTICED_S = 0.5  # by 0x1016 or guarding
+RAMP_S, SLACK_S = 1.0, 1.0  # of the drives' own ramps, and of a busy machine
+SUPERVISION_KEYS = r"^  (heartbeat_\w+|sdo):.*\n(    - \{index: 0x6007.*\n)?"
+NOTHING_WATCHES = ((0x1016, 1, struct.pack("<I", 0)), (0x1017, 0, b"\0\0"), (0x6007, 0, b"\0\0"))
+
+
+def hostile_files(folder, bus):
+    """Take supervision out of bus.yml: a DCF, a concise DCF and the sdo: list are left, which switch it off."""
+    text = (folder / "drive.dcf").read_text()
+    for section, value in (("1016sub1", 0), ("1017", 0), ("6007", 0)):
+        text = re.sub(
+            rf"(\[{section}\]\n(?:(?!ParameterValue).+\n)*)(ParameterValue.*\n)?", rf"\1ParameterValue={value}\n", text
+        )
+    (folder / "drive.dcf").write_text(text)
+    (folder / "off.bin").write_bytes(encode_concise(NOTHING_WATCHES))
+    bus = re.sub(SUPERVISION_KEYS, "", bus, flags=re.MULTILINE)
+    own = "node_id: 3\n    dcf: generic_cia402.eds\n    configuration_file: off.bin\n"
+    return bus.replace("node_id: 3 ", own + "    sdo: [{index: 0x1016, sub_index: 1, value: 0}] ")
+
+
+def guarded_against_the_file(folder, bus):
+    """Watch by node guarding where a file switches heartbeats on, which would switch guarding off."""
+    assert "ParameterValue=100" in (folder / "drive.dcf").read_text()  # 0x1017
+    return re.sub(SUPERVISION_KEYS, "", bus, flags=re.MULTILINE).replace(
+        "defaults:  #", "defaults:\n  heartbeat_consumer: false\n  guard_time: 100\n  #"
+    )
+
+
+@pytest.mark.parametrize("edit", [hostile_files, guarded_against_the_file])
+def test_drives_stand_when_the_master_is_killed_whatever_was_written_into_them(stage, probe, tmp_path, edit):
+    folder = tmp_path / "robot"
+    folder.mkdir()
+    for file in DATA.iterdir():
+        (folder / file.name).write_text(file.read_text())
+    (folder / "bus.yml").write_text(edit(folder, (folder / "bus.yml").read_text()))
+    name = edit.__name__[:7]
+    for node_id in NODES:
+        stage.drive(name, node_id, "--eds", f"{node_id}={folder / 'drive.dcf'}")
+    robot = stage.start("run", folder, "--real", "--full-speed", "--name", name, "--can", channel_of(name))
+    robot.until(f"{name} runs")
+    stage.start("command", "velocity_controller", 5, 5, "--name", name)
+    probes = [probe(name, node_id) for node_id in NODES]
+    assert eventually(lambda: all(abs(each.speed) > 40_000 for each in probes)), robot
+    robot.end(signal.SIGKILL)
+    took = seconds_until(lambda: all(abs(each.speed) < 1 for each in probes), 6)
+    assert took <= NOTICED_S + RAMP_S + SLACK_S
+    assert all(0x8130 in each.state.errors for each in probes)
