@@ -44,9 +44,9 @@ _COMMANDS: Final = frozenset({"command", "trajectory"})
 class ActPlayer:
     """Plays acts from now on; `played` are those that have begun, `refused` counts what the robot refused.
 
-    `troubles` counts what went wrong, with the state that the robot was in; `on_asked` hears what clients ask for,
-    `on_played` each act that begins, `on_goal` each goal that is taken, all with their time. `torn` are switches of
-    controllers that were refused and changed something all the same.
+    `troubles` counts what went wrong, with the state that the robot was in. All with their time, `on_asked` hears what
+    clients ask for, `on_played` each act that begins, `on_goal` each goal and `on_taken` each command that is taken.
+    `torn` are switches of controllers that were refused and changed something all the same.
     """
 
     def __init__(self, robot: SimulatedRobot) -> None:
@@ -60,6 +60,7 @@ class ActPlayer:
         self.on_asked: Callable[[int, Act], object] = lambda _now, _act: None
         self.on_played: Callable[[int, Act], object] = lambda _now, _act: None
         self.on_goal: Callable[[int, Act, Goal], object] = lambda _now, _act, _goal: None
+        self.on_taken: Callable[[int, Act], object] = lambda _now, _act: None
         self.torn: list[str] = []
         self.clients = SimulatedClients(robot)
         self._publishing: dict[str, int] = {}  # controller -> whose turn it is to command it
@@ -190,9 +191,13 @@ class ActPlayer:
     def _publish(self, act: Act, turn: int, until_ns: int) -> None:
         if self._publishing[act.target] != turn:
             return
-        self._ask(act, lambda core: core.command(act.target, act.values, SOURCE))
+        self._ask(act, lambda core: self._command(core, act))
         if self.robot.now_ns + PUBLISH_NS < until_ns:
             self._later(PUBLISH_NS, lambda: self._publish(act, turn, until_ns))
+
+    def _command(self, core: RobotCore, act: Act) -> None:
+        core.command(act.target, act.values, SOURCE)
+        self.on_taken(self.robot.now_ns, act)
 
     def trajectory(self, act: Act) -> None:
         """Send a trajectory whose points stand."""

@@ -45,6 +45,7 @@ class _Configured:
         self.name, self.plan = name, plan
         self.boots = 0
         self.version: tuple[object, int] = None, -1
+        self.records: tuple[int, ...] = ()  # of its PDOs
         self.bad: set[int] = set()
         self.wide = [
             (layout.cob_id, position, mapped, deque[tuple[int, object]]())
@@ -114,9 +115,11 @@ class ConfigurationRules:
         store = device.store
         if node.version == (store, store.version):
             return
+        if node.version[0] is not store:
+            node.records = tuple(index for index in _RECORDS if (index, 1) in device.od)
         node.version = store, store.version
         bad = set()
-        for index in _records_of(device):
+        for index in node.records:
             entry = store.get(index, 1)
             if isinstance(entry, int) and not entry & INVALID_BIT and _is_restricted(entry & 0x1FFFFFFF):
                 bad.add(index)
@@ -167,11 +170,6 @@ def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
             return planned == value or bool(planned & value & INVALID_BIT)
         return planned == value
     return encode(value, entry.data_type) == write.data
-
-
-def _records_of(device: VirtualNode) -> tuple[int, ...]:
-    """Return the communication records of a node's PDOs."""
-    return tuple(index for index in _RECORDS if (index, 1) in device.od)
 
 
 def _is_restricted(cob_id: int) -> bool:

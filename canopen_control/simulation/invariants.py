@@ -99,6 +99,7 @@ class Invariants:
             robot.wires[name].observe(view.hear, view.wants)
             robot.wires[name].observe(wire.heard, wire.wants)
         player.on_asked, player.on_played, player.on_goal = self._asked, self._played, self._goals.taken
+        player.on_taken = self._told.taken
         robot.time.later(_LOOK_NS, self._look)
 
     def _tell(self, rule: str, text: str) -> None:

@@ -72,14 +72,14 @@ class _Followed:
             self._slope_of, self._slope = (drive, version), _slope(drive)
         return self._slope
 
-    def limits(self, drive: VirtualDrive) -> tuple[int, int, int]:
-        """Return the ends of 0x607D and the greatest velocity of 0x607F; 0 where there is no such limit."""
-        objects, version = drive.objects, drive.objects.store.version
-        if self._limits_of[1] != version or self._limits_of[0] is not drive:
+    def limits(self, drive: VirtualDrive, now: int) -> tuple[int, int, int]:
+        """Return the ends of 0x607D and the greatest velocity of 0x607F, 0 for none; as of this second."""
+        if self._limits_of != (known := (drive, now // _CALM_NS)):
+            objects = drive.objects
             low, high = (objects.number(o.SOFTWARE_POSITION_LIMIT, sub) for sub in (1, 2))
             most = objects.number(o.MAX_PROFILE_VELOCITY)
             ends = (low, high) if low < high else (0, 0)
-            self._limits_of, self._limits = (drive, version), (*ends, most if most < _UNLIMITED_ABOVE else 0)
+            self._limits_of, self._limits = known, (*ends, most if most < _UNLIMITED_ABOVE else 0)
         return self._limits
 
     def rest(self) -> None:
@@ -165,7 +165,7 @@ class TargetRules:
         pushes = ""
         if view.enabled:
             pushes = self._pushes(view, drive, now)
-            wrong = pushes or self._beyond(axis, drive)
+            wrong = pushes or self._beyond(axis, drive, now)
         elif view.shown_enabled_at < now - _OFF_NS and now - view.told_at < _LAG_NS < now - view.target_changed_at:
             wrong = self._not_at_rest(view, drive, now)
         else:
@@ -187,9 +187,9 @@ class TargetRules:
         since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
         return since < now - _CALM_NS
 
-    def _beyond(self, axis: _Followed, drive: VirtualDrive) -> str:
+    def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
         """Return what leads an enabled drive beyond its limits, in words; "" where nothing does."""
-        low, high, most = axis.limits(drive)
+        low, high, most = axis.limits(drive, now)
         targets, mode = axis.view.targets, drive.modes.number
         if mode == _CSP:
             told = targets.get(o.TARGET_POSITION)
@@ -280,9 +280,10 @@ class TargetRules:
                 if told is None or not commands or not self._may_judge(view, now):
                     self._wrong.discard(joint)
                     continue
-                self._judge_target(joint, float(told), [scale * each for each in _recent(commands, now)])
-                if view.limited_at <= view.booted_at:  # else one way is closed
-                    self._judge_life(joint, told, commands, now)
+                recent = _recent(commands, now)
+                self._judge_target(joint, float(told), [scale * each for each in recent])
+                if not told or joint in self._lost:
+                    self._judge_life(joint, view, recent, now)
 
     def _judge_target(self, joint: str, told: float, commanded: list[float]) -> None:
         low, high = min(0.0, *commanded), max(0.0, *commanded)
@@ -293,11 +294,12 @@ class TargetRules:
             self._wrong.add(joint)
             self._tell("target_wrong", f"the drive of {joint} is told {told:.0f}, commanded was {commanded[-1]:.0f}")
 
-    def _judge_life(self, joint: str, told: int, commands: deque[tuple[int, float]], now: int) -> None:
-        """Judge that a command which somebody renews, and nobody ends, is followed."""
-        newest, value = commands[-1]
-        steady = newest > now - _LAG_NS and value and all(each == value for each in _recent(commands, now))
-        if not steady or told or commands[0][0] > now - _LAG_NS or not self._all_calm(now):
+    def _judge_life(self, joint: str, view: NodeView, recent: Sequence[float], now: int) -> None:
+        """Judge that a drive is not told to stand for which somebody renews a command that nobody ends."""
+        commands, value = self._commanded[joint], recent[-1]
+        renewed = commands[0][0] < now - _LAG_NS < commands[-1][0] and all(each == value != 0.0 for each in recent)
+        closed = view.limited_at > view.booted_at  # one way
+        if view.targets[_VELOCITY] or closed or not renewed or not self._all_calm(now):
             self._lost.discard(joint)
         elif joint not in self._lost:
             self._lost.add(joint)

@@ -32,7 +32,7 @@ _BLOCKS: Final = 60_000  # of memory, that a robot may have more than a while af
 class ToldRules:
     """Holds the runtime's words against what is; `tell(rule, text)` takes breaches.
 
-    `asked` and `sampled` are called as time passes.
+    `asked`, `taken` and `sampled` are called as time passes.
     """
 
     def __init__(self, robot: SimulatedRobot, views: Mapping[str, WireView], tell: Callable[[str, str], None]) -> None:
@@ -51,6 +51,15 @@ class ToldRules:
         if act.kind in ("latch", "release"):
             self._latched = act.kind == "latch"
             self._latch_asked, self._latch_heard = now, max(now, self._robot.host.stalled_until)
+
+    def taken(self, now: int, act: Act) -> None:
+        """Judge a command that was taken: one all of whose drives have been off for a while must not be."""
+        core = self._robot.core
+        joints = [core.joints.get(each.joint) for each in core.manager.get(act.target).commands]
+        moved = {joint.node.node_id for joint in joints if joint is not None}
+        axes = [node for node in self._nodes if node.node_id in moved]
+        if axes and all(_is_off(node, now) for node in axes):
+            self._tell("command_taken", f"a command to {act.target} is taken, and its drives are off")
 
     def sampled(self, now: int) -> None:
         """Judge what is told now."""
@@ -122,3 +131,8 @@ class ToldRules:
         elif blocks - self._blocks > _BLOCKS:
             self._tell("memory", f"{blocks - self._blocks} blocks of memory more than after a minute")
             self._blocks = blocks
+
+
+def _is_off(node: NodeView, now: int) -> bool:
+    """Whether a drive shows that it is not enabled, and has for a while."""
+    return not node.enabled and node.shown_enabled_at < now - _SOON_NS and now - node.status_at < _FRESH_NS

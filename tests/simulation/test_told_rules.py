@@ -3,6 +3,7 @@ import sys
 import pytest
 from support.simulated import Judged, S
 
+from canopen_control.controllers.manager import ControllerManager
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.simulation.told_rules import ToldRules
 
@@ -68,3 +69,13 @@ def test_running_is_a_lie_while_a_claimed_drive_is_off(judged, monkeypatch):
     judged.do("axis", name="disable").run(1.0)
     told = {f"running, and {side}_wheel_joint is claimed by a controller and off" for side in ("left", "right")}
     assert {text for _, text in judged.told} == told
+
+
+@pytest.mark.sources
+def test_a_command_is_not_taken_while_its_drives_are_off(judged, monkeypatch):
+    judged.player.on_taken = judged.rules.taken
+    judged.do("axis", name="disable").run(1.0).drive(5.0, 5.0, seconds=0.1).run(0.3)
+    assert (judged.told, judged.player.refused) == ([], 1)
+    monkeypatch.setattr(ControllerManager, "_require_enabled", lambda self, controller: None)
+    judged.drive(5.0, 5.0, seconds=0.1).run(0.3)
+    assert judged.broken == ["command_taken"]
