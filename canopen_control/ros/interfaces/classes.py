@@ -1,14 +1,16 @@
 """Python classes of messages, services and actions, as rclpy expects them from rosidl_generator_py.
 
 The law of the file: the metaclass holds the type support, made when rclpy first asks for it; a message has its fields
-as attributes, None in the constructor is the default; a service cannot be made, only its Request and Response; of an
-action Goal, Result and Feedback, and what rclpy.action sends is in its Impl. A field holds what was put in it: whether
-that can be sent shows when it is sent.
+as attributes, None in the constructor is the default; its slots are the fields with an underscore before the name, in
+their order, and `SLOT_TYPES` their types in rosidl_parser's words, by which rosidl_runtime_py prints and fills
+messages; a service cannot be made, only its Request and Response; of an action Goal, Result and Feedback, and what
+rclpy.action sends is in its Impl. A field holds what was put in it: whether that can be sent shows when it is sent.
 """
 
 from __future__ import annotations
 
 import copy
+import importlib
 from array import array
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
@@ -38,15 +40,25 @@ _TEXT: Final = {2: "int8", 3: "uint8", 4: "int16", 5: "uint16", 6: "int32", 7: "
 _EMPTY: Final[dict[int, object]] = {10: 0.0, 11: 0.0, 15: False, 16: b"\0", 17: "", 21: ""}  # any other is 0
 
 
+class _SlotTypes:
+    """`SLOT_TYPES` of a class, made when it is first asked for: ROS's parser is loaded for it."""
+
+    def __get__(self, _message: object, owner: type[MadeMessage]) -> tuple[object, ...]:
+        types = tuple(_rosidl_type(kind) for kind in owner.__field_types__)
+        type.__setattr__(owner, "SLOT_TYPES", types)
+        return types
+
+
 class MadeMessage:
     """A message whose class was made at run time."""
 
     __slots__ = ()
-    _defaults: ClassVar[dict[str, Callable[[], object]]] = {}
+    __defaults__: ClassVar[dict[str, Callable[[], object]]] = {}
     _fields_and_field_types: ClassVar[dict[str, str]] = {}
+    __field_types__: ClassVar[tuple[FieldType, ...]] = ()
 
     def __init__(self, **values: object) -> None:
-        for name, default in self._defaults.items():
+        for name, default in self.__defaults__.items():
             value = values.pop(name, None)
             setattr(self, name, default() if value is None else value)
         values.pop("check_fields", None)
@@ -60,13 +72,13 @@ class MadeMessage:
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and all(
-            _same(getattr(self, name), getattr(other, name)) for name in self._defaults
+            _same(getattr(self, name), getattr(other, name)) for name in self.__defaults__
         )
 
     __hash__ = None  # type: ignore[assignment] # a message can be changed
 
     def __repr__(self) -> str:
-        fields = ", ".join(f"{name}={_shown(getattr(self, name))}" for name in self._defaults)
+        fields = ", ".join(f"{name}={_shown(getattr(self, name))}" for name in self.__defaults__)
         return f"{type(self).__module__}.{type(self).__name__}({fields})"
 
 
@@ -80,14 +92,18 @@ def message_class(structure: Structure, class_of: Callable[[str], type], support
             setattr(metaclass, attribute, capsule)
 
     contents = {
-        "__slots__": tuple(each.name for each in fields),
+        "__slots__": tuple(f"_{each.name}" for each in fields),
+        "SLOT_TYPES": _SlotTypes(),
+        "__field_types__": tuple(each.type for each in fields),
         "__module__": f"{package}.{kind}",
         "__doc__": f"{structure.name}, made at run time.",
-        "_defaults": {each.name: _default_of(each.type, each.default, class_of) for each in fields},
+        "__defaults__": {each.name: _default_of(each.type, each.default, class_of) for each in fields},
         "_fields_and_field_types": {each.name: _text_of(each.type) for each in fields},
         **structure.constants,
     }
     made: type = _metaclass(short, load)(short, (MadeMessage,), contents)
+    for each in fields:
+        setattr(made, each.name, made.__dict__[f"_{each.name}"])  # the slot itself: as fast as an attribute
     return made
 
 
@@ -174,6 +190,23 @@ def _text_of(kind: FieldType) -> str:
         Shape.SEQUENCE: f"sequence<{text}>",
     }
     return shapes[kind.shape]
+
+
+def _rosidl_type(kind: FieldType) -> object:
+    """Return a type as rosidl_parser has it."""
+    parser = importlib.import_module("rosidl_parser.definition")
+    if kind.shape is not Shape.SCALAR:
+        one = _rosidl_type(FieldType(kind.base, string_capacity=kind.string_capacity, nested=kind.nested))
+        if kind.shape is Shape.ARRAY:
+            return parser.Array(one, kind.capacity)
+        return parser.BoundedSequence(one, kind.capacity) if kind.capacity else parser.UnboundedSequence(one)
+    if kind.base == NESTED:
+        *namespaces, short = kind.nested.split("/")
+        return parser.NamespacedType(namespaces, short)
+    if kind.string_capacity:
+        return parser.BoundedString(kind.string_capacity)
+    text = _TEXT.get(kind.base, "string")
+    return parser.UnboundedString() if text == "string" else parser.BasicType(text)
 
 
 def _same(one: Any, other: Any) -> bool:  # noqa: ANN401 - whatever a field holds

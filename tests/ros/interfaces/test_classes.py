@@ -3,6 +3,7 @@ from __future__ import annotations
 from array import array
 
 import pytest
+from support.ros import run_ros
 
 from canopen_control.ros.interfaces.classes import MadeMessage, action_class, message_class, service_class
 from canopen_control.ros.interfaces.type_description import Registry
@@ -156,3 +157,43 @@ def test_an_action_has_what_rclpy_asks_for_and_loads_the_supports_of_its_parts()
         "action p/action/A",
         *(f"p/action/A_{each}" for each in ("SendGoal", "GetResult", "FeedbackMessage")),
     ]
+
+
+SLOTS = """
+import importlib, json, sys
+from pathlib import Path
+from canopen_control.ros.interfaces.classes import message_class
+from canopen_control.ros.interfaces.type_description import Registry
+share, count = Path(sys.prefix, "share"), 0
+registry = Registry([share])
+def class_of(name):
+    package, kind, short = name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), short)
+for path in sorted(share.glob("*_msgs/msg/*.json")) + sorted(share.glob("rcl_interfaces/*/*.json")):
+    name = json.loads(path.read_text())["type_description_msg"]["type_description"]["type_name"]
+    try:
+        theirs = class_of(name)
+        ours = message_class(registry.get(name), class_of, lambda: None)
+    except AttributeError:  # a service
+        continue
+    if not hasattr(theirs, "SLOT_TYPES"):
+        continue
+    assert ours.SLOT_TYPES == theirs.SLOT_TYPES, name
+    assert ours().SLOT_TYPES is ours.SLOT_TYPES
+    slots = [each for each in theirs.__slots__ if each != "_check_fields"]
+    assert [*ours.__slots__] == slots, name
+    count += 1
+print(count)
+"""
+
+
+@pytest.mark.ros
+def test_slots_and_their_types_are_those_of_ros_own_classes():
+    assert int(run_ros(SLOTS)) > 100
+
+
+def test_a_slot_and_its_attribute_are_one(made):
+    message = made("p/msg/Point")(x=2.0)
+    assert message.__slots__ == ("_x", "_y")
+    message._x = 3.0
+    assert message.x == 3.0
