@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
 
-__all__ = ["Arrivals", "Filtering", "Stamping", "set_filter"]
+__all__ = ["Arrivals", "Filtering", "Stamping", "UnixOffset", "set_filter"]
+
+_READINGS = 4
 
 
 @runtime_checkable
@@ -49,6 +51,31 @@ class Stamping(Protocol):
         """Return what `receive` does, and when each record came in monotonic ns, 0: unknown; raise `BusClosed`."""
 
 
+class UnixOffset:
+    """What makes Unix time of monotonic time, steady though a program may pause between reading the two clocks.
+
+    The truth lies between what a reading before and one after give; it changes when somebody sets the clock.
+    """
+
+    def __init__(
+        self, monotonic: Callable[[], int] = time.monotonic_ns, unix: Callable[[], int] = lambda: time.time_ns()
+    ) -> None:
+        self._monotonic, self._unix = monotonic, unix
+        low, high = min((self._bounds() for _ in range(_READINGS)), key=lambda bounds: bounds[1] - bounds[0])
+        self._offset = (low + high) // 2
+
+    def _bounds(self) -> tuple[int, int]:
+        before = self._monotonic()
+        unix = self._unix()
+        return unix - self._monotonic(), unix - before
+
+    def ns(self) -> int:
+        """Return the offset as it is now."""
+        low, high = self._bounds()
+        self._offset = min(max(self._offset, low), high)
+        return self._offset
+
+
 class Arrivals:
     """Receives from a port, each record with the time at which it came; make it before the frames come that matter.
 
@@ -59,7 +86,7 @@ class Arrivals:
 
     def __init__(self, port: Port, clock: Callable[[], int] = time.monotonic_ns) -> None:
         self.port = port
-        self.unix_offset_ns = time.time_ns() - clock()
+        self.unix_offset_ns = UnixOffset(clock).ns()
         self._clock = clock
         self._stamping = port if isinstance(port, Stamping) else None
         self._earliest = 1

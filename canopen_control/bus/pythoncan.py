@@ -25,6 +25,7 @@ import can
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.port_abilities import UnixOffset
 from canopen_control.bus.port_parts import SEND_LIMIT, EventLog, SendQueue, WakeDescriptor
 from canopen_control.errors import BusClosed, BusError, ConfigError, InterfaceNotFound
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, RECORD, RECORD_SIZE, REMOTE_FLAG, CanFrame, frames_of
@@ -96,7 +97,7 @@ class AdapterClock:
     def __init__(
         self, monotonic: Callable[[], int] = time.monotonic_ns, unix: Callable[[], int] = time.time_ns
     ) -> None:
-        self._monotonic, self._unix = monotonic, unix
+        self._monotonic, self._unix = monotonic, UnixOffset(monotonic, unix)
         self._is_unix: bool | None = None
         self._lag = 0.0
         self._seen: int | None = None
@@ -107,7 +108,7 @@ class AdapterClock:
         if not seconds:
             return now
         told = round(seconds * _NS)
-        by_unix = told - (self._unix() - now)
+        by_unix = told - self._unix.ns()
         if self._is_unix is not False:
             self._is_unix = 0 <= now - by_unix < _NS
             if self._is_unix:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames, overrun_frame
 from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.port_abilities import UnixOffset
 from canopen_control.bus.port_parts import EventLog, SendQueue
 from canopen_control.bus.rawsocket import (
     ALL_INTERFACES,
@@ -66,7 +67,7 @@ class SocketCanPort:
         self._heard: frozenset[int] | None = None
         self._filters = EVERYTHING
         self._rebind_at: int | None = None  # while the interface is gone
-        self._stamping = False
+        self._unix: UnixOffset | None = None  # once stamps are asked for
         self._closed = False
 
     @property
@@ -104,9 +105,9 @@ class SocketCanPort:
 
     def ask_stamps(self) -> None:
         """Let the kernel stamp what it takes from now on; a second call does nothing."""
-        if not self._stamping and not self._closed:
+        if self._unix is None and not self._closed:
             ask_stamps(self._socket)
-            self._stamping = True
+            self._unix = UnixOffset(self._now)
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
         """Return what `receive` does, and when the kernel took each frame, in monotonic ns; 0 where it does not say.
@@ -115,9 +116,8 @@ class SocketCanPort:
         """
         stamps: list[int] = []
         records = self._receive(stamps)
-        if stamps:
-            now = self._now()
-            offset = time.time_ns() - now
+        if stamps and self._unix is not None:
+            offset, now = self._unix.ns(), self._now()
             stamps = [min(stamp - offset, now) if stamp else 0 for stamp in stamps]
         return records, stamps
 

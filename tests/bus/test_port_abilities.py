@@ -7,7 +7,7 @@ import time
 import pytest
 
 from canopen_control.bus.memory import MemoryBus
-from canopen_control.bus.port_abilities import Arrivals, Filtering, Stamping, set_filter
+from canopen_control.bus.port_abilities import Arrivals, Filtering, Stamping, UnixOffset, set_filter
 from canopen_control.bus.socketcan import SocketCanPort
 from canopen_control.errors import BusClosed
 from canopen_control.frame import CanFrame, frames_of, pack_records
@@ -78,6 +78,39 @@ def test_times_go_on_from_one_reading_to_the_next():
 def test_the_offset_to_unix_time_is_that_of_the_beginning():
     before = time.time_ns() - time.monotonic_ns()
     assert abs(Arrivals(Knowing([1])).unix_offset_ns - before) < S
+
+
+class Clocks:
+    """Unix time is monotonic time and `offset`; between two readings `pauses` pass, 0 when there are none left."""
+
+    def __init__(self, offset, pauses=()):
+        self.now, self.offset, self.pauses = S, offset, [*pauses]
+
+    def monotonic(self):
+        self.now += self.pauses.pop(0) if self.pauses else 0
+        return self.now
+
+    def unix(self):
+        self.now += self.pauses.pop(0) if self.pauses else 0
+        return self.now + self.offset
+
+
+def test_a_pause_between_two_clocks_does_no_harm():
+    clocks = Clocks(1700 * S, [0, 0, 15_000_000, 0, 9_000_000, 0, 0, 0, 40])
+    offset = UnixOffset(clocks.monotonic, clocks.unix)
+    assert abs(offset.ns() - 1700 * S) <= 20
+    clocks.pauses = [0, 0, 15_000_000]
+    assert abs(offset.ns() - 1700 * S) <= 20
+    clocks.pauses = [0, 15_000_000, 0]
+    assert abs(offset.ns() - 1700 * S) <= 20
+
+
+@pytest.mark.parametrize("step", [-2 * S, 3600 * S, 1_000_000])
+def test_a_clock_that_is_set_is_followed(step):
+    clocks = Clocks(1700 * S)
+    offset = UnixOffset(clocks.monotonic, clocks.unix)
+    clocks.offset += step
+    assert offset.ns() == 1700 * S + step
 
 
 class Filters:
