@@ -204,6 +204,8 @@ class _Reader:
         section, defaults = self._root.get("nodes"), self._root.get("defaults")
         if section is not None:
             self._refuse_unknown_sections()
+        else:
+            section = self._misnamed_nodes()
         pairs = section.items() if section is not None else self._root.items()
         found = {}
         for name, node in pairs:
@@ -224,6 +226,15 @@ class _Reader:
         if not found and not self._root.problems.errors:
             self._root.error("no nodes; list the drives under `nodes:`")
         return found
+
+    def _misnamed_nodes(self) -> Node | None:
+        """Return a section that holds the nodes under another name, which is told; None in the flat shape."""
+        for name, section in self._root.items():
+            below = [each for _, each in section.items()]
+            if name not in _SECTIONS and below and all(each.get("node_id") is not None for each in below):
+                self._root.keys()[name].error(f"unknown key {name!r}; write `nodes:`")
+                return section
+        return None
 
     def _refuse_unknown_sections(self) -> None:
         for name, place in self._root.keys().items():

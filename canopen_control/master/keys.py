@@ -203,7 +203,9 @@ class MasterConfig:
 
     node_id: int = setting(1, low=1, high=MAX_NODE_ID)
     channel: str = ""
-    baudrate: int = setting(1000, choices=BIT_RATES)  # `master/config.py` takes bit/s for kbit/s before
+    baudrate: int = setting(
+        1000, choices=BIT_RATES, hint="; a number in kbit/s, such as 500"
+    )  # `master/config.py` takes bit/s for kbit/s before
     sync_period: int = setting(0, low=0, high=10_000_000)
     sync_window: int = setting(0, low=0, high=10_000_000)
     sync_overflow: int = setting(0, choices=(0, *range(2, 241)))

@@ -262,6 +262,13 @@ def test_a_key_beside_the_sections_is_told_where_it_belongs(tmp_path, text, want
     assert wanted in mistakes(tmp_path, NESTED.replace("defaults:", f"{text}\n    defaults:"))
 
 
+@pytest.mark.parametrize("name", ["slaves", "drives", "node", "devices"])
+def test_nodes_under_another_name_are_one_mistake(tmp_path, name):
+    said = mistakes(tmp_path, NESTED.replace("nodes:", f"{name}:"))
+    assert f"unknown key '{name}'; write `nodes:`" in said
+    assert "errors" not in said
+
+
 def test_sections_that_are_indented_too_far_are_told_and_no_missing_master(tmp_path):
     said = mistakes(tmp_path, "options:\n  master: {node_id: 1}\nnodes:\n  a: {node_id: 2, dcf: TMCM-1270.eds}\n")
     assert "write `master:` at the margin" in said
