@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from canopen_control.view.access_rules import AccessRules
 
-__all__ = ["PageAddress", "page_addresses"]
+__all__ = ["PageAddress", "killed_port", "page_addresses"]
 
 _TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{32}")
 _OTHER: Final = re.compile(r"[^A-Za-z0-9.]")
@@ -73,6 +73,15 @@ def page_addresses(robot: str | None = None) -> dict[str, str]:
         if "url" in kept and robot in (None, kept.get("robot")) and _is_held(path):
             found[kept.get("place", "")] = kept["url"]
     return found
+
+
+def killed_port(robot: str, host: str) -> int | None:
+    """Return the port of a view of this robot that was killed, for the next one to go on there; None without one."""
+    for path in sorted(runtime_dir().glob(f"page-{robot}-{_OTHER.sub('_', host)}-*.json")):
+        port = path.stem.rpartition("-")[2]
+        if port.isdecimal() and _read(path).get("robot") == robot and not _is_held(path):
+            return int(port)
+    return None
 
 
 def _remove_dead(robot: str, but: Path) -> None:

@@ -47,9 +47,14 @@ _UPGRADE: Final = (
 _PROBE_S: Final = 5.0
 
 
-def listen(host: str, port: int | None) -> socket.socket:
-    """Bind a listening socket; without a port the default one, or the next that is free. ConfigError if it cannot."""
-    ports = range(DEFAULT_PORT, DEFAULT_PORT + _OTHER_PORTS) if port is None else [port]
+def listen(host: str, port: int | None, first: int | None = None) -> socket.socket:
+    """Bind a listening socket; without a port `first`, the default one, or the next that is free.
+
+    ConfigError if it cannot.
+    """
+    ports = list(range(DEFAULT_PORT, DEFAULT_PORT + _OTHER_PORTS)) if port is None else [port]
+    if port is None and first is not None:
+        ports.insert(0, first)
     problem = OSError("no port is free")
     for each in ports:
         try:
@@ -57,7 +62,7 @@ def listen(host: str, port: int | None) -> socket.socket:
             return socket.create_server(address[:2], family=family)
         except OSError as error:
             problem = error
-    where = f"{host}:{port}" if port is not None else f"{host}, ports {ports[0]} to {ports[-1]}"
+    where = f"{host}:{port}" if port is not None else f"{host}, ports {DEFAULT_PORT} to {ports[-1]}"
     reason = problem.strerror or str(problem)
     raise ConfigError(f"the page cannot listen on {where}: {reason}; choose another --host or --port")
 

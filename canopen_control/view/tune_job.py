@@ -132,7 +132,7 @@ def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: in
         return f"No active controller takes a target for {joint}, and a run needs one."
     return (
         f"{users[0]} commands {joint}, and two must not move it. End the robot, then tune the drive alone: "
-        f"canopen-control shutdown --name {robot}, canopen-control tune"
+        f"canopen-control shutdown --name {robot}, then canopen-control tune {place.node_id} --can CHANNEL --step 3"
     )
 
 

@@ -28,7 +28,7 @@ from canopen_control.view.access_rules import AccessRules
 from canopen_control.view.dead_man import DeadMan
 from canopen_control.view.fault_client import read_faults
 from canopen_control.view.page import Page, build_waiting
-from canopen_control.view.page_address import PageAddress
+from canopen_control.view.page_address import PageAddress, killed_port
 from canopen_control.view.page_server import PageServer, listen, silence
 from canopen_control.view.robot_connection import RobotConnection, in_thread
 from canopen_control.view.robot_view import RobotView
@@ -65,7 +65,7 @@ class ViewApp:
         self, name: str | None, host: str, port: int | None, *, teleop: bool, say: Callable[[str], None]
     ) -> None:
         self.name, self.teleop, self._say = select_robot(name), teleop, say
-        listener = listen(host, port)
+        listener = listen(host, port, killed_port(self.name, host))
         port = listener.getsockname()[1]
         self._address = PageAddress(self.name, host, port)
         self.rules = AccessRules(host, port, self._address.token)

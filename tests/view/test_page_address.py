@@ -5,7 +5,7 @@ import pytest
 
 from canopen_control.host.sockets import runtime_dir
 from canopen_control.view.access_rules import AccessRules
-from canopen_control.view.page_address import PageAddress, page_addresses
+from canopen_control.view.page_address import PageAddress, killed_port, page_addresses
 
 pytestmark = pytest.mark.usefixtures("private_folders")
 
@@ -89,3 +89,12 @@ def test_a_link_in_its_place_is_not_followed(tmp_path):
     with pytest.raises(ConfigError, match="symbolic link"):
         PageAddress("robby", "127.0.0.1", 8080)
     assert page_addresses() == {}
+
+
+def test_a_view_goes_on_where_the_one_before_was_killed():
+    address, _ = serve(port=8085)
+    assert killed_port("robby", "127.0.0.1") is None  # it runs
+    kill(address)
+    assert killed_port("robby", "127.0.0.1") == 8085
+    assert killed_port("robby", "0.0.0.0") is None
+    assert killed_port("rob", "127.0.0.1") is None

@@ -199,6 +199,10 @@ def test_a_port_that_is_taken_is_a_sentence_and_the_default_one_moves_on():
             listen("127.0.0.1", port)
     with listen("127.0.0.1", None) as first, listen("127.0.0.1", None) as second:
         assert first.getsockname()[1] != second.getsockname()[1]
+    with listen("127.0.0.1", 0) as free:
+        port = free.getsockname()[1]
+    with listen("127.0.0.1", None, first=port) as wanted, listen("127.0.0.1", None, first=port) as other:
+        assert wanted.getsockname()[1] == port != other.getsockname()[1]
 
 
 def test_an_address_that_is_not_ours_is_a_sentence():
