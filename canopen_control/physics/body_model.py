@@ -2,7 +2,8 @@
 
 Wheels become ellipsoids of their radius and width: these have one point of contact and turn as odometry expects, while
 a cylinder scrubs by an amount that depends on the step. Everything touches the floor and nothing of the robot itself.
-Each driven joint gets the motor's rotor and friction, and a lock for its brake and for a blocked shaft.
+Each driven joint gets the motor's rotor, the friction and damping that its <dynamics> gives or else the motor's, and a
+lock for its brake and for a blocked shaft.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import mujoco
 from canopen_control.errors import nearest
 from canopen_control.physics.ground_contact import Part, stand
 from canopen_control.physics.mecanum_contact import RollerWheel
-from canopen_control.physics.motor_estimate import estimated_motors
+from canopen_control.physics.motor_estimate import Described, estimated_motors
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.scenery import add_scenery
 from canopen_control.physics.world_sensors import add_sensors
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from canopen_control.physics.world_file import Start, WorldDescription
     from canopen_control.physics.world_sensors import WorldSensor
     from canopen_control.urdf.description import Description
+    from canopen_control.urdf.joint_element import Joint
 
 __all__ = ["BASE_JOINT", "Body", "JointPlace", "PreparedRobot", "alone", "compiled", "give_locks", "lay_floor",
            "placed", "prepared", "read_spec", "set_options", "solref"]  # fmt: skip
@@ -169,8 +171,8 @@ def prepared(
         body.add_freejoint(name=BASE_JOINT)
         body.pos = [*start.at, ground.lift]
         body.quat = list(from_yaw(math.radians(start.heading)))
-    efforts = {name: description.joints[name].limits.effort for name in axes}
-    motors = estimated_motors(compiled(spec, description.path), axes, efforts, ground)
+    described = {name: _described(description.joints[name]) for name in axes}
+    motors = estimated_motors(compiled(spec, description.path), axes, described, ground)
     for name, motor in motors.items():
         joint = spec.joint(name)
         joint.armature = motor.rotor
@@ -178,6 +180,12 @@ def prepared(
         joint.damping = [motor.damping, 0.0, 0.0]
     notes = tuple(_told(axes, motors, ground, is_free))
     return PreparedRobot(spec, root, ground, is_free, axes, motors, notes)
+
+
+def _described(joint: Joint) -> Described:
+    limits, dynamics = joint.limits, joint.dynamics
+    speed = {} if limits.speed == math.inf else {"speed": limits.speed}
+    return Described(limits.effort, dynamics.friction, dynamics.damping, **speed)
 
 
 def give_locks(spec: Any, axes: Mapping[str, AxisSettings], step: float) -> None:  # noqa: ANN401 - as above

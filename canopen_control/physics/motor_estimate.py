@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from canopen_control.physics.physics_file import AxisSettings
 
-__all__ = ["Motor", "estimated_motors"]
+__all__ = ["Described", "Motor", "estimated_motors"]
 
 _ROTOR: Final = 0.2  # of the inertia at the joint; a motor and gear for more torque than that needs have more,
 _ROTOR_ACCELERATION: Final = 500.0  # rad/s2 by its rated torque, alone
@@ -44,13 +44,23 @@ class Motor:
     brake: bool
 
 
+@dataclass(frozen=True)
+class Described:
+    """What a robot's description says of a joint: N m, N m s and rad/s (N, N s, m/s), None for what it does not say."""
+
+    effort: float = math.inf
+    friction: float | None = None
+    damping: float | None = None
+    speed: float = 1.0
+
+
 def estimated_motors(
     model: Any,  # noqa: ANN401 - as above
     axes: Mapping[str, AxisSettings],
-    efforts: Mapping[str, float],
+    described: Mapping[str, Described],
     ground: Ground,
 ) -> dict[str, Motor]:
-    """Return the motors by joint, with what the file does not say estimated; `efforts` are those of a description."""
+    """Return the motors by joint, with what neither file says estimated; the axis' own settings come first."""
     wheels = {touch.joint: touch.radius for touch in ground.touches if touch.part is Part.WHEEL}
     driven = [joint for joint in axes if joint in wheels] or [""]
     share = float(model.body_subtreemass[0]) / len(driven)
@@ -61,11 +71,15 @@ def estimated_motors(
         radius, inertia, weight = wheels.get(name, 0.0), inertias[name], weights[name]
         inertia += share * radius * radius
         need = _RATED * share * gravity * radius + (0.0 if radius else 2.0 * (weight + inertia * _ARM_ACCELERATION))
-        found[name] = _motor(axis, efforts.get(name, math.inf), inertia, max(need, 1e-6), wheel=radius > 0.0)
+        found[name] = _motor(axis, described.get(name, Described()), inertia, max(need, 1e-6), wheel=radius > 0.0)
     return found
 
 
-def _motor(axis: AxisSettings, effort: float, inertia: float, need: float, *, wheel: bool) -> Motor:
+def _motor(axis: AxisSettings, described: Described, inertia: float, need: float, *, wheel: bool) -> Motor:
+    friction = described.friction if axis.friction is None else axis.friction
+    damping = described.damping if axis.damping is None else axis.damping
+    need += (friction or 0.0) + (damping or 0.0) * described.speed
+    effort = described.effort
     peak = axis.peak_torque or (effort if 0.0 < effort < math.inf else 2.0 * need)
     rated = axis.rated_torque or 0.5 * peak
     rotor = max(_ROTOR * inertia, rated / _ROTOR_ACCELERATION)
@@ -76,8 +90,8 @@ def _motor(axis: AxisSettings, effort: float, inertia: float, need: float, *, wh
         axis.peak_torque or max(peak, rated),
         axis.inertia or inertia + rotor,
         rotor,
-        _FRICTION * rated if axis.friction is None else axis.friction,
-        _DAMPING * rated if axis.damping is None else axis.damping,
+        _FRICTION * rated if friction is None else friction,
+        _DAMPING * rated if damping is None else damping,
         (not wheel) if axis.brake is None else axis.brake,
     )
 

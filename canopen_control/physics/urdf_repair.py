@@ -4,6 +4,10 @@ It drops visuals while it reads, so that a link which is only seen would have ne
 collisions. A mesh is found by its package, since the reader knows no `package://`, and handed over as binary STL, since
 it reads neither COLLADA nor text. What neither reader nor contacts can use is left out and told in the notes. A link
 that moves and has neither mass nor shape is a mistake of the description.
+
+No body has a principal moment of inertia that is larger than the sum of the other two. The reader would replace all
+three by their mean, without a word, and a rounded number is enough for it. Here the largest one is brought down to the
+sum, and the notes tell it with the link. Moments that are not above 0 are a mistake of the description.
 """
 
 from __future__ import annotations
@@ -29,6 +33,9 @@ __all__ = ["RepairedUrdf", "guessed_masses", "repaired"]
 _FOREIGN: Final = ("ros2_control", "gazebo", "transmission", "mujoco_inputs", "mujoco")
 _MOST_FACES: Final = 200_000  # that MuJoCo takes
 _FLAT_M: Final = 1e-9
+_MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_LEAST_MOMENT: Final = 1e-15  # kg m2: MuJoCo's mjMINVAL
+_ROUNDED: Final = 1.001  # a sum that is exceeded by less comes of rounded numbers
 _HEAD: Final = 84  # bytes before the faces of binary STL
 _FACE: Final = np.dtype([("normal", "<3f4"), ("corners", "<9f4"), ("rest", "<u2")])
 
@@ -56,7 +63,12 @@ def repaired(description: Description) -> RepairedUrdf:
             root.remove(each)
     for link in root.findall("link"):
         _give_shapes(link, description.path, notes, meshes)
-    _check_masses(root, description)
+    problems = _masses_missing(root, description)
+    for link in root.findall("link"):
+        _check_inertia(link, description, notes, problems)
+    _check_dynamics(description, problems)
+    if problems:
+        raise PhysicsError("\n".join(problems))
     compiler = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
     # while it reads: what it fuses or discards here cannot be had back
     compiler.attrib.update(fusestatic="false", discardvisual="false", strippath="false", balanceinertia="true")
@@ -130,27 +142,82 @@ def _unusable(stl: bytes) -> str:
     return ""
 
 
-def _check_masses(root: ET.Element, description: Description) -> None:
-    """Tell the moving links without a mass or a shape of which one could be made, with the lines of their joints."""
+def _check_dynamics(description: Description, problems: list[str]) -> None:
+    """Tell the joints whose friction or damping would drive them."""
+    for joint in description.joints.values():
+        for name, value in (("damping", joint.dynamics.damping), ("friction", joint.dynamics.friction)):
+            if value is not None and value < 0.0:
+                where = f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name}"
+                problems.append(f"{where}: {name}={value:g} of <dynamics> is below 0; give 0 or more")
+
+
+def _check_inertia(link: ET.Element, description: Description, notes: list[str], problems: list[str]) -> None:
+    """Bring an inertia that no body has to the nearest one that is possible; tell one that is none."""
+    element, mass = link.find("inertial/inertia"), _mass_of(link)
+    if element is None or mass <= 0.0:
+        return
+    name = link.get("name", "")
+    known = description.links.get(name)
+    where = f"{description.path}: link {name}"
+    if known is not None:
+        where = f"{description.path}:{known.place.line}:{known.place.column}: link {name}"
+    try:
+        xx, yy, zz, xy, xz, yz = (float(element.get(key, "0")) for key in _MOMENTS)
+    except ValueError:
+        problems.append(f"{where}: its <inertia> has what is no number; correct it")
+        return
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if not np.isfinite(matrix).all():
+        problems.append(f"{where}: its <inertia> has what is no number; correct it")
+        return
+    moments, axes = np.linalg.eigh(matrix)
+    told = ", ".join(f"{each:.4g}" for each in moments)
+    if moments[0] < _LEAST_MOMENT and (matrix.any() or _is_moved(description, name)):
+        advice = "correct it, or leave <inertial> away: then the shapes give it"
+        problems.append(f"{where}: no body of {mass:g} kg has the moments of inertia {told} kg m²; {advice}")
+        return
+    most = moments[0] + moments[1]
+    if moments[2] <= most:
+        return
+    if moments[2] > most * _ROUNDED:
+        notes.append(
+            f"{where}: its moments of inertia {told} kg m² are impossible, the largest is more than the sum of the "
+            f"others; simulated with {most:.4g} instead of {moments[2]:.4g}"
+        )
+    moments[2] = most * (1.0 - 1e-9)
+    put_right = axes @ np.diag(moments) @ axes.T
+    for key, row, column in zip(_MOMENTS, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2), strict=True):
+        element.set(key, repr(float(put_right[row, column])))
+
+
+def _is_moved(description: Description, link: str) -> bool:
+    """Whether a joint that moves ends at a link."""
+    return any(joint.child == link and not joint.fixed for joint in description.joints.values())
+
+
+def _mass_of(link: ET.Element) -> float:
+    mass = link.find("inertial/mass")
+    try:
+        return 0.0 if mass is None else float(mass.get("value", "0"))
+    except ValueError:
+        return 0.0
+
+
+def _masses_missing(root: ET.Element, description: Description) -> list[str]:
+    """Return the moving links without a mass or a shape of which one could be made, with the lines of their joints."""
     heavy = {link.get("name", "") for link in root.findall("link") if _weighs(link)}
-    problems = [
+    return [
         f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name} moves link {joint.child}, "
         "which has neither a mass nor a shape; give it <inertial>, or a <collision>"
         for joint in description.joints.values()
         if not joint.fixed and not heavy.intersection(_rigid(description, joint.child))
     ]
-    if problems:
-        raise PhysicsError("\n".join(problems))
 
 
 def _weighs(link: ET.Element) -> bool:
-    mass = link.find("inertial/mass")
-    if mass is None:
+    if link.find("inertial/mass") is None:
         return link.find("collision") is not None
-    try:
-        return float(mass.get("value", "0")) > 0.0
-    except ValueError:
-        return False
+    return _mass_of(link) > 0.0
 
 
 def _rigid(description: Description, link: str) -> Iterator[str]:

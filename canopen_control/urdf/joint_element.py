@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.document import Document, Element
 
-__all__ = ["HardLimits", "Joint", "Limits", "Mimic", "SoftLimits", "Transform", "read_joint"]
+__all__ = ["Dynamics", "HardLimits", "Joint", "Limits", "Mimic", "SoftLimits", "Transform", "read_joint"]
 
 _TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _NEEDS_LIMITS: Final = ("revolute", "prismatic")
@@ -36,6 +36,11 @@ class Limits:
     upper: float = math.inf
     velocity: float = math.inf
     effort: float = math.inf
+
+    @property
+    def speed(self) -> float:
+        """The largest velocity; infinite for 0, which exporters write where their user gave none."""
+        return abs(self.velocity) or math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +69,14 @@ class SoftLimits:
     upper: float = 0.0
     k_position: float = 0.0
     k_velocity: float = 0.0
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """A joint's <dynamics>: Nm s/rad and Nm (Ns/m and N), None for what it does not give."""
+
+    damping: float | None = None
+    friction: float | None = None
 
 
 @dataclass(frozen=True)
@@ -97,6 +110,7 @@ class Joint:
     mimic: Mimic | None = None
     place: Place = NOWHERE
     soft: SoftLimits | None = None
+    dynamics: Dynamics = Dynamics()
 
     @property
     def fixed(self) -> bool:
@@ -154,6 +168,7 @@ def read_joint(document: Document, element: Element) -> Joint:
         _mimic(document, element),
         element.place,
         _soft_limits(document, element.child("safety_controller")),
+        _dynamics(document, element.child("dynamics")),
     )
 
 
@@ -187,6 +202,13 @@ def _soft_limits(document: Document, safety: Element | None) -> SoftLimits | Non
         return None
     keys = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
     return SoftLimits(*(document.number(safety, key, 0.0) for key in keys))
+
+
+def _dynamics(document: Document, dynamics: Element | None) -> Dynamics:
+    if dynamics is None:
+        return Dynamics()
+    given = dynamics.attributes
+    return Dynamics(*(document.number(dynamics, key, 0.0) if key in given else None for key in ("damping", "friction")))
 
 
 def _mimic(document: Document, element: Element) -> Mimic | None:

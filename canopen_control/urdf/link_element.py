@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.urdf.document import NOWHERE, Place
 from canopen_control.urdf.geometry import ORIGIN, Pose, Vector, from_rpy
 
 if TYPE_CHECKING:
@@ -42,11 +43,15 @@ class Visual:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A rigid part of the robot; `radius` in m if its collision, else its visual, has one cylinder or sphere."""
+    """A rigid part of the robot; `radius` in m if its collision, else its visual, has one cylinder or sphere.
+
+    `place` is that of its tag.
+    """
 
     name: str
     visuals: tuple[Visual, ...] = ()
     radius: float | None = None
+    place: Place = NOWHERE
 
 
 def read_links(document: Document, notes: list[str]) -> dict[str, Link]:
@@ -65,7 +70,7 @@ def _link(document: Document, element: Element, materials: Mapping[str, _Rgba], 
     name = document.name(element)
     visuals = tuple(_visuals(element, materials, notes))
     radii = (_radius([each for each in element.children if each.tag == tag]) for tag in ("collision", "visual"))
-    return Link(name, visuals, next((radius for radius in radii if radius is not None), None))
+    return Link(name, visuals, next((radius for radius in radii if radius is not None), None), element.place)
 
 
 def _radius(elements: Sequence[Element]) -> float | None:

@@ -92,6 +92,17 @@ def test_what_the_file_says_of_a_motor_holds():
     assert dataclasses.astuple(motor) == (7.0, 9.0, 3.0, pytest.approx(0.01), 0.1, 0.2, False)
 
 
+def test_the_friction_and_damping_of_a_driven_joint_are_those_of_the_description():
+    urdf = BRAKED.replace("</joint>", '<dynamics damping="0.7" friction="0.3"/></joint>', 1)
+    assert "dynamics" in urdf
+    made = body(urdf, AxisSettings("swing", 1.0))
+    place = made.joints["swing"]
+    assert (made.model.dof_damping[place.dof], made.model.dof_frictionloss[place.dof]) == (0.7, 0.3)
+    assert (place.motor.damping, place.motor.friction) == (0.7, 0.3)
+    made = body(urdf, AxisSettings("swing", 1.0, friction=0.1))
+    assert (made.model.dof_damping[place.dof], made.model.dof_frictionloss[place.dof]) == (0.7, 0.1)
+
+
 def test_a_steered_wheel_without_an_axle_rolls():
     wheel = (
         '<link name="base"><inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
@@ -113,7 +124,8 @@ def test_what_is_drawn_on_a_wheel_touches_nothing():
 
 
 def test_what_mujoco_refuses_is_one_sentence():
-    urdf = BRAKED.replace('iyy="0.05"', 'iyy="-5"')
+    urdf = BRAKED.replace(' ixy="0"', "")
+    assert urdf != BRAKED
     with pytest.raises(PhysicsError, match=r"^robot.urdf: MuJoCo cannot .+") as caught:
         body(urdf, AxisSettings("swing", 1.0))
     assert "\n" not in str(caught.value)

@@ -39,6 +39,17 @@ def test_a_scene_with_a_free_body_has_a_base(tmp_path):
     assert base.z == pytest.approx(0.05, abs=0.01)  # it has settled on its box
 
 
+def test_friction_and_damping_are_the_scenes_unless_the_plant_file_says_more(tmp_path):
+    scene = FIXED.replace('axis="0 1 0"', 'axis="0 1 0" damping="0.4" frictionloss="0.2"')
+    (tmp_path / "scene.xml").write_text(scene)
+    path = tmp_path / "plant.yml"
+    for more, expected in (("", (0.4, 0.2)), (", friction: 0.05, damping: 0.9", (0.9, 0.05))):
+        axis = f"{{joint: shoulder, scale_pos_to_dev: 10000{more}}}"
+        path.write_text(f"engine: mujoco\nmjcf: scene.xml\naxes:\n  '5': {axis}\n")
+        model = make(path).model
+        assert (model.dof_damping[0], model.dof_frictionloss[0]) == expected
+
+
 def test_its_sensors_are_read(tmp_path):
     made = world(tmp_path, more="sensors: {tip: {kind: imu, link: arm}}\n")
     assert len(made.describe().sensors["tip"]) == 10

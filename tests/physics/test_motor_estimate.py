@@ -2,17 +2,17 @@ import mujoco
 import pytest
 
 from canopen_control.physics.ground_contact import Ground
-from canopen_control.physics.motor_estimate import estimated_motors
+from canopen_control.physics.motor_estimate import Described, estimated_motors
 from canopen_control.physics.physics_file import AxisSettings
 
 ARM = """<mujoco><worldbody><body><joint name="swing" axis="0 1 0"/>
 <geom type="sphere" size="0.01" pos="0.5 0 0" mass="2"/></body></worldbody></mujoco>"""
 
 
-def motor(effort=0.0, **settings):
+def motor(effort=0.0, said=None, **settings):
     model = mujoco.MjModel.from_xml_string(ARM)
     return estimated_motors(
-        model, {"swing": AxisSettings("swing", 1000.0, **settings)}, {"swing": effort}, Ground((), 0)
+        model, {"swing": AxisSettings("swing", 1000.0, **settings)}, {"swing": said or Described(effort)}, Ground((), 0)
     )["swing"]
 
 
@@ -28,3 +28,16 @@ def test_the_effort_of_the_description_is_the_peak_and_the_file_wins():
     assert (motor(effort=8.0).peak_torque, motor(effort=8.0).rated_torque) == (8.0, 4.0)
     assert motor(effort=8.0, rated_torque=3.0, peak_torque=9.0).peak_torque == 9.0
     assert motor(rotor_inertia=1e-4, gear=10.0).rotor == pytest.approx(1e-2)
+
+
+def test_friction_and_damping_are_the_settings_else_those_of_the_description_else_the_motors():
+    said = Described(8.0, friction=0.3, damping=0.0)
+    assert (motor(said=said).friction, motor(said=said).damping) == (0.3, 0.0)
+    assert (motor(said=said, friction=0.1).friction, motor(said=said, damping=0.2).damping) == (0.1, 0.2)
+    found = motor(effort=8.0)
+    assert (found.friction, found.damping) == (pytest.approx(0.02 * 4.0), pytest.approx(0.001 * 4.0))
+
+
+def test_a_motor_is_strong_enough_for_the_friction_of_its_joint():
+    plain, rubbed = motor().rated_torque, motor(said=Described(friction=50.0, damping=10.0, speed=2.0)).rated_torque
+    assert rubbed == pytest.approx(plain + 70.0)

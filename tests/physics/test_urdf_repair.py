@@ -124,3 +124,54 @@ def solid():
         "facet normal 0 0 0\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in corners)
         for corners in obj_triangles(WEDGE.encode())
     )
+
+
+def with_inertia(moments, mass="2"):
+    xx, yy, zz, xy, xz, yz = moments
+    return (
+        f'<link name="part"><inertial><mass value="{mass}"/><inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" '
+        f'ixz="{xz}" iyz="{yz}"/></inertial></link>'
+    )
+
+
+def simulated(made):
+    model = compiled(read_spec(made, "<urdf>"), "<urdf>")
+    return sorted(model.body_inertia[model.body("part").id])
+
+
+def test_an_inertia_that_no_body_has_is_told_with_its_link_and_the_nearest_possible_one_counts():
+    made = repair(with_inertia((1, 2, 5, 0, 0, 0)))
+    assert made.notes == (
+        "<urdf>:3:1: link part: its moments of inertia 1, 2, 5 kg m² are impossible, the largest is more than the sum "
+        "of the others; simulated with 3 instead of 5",
+    )
+    assert simulated(made) == pytest.approx([1.0, 2.0, 3.0])
+
+
+def test_one_whose_axes_are_turned_is_told_too():
+    made = repair(with_inertia((3, 3, 1, 2, 0, 0)))  # 1, 1 and 5
+    assert "1, 1, 5 kg m² are impossible" in made.notes[0]
+    assert simulated(made) == pytest.approx([1.0, 1.0, 2.0])
+
+
+def test_rounded_numbers_of_a_flat_body_are_neither_told_nor_replaced_by_a_mean():
+    made = repair(with_inertia((1, 1, 2.0000001, 0, 0, 0)))
+    assert made.notes == ()
+    assert simulated(made) == pytest.approx([1.0, 1.0, 2.0], rel=1e-6)
+
+
+@pytest.mark.parametrize("moments", [(1, 1, -1, 0, 0, 0), (0, 0, 0, 0, 0, 0), (1, 1, 1, 3, 0, 0)])
+def test_moments_that_are_not_above_zero_are_a_mistake_with_the_line_of_their_link(moments):
+    with pytest.raises(PhysicsError, match=r"<urdf>:3:1: link part: no body of 2 kg has the moments of inertia"):
+        repair(with_inertia(moments))
+
+
+def test_a_number_of_an_inertia_that_is_none_is_a_mistake():
+    with pytest.raises(PhysicsError, match=r"link part: its <inertia> has what is no number"):
+        repair(with_inertia((1, 1, "nan", 0, 0, 0)))
+
+
+def test_a_friction_below_zero_is_a_mistake_with_the_line_of_its_joint():
+    head = HEAD.replace("</joint>", '<dynamics damping="-1" friction="0.1"/></joint>')
+    with pytest.raises(PhysicsError, match=r"<urdf>:2:1: joint turn: damping=-1 of <dynamics> is below 0"):
+        repaired(parse_description(f"{head}{with_inertia((1, 1, 1, 0, 0, 0))}</robot>", "<urdf>"))

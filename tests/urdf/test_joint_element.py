@@ -4,8 +4,9 @@ import math
 
 import pytest
 
+from canopen_control.urdf.description import parse_description
 from canopen_control.urdf.geometry import ORIGIN, Pose, from_yaw, rotate
-from canopen_control.urdf.joint_element import Joint, Limits, Mimic, SoftLimits
+from canopen_control.urdf.joint_element import Dynamics, Joint, Limits, Mimic, SoftLimits
 from canopen_control.urdf.robot_model import read_model
 
 URDF = """<robot name="r">
@@ -83,3 +84,14 @@ def test_a_safety_controller_is_the_soft_limits_of_its_joint():
     joints = read_model(URDF.replace('<axis xyz="0 2 0"/>', safety)).joints
     assert joints["wheel"].soft == SoftLimits(-1.0, 2.0, 15.0, 3.0)
     assert joints["lift"].soft is None
+
+
+def test_dynamics_are_kept_and_what_is_not_given_stays_unknown():
+    urdf = (
+        "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='continuous'><parent link='a'/>"
+        "<child link='b'/>{}</joint></robot>"
+    )
+    joint = parse_description(urdf.format("<dynamics damping='0.5' friction='0'/>")).joints["j"]
+    assert joint.dynamics == Dynamics(0.5, 0.0)
+    assert parse_description(urdf.format("<dynamics damping='0.5'/>")).joints["j"].dynamics == Dynamics(0.5)
+    assert parse_description(urdf.format("")).joints["j"].dynamics == Dynamics()
