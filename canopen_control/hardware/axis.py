@@ -2,7 +2,8 @@
 
 The law of this file: an object is found once, by its index of axis 0, for the axis that is meant; what no PDO carries
 is None here and travels by SDO or not at all. Limits are in device units and are those of the drive itself (0x607D,
-0x607F, 0x6080, 0x60E0, 0x60E1): a target is brought inside them before it is sent.
+0x607F, 0x6080, 0x60E0, 0x60E1), and the velocity limit of the description: a target is brought inside them before it is
+sent, in every mode.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Axis", "AxisLimits", "configured_machine", "configured_scale"]
 
 TORQUE_MAX: Final = (1 << 15) - 1
+HELD: Final = 1.01  # a target that is slowed down by less than this is rounded, not held back
 _POSITIONS: Final = (objects.TARGET_POSITION, objects.INTERPOLATION_DATA)
 _TARGETS: Final = (
     (objects.TARGET_POSITION, 0),
@@ -35,25 +37,54 @@ _TARGETS: Final = (
 class AxisLimits:
     """What the drive allows, in its own units; `deceleration` in units/s^2 is what a ramp of the master uses.
 
-    `blocked` is the direction, 1 or -1, that an active limit (bit 11) closes, 0 for none.
+    `blocked` is the direction, 1 or -1, that an active limit (bit 11) closes, 0 for none. `described` is the velocity
+    limit of the description, in rad/s (m/s) of the axis, infinite where it gives none. What holds is the smaller of
+    that and of the drive's `velocity`: `most` in velocity units, `pace` in position counts per s. `held` says that a
+    target had to be slowed down since that was looked at last. `ramp_unbounded`: the drive's own ramp of PP is not
+    known to be within `described`.
     """
 
-    __slots__ = ("blocked", "deceleration", "high", "low", "torque_negative", "torque_positive", "velocity")
+    __slots__ = (
+        "blocked",
+        "deceleration",
+        "described",
+        "held",
+        "high",
+        "low",
+        "most",
+        "pace",
+        "ramp_unbounded",
+        "torque_negative",
+        "torque_positive",
+        "velocity",
+    )
 
     def __init__(self) -> None:
         self.low, self.high = INT32_MIN, INT32_MAX
-        self.velocity = float(INT32_MAX)
+        self.velocity = self.most = self.pace = float(INT32_MAX)
+        self.described = math.inf
+        self.held = self.ramp_unbounded = False
         self.torque_positive = self.torque_negative = TORQUE_MAX
         self.deceleration = math.inf
         self.blocked = 0
 
+    def take_velocity(self, velocity: float, scale: Scale) -> None:
+        """Take the drive's largest velocity, in its units, and find what holds of it and of the description's."""
+        self.velocity = velocity
+        self.most = min(velocity, self.described * abs(scale.vel_to_dev))
+        self.pace = self.most * abs(scale.pos_to_dev / scale.vel_to_dev)
+
     def of_velocity(self, raw: int) -> int:
         """Return a velocity that the drive will take."""
+        return self.within(raw, self.most)
+
+    def within(self, raw: int, most: float) -> int:
+        """Return a velocity within `most`, both in the same units, that no active limit forbids."""
         if raw * self.blocked > 0:
             return 0
-        most = self.velocity
         if -most <= raw <= most:
             return raw
+        self.held = self.held or abs(raw) > most * HELD
         return int(most) if raw > 0 else -int(most)
 
     def of_torque(self, raw: int) -> int:

@@ -14,7 +14,7 @@ from canopen_control.cia402 import objects
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, Scale, counts_per_revolution
 from canopen_control.errors import ConfigError, SdoAbort
 from canopen_control.hardware.axis import TORQUE_MAX, configured_scale
-from canopen_control.od.codec import decode
+from canopen_control.od.codec import decode, encode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,23 +46,32 @@ _NOT_GIVEN: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 
 class AxisParameters:
     """The parameters of one axis; `on_loaded` is called after each `load`, `failed` names what did not answer.
 
-    With `profile` the ramp is asked for too that the drive would make by itself (0x6081, 0x6083).
+    With `profile` the ramp is asked for too that the drive would make by itself (0x6081, 0x6083). `tell` takes what was
+    found later, in a sentence.
     """
 
-    def __init__(self, axis: Axis, on_loaded: Callable[[], None], *, profile: bool = False) -> None:
+    def __init__(
+        self,
+        axis: Axis,
+        on_loaded: Callable[[], None],
+        tell: Callable[[str], None] = lambda _text: None,
+        *,
+        profile: bool = False,
+    ) -> None:
         self._asked = _ASKED + _PROFILE if profile else _ASKED
         self.loaded = False
         self.failed: list[str] = []
         self.values: dict[tuple[int, int], int] = {}
-        self._axis, self._on_loaded = axis, on_loaded
+        self._axis, self._on_loaded, self._tell = axis, on_loaded, tell
         self._open = 0
-        self._round = 0
+        self._round = self._bounded_round = 0
 
     def load(self) -> None:
         """Ask the drive, which has just booted."""
         axis = self._axis
         self.loaded, self.failed = False, []
         self._round += 1
+        axis.limits.ramp_unbounded = axis.limits.described < math.inf
         wanted = [(index, sub) for index, subs in self._asked for sub in subs if axis.has(index, sub)]
         self._open = len(wanted)
         for index, subindex in wanted:
@@ -84,6 +93,56 @@ class AxisParameters:
         """The methods that 0x60E3 lists, None where it lists none."""
         listed = [value for (index, _), value in self.values.items() if index == objects.SUPPORTED_HOMING_METHODS]
         return frozenset(listed) if listed else None
+
+    def bound_ramp(self) -> None:
+        """Keep the drive's own ramp of PP within the velocity limit of the description: 0x6081 is lowered to it.
+
+        Until that is done no set-point is given; once for each `load`.
+        """
+        axis, number = self._axis, self._round
+        if not self.loaded or not axis.limits.ramp_unbounded or self._bounded_round == number:
+            return
+        self._bounded_round = number
+        if not axis.has(objects.PROFILE_VELOCITY):
+            self._settle_ramp("its EDS has no 0x6081, so its moves in PP are as fast as the drive makes them")
+            return
+        index = axis.index(objects.PROFILE_VELOCITY)
+
+        def read(request: SdoRequest) -> None:
+            if number == self._round:
+                self._lower_ramp(request, number)
+
+        axis.node.read(index, 0, read)
+
+    def _lower_ramp(self, request: SdoRequest, number: int) -> None:
+        """Write 0x6081 where what was read is faster than the description allows."""
+        axis, index = self._axis, request.index
+        entry = axis.node.od.get(index, 0)
+        most = int(axis.limits.described * abs(axis.scale.vel_to_dev))
+        if request.error is not None or entry is None:
+            self._settle_ramp(f"0x{index:04X} was not read, so its moves in PP may be too fast: {request.error}")
+            return
+        given = int.from_bytes(request.data, "little")
+        if 0 < given <= most:
+            self._settle_ramp("")
+            return
+
+        def written(done: SdoRequest) -> None:
+            if number != self._round:
+                return
+            if done.error is not None:
+                self._settle_ramp(f"0x{index:04X} stays {given}, faster than the description allows: {done.error}")
+                return
+            if (output := axis.output(objects.PROFILE_VELOCITY)) is not None:
+                output.know(most)
+            self._settle_ramp(f"0x{index:04X} was {given} and is {most} now, the velocity limit of the description")
+
+        axis.node.write(index, 0, encode(most, entry.data_type), written)
+
+    def _settle_ramp(self, text: str) -> None:
+        self._axis.limits.ramp_unbounded = False
+        if text:
+            self._tell(text)
 
     def _answer(self, index: int, subindex: int, number: int) -> Callable[[SdoRequest], None]:
         def answered(request: SdoRequest) -> None:
@@ -151,7 +210,7 @@ class AxisParameters:
             limits.low, limits.high = low, high
         else:
             limits.low, limits.high = INT32_MIN, INT32_MAX
-        limits.velocity = min(self._largest_velocity(), float(INT32_MAX))
+        limits.take_velocity(min(self._largest_velocity(), float(INT32_MAX)), self._axis.scale)
         limits.deceleration = self.get(objects.PROFILE_DECELERATION) or math.inf
         positive, negative = self.get(objects.POSITIVE_TORQUE_LIMIT), self.get(objects.NEGATIVE_TORQUE_LIMIT)
         limits.torque_positive = min(positive or TORQUE_MAX, TORQUE_MAX)

@@ -98,7 +98,7 @@ def hard_limits(joint: Joint, part: ControlJoint, *, speeds: bool = True) -> Har
     return HardLimits(
         max(limits.lower, lower),
         min(limits.upper, upper),
-        min(limits.velocity, _smaller(interfaces.get(VELOCITY, _NO_BOUNDS))),
+        min(limits.speed, _smaller(interfaces.get(VELOCITY, _NO_BOUNDS))),
         limits.effort,
         faster,
         slower,

@@ -237,6 +237,8 @@ class JointDrive(JointParts):
             self.targets.hold_others()
         if (foreign := self.targets.feed_forward.refused()) is not None:
             self._events.append(JointEvent("feed_forward", foreign))
+        if (held := self._watch.held_back()) is not None:
+            self._events.append(JointEvent("held_back", held))
         if (refused := self._watch.refuses(self.targets.claimed)) is not None:
             self._events.append(JointEvent("target_refused", refused))
 

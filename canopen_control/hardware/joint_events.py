@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["FaultReason", "JointEvent", "StatusWatch", "joint_event_of"]
 
 WRONG_LOOKS: Final = 5  # of a tenth of a second each
+_QUIET_LOOKS: Final = 10
 _FOLLOWING: Final = 1 << 13
 _BITS: Final = WARNING | INTERNAL_LIMIT | _FOLLOWING
 _FOLLOWING_MODES = (OperationMode.PP, OperationMode.CSP)
@@ -84,6 +85,7 @@ class StatusWatch:
         self._last_target = 0
         self._limit_at = 0  # the position at which the limit was reached
         self._misfit = math.nan  # the target that was told not to fit its object
+        self._quiet = 0  # so many looks without a target that is too fast, and the next one is told again
         self._targets: tuple[Output | None, Output | None] = (
             axis.output(objects.TARGET_VELOCITY),
             axis.output(objects.TARGET_POSITION),
@@ -143,6 +145,17 @@ class StatusWatch:
         if math.isnan(misfit) or not math.isnan(told):
             return None
         return f"{interface} target {misfit:g} does not fit the drive's object; it stands"
+
+    def held_back(self) -> str | None:
+        """Return, ten times a second, that targets are slowed down, where that begins."""
+        limits = self._axis.limits
+        held, limits.held = limits.held, False
+        told, self._quiet = self._quiet > 0, _QUIET_LOOKS if held else max(0, self._quiet - 1)
+        if not held or told:
+            return None
+        if limits.most < limits.velocity:
+            return f"its target is faster than the velocity limit of {self._axis.joint} in the description: slowed down"
+        return "its target is faster than the drive's largest velocity (0x607F, 0x6080): slowed down to that"
 
     def _limit(self, target: ModeTarget | None, stops: bool) -> list[JointEvent]:
         limits = self._axis.limits

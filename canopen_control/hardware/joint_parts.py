@@ -41,7 +41,7 @@ class JointParts:
         self.axis = Axis(description.name, node, image, axis)
         self.machine: DriveMachine = configured_machine(node)
         profile = TARGET in description.command_interfaces
-        self.parameters = AxisParameters(self.axis, self._on_parameters, profile=profile)
+        self.parameters = AxisParameters(self.axis, self._on_parameters, self._on_parameter, profile=profile)
         self.targets: JointTargets = JointTargets(description, self.axis, self.machine, self.parameters)
         self.commands = self.targets.commands
         self.reference = Reference(self.axis, self.machine, self.parameters)
@@ -135,6 +135,9 @@ class JointParts:
 
     def _on_error_code(self, text: str) -> None:
         self._events.append(JointEvent("error_code", text, Level.INFO))
+
+    def _on_parameter(self, text: str) -> None:
+        self._events.append(JointEvent("parameters", text))
 
     def _on_parameters(self) -> None:
         self.feedback.refresh_scale()

@@ -23,6 +23,7 @@ from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode, require_
 from canopen_control.cia402.setpoint import SetPointHandshake
 from canopen_control.cia402.units import INT16_MAX, INT16_MIN, INT32_MAX, INT32_MIN, to_object, wrap_int32
 from canopen_control.errors import ControlError, DriveError
+from canopen_control.hardware.axis import HELD
 from canopen_control.hardware.feed_forward import FeedForward
 from canopen_control.hardware.interfaces import (
     DIGITAL_OUTPUTS,
@@ -54,6 +55,7 @@ _PROFILE: Final = (objects.PROFILE_VELOCITY, objects.PROFILE_ACCELERATION)
 _DEFAULT_STOP_S: Final = 0.5  # of a ramp where the drive tells no deceleration
 _VL_RUN: Final = 0x70  # bits 4, 5 and 6: enable ramp, unlock ramp, use the reference
 _INTERPOLATE: Final = 0x10
+_WAY_CYCLES: Final = 2.0  # until a measured value is here, and a target at the drive
 _NEAR: Final = 1 << 30  # counts: closer than this no rounding makes a target lie beyond half a turn of its counter
 
 
@@ -249,6 +251,8 @@ class JointTargets:
         if command is not None and current is not None and command.quantity != current.interface:
             command.quantity, command.value = current.interface, _NAN  # what it was told was another quantity
         self._track(command if current is not None and current.tracks else None)
+        if current is not None and current.handshakes:
+            self._parameters.bound_ramp()
         if current is None or command is None:
             return
         if command.interface == TARGET:
@@ -375,8 +379,11 @@ class VelocityTarget(_ScaledTarget):
             return  # as `_same`, without the call
         self._value, self._blocked = value, blocked
         self._slope = 0.0
-        raw = self._scaled(value)
-        self.output.set(axis.limits.of_velocity(raw))
+        self.output.set(self._bounded(self._scaled(value)))
+
+    def _bounded(self, raw: int) -> int:
+        """Return a target within the limits, in the units of its object."""
+        return self._axis.limits.of_velocity(raw)
 
     def _factor(self) -> float:
         return self._axis.scale.vel_to_dev
@@ -411,22 +418,57 @@ class WordVelocityTarget(VelocityTarget):
     def _factor(self) -> float:
         return self._axis.rpm_to_dev
 
+    def _bounded(self, raw: int) -> int:
+        axis = self._axis
+        return axis.limits.within(raw, axis.limits.most * abs(axis.rpm_to_dev / axis.scale.vel_to_dev))
+
 
 class EffortTarget(_ScaledTarget):
-    """TQ and CST: a stop takes the torque away."""
+    """TQ and CST: a stop takes the torque away.
+
+    A torque bounds no velocity: one that would drive a joint beyond the velocity limit of its description is taken
+    away, as ros2_control's joint limiter does it. The joint goes on gaining speed for the two cycles that a measured
+    value takes from the drive and a target to it, so that what it will have then is judged.
+    """
 
     interface = EFFORT
 
+    def __init__(self, axis: Axis, output: Output, machine: DriveMachine) -> None:
+        super().__init__(axis, output, machine)
+        self._last: int | None = None  # the position in the cycle before, where no velocity is measured
+        self._speed = _NAN  # in the cycle before
+
     def hold(self) -> None:
         """Command no torque."""
-        self._value = _NAN
+        self._value, self._last, self._speed = _NAN, None, _NAN
         self.output.set(0)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
         """Send a torque within the drive's limits."""
-        if not self._same(value):
-            raw = self._scaled(value)
-            self.output.set(self._axis.limits.of_torque(raw))
+        limits = self._axis.limits
+        same = self._same(value)
+        if limits.described == math.inf:
+            if not same:
+                self.output.set(limits.of_torque(self._scaled(value)))
+            return
+        before, self._speed = self._speed, self._measured(period)
+        speed = self._speed
+        if speed == speed and before == before:  # both are known
+            speed += _WAY_CYCLES * (speed - before)
+        if value * speed > 0.0 and abs(speed) >= limits.described:  # False for nan
+            limits.held = True
+            value = 0.0
+        self.output.set(limits.of_torque(self._scaled(value)))
+
+    def _measured(self, period: float) -> float:
+        """Return how fast the axis is, in SI units, nan where that is not known."""
+        axis = self._axis
+        if axis.velocity is not None and axis.velocity.fresh:
+            speed: float = axis.velocity.value * axis.scale.vel_from_dev
+            return speed
+        here = axis.raw_position + axis.unwrap.offset
+        last, self._last = self._last, here
+        return _NAN if last is None or period <= 0.0 else (here - last) / axis.scale.pos_to_dev / period
 
     def _factor(self) -> float:
         return self._axis.scale.eff_to_dev
@@ -472,6 +514,7 @@ class PositionTarget(_PositionTarget):
         super().__init__(axis, output, machine)
         self._count: int | None = None  # of the target, turns of the counter included; None: where the axis is
         self._speed = 0.0  # counts per second
+        self._rest = 0.0  # of a count, which the largest velocity leaves to the next cycle
         self._ramp = PlaceRamp()
 
     def hold(self) -> None:
@@ -487,7 +530,7 @@ class PositionTarget(_PositionTarget):
         self._ramp.limit(velocity * counts, slope * counts)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a position, no faster than the drive's largest velocity; without one stay."""
+        """Send a position, no faster than the largest velocity; without one stay."""
         if self._same(value) and self._speed == 0.0:
             return
         if self._ramp.speed and value != value:
@@ -521,12 +564,17 @@ class PositionTarget(_PositionTarget):
             self._ramp.rest()
             return here
         if self._ramp.limited:
-            return here + self._ramp.step(way, period, limits.velocity)
-        step = int(limits.velocity * period)
-        if -step <= way <= step:
+            return here + self._ramp.step(way, period, limits.pace)
+        reach = limits.pace * period + self._rest
+        if -reach <= way <= reach:
+            self._rest = 0.0
             return target
-        step = max(1, step)
-        return max(here - step, min(here + step, target))
+        limits.held = limits.held or abs(way) > reach * HELD + 1
+        step = int(reach)
+        self._rest = reach - step
+        if step == 0:
+            self._value = _NAN  # the way goes on, in a later cycle
+        return here + step if way > 0 else here - step
 
     def _go(self, here: int, count: int, period: float) -> None:
         """Send a count, as far as the software limits let it, instead of the one sent last."""
@@ -615,6 +663,9 @@ class SetPointTarget(_PositionTarget):
 
     def _give(self, value: float) -> None:
         axis = self._axis
+        if axis.limits.ramp_unbounded:
+            self._value = _NAN  # it waits until the drive's own ramp is known to be slow enough
+            return
         count = self._count_of(value, axis.raw_position + axis.unwrap.offset)
         raw = axis.limits.of_position(axis.unwrap.raw_of(count))
         if raw != self._given:

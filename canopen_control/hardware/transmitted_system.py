@@ -42,7 +42,7 @@ class _State:
 
 
 class _Command:
-    """A command on both sides, in the same way; its limits are those of the joint already."""
+    """A command on both sides, in the same way; its bounds, given for the joint, are turned for the actuator too."""
 
     __slots__ = ("factor", "inner", "offset", "outer")
 
@@ -50,6 +50,8 @@ class _Command:
         self.outer, self.inner = _seen(inner), inner
         self.factor, self.offset = _ratio(inner.interface, transmission)
         self.outer.enabled = inner.enabled
+        ends = [(each - self.offset) / self.factor for each in (inner.minimum, inner.maximum)]
+        inner.minimum, inner.maximum = min(ends), max(ends)
 
     def follow(self) -> None:
         """Say whether the hardware follows commands: who commands it forgets what counts no more."""
@@ -171,5 +173,5 @@ class TransmittedSystem:
 
 
 def _seen(inner: CommandInterface) -> CommandInterface:
-    """Return the joint's side of an actuator's command interface; its limits are those of the joint already."""
+    """Return the joint's side of an actuator's command interface, with the bounds that were given for the joint."""
     return CommandInterface(inner.joint, inner.interface, inner.value, minimum=inner.minimum, maximum=inner.maximum)

@@ -1,5 +1,6 @@
 """The claimed interface, its mode and its target; every mode under a controller, and how it comes to rest."""
 
+import itertools
 import math
 from types import SimpleNamespace
 
@@ -13,6 +14,9 @@ from canopen_control.cia402.units import PositionUnwrapper, Scale
 from canopen_control.errors import UnsupportedMode
 from canopen_control.hardware.axis import AxisLimits
 from canopen_control.hardware.joint_targets import TARGET_CLASSES, ModeTarget, stop_slope
+
+K = 65536 / math.tau  # counts per rad, and per rad/s
+LIMIT = 0.8  # rad/s
 
 
 @pytest.fixture
@@ -191,6 +195,56 @@ def test_digital_outputs_and_inputs_travel_where_they_are_mapped(servo):
     assert states["error_code"].value == 0
 
 
+def test_a_ramp_of_the_drive_that_is_too_fast_is_lowered_before_the_first_set_point(servo):
+    robby = servo("position", "position_mode: 1", velocity=LIMIT)
+    assert robby.drives[2].get(0x6081) == int(LIMIT * K)
+    assert "0x6081 was 65536 and is 8344 now, the velocity limit of the description" in robby.texts("parameters")[0]
+
+
+def test_a_ramp_of_the_drive_that_is_slower_stays(servo):
+    robby = servo("position", "position_mode: 1", velocity=10.0)
+    assert robby.drives[2].get(0x6081) == 65536
+    assert robby.texts("parameters") == []
+
+
+def test_a_position_in_other_units_than_the_velocity_is_bounded_as_well(servo):
+    """0x60FF in rpm: the steps of CSP are of position counts."""
+    units = "scale_vel_to_dev: 9.549296585513721\n  scale_vel_from_dev: 0.10471975511965977\n  "
+    units += f"scale_pos_to_dev: {K}\n  scale_pos_from_dev: {1 / K}"
+    robby = servo("position", velocity=LIMIT, extra=units)
+    targets = []
+    robby.robot.after_cycle.append(lambda _now: targets.append(robby.joint(2).axis.output(0x607A).value))
+    command(robby, "position", 50.0, 1000)
+    steps = [b - a for a, b in itertools.pairwise(targets)]
+    assert max(steps) in (int(LIMIT * K / 100), int(LIMIT * K / 100) + 1)
+    assert targets[-1] - targets[0] == pytest.approx(LIMIT * K * 0.98, rel=0.03)
+
+
+def test_a_pace_below_a_count_in_a_cycle_is_kept_too(servo):
+    robby = servo("position", velocity=0.002)  # 20.9 counts per s
+    first = robby.joint(2).axis.output(0x607A).value
+    command(robby, "position", 50.0, 5000)
+    assert robby.joint(2).axis.output(0x607A).value - first == pytest.approx(5 * 0.002 * K, abs=2)
+
+
+def test_a_target_that_is_slowed_down_is_told_once_for_each_occasion(servo):
+    robby = servo("velocity", velocity=LIMIT)
+    command(robby, "velocity", 6.0, 1000)
+    for value in (6.1, 6.2, 6.3):
+        command(robby, "velocity", value, 300)
+    assert len(robby.texts("held_back")) == 2  # of two joints
+    assert "faster than the velocity limit of one in the description" in robby.texts("held_back")[0]
+    command(robby, "velocity", 0.5, 2000)
+    command(robby, "velocity", 6.0, 300)
+    assert len(robby.texts("held_back")) == 4
+
+
+def test_a_velocity_limit_of_zero_is_one_that_nobody_gave(servo):
+    robby = servo("velocity", velocity=0)
+    command(robby, "velocity", 2.0, 1000)
+    assert robby.speed(2) == pytest.approx(2.0 * K, rel=0.02)
+
+
 def axis(deceleration=math.inf):
     return SimpleNamespace(limits=SimpleNamespace(deceleration=deceleration, blocked=0))
 
@@ -237,3 +291,27 @@ def test_a_position_at_every_sync_stays_within_the_software_limits(mode):
         for _ in range(3):
             target.follow(value, 0, 0.02)
         assert output.value == end
+
+
+@pytest.mark.parametrize(
+    ("interface", "key", "value"),
+    [
+        ("velocity", "velocity_mode: 9", 6.0),
+        ("velocity", "velocity_mode: 3", 6.0),
+        ("velocity", "velocity_mode: 2", 6.0),
+        ("position", "position_mode: 8", 50.0),
+        ("position", "position_mode: 1", 50.0),
+        ("position", "position_mode: 7", 50.0),
+        ("effort", "effort_mode: 10", 300.0),
+        ("effort", "effort_mode: 4", 300.0),
+    ],
+)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_velocity_limit_of_the_description_holds_in_every_mode(servo, interface, key, value, sign):
+    robby = servo(interface, key, velocity=LIMIT)
+    speeds = []
+    robby.robot.after_cycle.append(lambda _now: speeds.append(sign * robby.speed(2) / K))
+    command(robby, interface, sign * value, 3000)
+    # a torque is judged by what it did, and TQ takes it away along its slope (0x6087)
+    assert max(speeds) < (1.2 if interface == "effort" else 1.03) * LIMIT
+    assert max(speeds) > 0.8 * LIMIT

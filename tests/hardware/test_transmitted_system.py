@@ -61,6 +61,16 @@ def test_no_command_stays_none_and_the_lifecycle_is_the_components():
     assert outer.simulated_ns == 5
 
 
+def test_bounds_are_those_of_the_joint_on_its_side_and_are_turned_for_the_motor():
+    inner = Hardware("j/velocity", "j/position", "k/velocity")
+    for each in inner.command_interfaces:
+        each.minimum, each.maximum = -1.0, 2.0
+    outer = TransmittedSystem(inner, [Transmission("t", "j", "m", -10.0, 0.5)])
+    assert [(each.minimum, each.maximum) for each in outer.command_interfaces] == [(-1.0, 2.0)] * 3
+    found = [(each.minimum, each.maximum) for each in inner.command_interfaces]
+    assert found == [(-20.0, 10.0), (-15.0, 15.0), (-1.0, 2.0)]
+
+
 def test_what_no_transmission_turns_is_the_components_own():
     inner, outer = system(Transmission("t", "j", "m", 2.0, 0.0))
     assert outer.command_interfaces[2] is inner.command_interfaces[2]

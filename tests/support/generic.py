@@ -67,9 +67,12 @@ _EXTRAS = ("nmt_state", "statusword", "error_code", "age", "digital_inputs")
 
 
 def write_generic(
-    folder, *, joints=JOINTS, extra="", sdo="", rpdo=255, period=10_000, modes="", groups=False, named=""
+    folder, *, joints=JOINTS, extra="", sdo="", rpdo=255, period=10_000, modes="", groups=False, named="", velocity=None
 ):
-    """Write a robot to `folder`/generic; `modes` are lines such as ``velocity_mode: 9``. Returns the folder."""
+    """Write a robot to `folder`/generic; `modes` are lines such as ``velocity_mode: 9``. Returns the folder.
+
+    `velocity` is the velocity limit of its joints in the URDF.
+    """
     target = folder / "generic"
     target.mkdir()
     nodes = "\n".join(
@@ -90,15 +93,16 @@ def write_generic(
         "controller_manager:\n  ros__parameters:\n    update_rate: 100\n"
         f"    broadcaster: {{type: joint_state_broadcaster/JointStateBroadcaster}}\n{controllers}{params}"
     )
-    (target / "generic.urdf").write_text(_urdf(joints, groups=groups))
+    (target / "generic.urdf").write_text(_urdf(joints, groups=groups, velocity=velocity))
     return target
 
 
-def _urdf(joints, *, groups):
+def _urdf(joints, *, groups, velocity):
+    limit = "" if velocity is None else f"<limit effort='100' velocity='{velocity}'/>"
     links = "<link name='base'/>" + "".join(f"<link name='link_{name}'/>" for name in joints)
     tree = "".join(
         f"<joint name='{name}' type='continuous'><parent link='base'/><child link='link_{name}'/><axis xyz='0 0 1'/>"
-        "</joint>"
+        f"{limit}</joint>"
         for name in joints
     )
     commands = "".join(

@@ -66,7 +66,7 @@ class Acceptance:
         for joint, constraints in zip(given.joints, given.constraints, strict=True):
             if not constraints.max_deceleration_on_cancel:
                 lacks = lacks or f"{joint} has no constraints.{joint}.max_deceleration_on_cancel; give it"
-            if not 0.0 < self.limits[joint].velocity < math.inf:
+            if self.limits[joint].velocity == math.inf:
                 lacks = lacks or f"the description has no velocity limit of {joint}; give it"
         return (
             None if lacks is None else f"decelerate_on_cancel has no effect, what is cancelled is held at once: {lacks}"
@@ -152,4 +152,4 @@ def _limits_of(joint: Joint | None) -> JointLimits:
     if joint is None:
         return JointLimits()
     limits = joint.limits
-    return JointLimits(limits.lower, limits.upper, limits.velocity, joint.type == "continuous")
+    return JointLimits(limits.lower, limits.upper, limits.speed, joint.type == "continuous")

@@ -228,13 +228,10 @@ def beyond(message: JointTrajectory, survey: Survey, limits: dict[str, JointLimi
 
 
 def unreachable(message: JointTrajectory, survey: Survey, limits: dict[str, JointLimits]) -> str | None:
-    """Say which point a joint cannot reach in time from the one before within its velocity limit, None if none.
-
-    A limit of 0 in a description is one that its author did not give.
-    """
+    """Say which point a joint cannot reach in time from the one before within its velocity limit, None if none."""
     for index, name in enumerate(message.joint_names if survey.means.ranges else ()):
         most = limits.get(name, JointLimits()).velocity
-        if not 0.0 < most < math.inf:
+        if most == math.inf:
             continue
         found = _outside(survey.means, index, -most * _WRITTEN, most * _WRITTEN)
         for at in range(found.begin, found.end) if found is not None else ():
