@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--node-id",
         metavar="N[,N|-N]",
-        help="1 to 127; several as 2,3 or 1-64, in one process; 255: none, LSS gives it one",
+        help="1 to 127; several as 2,3 or 1-64, in one process; 255: none, LSS gives it one; any number of those",
     )
     parser.add_argument(
         "--eds",
@@ -89,7 +89,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--store", metavar="FILE", help="keep what is stored with 0x1010 and LSS; made if it is not there"
     )
-    parser.add_argument("--serial", type=whole, metavar="N", help="serial number 0x1018:04; default: the node id")
+    parser.add_argument(
+        "--serial",
+        type=whole,
+        metavar="N",
+        help="serial number 0x1018:04; default: the node id, and without one the process id",
+    )
     parser.add_argument("--status", action="store_true", help="tell what drives that run are doing, and end")
     parser.add_argument("--json", action="store_true", help="with --status: print JSON")
 

@@ -152,11 +152,21 @@ class NodeMethods:
 
 
 class NodeControl:
-    """Serves the control socket of `node`, which runs in `host`, on the axes of `world`."""
+    """Serves the control socket of `node`, which runs in `host`, on the axes of `world`; SocketInUse.
 
-    def __init__(self, host: NodeHost, node: VirtualNode, world: World | None = None) -> None:
+    Without a socket it does what this process asks alone.
+    """
+
+    def __init__(
+        self, host: NodeHost, node: VirtualNode, world: World | None = None, *, with_socket: bool = True
+    ) -> None:
         methods = NodeMethods(host, node, world)
         self.do = methods.do
+        self._server: Server[DriveHello, DriveEvent] | None = None
+        if with_socket:
+            self._server = self._serve(host, node, methods)
+
+    def _serve(self, host: NodeHost, node: VirtualNode, methods: NodeMethods) -> Server[DriveHello, DriveEvent]:
         channel = host.port.channel
         hello = DriveHello(
             node_id=node.node_id,
@@ -167,21 +177,24 @@ class NodeControl:
             pid=os.getpid(),
         )
         path = socket_path("drive", drive_name(channel, node.node_id))
-        self._server: Server[DriveHello, DriveEvent] = Server(DRIVE, host.reactor, path, lambda: hello)
+        server: Server[DriveHello, DriveEvent] = Server(DRIVE, host.reactor, path, lambda: hello)
         for kind in methods.kinds:
-            self._server.answers(kind, self._answer)
-        self._server.check()
+            server.answers(kind, self._answer)
+        server.check()
+        return server
 
     def _answer(self, call: Call[Request[Any]]) -> None:
         call.reply(self.do(call.request))
 
     def close(self) -> None:
         """Remove the socket."""
-        self._server.close()
+        if self._server is not None:
+            self._server.close()
 
     def push(self, text: str) -> None:
         """Tell everybody connected what happened."""
-        self._server.push(DriveEvent(text))
+        if self._server is not None:
+            self._server.push(DriveEvent(text))
 
 
 def _holder(plant: Plant, name: str) -> object:

@@ -6,6 +6,7 @@ generic; a dictionary without CiA 402 objects makes a plain node.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -97,10 +98,17 @@ def make_devices(
         say(f"{WORLD_NOTE}{note}")
     file = None if store is None else ParameterFile(store, say)
     nodes = [
-        _node(ods[files[node_id]], node_id, faults, node_id if serial is None else serial + number, world, file)
+        _node(
+            ods[files[node_id]], node_id, faults, _serial(node_id) if serial is None else serial + number, world, file
+        )
         for number, node_id in enumerate(node_ids)
     ]
     return Devices(tuple(nodes), world, timeline)
+
+
+def _serial(node_id: int) -> int:
+    """Return the serial number of a node that was given none; LSS tells nodes without an id apart by it."""
+    return os.getpid() if node_id == UNCONFIGURED else node_id
 
 
 def _timeline(path: Path, node_ids: Sequence[int]) -> tuple[Switching, ...]:

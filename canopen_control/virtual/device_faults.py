@@ -244,6 +244,7 @@ def _breaks_program(seam: Callable[[ProgramArea], Seam[T]], value: T) -> Switch:
 program_damaged: Switch = _breaks_program(lambda area: area.damages, True)
 flash_failing: Switch = _breaks_program(lambda area: area.fails_at, 1024)
 flash_slow: Switch = _breaks_program(lambda area: area.erase_ns, 12 * _S)
+served_in_preop: Switch = _breaks(lambda drive: drive.power.serves_preop, True)
 transition_slow: Switch = _breaks(lambda drive: drive.power.transition_delay_ns, 2 * _S)
 status_undefined: Switch = _each(no_state)
 mode_frozen: Switch = _breaks(lambda drive: drive.modes.stuck, True)

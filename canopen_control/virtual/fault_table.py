@@ -130,6 +130,7 @@ _ROWS = (
     Fault(47, "clock_slow", "node", "has a clock that is 100 ppm slow: in CSP it misses a set-point now and then", "goes on; a missed set-point is no fault", switched=device.clock_off_by(-100.0)),
     Fault(0, "rpdo_late", "node", "hears its RPDOs 3 ms late", "goes on; what the drive tells of its set-points shows the phase", switched=device.rpdos_late(3_000_000)),
     Fault(0, "rpdo_lost", "node", "does not hear one RPDO of a hundred", "goes on; what the drive tells of its set-points counts the missed ones", switched=device.rpdos_lost(100)),
+    Fault(0, "enabled_in_preop", "axis", "obeys controlword 15 in PRE-OPERATIONAL too, and set-points by SDO", "enables it in OPERATIONAL alone, as always", switched=device.served_in_preop),
     Fault(0, "warning", "axis", "sets the warning bit", "shows it, nothing stops", switched=device.warning),
     Fault(0, "device_error", "node", "reports an error of its hardware (0x5000) that lasts", "shows it", switched=device.hardware_error),
     Fault(0, "input_stuck", "input", "its inputs stay at what they show (a device that is no drive)", "cannot know; a second sensor, or what it should do, tells", switched=device.inputs("stuck")),

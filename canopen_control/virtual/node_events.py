@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BitRateActivated",
+    "ControlwordIgnored",
     "DriveFaulted",
     "DriveStateChanged",
     "EmergencyRaised",
@@ -46,6 +47,15 @@ class DriveFaulted:
 
     axis: int
     code: int
+
+
+@dataclass(frozen=True, slots=True)
+class ControlwordIgnored:
+    """A controlword asks for a transition that the axis does not make, and why not."""
+
+    axis: int
+    controlword: int
+    why: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +133,7 @@ _WORDS: dict[type, Callable[..., str]] = {
     NmtStateChanged: lambda event: f"NMT {event.state.name}",
     DriveStateChanged: lambda event: f"{_axis(event.axis)}{event.previous.name} -> {event.state.name}",
     DriveFaulted: lambda event: f"{_axis(event.axis)}fault 0x{event.code:04X} ({error_text(event.code)})",
+    ControlwordIgnored: lambda event: f"{_axis(event.axis)}controlword 0x{event.controlword:04X} ignored: {event.why}",
     ModeChanged: lambda event: f"{_axis(event.axis)}mode {mode_name(event.mode)}",
     EmergencyRaised: _emergency,
     HeartbeatMissed: _missed,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID
 from canopen_control.cia301.sdo_codec import ANSWER_BASE, INITIATE, REQUEST_BASE, UPLOAD
 from canopen_control.errors import BusError
@@ -34,10 +35,14 @@ class NodeIdTaken(BusError):
 
 
 class NodeIdCheck:
-    """Asks whether `node_ids` are free on `port`, from the moment it is made."""
+    """Asks whether `node_ids` are free on `port`, from the moment it is made.
+
+    A node without an id (255) holds none: CiA 305 lets any number of them wait for theirs on one bus.
+    """
 
     def __init__(self, reactor: Reactor, port: Port, node_ids: Sequence[int]) -> None:
         self._reactor, self._port = reactor, port
+        node_ids = [node_id for node_id in node_ids if node_id != UNCONFIGURED]
         self._answers = {
             base + node_id: node_id for node_id in node_ids for base in (ANSWER_BASE, ERROR_CONTROL_COB_ID)
         }

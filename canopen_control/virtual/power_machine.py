@@ -23,7 +23,7 @@ from canopen_control.cia402.state import (
     transition_of,
 )
 from canopen_control.virtual.fault_seam import Seam
-from canopen_control.virtual.node_events import DriveFaulted, DriveStateChanged
+from canopen_control.virtual.node_events import ControlwordIgnored, DriveFaulted, DriveStateChanged
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["Motor", "PowerMachine"]
 
 _MS = 1_000_000
+_RISING = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
 
 
 class Motor(Protocol):
@@ -60,7 +61,7 @@ class PowerMachine:
     `bits` are those of the statusword that are the state, `controlword` is the one last acted on, `stop_target` the
     state that a ramp under way ends in, `halted` whether the halt bit holds the motor, `causes` those of faults that
     cannot be reset yet. Seams: `voltage`, whether the power stage has supply; `transition_delay_ns`, of every
-    transition; `reset_deaf`; `fault_on_enable`, a code.
+    transition; `reset_deaf`; `fault_on_enable`, a code; `serves_preop`, whether it is enabled in PRE-OPERATIONAL too.
     """
 
     def __init__(self, objects: AxisObjects, mover: Mover, outbox: NodeOutbox, nmt: NmtSlave, motor: Motor) -> None:
@@ -76,6 +77,8 @@ class PowerMachine:
         self.transition_delay_ns: Seam[int] = Seam(0)
         self.reset_deaf: Seam[bool] = Seam(False)
         self.fault_on_enable: Seam[int] = Seam(0)
+        self.serves_preop: Seam[bool] = Seam(False)
+        self._ignored: tuple[int, str] | None = None  # the controlword that was told last, until another one does more
         # transition number to what it does; the others only change the state
         self._acts: dict[int, Callable[[Transition, int], None]] = {
             4: self._enable,
@@ -93,8 +96,9 @@ class PowerMachine:
 
     @property
     def operational(self) -> bool:
-        """Whether set-points can come: the node is NMT OPERATIONAL."""
-        return self._nmt.state is NmtState.OPERATIONAL
+        """Whether set-points can come: the node is NMT OPERATIONAL, or serves SDO for it in PRE-OPERATIONAL."""
+        state = self._nmt.state
+        return state is NmtState.OPERATIONAL or (self.serves_preop.value and state is NmtState.PRE_OPERATIONAL)
 
     @property
     def live(self) -> bool:
@@ -119,6 +123,8 @@ class PowerMachine:
             self._begin_from_ready(now)  # 3 and 4 in one write
         elif command is Command.ENABLE_OPERATION and self.stop_target is not None and self.operational:
             self._resume(now)
+        elif command in _RISING and self.state is State.SWITCH_ON_DISABLED:
+            self._ignore("the drive is in SWITCH_ON_DISABLED; controlword 0x0006 comes first")
 
     def _begin_from_ready(self, now: int) -> None:
         transition = transition_of(State.READY_TO_SWITCH_ON, Command.SWITCH_ON)
@@ -154,7 +160,11 @@ class PowerMachine:
 
     def _enable(self, _transition: Transition, now: int) -> None:
         """Transition 4: only with supply, and only while set-points can come (NMT OPERATIONAL)."""
-        if self.voltage.value and self.operational:
+        if not self.operational:
+            self._ignore(f"the node is {self._nmt.state.name}, and this drive is enabled in OPERATIONAL alone")
+        elif not self.voltage.value:
+            self._ignore("its power stage has no supply")
+        else:
             self.stop_target, self.halted = None, False
             if not self._mover.powered:
                 self._mover.power(True, now)
@@ -183,10 +193,19 @@ class PowerMachine:
 
     def _reset_fault(self, transition: Transition, now: int) -> None:
         """Transition 15: only when every cause is gone."""
-        if not self.causes and not self.reset_deaf.value:
+        if self.causes:
+            codes = ", ".join(f"0x{code:04X}" for code in sorted(self.causes))
+            self._ignore(f"the cause of fault {codes} is still there")
+        elif not self.reset_deaf.value:
             self._objects.set(o.ERROR_CODE, 0)
             self.enter(transition.target, now)
             self._outbox.clear_errors()
+
+    def _ignore(self, why: str) -> None:
+        """Tell why a controlword does nothing, once while it and the reason stay the same."""
+        if self._ignored != (self.controlword, why):
+            self._ignored = self.controlword, why
+            self._outbox.tell(ControlwordIgnored(self._objects.axis, self.controlword, why))
 
     def _stop_as(self, reaction: Reaction, target: State, now: int) -> None:
         self._mover.cancel("transition")
@@ -209,6 +228,7 @@ class PowerMachine:
         if previous in POWERED_STATES and state not in POWERED_STATES:
             self.power_off(now)
         if previous is not state:
+            self._ignored = None
             self._outbox.tell(DriveStateChanged(self._objects.axis, previous, state))
             self._outbox.values_changed()
 

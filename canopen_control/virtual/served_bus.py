@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia301.lss import UNCONFIGURED
 from canopen_control.host.sockets import SocketInUse
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.node_events import NodeIdChanged, in_words
@@ -80,11 +81,14 @@ class ServedBus:
             on_bus_event=self._on_bus_event,
             on_closed=self._on_closed,
         )
-        try:
-            for node in self.nodes:
+        for node in self.nodes:
+            try:
                 self._controls[node] = NodeControl(self._host, node, self.world)
-        except SocketInUse as error:
-            raise NodeIdTaken(self.nodes[len(self._controls)].node_id, self.port.channel) from error
+            except SocketInUse as error:
+                if node.node_id != UNCONFIGURED:
+                    raise NodeIdTaken(node.node_id, self.port.channel) from error
+                self._controls[node] = NodeControl(self._host, node, self.world, with_socket=False)
+                self._log("another drive without a node id has the control socket; this one gets one with its node id")
 
     def close(self) -> None:
         """Serve no more, and leave the bus."""
@@ -117,7 +121,10 @@ class ServedBus:
         ids = [node.node_id for node in self.nodes]
         kind = "drive" if self.nodes[0].drives else "node"
         which = f"{kind} {ids[0]}" if len(ids) == 1 else f"{kind}s {', '.join(map(str, ids))}"
-        return f"{which} ({self.nodes[0].name}) ready on {self.port.channel}"
+        name = self.nodes[0].name
+        if ids == [UNCONFIGURED]:
+            name += f", serial number {self.nodes[0].store.number(0x1018, 4)}"  # which LSS finds it by
+        return f"{which} ({name}) ready on {self.port.channel}"
 
     # -- what happens
 
@@ -138,6 +145,7 @@ class ServedBus:
         try:
             self._controls[node] = NodeControl(host, node, self.world)
         except SocketInUse:
+            self._controls[node] = NodeControl(host, node, self.world, with_socket=False)
             self._log(f"node {node.node_id}: another virtual drive has this id; this one has no control socket")
 
     def _on_bus_event(self, event: BusEvent) -> None:

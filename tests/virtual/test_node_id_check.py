@@ -19,6 +19,18 @@ def test_an_id_that_nobody_has_is_free_after_a_short_wait():
     port.close()
 
 
+def test_nodes_without_an_id_hold_none_and_nothing_is_asked():
+    bus, reactor = MemoryBus("launch"), Reactor(ManualClock(S))
+    port, other = bus.open("new"), bus.open("old")
+    check = NodeIdCheck(reactor, port, [255])
+    other.send(pack_records([CanFrame(0x7FF, b"\x05"), CanFrame(0x67F, bytes(8))]))
+    check.finish()
+    assert other.receive() == b""
+    reactor.close()
+    port.close()
+    other.close()
+
+
 def test_an_id_that_answers_is_refused_with_a_sentence():
     bus, reactor = MemoryBus("launch"), Reactor(ManualClock(S))
     port, other = bus.open("new"), bus.open("old")

@@ -3,6 +3,8 @@ from __future__ import annotations
 from support.virtualbench import Bench, S, servo
 
 from canopen_control.cia402.state import POWERED_STATES, State
+from canopen_control.virtual.fault_switches import FaultSwitches
+from canopen_control.virtual.node_events import in_words
 
 
 def test_the_motor_has_power_in_the_powered_states_only():
@@ -57,3 +59,54 @@ def test_a_vendors_option_code_is_taken_for_the_default():
     assert bench.state == "QUICK_STOP_ACTIVE"
     bench.on(0.051)
     assert bench.state == "SWITCH_ON_DISABLED"
+
+
+def ignored(bench):
+    return [words for event in bench.events if (words := in_words(event)) is not None and "ignored" in words]
+
+
+def test_what_is_not_obeyed_in_pre_operational_is_told_once_and_what_to_do():
+    bench = Bench(servo())
+    bench.on(0.1)
+    for word in (6, 7, 15, 15, 15):
+        bench.write(0x6040, word)
+    assert bench.state == "SWITCHED_ON"
+    told = "controlword 0x000F ignored: the node is PRE_OPERATIONAL, and this drive is enabled in OPERATIONAL alone"
+    assert ignored(bench) == [told]
+    bench.start()
+    bench.write(0x6040, 15)
+    assert bench.state == "OPERATION_ENABLED"
+    assert ignored(bench) == [told]
+
+
+def test_a_drive_that_serves_it_is_enabled_and_moves_by_sdo_in_pre_operational():
+    bench = Bench(servo())
+    bench.on(0.1)
+    FaultSwitches(bench.node).set("enabled_in_preop", True, bench.now)
+    bench.write(0x6060, 3)
+    for word in (6, 7, 15):
+        bench.write(0x6040, word)
+    bench.write(0x60FF, 1000)
+    bench.on(2)
+    assert (bench.state, bench.velocity) == ("OPERATION_ENABLED", 1000)
+    assert ignored(bench) == []
+
+
+def test_other_controlwords_that_do_nothing_are_told_too():
+    bench = Bench(servo())
+    bench.start()
+    bench.control(15)
+    bench.control(6)
+    bench.drive.power.voltage.break_with(False)
+    for word in (7, 15, 15):
+        bench.control(word)
+    bench.drive.power.hold_cause(0x4310)
+    bench.drive.fault(0x4310, bench.now)
+    bench.on(1)
+    bench.control(0)
+    bench.control(0x80)
+    assert ignored(bench) == [
+        "controlword 0x000F ignored: the drive is in SWITCH_ON_DISABLED; controlword 0x0006 comes first",
+        "controlword 0x000F ignored: its power stage has no supply",
+        "controlword 0x0080 ignored: the cause of fault 0x4310 is still there",
+    ]

@@ -1,10 +1,17 @@
+import struct
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.virtualbench import S, servo
+from support.virtualbench import S, servo, servo_od
 
 from canopen_control.bus.memory import MemoryBus
+from canopen_control.cia301.lss import UNCONFIGURED
+from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.sockets import drive_name, list_sockets
+from canopen_control.virtual.device import make_device
 from canopen_control.virtual.node_id_check import NodeIdTaken
 from canopen_control.virtual.served_bus import WINDOW_NS, BusNodes, FoldedLog, ServedBus
 
@@ -41,6 +48,43 @@ def test_no_line_is_lost_from_the_sum(told):
         lines = [line for line in written if line[0] == kind]
         sums = sum(int(line.split("(")[1].split()[0]) for line in lines if "(" in line)
         assert sums + sum("(" not in line for line in lines) == sum(each == kind for each, _ in told)
+
+
+def unconfigured(serial):
+    od = servo_od(UNCONFIGURED)
+    od.device = replace(od.device, lss_supported=True)
+    return make_device(od, UNCONFIGURED, serial=serial)
+
+
+def test_any_number_of_nodes_without_an_id_wait_on_one_bus_and_each_gets_its_socket_with_its_id(log_reactor):
+    bus, lines = MemoryBus("unconfigured"), []
+    nodes = [unconfigured(serial) for serial in (1, 2, 3)]
+    ports = [bus.open(str(serial)) for serial in (1, 2, 3)]
+    served = [
+        ServedBus(log_reactor, BusNodes(port, [node]), lines.append, list)
+        for port, node in zip(ports, nodes, strict=True)
+    ]
+    master = bus.open("master")
+    try:
+        for each in served:
+            each.open()
+        log_reactor.run_for(0)
+        assert sum("has the control socket" in line for line in lines) == 2
+        assert served[1].ready_line == "drive 255 (servo, serial number 2) ready on memory:unconfigured"
+        for part in range(4):  # the second one into configuration, node id 9, and back to waiting
+            number = nodes[1].store.number(0x1018, part + 1)
+            master.send(pack_records([CanFrame(0x7E5, struct.pack("<BL3x", 0x40 + part, number))]))
+        for request in (b"\x11\x09", b"\x04\x00"):
+            master.send(pack_records([CanFrame(0x7E5, request.ljust(8, b"\0"))]))
+        log_reactor.run_for(S // 10)
+        assert [node.node_id for node in nodes] == [255, 9, 255]
+        assert drive_name("memory:unconfigured", 9) in list_sockets("drive")
+        assert drive_name("memory:unconfigured", 255) in list_sockets("drive")
+    finally:
+        for each in served:
+            each.close()
+        master.close()
+        log_reactor.run_for(0)
 
 
 def test_a_node_that_somebody_serves_is_told_and_what_is_given_up_is_known(log_reactor):
