@@ -89,6 +89,11 @@ _NAMES_OF = {
 _HOMES = {name: module for module, names in _NAMES_OF.items() for name in names}
 
 
+def __dir__() -> list[str]:
+    """Return the names of the module with those that are imported when they are used."""
+    return sorted({*globals(), *__all__})
+
+
 def __getattr__(name: str) -> object:
     """Import the public names when they are used: most processes of a robot need only a corner of the package."""
     if name in _HOMES:

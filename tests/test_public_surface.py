@@ -31,6 +31,10 @@ def test_a_public_name_is_found_and_says_what_it_is(name):
     assert (found.__doc__ or "").strip()
 
 
+def test_dir_lists_what_is_public():
+    assert set(canopen_control.__all__) <= set(dir(canopen_control))
+
+
 def test_a_type_checker_sees_each_name_where_it_is_found():
     assert imports_for_types() == canopen_control._HOMES
     assert sorted(canopen_control._HOMES) == sorted(NAMES)

@@ -6,7 +6,7 @@ controllers is moved through that robot. Held arrow keys move it; with --for or 
 key ends it. It stops with the key, Ctrl-C, a limit, a lost terminal, and by itself when this program is killed.
 This is no emergency stop (ISO 13850): have one in reach, and the shaft free.
 
-Exit codes: 0 good; 1 the drive failed or has a fault; 2 wrong usage, wrong EDS or node.
+Exit codes: 0 good; 1 the drive failed or has a fault, or nothing turned; 2 wrong usage, wrong EDS or node.
 """
 
 from __future__ import annotations
@@ -128,6 +128,8 @@ def _request(args: argparse.Namespace) -> _Wish:
     value: Quantity | float = _SPEED
     if given == "torque":
         value = float(args.torque)
+        if not value:
+            raise ConfigError("--torque 0: that moves nothing")
     elif getattr(args, given) is not None:
         value = parse_quantity(getattr(args, given), given)
         if not value.value:

@@ -119,8 +119,9 @@ class Assembly:
         self.systems.append(system)
         ratios = {each.joint: 1.0 / each.reduction for each in tag.transmissions}
         for joint in system.joints:
-            described = self.setup.description.joints[joint.joint].limits.speed
-            joint.axis.limits.described = described / abs(ratios.get(joint.joint, 1.0))
+            described = self.setup.description.joints.get(joint.joint)  # a drive on a bus alone has none
+            if described is not None:
+                joint.axis.limits.described = described.limits.speed / abs(ratios.get(joint.joint, 1.0))
             late = self.bus_by_node[joint.node.name].sends_sync_first
             joint.tracking.pace(self.setup.cycle_ns / 1e9, late=late, factor=ratios.get(joint.joint, 1.0))
         self.joints.update((joint.joint, joint) for joint in system.joints)

@@ -22,6 +22,8 @@ HELP: Final = """\
 _FORWARD: Final = frozenset(("up", "right", "i", "l"))
 _BACKWARD: Final = frozenset(("down", "left", ",", "j"))
 _SETTLED: Final = 0.002  # of a turn, a target is reached
+_TURNED: Final = 0.02  # of what was commanded: less is the play of a shaft that is held
+_COUNTS: Final = 2.0  # of the position: fewer are the noise of one that stands
 
 
 class JogKind(Enum):
@@ -74,8 +76,11 @@ class JogMotion:
         self._deadline = None if seconds is None else now + round(seconds * 1e9)
         self._keys = Teleop(abs(value), abs(value))
         self._sign = 0
+        self._commanded = False
         self._start: float | None = None
         self._here = math.nan
+        self._seconds = seconds
+        self._farthest = self._fastest = math.nan
 
     @property
     def by_keys(self) -> bool:
@@ -104,6 +109,24 @@ class JogMotion:
         sign = self._direction()
         return 0.0 if sign == 0 or self._blocked(sign) else math.copysign(self._keys.speed, sign)
 
+    def nothing_turned(self, count: float) -> str | None:
+        """Say that the shaft was not seen to turn, None where it was; `count` is one of its position, in rad."""
+        if math.isnan(self._farthest):
+            if self._fastest > 0.0:  # not for nan
+                return None
+            return "nothing was seen to turn: the drive shows no position"
+        asked = abs(self._value) if self.kind is JogKind.POSITION else 0.0
+        if self.kind is JogKind.VELOCITY and self._seconds is not None and self.ended is JogEnd.OVER:
+            asked = abs(self._value) * self._seconds
+        if self._farthest > max(_COUNTS * count, _TURNED * asked):
+            return None
+        if self._held and not self._commanded:
+            return "nothing turned: no key was held"
+        return (
+            "nothing turned: the drive was commanded and its position stayed; see whether the shaft is blocked, a "
+            "brake is closed, the torque is too small, or the scale (--counts) is wrong"
+        )
+
     def key(self, name: str, now: int) -> None:
         """Take a key of `KeyDecoder`; of a motion with an end every key ends it."""
         if name == "focus-in":
@@ -112,6 +135,7 @@ class JogMotion:
             self.end(JogEnd.ASKED)
             return
         self.note = ""
+        self._commanded = self._commanded or name in _FORWARD or name in _BACKWARD
         self._sign = 1 if name in _FORWARD else -1 if name in _BACKWARD else self._sign
         if name in _FORWARD or name in _BACKWARD:
             name = "up" if name in _FORWARD else "down"  # one key for each way: its repetition is what holds
@@ -143,11 +167,14 @@ class JogMotion:
             self.end(JogEnd.STATE)
         if current is not None and abs(current) > self.limits.current:
             self.end(JogEnd.CURRENT)
+        if velocity is not None and math.isfinite(velocity):
+            self._fastest = max(abs(velocity), 0.0 if math.isnan(self._fastest) else self._fastest)
         if position is None or not math.isfinite(position):
             return
         if self._start is None:
             self._start = position
         self._here = position
+        self._farthest = max(abs(self.travelled), 0.0 if math.isnan(self._farthest) else self._farthest)
         self._look_at_travel(velocity)
 
     def end(self, why: JogEnd) -> None:
@@ -167,7 +194,7 @@ class JogMotion:
 
     def _look_at_travel(self, velocity: float | None) -> None:
         if self.kind is JogKind.POSITION:
-            near = abs(self.travelled - self._value) <= _SETTLED * math.tau
+            near = abs(self.travelled - self._value) <= min(_SETTLED * math.tau, 0.5 * abs(self._value))
             if near and (velocity is None or abs(velocity) <= self.limits.speed / 20):
                 self.end(JogEnd.THERE)
             return

@@ -120,7 +120,7 @@ def test_a_velocity_beyond_the_drive_is_cut_and_none_that_does_not_fit_is_sent(a
     send(arm)
     arm.run(1000)
     position, feed = joint.commands["position"], joint.targets.feed_forward
-    joint.axis.limits.velocity = 1000.0
+    joint.axis.limits.take_velocity(1000.0, joint.axis.scale)
     joint.commands["velocity"].value = 2.0
     position.value += 0.001
     feed.follow(position, 0.02)

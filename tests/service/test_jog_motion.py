@@ -148,3 +148,62 @@ def test_a_command_is_bounded_and_comes_from_a_key_that_is_young(steps):
         if command:
             assert now - pressed <= 700 * MS
             assert not motion.travelled * math.copysign(1, command) >= LIMITS.travel
+
+
+COUNT = 0.001
+
+
+def test_a_shaft_that_turns_is_one():
+    motion = jog(seconds=2.0)
+    at(motion, 5.0)
+    at(motion, 7.0)
+    motion.tick(2000 * MS)
+    assert motion.nothing_turned(COUNT) is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "seconds", "places"),
+    [
+        (JogKind.VELOCITY, 1.0, 2.0, (5.0, 5.0)),
+        (JogKind.VELOCITY, 1.0, 2.0, (5.0, 5.03, 5.0)),  # within the play of what holds it
+        (JogKind.TORQUE, 300.0, 2.0, (5.0, 5.002)),  # two counts
+        (JogKind.POSITION, -2.0, 2.0, (5.0, 4.97)),
+    ],
+)
+def test_a_shaft_that_stays_where_it_is_told(kind, value, seconds, places):
+    motion = jog(kind, value, seconds)
+    for each in places:
+        at(motion, each)
+    motion.tick(2000 * MS)
+    assert motion.nothing_turned(COUNT).startswith("nothing turned: the drive was commanded and its position stayed")
+
+
+def test_one_that_is_ended_early_is_not_judged_by_its_whole_time():
+    motion = jog(seconds=100.0)
+    at(motion, 5.0)
+    at(motion, 5.5)
+    motion.key("space", MS)
+    assert motion.nothing_turned(COUNT) is None
+
+
+def test_a_jog_by_keys_that_holds_none_says_so():
+    motion = jog()
+    at(motion, 5.0)
+    motion.key("ctrl-c", MS)
+    assert motion.nothing_turned(COUNT) == "nothing turned: no key was held"
+
+
+def test_without_a_position_the_velocity_shows_it():
+    motion = jog(seconds=1.0)
+    assert "shows no position" in motion.nothing_turned(COUNT)
+    at(motion, None, 0.5)
+    assert motion.nothing_turned(COUNT) is None
+
+
+def test_a_small_step_is_not_reached_before_it_was_made():
+    motion = jog(JogKind.POSITION, 0.004)
+    at(motion, 5.0)
+    assert motion.ended is JogEnd.NONE
+    at(motion, 5.004)
+    assert motion.ended is JogEnd.THERE
+    assert motion.nothing_turned(COUNT) is None

@@ -67,7 +67,7 @@ class JogRun:
         self._gone = False
 
     def run(self) -> int:
-        """Enable, move, stop and disable; 1 where the drive or a limit of the current ended it."""
+        """Enable, move, stop and disable; 1 where the drive or a limit of the current ended it, or nothing turned."""
         with contextlib.ExitStack() as stack:
             client = stack.enter_context(RobotClient.connect(self._drive.robot))
             keyboard = stack.enter_context(Keyboard()) if sys.stdin.isatty() else None
@@ -82,7 +82,11 @@ class JogRun:
             print(f"\n{motion.ended.value}: stopped and disabled", flush=True)
         if motion.ended is JogEnd.STATE:
             raise CanopenError(f"{self._drive.joint}: {ended_words(self._sample, self._drive)}")
-        return 1 if motion.ended.failed else 0
+        if motion.ended.failed:
+            return 1
+        if (text := motion.nothing_turned(math.tau / self._scale.counts)) is not None:
+            raise CanopenError(f"{self._drive.joint}: {text}")
+        return 0
 
     def _leave(self) -> None:
         self._gone = True
