@@ -59,7 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     play = actions.add_parser("play", help="follow the trajectory of a file, or waypoints, to the end")
-    play.add_argument("file", nargs="?", help="YAML or JSON, as trajectory_msgs/JointTrajectory has it")
+    play.add_argument(
+        "file", nargs="?", help="YAML or JSON, as trajectory_msgs/JointTrajectory has it; wave.yaml: a sample for arm6"
+    )
     play.add_argument(
         "--waypoints", metavar="POSITIONS", help="rad or m of each joint of the controller, as in '0.4 -0.3; 0 0'"
     )
