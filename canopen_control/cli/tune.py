@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import math
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -23,21 +24,23 @@ from canopen_control.cli.support.jog_robot import dead_man_words, own_robot
 from canopen_control.cli.support.jog_run import SIGNALS
 from canopen_control.cli.support.one_drive import axis_of, look_at_drive, running_drive, tell_event, with_counts
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import parse_node_id, robot_on
 from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.errors import ConfigError
 from canopen_control.host.signals import on_signals
 from canopen_control.service.jog_motion import JogKind, JogLimits
 from canopen_control.service.jog_units import JogScale, parse_quantity
+from canopen_control.service.scope_files import refuse_without_pictures
 from canopen_control.service.tune_gains import GAIN_NAMES, GainPlace, applied, parse_gain, reverted, settable_gains
 from canopen_control.service.tune_motion import PEAK_S
-from canopen_control.service.tune_report import identified, proposed, report
+from canopen_control.service.tune_report import CSV, PICTURE, document, identified, proposed, report
 from canopen_control.service.tune_request import TuneRequest, TuneTest
 from canopen_control.service.tune_run import TuneRun, torque_index_of
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from canopen_control.service.driven_axis import JogDrive
 
@@ -46,7 +49,8 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 EXAMPLE = """canopen-control tune 5 --can can0 --eds my_drive.eds --step 30rpm
          canopen-control tune 5 --can can0 --eds my_drive.eds --identify 150 --crossover 20 --phase-margin 60 --apply
          canopen-control tune 5 --can can0 --eds my_drive.eds --revert
-         canopen-control tune 5 --can can0 --eds my_drive.eds --bode -o bode.csv"""
+         canopen-control tune 5 --can can0 --eds my_drive.eds --bode -o bode.png
+         canopen-control tune 5 --can can0 --eds my_drive.eds --identify 150 --yes --json"""
 
 _MAX_SPEED = math.tau  # rad/s
 _MAX_TRAVEL = 10.0 * math.tau  # rad
@@ -95,7 +99,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--axis", type=axis, default=0, metavar="N", help="of a drive with several (default: 0)")
     parser.add_argument("--allow-unsupervised", action="store_true", help="as of `jog`")
     parser.add_argument("--yes", action="store_true", help="confirm limits and excitation without being asked")
-    parser.add_argument("-o", "--output", metavar="FILE", help="the record, or with --bode the response, as CSV")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="the record, or with --bode the response: NAME.csv or NAME.png"
+    )
+    parser.add_argument("--json", action="store_true", help="print what was found as JSON, all else on standard error")
 
 
 def _add_what(parser: argparse.ArgumentParser) -> None:
@@ -124,6 +131,7 @@ def run(args: argparse.Namespace) -> int:
             print("\n".join(_hinted(reverted(session, _place(args)), args)))
         return 0
     request = _request(args)
+    say = partial(print, file=sys.stderr if args.json else sys.stdout, flush=True)
     output = None if args.output is None else _output(args.output)
     if args.apply:
         _look_for_gains(args)
@@ -133,10 +141,10 @@ def run(args: argparse.Namespace) -> int:
             mode = "PV" if request.kind is JogKind.VELOCITY else "TQ"
             drive, scale = running_drive(args, args.name if owner is None else owner[0], mode, stack)
             limits = _limits(args, request, scale)
-            _confirm([*_plan(request, scale, limits)], args)
+            _confirm([*_plan(request, scale, limits)], args, say)
             effort_unit = None
         else:
-            drive, scale, limits = stack.enter_context(_own(args, request))
+            drive, scale, limits = stack.enter_context(_own(args, request, say))
             effort_unit = _EFFORT_UNIT
         excitation = request.excitation(scale)
         tune = TuneRun(
@@ -154,13 +162,15 @@ def run(args: argparse.Namespace) -> int:
         print(
             f"canopen-control: {record.lost} of {record.lost + len(record.samples)} cycles were lost", file=sys.stderr
         )
-    print("\n".join(report(record, request, scale, output)))
+    say("\n".join(report(record, request, scale, output)))
+    if args.json:
+        print(json_text(document(record, request, scale)))
     if args.apply:
         gains = proposed(identified(record), request)
         with open_session(args) as session:
-            print("\n".join(_hinted(applied(session, gains, scale.counts / math.tau, _place(args)), args)))
+            say("\n".join(_hinted(applied(session, gains, scale.counts / math.tau, _place(args)), args)))
         where = f"--can {args.can} --eds {args.eds}" if args.can else f"--name {args.name}" if args.name else ""
-        print(f"taken back by: canopen-control tune {args.node} {where} --revert".replace("  ", " "))
+        say(f"taken back by: canopen-control tune {args.node} {where} --revert".replace("  ", " "))
     return 0
 
 
@@ -172,6 +182,8 @@ def _check_gains(args: argparse.Namespace) -> None:
         raise ConfigError("--store: nothing is set without --apply or --revert")
     if args.gain and not args.apply:
         raise ConfigError("--gain says which objects --apply sets; leave it away, or say --apply")
+    if args.json and args.revert:
+        raise ConfigError("--json prints what a test has found; --revert is none")
     for each in args.gain:
         parse_gain(each)
 
@@ -219,8 +231,11 @@ def _request(args: argparse.Namespace) -> TuneRequest:
 
 def _output(name: str) -> Path:
     path = Path(name).expanduser()
-    if path.suffix != ".csv" or not path.parent.is_dir():
-        raise ConfigError(f"-o {name}: give NAME.csv in a folder that is there")
+    if path.suffix not in (CSV, PICTURE) or not path.parent.is_dir():
+        kinds = f"NAME{CSV} for a table or NAME{PICTURE} for a picture"
+        raise ConfigError(f"-o {name}: give {kinds}, in a folder that is there")
+    if path.suffix == PICTURE:
+        refuse_without_pictures()
     return path
 
 
@@ -238,7 +253,9 @@ def _limits(args: argparse.Namespace, request: TuneRequest, scale: JogScale) -> 
 
 
 @contextlib.contextmanager
-def _own(args: argparse.Namespace, request: TuneRequest) -> Iterator[tuple[JogDrive, JogScale, JogLimits]]:
+def _own(
+    args: argparse.Namespace, request: TuneRequest, say: Callable[[str], None]
+) -> Iterator[tuple[JogDrive, JogScale, JogLimits]]:
     """Look at the drive on its bare bus, have the limits confirmed, then boot a robot of it alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
@@ -251,7 +268,7 @@ def _own(args: argparse.Namespace, request: TuneRequest) -> Iterator[tuple[JogDr
     limits = _limits(args, request, scale)
     node = robot.nodes[0]
     lines = [f"node {node.device.node_id}: {axis.interface} in {axis.mode.name}, a sample every {args.period:g} ms"]
-    _confirm([*lines, *_plan(request, scale, limits), f"dead-man: {dead_man_words(node.supervision)}"], args)
+    _confirm([*lines, *_plan(request, scale, limits), f"dead-man: {dead_man_words(node.supervision)}"], args, say)
     robot = with_counts(robot, args.counts)
     with own_robot(robot, axis_of(robot, args), args.can, limits.speed, tell_event) as drive:
         yield drive, scale, limits
@@ -264,15 +281,18 @@ def _plan(request: TuneRequest, scale: JogScale, limits: JogLimits) -> Iterator[
     yield f"        current {limits.current / 10:g} % of the rated one, more for {PEAK_S:g} s at most"
 
 
-def _confirm(lines: list[str], args: argparse.Namespace) -> None:
+def _confirm(lines: list[str], args: argparse.Namespace, say: Callable[[str], None]) -> None:
     """Say what will move how far, and have it confirmed; ConfigError where it is not."""
-    print("\n".join(lines), flush=True)
+    say("\n".join(lines))
     if args.yes:
         return
     if not sys.stdin.isatty():
         raise ConfigError("nothing moves unless the limits are confirmed: say --yes, or ask at a terminal")
+    question = "the shaft is free, and it may move so? [y/N] "
+    if args.json:
+        say(question)
     try:
-        answer = input("the shaft is free, and it may move so? [y/N] ")
+        answer = input("" if args.json else question)
     except (EOFError, KeyboardInterrupt):
         answer = ""
     if answer.strip().lower() not in ("y", "yes"):

@@ -3,7 +3,9 @@
 The model is J dw/dt = u - B w - C sgn(w) + g. What is fitted is its integral over each cycle. A torque is held for a
 cycle, and where in the cycle it changes is unknown; so the dead time is found first, as the one that leaves the least
 residual, in quarters of a cycle: one cycle that is not accounted for costs a quarter of the inertia. Samples around
-standstill are left out, since there Coulomb friction is any torque up to C.
+standstill are left out, since there Coulomb friction is any torque up to C. No friction drives a shaft: where the least
+residual would need one below 0, as that of an axis without friction does by its noise, it is 0 and the rest is fitted
+without it.
 Units: u in per mille of the rated torque (or N m), w in rad/s, so J in per mille s^2/rad (or kg m^2).
 """
 
@@ -28,6 +30,9 @@ _MOST_DELAY: Final = 4.0  # cycles
 _STEPS: Final = 4  # of a cycle
 _STANDING: Final = 0.05  # of the greatest speed, below which it stands
 _FEWEST: Final = 50
+_VISCOUS, _COULOMB = 1, 2  # their columns
+_MODELS: Final = ([0, 1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 3])
+"""The columns that are fitted: all, else without a friction that would be below 0; the last ones have none."""
 _TRUSTED: Final = 0.7  # of the changes of speed that the model has to explain
 
 
@@ -80,9 +85,8 @@ def identify_plant(torque: Sequence[float], speed: Sequence[float], period: floa
             "it): excite it more, look whether the shaft is free and whether something else drives it"
         )
     inertia = 1.0 / parts[0]
-    return PlantModel(
-        inertia, -parts[1] * inertia, -parts[2] * inertia, parts[3] * inertia, delay * period, min(1.0, share)
-    )
+    viscous, coulomb = abs(parts[_VISCOUS]) * inertia, abs(parts[_COULOMB]) * inertia
+    return PlantModel(inertia, viscous, coulomb, parts[3] * inertia, delay * period, min(1.0, share))
 
 
 def _delayed(u: NDArray[np.float64], delay: float, first: int) -> NDArray[np.float64]:
@@ -108,7 +112,15 @@ def _fit(
     if int(min((turned > 0.0).sum(), (turned < 0.0).sum())) < _FEWEST // 5:
         raise DriveError("the shaft turned one way only, so that friction and load look the same: excite it more")
     change = (after - before)[moving]
+    allowed: list[tuple[NDArray[np.floating], float, float]] = []
     columns = period * np.column_stack([u[moving], mean[moving], turned, np.ones(len(change))])
-    parts, _, _, _ = np.linalg.lstsq(columns, change, rcond=None)
-    left = change - columns @ parts
-    return parts, float(left @ left), float(change @ change)
+    power = float(change @ change)
+    for kept in _MODELS:
+        parts = np.zeros(columns.shape[1])
+        parts[list(kept)], _, _, _ = np.linalg.lstsq(columns[:, kept], change, rcond=None)
+        left = change - columns @ parts
+        if parts[_VISCOUS] <= 0.0 and parts[_COULOMB] <= 0.0:
+            allowed.append((parts, float(left @ left), power))
+            if kept == _MODELS[0]:
+                break
+    return min(allowed, key=lambda fit: fit[1])

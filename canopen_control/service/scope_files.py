@@ -119,6 +119,36 @@ def picture_of(named: NamedShot, overlay: NamedShot | None = None, cursors: tupl
     return out.getvalue()
 
 
+def plotted(
+    rows: Sequence[tuple[str, Sequence[float], Sequence[float]]],
+    unit: str,
+    *,
+    logarithmic: bool = False,
+    mark: float | None = None,
+) -> bytes:
+    """Draw rows of a label, places (in `unit`) and values, one below the other, as PNG; `mark` is one of the places."""
+    refuse_without_pictures()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(_WIDTH, 0.7 + _ROW * len(rows)), dpi=_DPI, layout="constrained")
+    axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, (label, places, values) in zip(axes, rows, strict=True):
+        axis.plot(places, values, linewidth=1.1)
+        axis.set_ylabel(label, fontsize=8)
+        axis.tick_params(labelsize=8)
+        axis.grid(visible=True, which="both", linewidth=0.4)
+        if logarithmic:
+            axis.set_xscale("log")
+        if mark is not None:
+            axis.axvline(mark, color=_CURSOR, linewidth=0.8, linestyle=":")
+    axes[-1].set_xlabel(unit, fontsize=8)
+    out = io.BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(out, format="png")
+    return out.getvalue()
+
+
 def _line(axis: Axes, shot: Shot, place: int, *, color: str, label: str) -> None:
     """Draw a signal as it was known: a value holds until the next one."""
     times = [time - shot.zero for time, _ in shot.rows]

@@ -1,8 +1,9 @@
-"""What a tuning run has found, as lines for people, and its record or its frequency response as CSV."""
+"""What a tuning run has found: lines for people, a document (JSON), its record or frequency response as CSV or PNG."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError, DriveError
@@ -10,6 +11,7 @@ from canopen_control.host.files import write_whole
 from canopen_control.service.frequency_response import bode_csv, bode_lines, filled, frequency_response
 from canopen_control.service.loop_design import design_velocity_loop
 from canopen_control.service.plant_model import identify_plant
+from canopen_control.service.scope_files import plotted
 from canopen_control.service.step_metrics import step_metrics
 from canopen_control.service.tune_request import TuneTest
 
@@ -25,13 +27,15 @@ if TYPE_CHECKING:
     from canopen_control.service.tune_motion import TuneRecord, TuneSample
     from canopen_control.service.tune_request import TuneRequest
 
-__all__ = ["bode_of", "identified", "proposed", "report", "step_of"]
+__all__ = ["CSV", "PICTURE", "bode_of", "document", "identified", "proposed", "report", "step_of"]
+
+CSV, PICTURE = ".csv", ".png"
 
 
 def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Path | None) -> list[str]:
-    """Return what it found; DriveError where the record tells nothing. The CSV is written before it is judged."""
+    """Return what it found; DriveError where the record tells nothing. A record is written before it is judged."""
     if output is not None and request.test is not TuneTest.BODE:
-        _write(output, record_csv(record))
+        _write(output, record_picture(record) if output.suffix == PICTURE else record_csv(record).encode())
     if request.test is TuneTest.STEP:
         lines = [*step_lines(step_of(record, request.height(scale)), scale)]
     elif request.test is TuneTest.IDENTIFY:
@@ -40,7 +44,7 @@ def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Pa
     else:
         bode = bode_of(record, request)
         if output is not None:
-            _write(output, bode_csv(bode))
+            _write(output, bode_picture(bode) if output.suffix == PICTURE else bode_csv(bode).encode())
         bandwidth = bode.bandwidth()
         lines = [
             "velocity as commanded to velocity as measured; the phase has the way over the bus in it",
@@ -50,14 +54,61 @@ def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Pa
     return [*lines, *([] if output is None else [f"written: {output}"])]
 
 
+def document(record: TuneRecord, request: TuneRequest, scale: JogScale) -> dict[str, object]:
+    """Return the same for programs: rad/s, s, Hz, dB, degrees, torques in per mille; DriveError as `report`."""
+    told: dict[str, object] = {
+        "test": request.test.name.lower(),
+        "period_s": record.period,
+        "samples": len(record.samples),
+        "lost": record.lost,
+    }
+    if request.test is TuneTest.STEP:
+        told["step"] = asdict(step_of(record, request.height(scale)))
+    elif request.test is TuneTest.IDENTIFY:
+        plant = identified(record)
+        told["plant"] = asdict(plant)
+        try:
+            gains = proposed(plant, request)
+        except ConfigError as error:
+            told |= {"gains": None, "no_gains": str(error)}
+        else:
+            told["gains"] = {**asdict(gains), "velocity_i": gains.velocity_i}
+    else:
+        bode = bode_of(record, request)
+        told["bode"] = {"bandwidth": bode.bandwidth(), "points": [asdict(point) for point in bode.points]}
+    return told
+
+
+def bode_picture(bode: Bode) -> bytes:
+    """Draw gain and phase over the frequency, as PNG."""
+    bandwidth = bode.bandwidth()
+    frequencies = [point.frequency for point in bode.points]
+    rows = [
+        ("gain, dB", frequencies, [point.gain for point in bode.points]),
+        ("phase, degrees", frequencies, [point.phase for point in bode.points]),
+    ]
+    return plotted(rows, "Hz", logarithmic=True, mark=bandwidth)
+
+
+def record_picture(record: TuneRecord) -> bytes:
+    """Draw what was commanded and measured over the time, as PNG."""
+    times = [record.seconds(sample) for sample in record.samples]
+    rows = [
+        ("command", times, [sample.command for sample in record.samples]),
+        ("rad/s", times, [math.nan if s.velocity is None else s.velocity for s in record.samples]),
+        ("torque, per mille", times, [math.nan if s.effort is None else s.effort for s in record.samples]),
+    ]
+    return plotted(rows, "s")
+
+
 def bode_of(record: TuneRecord, request: TuneRequest) -> Bode:
     """Return the frequency response of a record; DriveError where nothing of it can be trusted."""
     return frequency_response(*_pairs(record), record.period, low=request.band[0])
 
 
-def _write(path: Path, text: str) -> None:
+def _write(path: Path, content: bytes) -> None:
     try:
-        write_whole(path, text.encode())
+        write_whole(path, content)
     except OSError as error:
         raise ConfigError(f"{path} cannot be written: {error.strerror}") from None
 

@@ -1,4 +1,5 @@
 import cmath
+import json
 import math
 import os
 import sys
@@ -63,6 +64,16 @@ def test_inertia_and_friction_are_identified_and_gains_proposed(bench, no_termin
     assert value_of(said, "viscous friction") == pytest.approx(VISCOUS, rel=0.03)
     assert "for a crossover of 10 Hz and a phase margin of 60 degrees" in said
     assert value_of(said, "position P") == pytest.approx(15.71, rel=0.01)
+
+
+def test_programs_get_json_and_a_picture_of_the_response(bench, no_terminal, capsys, tmp_path):
+    file = tmp_path / "bode.png"
+    assert bench.verb("tune", "--bode", "--for", "2", "--yes", "--json", "-o", str(file)) == 0
+    said = capsys.readouterr()
+    told = json.loads(said.out)
+    assert told["bode"]["points"][0]["frequency"] > 0.0
+    assert f"written: {file}" in said.err
+    assert file.read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_frequency_response_is_a_table_and_a_file(bench, no_terminal, capsys, tmp_path):

@@ -51,3 +51,32 @@ def test_a_model_in_another_unit_is_the_same_motor():
     assert plant.scaled(0.001).time_constant == plant.time_constant == 4.0
     assert PlantModel(1.0, 0.0, 0.0, 0.0, 0.0, 1.0).time_constant == math.inf
     assert COUNTS > 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_an_ideal_axis_has_no_friction_below_zero(seed):
+    """A mass alone, with the rounding of a coarse encoder: noise would make friction of either sign."""
+    speed, speeds, torques = 0.0, [], []
+    excitation = Prbs(150.0, 0.05, 8.0)
+    for cycle in range(800):
+        torque = excitation.at(cycle * 0.01 + seed * 0.003)
+        torques.append(torque)
+        speeds.append(round(speed * 50 + seed / 7) / 50)
+        speed += 0.01 * torque / 20.0
+    found = identify_plant(torques, speeds, 0.01)
+    assert found.inertia == pytest.approx(20.0, rel=0.02)
+    assert 0.0 <= found.viscous < 0.5
+    assert 0.0 <= found.coulomb < 3.0
+
+
+def test_what_is_no_friction_is_fitted_without_it():
+    """A drive that helps the motion, as none does: the friction is 0 and the inertia is what fits best then."""
+    speed, speeds, torques = 0.0, [], []
+    excitation = Prbs(150.0, 0.05, 8.0)
+    for cycle in range(800):
+        torques.append(torque := excitation.at(cycle * 0.01))
+        speeds.append(speed)
+        speed += 0.01 * (torque + 3.0 * math.copysign(1.0, speed)) / 20.0
+    found = identify_plant(torques, speeds, 0.01)
+    assert found.coulomb == 0.0
+    assert found.viscous >= 0.0

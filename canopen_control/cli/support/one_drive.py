@@ -35,7 +35,8 @@ def running_drive(
     """Return a drive of a running robot, in a mode of operation; the robot knows its units."""
     client = stack.enter_context(RobotClient.connect(name))
     drive = drive_of_robot(client, args.node, args.axis, mode)
-    print(f"node {args.node} is {drive.joint} of the running robot {client.robot}, and moved through it")
+    text = f"node {args.node} is {drive.joint} of the running robot {client.robot}, and moved through it"
+    print(text, file=sys.stderr if getattr(args, "json", False) else sys.stdout)
     return drive, JogScale(args.counts or math.tau, told=True)
 
 
