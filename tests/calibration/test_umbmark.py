@@ -1,7 +1,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from canopen_control.calibration.umbmark import (
@@ -69,6 +69,9 @@ def test_the_largest_error_falls_a_hundredfold_in_two_passes(side, separation, u
 
 
 @given(unequal=st.floats(0.99, 1.01), track=st.floats(0.95, 1.05), side=st.floats(1.0, 4.0))
+@example(unequal=0.99, track=1.05, side=4.0)  # it ends 2.07 m off, which is more than half of the side
+@example(unequal=1.01, track=1.05, side=4.0)
+@example(unequal=0.99, track=0.95, side=4.0)
 def test_an_invented_robot_is_recovered(unequal, track, side):
     left, right = 2 / (1 + unequal), 2 * unequal / (1 + unequal)  # their mean is one
     known = [known for _, known in passes(5, side, 0.4, left, right, track)][-1]
@@ -76,6 +79,17 @@ def test_an_invented_robot_is_recovered(unequal, track, side):
     mean = (known.left + known.right) / 2  # a scale of distances that squares do not see
     assert known.separation / mean == pytest.approx(track, rel=1e-6)
     assert mean == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("unequal", [0.99, 1.01])
+@pytest.mark.parametrize("track", [0.9, 1.1])
+def test_the_worst_base_that_is_put_together_is_taken_and_recovered(unequal, track):
+    """0.24 m wide, on squares of 4 m: its ends are up to 0.93 of the side away."""
+    left, right = 2 / (1 + unequal), 2 * unequal / (1 + unequal)
+    assert max(math.hypot(run.x, run.y) for run in both(4.0, 0.24, left=left, right=right, track=track)) > 3.1
+    known = [known for _, known in passes(6, 4.0, 0.24, left, right, track)][-1]
+    assert known.right / known.left == pytest.approx(unequal, rel=1e-5)
+    assert known.separation / ((known.left + known.right) / 2) == pytest.approx(track, rel=1e-5)
 
 
 @given(way=st.floats(0.9, 1.1), side=st.floats(0.5, 4.0), separation=st.floats(0.1, 0.5))
@@ -126,6 +140,13 @@ GOOD = [SquareRun(CCW, 0.01, 0.02), SquareRun(CW, 0.01, -0.02)]
         ([GOOD[0], SquareRun(CW, math.nan, 0.0)], 1.0, 0.3, 1, r"run 2 \(clockwise\) ended at nan, 0.0"),
         ([GOOD[0], SquareRun(CW, 0.0, math.inf)], 1.0, 0.3, 1, "that is no place"),
         ([SquareRun(CCW, 12.0, 4.0), GOOD[1]], 1.0, 0.3, 1, r"run 1 \(counter-clockwise\) ended 12.65 m from"),
+        (
+            [SquareRun(CCW, 0.8, 0.7), GOOD[1]],
+            1.0,
+            0.3,
+            1,
+            "ended 1.06 m from .* more than the side of 1 m; were metres",
+        ),
         (GOOD[:1], 1.0, 0.3, 1, "no run is clockwise"),
         (GOOD[1:], 1.0, 0.3, 1, "no run is counter-clockwise"),
         ([], 1.0, 0.3, 1, "no run is"),
