@@ -174,7 +174,7 @@ class Feedback:
             # velocity and position may have different units: go by way of SI
             speed = abs(axis.scale.velocity_from_device(self._raw_velocity) * axis.scale.pos_to_dev)
         elif axis.limits.velocity < INT32_MAX:
-            speed = abs(axis.scale.velocity_from_device(axis.limits.velocity) * axis.scale.pos_to_dev)
+            speed = axis.limits.velocity * abs(axis.scale.vel_from_dev * axis.scale.pos_to_dev)
         else:
             return INT32_MAX
         return min(INT32_MAX, slack + round(3.0 * speed * max(elapsed_ns, 0) / 1e9))
