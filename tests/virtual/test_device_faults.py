@@ -76,6 +76,19 @@ def test_a_fault_on_enable_and_a_reset_that_is_not_heard():
     assert b.state == "OPERATION_ENABLED"
 
 
+def test_enabled_by_sdo_in_pre_operational():
+    b = bench()
+    b.on(0.1)
+    b.set(fault("enabled_in_preop"))
+    for word in (6, 7, 15):
+        b.write(0x6040, word)
+    assert b.state == "OPERATION_ENABLED"
+    b.write(0x6040, 7)
+    b.set("enabled_in_preop", False)
+    b.write(0x6040, 15)
+    assert b.state == "SWITCHED_ON"
+
+
 def test_slow_transitions():
     b = bench()
     b.start()
