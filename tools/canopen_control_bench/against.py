@@ -226,9 +226,16 @@ def _measured(side: Side, words: Sequence[str], report: Path) -> Figures:
     """Measure one side once; Unmeasured where a family failed."""
     report.unlink(missing_ok=True)
     command = [sys.executable, "-P", "-m", "canopen_control", "bench", *words, "--json", str(report)]
-    done = subprocess.run(command, env=side.environment, capture_output=True, text=True, check=False)
+    with subprocess.Popen(
+        command, env=side.environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            _, said = process.communicate()
+        except BaseException:
+            process.terminate()  # it ends what it has started, and removes its folders
+            raise
     if not report.exists() or not report.stat().st_size:
-        raise Unmeasured(f"{side.name}: the bench ended with {done.returncode}: {_last(done.stderr)}")
+        raise Unmeasured(f"{side.name}: the bench ended with {process.returncode}: {_last(said)}")
     found = json.loads(report.read_text())
     if failures := found["failures"]:
         family, text = next(iter(failures.items()))
