@@ -28,6 +28,7 @@ from canopen_control.cli.support.trajectory_recording import TrajectoryRecording
 from canopen_control.client import RobotClient
 from canopen_control.client.robot_client import HEARTBEAT_S
 from canopen_control.client.trajectory_file import read_trajectory, read_waypoints, write_trajectory
+from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import ConfigError
 from canopen_control.host.signals import on_signals
 from canopen_control.rpc.messages.robot import GetStatus, ListControllers, Subscribe
@@ -92,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
 def _play(args: argparse.Namespace) -> int:
     if (args.file is None) is (args.waypoints is None):
         raise ConfigError("say what to play: a file, or --waypoints; as in: canopen-control trajectory play wave.yaml")
-    joints, points = read_trajectory(args.file) if args.file is not None else ([], [])
+    joints, points = read_trajectory(sample_or_file(args.file)) if args.file is not None else ([], [])
     with RobotClient.connect(args.name) as robot:
         controller = _controller(robot, args)
         if args.waypoints is not None:
@@ -110,6 +111,15 @@ def _play(args: argparse.Namespace) -> int:
     reached = result.state == "succeeded"
     print(result.text, file=sys.stdout if reached else sys.stderr)
     return 0 if reached else 1
+
+
+def sample_or_file(name: str) -> str:
+    """Return the path of a file; a name that is none here may be a bundled sample's, beside the robot it is for."""
+    if Path(name).name == name and not Path(name).exists():
+        for robot in data_names("config"):
+            if (bundled := data_path("config", robot) / name).is_file():
+                return str(bundled)
+    return name
 
 
 def _later(points: list[TrajectoryPoint], by: float) -> list[TrajectoryPoint]:

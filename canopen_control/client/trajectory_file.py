@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.trajectory import MAX_POINTS
@@ -63,14 +62,7 @@ class _Goal:
 
 
 def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
-    """Return the joints and the points of a file; ConfigError with every mistake and its line.
-
-    A name that is no file here may be that of a bundled sample, which lies beside the robot that it is for.
-    """
-    file = Path(path)
-    if file.name == path and not file.exists():
-        bundled = [each for name in data_names("config") if (each := data_path("config", name) / path).is_file()]
-        path = str(bundled[0]) if bundled else path
+    """Return the joints and the points of a file; ConfigError with every mistake and its line."""
     text = read_text(path, ConfigError)
     count = text.count("time_from_start")
     if count > MAX_POINTS:  # before it is parsed, which takes a while

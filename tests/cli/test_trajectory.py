@@ -14,7 +14,12 @@ from support.lockstep import lockstep
 
 from canopen_control import Robot
 from canopen_control.cli.main import main
+from canopen_control.cli.trajectory import sample_or_file
 from canopen_control.client.trajectory_file import read_trajectory
+from canopen_control.data_files import data_path
+from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.samples import TrajectoryPoint
+from canopen_control.urdf.description import read_description
 
 
 @pytest.fixture
@@ -150,3 +155,23 @@ def test_one_that_is_stopped_by_a_signal_loses_its_trajectory_and_the_joints_bra
     assert "trajectory has said nothing for 2 s and is gone" in told
     assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in arm.status().joints.values()))
     assert abs(positions(arm)[0]) < abs(ENDS[0]) - 0.01
+
+
+def test_a_bundled_sample_is_found_by_its_name_and_fits_its_robot(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    joints, points = read_trajectory(sample_or_file("wave.yaml"))
+    described = read_description(data_path("config", "arm6") / "arm6.urdf").joints
+    assert joints == [f"joint_{number}" for number in range(1, 7)]
+    assert points[-1].positions == [0.0] * 6
+    before = TrajectoryPoint(positions=[0.0] * 6)
+    for point in points:
+        seconds = point.time_from_start - before.time_from_start
+        for name, a, b in zip(joints, before.positions, point.positions, strict=True):
+            limits = described[name].limits
+            assert limits.lower < b < limits.upper
+            assert 1.5 * abs(b - a) / seconds <= limits.velocity  # the fastest of a cubic that rests at both ends
+        before = point
+    (tmp_path / "wave.yaml").write_text("joint_names: [a]\npoints: [{positions: [1.0], time_from_start: 1.0}]\n")
+    assert read_trajectory(sample_or_file("wave.yaml"))[0] == ["a"]
+    with pytest.raises(ConfigError, match=r"^none\.yaml"):
+        read_trajectory(sample_or_file("none.yaml"))

@@ -5,10 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.client.trajectory_file import parse_trajectory, read_trajectory, read_waypoints, write_trajectory
-from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.samples import TrajectoryPoint
-from canopen_control.urdf.description import read_description
 
 WAVE = """\
 joint_names: [a, b]
@@ -117,23 +115,3 @@ def test_waypoints_that_are_none_are_told_with_an_example(text):
 def test_a_file_of_too_many_points_is_refused_before_it_is_read(tmp_path):
     with pytest.raises(ConfigError, match="20001 points are more than the 20000 of a trajectory"):
         read(tmp_path, "time_from_start: [" * 20_001)
-
-
-def test_a_bundled_sample_is_found_by_its_name_and_fits_its_robot(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    joints, points = read_trajectory("wave.yaml")
-    described = read_description(data_path("config", "arm6") / "arm6.urdf").joints
-    assert joints == [f"joint_{number}" for number in range(1, 7)]
-    assert points[-1].positions == [0.0] * 6
-    before = TrajectoryPoint(positions=[0.0] * 6)
-    for point in points:
-        seconds = point.time_from_start - before.time_from_start
-        for name, a, b in zip(joints, before.positions, point.positions, strict=True):
-            limits = described[name].limits
-            assert limits.lower < b < limits.upper
-            assert 1.5 * abs(b - a) / seconds <= limits.velocity  # the fastest of a cubic that rests at both ends
-        before = point
-    (tmp_path / "wave.yaml").write_text("joint_names: [a]\npoints: [{positions: [1.0], time_from_start: 1.0}]\n")
-    assert read_trajectory("wave.yaml")[0] == ["a"]
-    with pytest.raises(ConfigError, match=r"^none\.yaml"):
-        read_trajectory("none.yaml")
