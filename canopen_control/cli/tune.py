@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import math
 import sys
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -34,7 +35,7 @@ from canopen_control.service.jog_units import JogScale, parse_quantity
 from canopen_control.service.scope_files import refuse_without_pictures
 from canopen_control.service.tune_gains import GAIN_NAMES, GainPlace, applied, parse_gain, reverted, settable_gains
 from canopen_control.service.tune_motion import PEAK_S
-from canopen_control.service.tune_report import CSV, PICTURE, document, identified, proposed, report
+from canopen_control.service.tune_report import CSV, PICTURE, findings, identified, proposed, report
 from canopen_control.service.tune_request import TuneRequest, TuneTest
 from canopen_control.service.tune_run import TuneRun, torque_index_of
 
@@ -164,7 +165,7 @@ def run(args: argparse.Namespace) -> int:
         )
     say("\n".join(report(record, request, scale, output)))
     if args.json:
-        print(json_text(document(record, request, scale)))
+        print(json_text(asdict(findings(record, request, scale))))
     if args.apply:
         gains = proposed(identified(record), request)
         with open_session(args) as session:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError, DriveError
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from canopen_control.service.tune_motion import TuneRecord, TuneSample
     from canopen_control.service.tune_request import TuneRequest
 
-__all__ = ["CSV", "PICTURE", "bode_of", "document", "identified", "proposed", "report", "step_of"]
+__all__ = ["CSV", "PICTURE", "Findings", "bode_of", "findings", "identified", "proposed", "report", "step_of"]
 
 CSV, PICTURE = ".csv", ".png"
 
@@ -54,29 +54,40 @@ def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Pa
     return [*lines, *([] if output is None else [f"written: {output}"])]
 
 
-def document(record: TuneRecord, request: TuneRequest, scale: JogScale) -> dict[str, object]:
-    """Return the same for programs: rad/s, s, Hz, dB, degrees, torques in per mille; DriveError as `report`."""
-    told: dict[str, object] = {
-        "test": request.test.name.lower(),
-        "period_s": record.period,
-        "samples": len(record.samples),
-        "lost": record.lost,
-    }
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What a test has found, for programs: rad/s, s, Hz, dB, degrees, torques in per mille; None for other tests.
+
+    `no_gains` says why nothing is proposed; `velocity_i` is that of `gains`, `bandwidth` that of `bode`.
+    """
+
+    test: str
+    period: float
+    samples: int
+    lost: int
+    step: StepMetrics | None = None
+    plant: PlantModel | None = None
+    gains: LoopGains | None = None
+    velocity_i: float | None = None
+    no_gains: str | None = None
+    bode: Bode | None = None
+    bandwidth: float | None = None
+
+
+def findings(record: TuneRecord, request: TuneRequest, scale: JogScale) -> Findings:
+    """Return the same for programs; DriveError as `report`."""
+    made = Findings(request.test.name.lower(), record.period, len(record.samples), record.lost)
     if request.test is TuneTest.STEP:
-        told["step"] = asdict(step_of(record, request.height(scale)))
-    elif request.test is TuneTest.IDENTIFY:
-        plant = identified(record)
-        told["plant"] = asdict(plant)
-        try:
-            gains = proposed(plant, request)
-        except ConfigError as error:
-            told |= {"gains": None, "no_gains": str(error)}
-        else:
-            told["gains"] = {**asdict(gains), "velocity_i": gains.velocity_i}
-    else:
+        return replace(made, step=step_of(record, request.height(scale)))
+    if request.test is TuneTest.BODE:
         bode = bode_of(record, request)
-        told["bode"] = {"bandwidth": bode.bandwidth(), "points": [asdict(point) for point in bode.points]}
-    return told
+        return replace(made, bode=bode, bandwidth=bode.bandwidth())
+    plant = identified(record)
+    try:
+        gains = proposed(plant, request)
+    except ConfigError as error:
+        return replace(made, plant=plant, no_gains=str(error))
+    return replace(made, plant=plant, gains=gains, velocity_i=gains.velocity_i)
 
 
 def bode_picture(bode: Bode) -> bytes:

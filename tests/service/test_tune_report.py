@@ -5,7 +5,7 @@ from canopen_control.errors import ConfigError, DriveError
 from canopen_control.service.excitation import Prbs
 from canopen_control.service.jog_units import JogScale, parse_quantity
 from canopen_control.service.tune_motion import TuneRecord, TuneSample
-from canopen_control.service.tune_report import _pairs, document, identified, report, step_of
+from canopen_control.service.tune_report import _pairs, findings, identified, report, step_of
 from canopen_control.service.tune_request import TuneRequest, TuneTest
 
 SCALE = JogScale(4096.0, told=True)
@@ -64,16 +64,16 @@ def test_what_tells_nothing_is_told(tmp_path):
 
 def test_programs_are_told_the_same_in_numbers():
     record = record_of([0.0] * 14 + [1.0] * 100)
-    told = document(record, STEP, SCALE)
-    assert told["step"]["overshoot"] == pytest.approx(0.0, abs=1e-9)
-    assert (told["test"], told["samples"], told["lost"]) == ("step", 114, 0)
+    told = findings(record, STEP, SCALE)
+    assert told.step.overshoot == pytest.approx(0.0, abs=1e-9)
+    assert (told.test, told.samples, told.lost) == ("step", 114, 0)
     _, record = pushed(loaded(), Prbs(150.0, 0.05, 4.0), 0.01)
-    told = document(record, IDENTIFY, SCALE)
-    assert told["plant"]["inertia"] == identified(record).inertia
-    assert told["gains"]["velocity_i"] > 0.0
-    told = document(record, TuneRequest(TuneTest.IDENTIFY, 4.0, 0.01, torque=150.0, crossover=3000.0), SCALE)
-    assert told["gains"] is None
-    assert "no PI gives a crossover" in told["no_gains"]
+    told = findings(record, IDENTIFY, SCALE)
+    assert told.plant.inertia == identified(record).inertia
+    assert told.velocity_i > 0.0
+    told = findings(record, TuneRequest(TuneTest.IDENTIFY, 4.0, 0.01, torque=150.0, crossover=3000.0), SCALE)
+    assert told.gains is None
+    assert "no PI gives a crossover" in told.no_gains
 
 
 def test_a_record_is_drawn_where_a_picture_is_asked_for(tmp_path):
