@@ -41,7 +41,10 @@ _PROBE = {
 _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyType(
     {
         Action.ENABLE: lambda joint: joint.enabled and joint.machine.reached,
-        Action.DISABLE: lambda joint: joint.state not in POWERED_STATES,
+        # a node that is there and shows no statusword may have power: nobody sees that it is disabled
+        Action.DISABLE: lambda joint: (
+            joint.state not in POWERED_STATES and (joint.state is not None or not joint.node.ready)
+        ),
         Action.HALT: lambda joint: joint.standing,
         Action.QUICK_STOP: lambda joint: (
             joint.state is None or (joint.state is not State.OPERATION_ENABLED and joint.standing)
