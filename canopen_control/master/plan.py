@@ -481,7 +481,7 @@ def _plan_service(builder: PlanBuilder, index: int, identifier: int, why: str) -
         return
     listed = builder.listed_value(index)
     if listed is not None:
-        if listed != identifier:
+        if listed & 0x7FF != identifier:  # bits 30 and 31 are the user's: a node that sends SYNC, or no EMCY
             builder.warn("sdo", f"0x{index:04X} = 0x{listed:X}, and {why} (0x{identifier:03X})")
         return
     default = builder.default(index, 0)

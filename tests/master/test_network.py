@@ -378,3 +378,34 @@ _IDENTITY = {
     b"\x18\x10\x02": (0x4F6).to_bytes(4, "little"),
     b"\x18\x10\x03": (0x3001A).to_bytes(4, "little"),
 }
+
+
+def test_a_heartbeat_period_that_is_written_by_sdo_is_expected_from_then_on():
+    path = data_path("config", "robby") / "bus.yml"
+    config, events = read_bus(path), []
+    net = Network("can", config, events.append, 20 * MS)
+    net.start(0)
+    answers = Answers(net, 3)
+    beat = pack_records([CanFrame(0x703, b"\x05")])
+    now = 0
+    while not net.nodes["left_drive"].ready and now < 5000 * MS:
+        now += 20 * MS
+        answers.serve(now)
+        if answers.state == 0x05 or now % (100 * MS) == 0:
+            net.receive(pack_records([CanFrame(0x703, bytes((answers.state,)))]), now)
+    node = net.nodes["left_drive"]
+    assert node.ready, node.error
+    node.write(0x1017, 0, (40).to_bytes(2, "little"))
+    net.changed()
+    answers.serve(now)
+    for _ in range(100):
+        now += 40 * MS
+        answers.serve(now)
+        net.receive(beat, now, now)
+    told = [event.text for event in events if event.node == "left_drive"]
+    assert any("0x1017 was set to 40 ms by SDO" in text for text in told)
+    assert not any("two devices" in text or "heartbeats" in text for text in told), told
+    for _ in range(20):
+        now += 20 * MS
+        answers.serve(now)
+    assert not node.ready  # lost after five of the new period

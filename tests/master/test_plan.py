@@ -255,3 +255,11 @@ def test_a_pdo_that_the_sdo_list_configures_is_one_that_bus_yml_lists(tmp_path):
     ]
     order = [(w.index, w.subindex) for w in plan.writes if w.index in (0x1802, 0x1A02)]
     assert (order[0], order[-1]) == ((0x1802, 1), (0x1802, 1))
+
+
+@pytest.mark.parametrize(("value", "warned"), [(0x40000080, 0), (0x40000081, 1)])
+def test_a_node_that_sends_sync_by_its_sdo_list_is_left_alone(tmp_path, value, warned):
+    plan, notes, errors = read_plan(tmp_path, f"sdo: [{{index: 0x1005, value: {value}}}]")
+    assert not errors
+    assert final(plan, 0x1005) == value
+    assert sum("SYNC is sent there" in note for note in dict.fromkeys(notes)) == warned
