@@ -18,7 +18,9 @@ from canopen_control.controllers.params import Params, flattened, like, scalar_n
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.yamlfile.convert import convert, setting
 from canopen_control.yamlfile.node import Node
-from canopen_control.yamlfile.reader import tree
+from canopen_control.yamlfile.problems import LINE_END
+from canopen_control.yamlfile.reader import read as read_tree
+from canopen_control.yamlfile.reader import read_text, tree
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -145,12 +147,21 @@ class _Declared:
     node_options: tuple[str, ...]
 
 
-def read_controllers(path: str | os.PathLike[str], *, strict: bool = False) -> ControllersFile:
+def read_controllers(
+    path: str | os.PathLike[str], *, strict: bool = False, variables: Mapping[str, str] | None = None
+) -> ControllersFile:
     """Read a ros2_controllers.yaml; raises RobotConfigError with every mistake, each with file, line and column.
 
-    Parameters of a controller are checked when it is configured. With `strict`, warnings are errors.
+    Parameters of a controller are checked when it is configured. With `strict`, warnings are errors. `variables` are
+    the arguments of a launch file: `$(var NAME)` and `<namespace>` stand for them, as launch_ros's ParameterFile and
+    nav2's ReplaceString have it. What has no value stays as it is, with a warning.
     """
-    root = tree(path, error=RobotConfigError, strict=strict)
+    text = read_text(path, RobotConfigError)
+    known = variables or {}
+    root = read_tree(_with_variables(text, known), str(path), error=RobotConfigError, strict=strict)
+    for name, line in _variables_in(_with_variables(text, known)):
+        at = Node("scalar", line, 1, "", root.problems)
+        root.problems.warning(at, f"{name} has no value here; give it with --launch FILE NAME:=VALUE")
     if root.kind != "mapping":
         root.error("expected a mapping of controllers")
     blocks: dict[str, _Block] = {}
@@ -171,6 +182,25 @@ def read_controllers(path: str | os.PathLike[str], *, strict: bool = False) -> C
     lines = {name: key.line for name, key in flat.keys().items()}
     place = str(path), own.key.line, own.namespace, lines
     return ControllersFile(manager.update_rate, controllers, warnings, manager, *place, flattened(everywhere).keys())
+
+
+_VARIABLE: Final = re.compile(r"\$\(var +([\w.-]+)\)|<((?:robot_)?namespace)>")
+
+
+def _with_variables(text: str, variables: Mapping[str, str]) -> str:
+    def value(found: re.Match[str]) -> str:
+        name = found[1] or "namespace"
+        given = variables.get(name)
+        return found[0] if given is None else given.strip("/") if found[2] else given
+
+    return _VARIABLE.sub(value, text)
+
+
+def _variables_in(text: str) -> list[tuple[str, int]]:
+    """Return what is left of variables, each once, with its first line."""
+    lines = enumerate(LINE_END.split(text), 1)
+    found = [(each[0], number) for number, line in lines for each in _VARIABLE.finditer(line.partition("#")[0])]
+    return list({name: (name, number) for name, number in reversed(found)}.values())[::-1]
 
 
 def _common(everywhere: Node) -> Node:

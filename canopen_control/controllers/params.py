@@ -158,6 +158,9 @@ def flattened(node: Node) -> Node:
     def add(prefix: str, mapping: Node) -> None:
         for key, value in mapping.pairs():
             name = f"{prefix}{key.text}"
+            elements = list(value.elements()) if value.kind == "sequence" else []
+            if len(elements) == 1 and elements[0].kind == "mapping":  # as rcl_yaml_param_parser takes it
+                value = elements[0]
             if value.kind == "mapping":
                 add(f"{name}.", value)
                 continue

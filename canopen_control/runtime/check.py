@@ -162,7 +162,7 @@ class _Checker:
     def _read_controllers(self) -> ControllersFile | None:
         path = self._files.controllers
         try:
-            return read_controllers(path)
+            return read_controllers(path, variables=self._files.variables)
         except ConfigError as error:
             self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None

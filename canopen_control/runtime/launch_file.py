@@ -9,25 +9,38 @@ from __future__ import annotations
 import re
 import shlex
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import RobotConfigError, nearest
-from canopen_control.runtime.launch_python import LaunchText, read_python
+from canopen_control.runtime.launch_python import LaunchCondition, LaunchInclude, LaunchNode, LaunchText, read_python
 from canopen_control.urdf.document import read_document
-from canopen_control.urdf.package_search import package_folders
+from canopen_control.urdf.package_search import installed_file, package_folders
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from canopen_control.urdf.document import Element
 
-__all__ = ["LaunchFile", "Launched", "launched_robot", "read_launch", "refuse_mistyped", "words_of"]
+__all__ = ["LaunchFile", "Launched", "launched_robot", "read_launch", "refuse_mistyped", "spawned_names", "words_of"]
 
 _VARIABLE: Final = re.compile(r"\$\((?:var|arg) +([\w.-]+)\)")
 _PACKAGE: Final = re.compile(r"\$\((?:find|find-pkg-share) +([\w.-]+)\)")
 _EXECUTABLE: Final = re.compile(r"\$\((?:find-exec|find) +xacro\)(?:/xacro)?")
 _COMMAND: Final = re.compile(r"\$\(command +(['\"])(.*?)\1")
+_NAMED_FILE: Final = re.compile(r"/[^\s'\"]+")
+_TRUE: Final = ("true", "1")  # launch.conditions.IfCondition
+_DEEPEST: Final = 8  # launch files that include each other
+_SPAWNERS: Final = ("spawner", "spawner.py")
+_MANAGER: Final = "ros2_control_node"
+#: Options of the spawner of controller_manager (Jazzy) that are followed by a value.
+_WITH_VALUE: Final = frozenset(
+    {"-c", "--controller-manager", "-p", "--param-file", "-n", "--namespace", "-t", "--controller-type",
+     "--controller-manager-timeout", "--switch-timeout", "--service-call-timeout", "--controller-ros-args", "--timeout"}
+)  # fmt: skip
+_NOT_ACTIVE: Final = frozenset({"--inactive", "--load-only", "--stopped"})
 _PAIR: Final = re.compile(r"([A-Za-z_]\w*):=(.*)", re.DOTALL)
 
 
@@ -35,7 +48,7 @@ _PAIR: Final = re.compile(r"([A-Za-z_]\w*):=(.*)", re.DOTALL)
 class LaunchFile:
     """A launch file: `arguments` with their defaults (None: must be given), `texts` are its files and commands.
 
-    `computed` are lines, and what they compute.
+    `computed` are lines, and what they compute; `nodes` are those that it starts, `includes` other launch files.
     """
 
     path: Path
@@ -43,6 +56,8 @@ class LaunchFile:
     texts: tuple[LaunchText, ...] = ()
     given: Mapping[str, str] = field(default_factory=dict)
     computed: tuple[tuple[int, str], ...] = ()
+    nodes: tuple[LaunchNode, ...] = ()
+    includes: tuple[LaunchInclude, ...] = ()
 
     def resolved(self, text: str) -> str | None:
         """Return a text with arguments and packages put in, None where one of them is not known."""
@@ -53,7 +68,15 @@ class LaunchFile:
             if folder is None:
                 return None
             text = text.replace(found[0], str(folder))
+            text = _NAMED_FILE.sub(partial(_as_installed, folder), text)
         return None if "$(" in text else text
+
+    def happens(self, condition: LaunchCondition | None) -> bool:
+        """Whether an action with this condition happens; one whose condition is computed is taken to happen."""
+        text = None if condition is None or condition.text is None else self.resolved(condition.text)
+        if condition is None or text is None:
+            return True
+        return (text.strip().lower() in _TRUE) is not condition.negated
 
     def arguments_in(self, text: str) -> set[str]:
         """Return the arguments that a text is made of, those in the defaults of others included."""
@@ -82,53 +105,148 @@ def read_launch(path: Path) -> LaunchFile:
         raise RobotConfigError(f"{path}: cannot be read: {reason}") from error
     if path.suffix == ".py":
         found = read_python(source, str(path))
-        return LaunchFile(path, found.arguments, found.texts, computed=tuple(found.computed))
+        return LaunchFile(
+            path,
+            found.arguments,
+            found.texts,
+            computed=tuple(found.computed),
+            nodes=tuple(found.nodes),
+            includes=tuple(found.includes),
+        )
     return _read_xml(read_document(source, str(path)).root, path)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Launched:
     """What a launch file gives a robot: xacro's arguments, and its files by `bus`, `controllers`, `description`.
 
-    `doubts` is why there may be less than the file means; `known` are its own arguments, `idle` those NAME:=VALUE of
-    the user that are in no text which is read.
+    `spawned` are the controllers that its spawners activate, in their order, `variables` the values of the arguments of
+    the file that names these. `doubts` is why there may be less than the
+    file means; `known` are its own arguments, `idle` those NAME:=VALUE of the user that are in no text which is read.
     """
 
-    arguments: dict[str, str]
-    files: dict[str, Path]
+    arguments: dict[str, str] = field(default_factory=dict)
+    files: dict[str, Path] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
     known: tuple[str, ...] = ()
     idle: tuple[str, ...] = ()
+    spawned: tuple[str, ...] = ()
+    variables: dict[str, str] = field(default_factory=dict)
 
 
 def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str] = ()) -> Launched:
-    """Return xacro's arguments and the files that a launch file gives.
+    """Return xacro's arguments, the files and the controllers that a launch file, and those it includes, give.
 
     `words` are NAME:=VALUE of the user: for the launch file where it has such an argument, else for xacro. Those that
     are `obeyed` by others need not be known to either.
     """
-    launch = read_launch(path)
-    own = {name: value for name, value in words.items() if name in launch.arguments}
+    own_arguments = read_launch(path).arguments
+    own = {name: value for name, value in words.items() if name in own_arguments}
     rest = {f"{name}?" if name in obeyed else name: value for name, value in words.items() if name not in own}
-    launch = replace(launch, given=own)
-    arguments, files = dict[str, str](), dict[str, Path]()
-    for each in launch.texts:
-        if each.text is not None:
-            _take(launch, each.text, arguments, files)
-    named = [word for each in launch.texts if each.text for word in words_of(each.text) if _kind(word)]
-    absent = [package for word in named for package in launch.absent_packages(word)]
-    told = [(line, what) for line, what in launch.computed if "command" in what or "file" in what]
-    doubts = [f"{path}:{line}: {what} is computed, which only running it would tell" for line, what in told]
-    doubts += [
-        f"{path}: package {name!r} is nowhere to be found; source its workspace, or add the folder that holds it to "
-        "ROS_PACKAGE_PATH"
-        for name in dict.fromkeys(absent)
-    ]
-    if not files and not doubts:
-        doubts.append(f"{path}: no file of a robot is named in it")
-    used = {name for each in launch.texts if each.text for name in _used(launch, each.text)}
-    idle = tuple(f"{name}:={value}" for name, value in own.items() if name not in used and name not in obeyed)
-    return Launched(arguments | rest, files, tuple(doubts), tuple(launch.arguments), idle)
+    reading = _Reading(path)
+    used = reading.take(path, own, 0)
+    launched = reading.launched
+    if not launched.files and not reading.doubts:
+        reading.doubts.append(f"{path}: no file of a robot is named in it")
+    launched.arguments |= rest
+    launched.known = tuple(own_arguments)
+    launched.idle = tuple(f"{name}:={value}" for name, value in own.items() if name not in used | set(obeyed))
+    launched.spawned = tuple(dict.fromkeys(launched.spawned))
+    launched.doubts = tuple(dict.fromkeys(reading.doubts))
+    return launched
+
+
+@dataclass(slots=True)
+class _Reading:
+    """A launch file while it, and what it includes, is read."""
+
+    path: Path
+    launched: Launched = field(default_factory=Launched)
+    doubts: list[str] = field(default_factory=list)
+
+    def take(self, path: Path, given: Mapping[str, str], depth: int) -> set[str]:
+        """Take what a file says; return the names of its arguments that are used."""
+        launch = replace(read_launch(path), given=dict(given))
+        used = self._take_nodes(launch)
+        values = {name: launch.resolved(f"$(var {name})") for name in (*launch.arguments, *given)}
+        self.launched.variables |= {name: _unquoted(value) for name, value in values.items() if value is not None}
+        for each in launch.texts:
+            if each.text is not None:
+                _take(launch, each.text, self.launched.arguments, self.launched.files)
+                used |= _used(launch, each.text)
+        self._doubt(launch)
+        for include in launch.includes if depth < _DEEPEST else ():
+            if launch.happens(include.condition):
+                used |= self._include(launch, include, depth)
+        return used
+
+    def _include(self, launch: LaunchFile, include: LaunchInclude, depth: int) -> set[str]:
+        """Take what an included file says, with the arguments it is given and those of the file around it."""
+        name = None if include.file is None else launch.resolved(include.file)
+        where = f"{launch.path}:{include.line}"
+        path = None if name is None else launch.path.parent / name
+        if include.file is not None and launch.absent_packages(include.file):
+            return set()  # a program of another package, such as a simulator's; what lacks because of it is named
+        if path is None or not path.is_file():
+            what = include.file if name is None else f"there is no {path}"
+            self.doubts.append(f"{where}: an included launch file is not read: {what or 'its name is computed'}")
+            return set()
+        texts = {key: launch.resolved(value) for key, value in include.arguments.items()}
+        scope = {key: value for key, value in launch.arguments.items() if value is not None} | dict(launch.given)
+        given = scope | {key: value for key, value in texts.items() if value is not None}
+        try:
+            inner = self.take(path, given, depth + 1)
+        except RobotConfigError as error:
+            self.doubts.append(f"{where}: {error}")
+            return set()
+        passed = {name for value in include.arguments.values() for name in launch.arguments_in(value)}
+        return (inner & launch.arguments.keys()) | passed
+
+    def _take_nodes(self, launch: LaunchFile) -> set[str]:
+        """Take the parameter files of the controller manager and its spawners, and the controllers that these start."""
+        used = set[str]()
+        for node in launch.nodes:
+            if node.package != "controller_manager" or not launch.happens(node.condition):
+                continue
+            if node.executable == _MANAGER:
+                files = [each.text for each in node.parameters if each.text]
+            elif node.executable in _SPAWNERS:
+                words = [each.text for each in node.arguments if each.text]
+                files = [word for option, word in pairwise(words) if option in ("-p", "--param-file")]
+                files += [each.text for each in node.parameters if each.text]
+                names = [launch.resolved(word) for word in spawned_names(words)]
+                self.launched.spawned += tuple(name for name in names if name)
+                used |= {name for word in words for name in launch.arguments_in(word)}
+            else:
+                continue
+            for text in files:
+                name = launch.resolved(text)
+                if name is not None and (launch.path.parent / name).is_file():
+                    self.launched.files.setdefault("controllers", launch.path.parent / name)
+                used |= launch.arguments_in(text)
+        return used
+
+    def _doubt(self, launch: LaunchFile) -> None:
+        """Note what the file computes, and packages that are nowhere."""
+        named = [word for each in launch.texts if each.text for word in words_of(each.text) if _kind(word)]
+        absent = [package for word in named for package in launch.absent_packages(word)]
+        computed = [(line, what) for line, what in launch.computed if "command" in what or "file" in what]
+        for line, what in computed:
+            self.doubts.append(f"{launch.path}:{line}: {what} is computed, which only running it would tell")
+        for name in dict.fromkeys(absent):
+            self.doubts.append(
+                f"{launch.path}: package {name!r} is nowhere to be found; source its workspace, or add the folder that "
+                "holds it to ROS_PACKAGE_PATH"
+            )
+
+
+def spawned_names(words: Sequence[str]) -> list[str]:
+    """Return the controllers that a spawner with these arguments activates."""
+    words = [part for word in words for part in ([word] if "$(" in word else word.split())]
+    if _NOT_ACTIVE & set(words):
+        return []
+    names = [word for before, word in zip(["", *words], words, strict=False) if before not in _WITH_VALUE]
+    return [word for word in names if not word.startswith("-")]
 
 
 def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: Path) -> None:
@@ -152,7 +270,15 @@ def _take(launch: LaunchFile, text: str, arguments: dict[str, str], files: dict[
     if any(_kind(word) == "description" for word in words):
         for pair in pairs:
             if (value := launch.resolved(pair[2])) is not None:
-                arguments[f"{pair[1]}?"] = value
+                arguments[f"{pair[1]}?"] = _unquoted(value)
+
+
+def _unquoted(value: str) -> str:
+    """Return a value without its quotes: launch splits the whole command as a shell does, values put in."""
+    try:
+        return " ".join(shlex.split(value))
+    except ValueError:
+        return value
 
 
 def _used(launch: LaunchFile, text: str) -> set[str]:
@@ -186,12 +312,25 @@ def _kind(word: str) -> str:
     return ""
 
 
+def _as_installed(package: Path, name: re.Match[str]) -> str:
+    """Return where a file of a package lies whose CMake installs its folder elsewhere, the name itself otherwise."""
+    path = Path(name[0])
+    return str(installed_file(package, path.relative_to(package))) if path.is_relative_to(package) else name[0]
+
+
 def _read_xml(root: Element, path: Path) -> LaunchFile:
     arguments, texts = dict[str, str | None](), list[LaunchText]()
-    for element in _all(root):
+    nodes, includes = list[LaunchNode](), list[LaunchInclude]()
+    for element, parent in _all(root):
         attributes = element.attributes
-        if element.tag == "arg":
+        if element.tag in ("arg", "let") and parent.tag != "include":
             arguments[attributes.get("name", "")] = attributes.get("value", attributes.get("default"))
+        elif element.tag == "node":
+            nodes.append(_xml_node(element))
+        elif element.tag == "include":
+            given = {each.attributes.get("name", ""): each.attributes.get("value", "") for each in element.children}
+            condition = _xml_condition(element)
+            includes.append(LaunchInclude(attributes.get("file"), given, element.place.line, condition))
         for name, value in attributes.items():
             command = _COMMAND.search(value)
             if name == "command" and "xacro" in value:
@@ -200,10 +339,33 @@ def _read_xml(root: Element, path: Path) -> LaunchFile:
                 texts.append(LaunchText(command[2], element.place.line))
             elif _kind(value):
                 texts.append(LaunchText(value, element.place.line))
-    return LaunchFile(path, arguments, tuple(texts))
+    return LaunchFile(path, arguments, tuple(texts), nodes=tuple(nodes), includes=tuple(includes))
 
 
-def _all(element: Element) -> Iterator[Element]:
+def _xml_node(element: Element) -> LaunchNode:
+    attributes, line = element.attributes, element.place.line
+    files = [each.attributes.get("from", "") for each in element.children if each.tag == "param"]
+    return LaunchNode(
+        attributes.get("pkg", ""),
+        attributes.get("exec") or attributes.get("type", ""),
+        attributes.get("name", ""),
+        attributes.get("namespace") or attributes.get("ns", ""),
+        tuple(LaunchText(word, line) for word in words_of(attributes.get("args", ""))),
+        line,
+        parameters=tuple(LaunchText(name, line) for name in files if name),
+        condition=_xml_condition(element),
+    )
+
+
+def _xml_condition(element: Element) -> LaunchCondition | None:
+    for name in ("if", "unless"):
+        if name in element.attributes:
+            return LaunchCondition(element.attributes[name], negated=name == "unless")
+    return None
+
+
+def _all(element: Element) -> Iterator[tuple[Element, Element]]:
+    """Yield all elements below one, each with its parent."""
     for child in element.children:
-        yield child
+        yield child, element
         yield from _all(child)

@@ -17,13 +17,18 @@ from canopen_control.errors import RobotConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = ["LaunchNode", "LaunchText", "PythonLaunch", "read_python"]
+__all__ = ["LaunchCondition", "LaunchInclude", "LaunchNode", "LaunchText", "PythonLaunch", "read_python"]
 
 _SUFFIXES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds", ".dcf", ".rviz", ".launch.py", ".launch.xml", ".launch")
 _NODES: Final = ("Node", "LifecycleNode", "ComposableNodeContainer")
+_SPAWNER_CALLS: Final = (
+    "generate_controllers_spawner_launch_description",
+    "generate_load_controller_launch_description",
+)
 _PACKAGE_CALLS: Final = ("FindPackageShare", "FindPackage", "get_package_share_directory", "get_package_share_path")
 _THROUGH: Final = ("ParameterValue", "TextSubstitution", "str", "Path", "PythonLaunchDescriptionSource", "Command",
-                   "AnyLaunchDescriptionSource", "XMLLaunchDescriptionSource", "ParameterFile")  # fmt: skip
+                   "AnyLaunchDescriptionSource", "XMLLaunchDescriptionSource", "FrontendLaunchDescriptionSource",
+                   "ParameterFile", "PathSubstitution")  # fmt: skip
 _DEEPEST: Final = 40  # expressions in expressions
 _LONGEST: Final = 20_000  # letters of a text
 
@@ -37,8 +42,29 @@ class LaunchText:
 
 
 @dataclass(frozen=True, slots=True)
+class LaunchCondition:
+    """When an action happens: if `text` is true, or unless it is (`negated`); a `text` of None is computed."""
+
+    text: str | None
+    negated: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class LaunchInclude:
+    """Another launch file that is included, and what its arguments are given; a `file` of None is computed."""
+
+    file: str | None
+    arguments: dict[str, str]
+    line: int
+    condition: LaunchCondition | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class LaunchNode:
-    """A node that is started; `plugin` of a composable one. A name that is computed is None, one that is absent ""."""
+    """A node that is started; `plugin` of a composable one. A name that is computed is None, one that is absent "".
+
+    `parameters` are its files of parameters.
+    """
 
     package: str | None
     executable: str | None
@@ -47,6 +73,8 @@ class LaunchNode:
     arguments: tuple[LaunchText, ...]
     line: int
     plugin: str | None = ""
+    parameters: tuple[LaunchText, ...] = ()
+    condition: LaunchCondition | None = None
 
 
 @dataclass(slots=True)
@@ -56,6 +84,7 @@ class PythonLaunch:
     arguments: dict[str, str | None] = field(default_factory=dict)
     argument_lines: dict[str, int] = field(default_factory=dict)
     nodes: list[LaunchNode] = field(default_factory=list)
+    includes: list[LaunchInclude] = field(default_factory=list)
     found: list[LaunchText] = field(default_factory=list)
     computed: list[tuple[int, str]] = field(default_factory=list)
     generates: bool = False
@@ -101,6 +130,10 @@ class _Reader:
                     self._argument(node)
                 elif name in _NODES or name == "ComposableNode":
                     self._node(node)
+                elif name in _SPAWNER_CALLS:
+                    self._spawner(node)
+                elif name == "IncludeLaunchDescription":
+                    self._include(node)
         self._files(self._tree)
 
     def _argument(self, call: ast.Call) -> None:
@@ -129,9 +162,71 @@ class _Reader:
         self.launch.computed += [(each.line, "an argument of a node") for each in words if each.text is None]
         self.launch.nodes.append(
             LaunchNode(
-                one("package"), one("executable"), one("name"), one("namespace"), words, call.lineno, one("plugin")
+                one("package"),
+                one("executable"),
+                one("name"),
+                one("namespace"),
+                words,
+                call.lineno,
+                one("plugin"),
+                tuple(self._parameter_files(_keyword(call, "parameters"))),
+                self._condition(call),
             )
         )
+
+    def _parameter_files(self, node: ast.expr | None) -> Iterator[LaunchText]:
+        for each in self._list(node):
+            if not isinstance(each, ast.Dict):
+                yield LaunchText(self.text(each), each.lineno)
+
+    def _condition(self, call: ast.Call) -> LaunchCondition | None:
+        node = _keyword(call, "condition")
+        if node is None:
+            return None
+        name = _called(node) if isinstance(node, ast.Call) else ""
+        if not isinstance(node, ast.Call) or name not in ("IfCondition", "UnlessCondition") or not node.args:
+            return LaunchCondition(None)
+        return LaunchCondition(self.text(node.args[0]), negated=name == "UnlessCondition")
+
+    def _spawner(self, call: ast.Call) -> None:
+        """Take a call of controller_manager.launch_utils as the spawner node that it makes."""
+        names = call.args[0] if call.args else _keyword(call, "controller_names") or _keyword(call, "controller_name")
+        files = _keyword(call, "controller_params_files") or _keyword(call, "controller_params_file")
+        more = self._list(_keyword(call, "extra_spawner_args"))
+        words = [LaunchText(self.text(each), each.lineno) for each in (*self._list(names), *more)]
+        for each in self._list(files):
+            words += [LaunchText("--param-file", each.lineno), LaunchText(self.text(each), each.lineno)]
+        self.launch.nodes.append(
+            LaunchNode(
+                "controller_manager", "spawner", "", "", tuple(words), call.lineno, condition=self._condition(call)
+            )
+        )
+
+    def _include(self, call: ast.Call) -> None:
+        source = call.args[0] if call.args else _keyword(call, "launch_description_source")
+        arguments = dict[str, str]()
+        for key, value in self._pairs(_keyword(call, "launch_arguments")):
+            name, text = self.text(key), self.text(value)
+            if name is None or text is None:
+                self.launch.computed.append((value.lineno, f"the value of {name or 'an argument'} of an included file"))
+            else:
+                arguments[name] = text
+        file = None if source is None else self.text(source)
+        self.launch.includes.append(LaunchInclude(file, arguments, call.lineno, self._condition(call)))
+
+    def _pairs(self, node: ast.expr | None) -> Iterator[tuple[ast.expr, ast.expr]]:
+        """Yield the pairs of a dict's items(), of a dict, or of a list of pairs."""
+        if isinstance(node, ast.Call) and _called(node) == "items" and isinstance(node.func, ast.Attribute):
+            node = node.func.value
+        if isinstance(node, ast.Call) and _called(node) == "dict":
+            yield from ((ast.Constant(each.arg), each.value) for each in node.keywords if each.arg)
+        if isinstance(node, ast.Name):
+            node = self._names.get(node.id)
+        if isinstance(node, ast.Dict):
+            yield from ((key, value) for key, value in zip(node.keys, node.values, strict=True) if key is not None)
+        for each in node.elts if isinstance(node, ast.List | ast.Tuple) else ():
+            if isinstance(each, ast.Tuple) and len(each.elts) == 2:
+                yield each.elts[0], each.elts[1]
 
     def _list(self, node: ast.expr | None) -> list[ast.expr]:
         """Return the elements of a list, its name followed; a sum of lists is one."""

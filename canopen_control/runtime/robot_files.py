@@ -39,7 +39,7 @@ MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"
 _BUS_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _ARGUMENT = re.compile(r"[A-Za-z_]\w*")
-_DESCRIPTIONS = ("*.urdf.xacro", "*.urdf")
+_DESCRIPTIONS = ("*.urdf.xacro", "*.urdf", "*.system.xacro")
 _CHANNEL_VALUE: Final = re.compile(r"(v|vx|sl)?can\d+|(local|memory|virtual|socketcan):\S+")
 _CHANNEL_WORDS: Final = frozenset({"interface", "name", "channel", "device", "dev", "port", "bus", "if", "iface"})
 _CAN_WORDS: Final = frozenset({"can", "canbus", "socketcan"})
@@ -128,7 +128,8 @@ class RobotFiles:
     """The three files of a robot and its name; `bus` may be absent, `more_buses` are its bus_NAME.yml by NAME.
 
     `arguments` are those of its xacro, `asked` is what the user's arguments ask of the hardware, `idle` are those that
-    reach nothing of this robot. Of a bus without controllers the other two files are its bus.yml, which is where their
+    reach nothing of this robot. `spawned` are the controllers that its launch file starts, `variables` the values of
+    that file's arguments. Of a bus without controllers the other two files are its bus.yml, which is where their
     mistakes stand.
     """
 
@@ -140,6 +141,8 @@ class RobotFiles:
     arguments: dict[str, str] = field(default_factory=dict)
     asked: AskedHardware = AskedHardware()
     idle: tuple[str, ...] = ()
+    spawned: tuple[str, ...] = ()
+    variables: dict[str, str] = field(default_factory=dict)
 
     def refuse_hardware(self, why: str) -> None:
         """Raise RobotConfigError for an argument that asks for a channel or for real drives, where neither can be."""
@@ -207,6 +210,8 @@ def find_robot(
     if alone and foreign and launched is None:
         missing.append(f"{main} is a bus without a description, so it has no arguments; leave {foreign}:= away")
     if missing or (no_bus and (more or bus is not None)):
+        if launched is not None and folder is None:
+            raise RobotConfigError("; ".join([*_not_launched(launch, files, no_bus, missing), *launched.doubts]))
         doubts = launched.doubts if launched is not None else ()
         raise RobotConfigError("; ".join([*no_bus, *missing, *doubts]))
     if launched is not None and not alone:
@@ -219,7 +224,23 @@ def find_robot(
     idle = launched.idle if launched is not None else ()
     _refuse_unheeded(idle)
     name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
-    return RobotFiles(_safe(name), None if no_bus else main, control, described, more, words, asked, idle)
+    spawned = launched.spawned if launched is not None and not alone else ()
+    variables = launched.variables if launched is not None else {}
+    return RobotFiles(
+        _safe(name), None if no_bus else main, control, described, more, words, asked, idle, spawned, variables
+    )
+
+
+def _not_launched(
+    launch: str | None, files: Mapping[str, Path], no_bus: Sequence[str], missing: Sequence[str]
+) -> Iterator[str]:
+    """Say which files a launch file, given without a folder, does not give, or gives where there is none."""
+    for option, kind in (("--bus", "bus"), ("--controllers", "controllers"), ("--description", "description")):
+        if any(text.endswith(f" or {option}") for text in (*no_bus, *missing)):
+            said = f"names {files[kind]}, which is no file" if kind in files else f"names no {kind} file"
+            if kind != "bus" or kind in files:
+                yield f"{launch} {said}; give it by {option}"
+    yield from (text for text in missing if not text.startswith("give a robot folder or "))
 
 
 def _refuse_unheeded(idle: Iterable[str]) -> None:

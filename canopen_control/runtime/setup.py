@@ -251,7 +251,7 @@ def _read_files(
 ) -> tuple[dict[str, BusConfig], Description, ControllersFile]:
     """Return the buses, the description and the controllers as the three files have them."""
     buses = read()  # while xacro runs
-    control = read_controllers(files.controllers, strict=strict)
+    control = read_controllers(files.controllers, strict=strict, variables=files.variables)
     return buses, with_interfaces_of_plugins(reader.result(), plans_of(buses)), control
 
 
@@ -399,6 +399,8 @@ def _wanted(
             raise RobotConfigError(f"{files.controllers}: no controller {name!r}{nearest(name, control.controllers)}")
     if files.bus_alone:
         return ()
+    if not asked and files.spawned:
+        return tuple(name for name in files.spawned if name in control.controllers)
     types = {name: config.type for name, config in control.controllers.items()}
     parts = [part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
     commanded = any(part.command_interfaces for part in parts)

@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["find_package", "installed_packages", "package_folders"]
+__all__ = ["find_package", "installed_file", "installed_packages", "package_folders"]
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
+_INSTALLS = re.compile(r"\binstall\s*\(\s*DIRECTORY\b([^()]*)\)", re.IGNORECASE)
 _NEAR = 3  # folders above a file whose other folders are looked into for a package.xml of the name
 _DEPTH = 5  # of a path of ROS_PACKAGE_PATH
 _MOST = 5_000  # folders that are looked into in one of its paths
@@ -57,6 +58,41 @@ def installed_packages(package: str, environment: Mapping[str, str] | None = Non
             from ament_index_python.packages import get_package_share_directory
 
             yield Path(get_package_share_directory(package))
+
+
+def installed_file(package: Path, name: Path) -> Path:
+    """Return the file `name` of a package, where its sources have it: install(DIRECTORY ...) of CMake may move folders.
+
+    The path below the package is returned where it exists, or where nothing installs it.
+    """
+    plain = package / name
+    if plain.exists():
+        return plain
+    found = (source for source in _installed_from(package, name) if source.exists())
+    return next(found, plain)
+
+
+def _installed_from(package: Path, name: Path) -> Iterator[Path]:
+    """Yield the sources that CMakeLists.txt installs as share/PACKAGE/name."""
+    try:
+        text = (package / "CMakeLists.txt").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return
+    text = re.sub(r"#[^\n]*", "", text)
+    for found in _INSTALLS.finditer(text):
+        words = found[1].replace('"', " ").split()
+        if "DESTINATION" not in words[:-1]:
+            continue
+        at = words.index("DESTINATION")
+        share, _, below = words[at + 1].partition("/")
+        _package, _, folder = below.partition("/")
+        if share not in ("share", "${CMAKE_INSTALL_DATADIR}"):
+            continue
+        for each in words[:at]:
+            source = package / each.removeprefix("${CMAKE_CURRENT_SOURCE_DIR}/")
+            target = Path(folder) if each.endswith("/") else Path(folder, source.name)
+            if name.is_relative_to(target):
+                yield source / name.relative_to(target)
 
 
 def _around(package: str, file: Path) -> Iterator[Path]:

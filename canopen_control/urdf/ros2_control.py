@@ -11,7 +11,7 @@ from canopen_control.urdf.document import NOWHERE, Place
 from canopen_control.urdf.transmission import read_transmissions
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from canopen_control.urdf.document import Document, Element
     from canopen_control.urdf.joint_element import Joint, Mimic
@@ -95,15 +95,25 @@ def check_owners(document: Document, hardware: Sequence[Ros2ControlSystem]) -> N
     """See to it that no interface is exported twice, and no tag name is used twice."""
     names: set[str] = set()
     owners: dict[str, str] = {}
+    exported: dict[tuple[str, str], str] = {}
     for system in hardware:
         if system.name in names:
             document.error(system, f"two <ros2_control> tags are called {system.name!r}; rename one")
         names.add(system.name)
         for part in (*system.joints, *system.sensors, *system.gpios):
-            if part.name in owners:
-                where = f"{owners[part.name]} and {system.name}" if owners[part.name] != system.name else system.name
+            own = [(kind, f"{part.name}/{each}") for kind, each in _interfaces(part)]
+            twice = next((exported[each] for each in own if each in exported), None)
+            if owners.get(part.name) == system.name or twice is not None:
+                where = f"{twice} and {system.name}" if twice not in (None, system.name) else system.name
                 document.error(part, f"{part.name!r} stands twice in <ros2_control> ({where}); name it once")
             owners[part.name] = system.name
+            exported.update((each, system.name) for each in own)
+
+
+def _interfaces(part: ControlJoint) -> Iterator[tuple[str, str]]:
+    """Yield what a part exports: a joint may stand in two tags, an actuator's and a sensor's (ros2_control)."""
+    yield from (("command", name) for name in part.command_interfaces)
+    yield from (("state", name) for name in part.state_interfaces)
 
 
 _STATES: Final = (POSITION, VELOCITY, EFFORT)

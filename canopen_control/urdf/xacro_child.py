@@ -154,21 +154,38 @@ def _where(said: str) -> str:
 
 @contextlib.contextmanager
 def _finding(path: str) -> Iterator[None]:
-    """Answer `$(find ...)` with `find_package` while xacro runs."""
+    """Answer `$(find ...)` with `find_package` while xacro runs, and open its files where sources have them."""
+    import xacro
     from xacro import substitution_args  # after the limits
 
     before = substitution_args._eval_find  # noqa: SLF001 - xacro has no other door for it
+    folders: list[str] = []
 
     def find(package: str) -> str:
         from canopen_control.urdf.package_search import find_package  # most files ask for none
 
-        return find_package(package, path)
+        folders.append(find_package(package, path))
+        return folders[-1]
+
+    def open_installed(name: str, *more: object, **named: object) -> object:
+        """Open a file, of a package whose CMake installs its folder elsewhere too."""
+        if folders and not os.path.exists(name):
+            from pathlib import Path
+
+            from canopen_control.urdf.package_search import installed_file
+
+            for folder in folders:
+                if name.startswith(f"{folder}/"):
+                    name = str(installed_file(Path(folder), Path(name).relative_to(folder)))
+        return open(name, *more, **named)  # type: ignore[call-overload]  # as xacro calls it
 
     substitution_args._eval_find = find  # noqa: SLF001 - as above
     substitution_args._eval_dict["find"] = find  # noqa: SLF001 - as above
+    xacro.open = open_installed  # the name that its functions look up before the built-in one
     try:
         yield
     finally:
+        del xacro.open
         substitution_args._eval_find = before  # noqa: SLF001 - as above
         substitution_args._eval_dict["find"] = before  # noqa: SLF001 - as above
 

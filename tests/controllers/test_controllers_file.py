@@ -284,3 +284,38 @@ def test_what_a_block_for_all_nodes_says_for_others_is_no_mistake_of_a_controlle
     params.read(CommonParams)
     assert params.warnings == []
     assert params.known >= {"update_rate", "use_sim_time"}
+
+
+WITH_VARIABLES = """\
+controller_manager:
+  ros__parameters:
+    wheels: {type: forward_command_controller/ForwardCommandController}
+/<namespace>/wheels:
+  ros__parameters:
+    joints: ["$(var prefix)joint1"]  # $(var nothing) in a comment is none
+    interface_name: $(var interface)
+    other: $(var interface)
+"""
+
+
+def test_variables_of_a_launch_file_are_put_in_and_what_has_no_value_is_said_once(tmp_path):
+    path = tmp_path / "c.yaml"
+    path.write_text(WITH_VARIABLES)
+    file = read_controllers(path, variables={"prefix": "left_", "namespace": "/one", "interface": "position"})
+    assert file.warnings == []
+    assert file.controllers["wheels"].namespace == "/one"
+    warnings = read_controllers(path, variables={"prefix": "left_", "namespace": "/one"}).warnings
+    assert len(warnings) == 1
+    assert f"{path}:7:1: $(var interface) has no value here; give it with --launch FILE NAME:=VALUE" in warnings[0]
+
+
+def test_a_list_of_one_mapping_is_that_mapping(tmp_path):
+    """As in the GPIO example of ros2_control_demos: rcl's parser of parameters takes it so."""
+    path = tmp_path / "c.yaml"
+    path.write_text(
+        "controller_manager:\n  ros__parameters:\n    gpio: {type: gpio_controllers/GpioCommandController}\n"
+        "gpio:\n  ros__parameters:\n    gpios: [flange]\n    command_interfaces:\n      flange:\n"
+        "        - interfaces:\n          - vacuum\n"
+    )
+    keys = read_controllers(path).controllers["gpio"].params.flat.keys()
+    assert "command_interfaces.flange.interfaces" in keys

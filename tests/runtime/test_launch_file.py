@@ -4,7 +4,7 @@ import pytest
 from support.launch_files import LAUNCH, make_package
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.runtime.launch_file import launched_robot, read_launch, words_of
+from canopen_control.runtime.launch_file import launched_robot, read_launch, spawned_names, words_of
 from canopen_control.runtime.robot_files import find_launch, find_robot
 from canopen_control.runtime.setup import read_robot
 
@@ -217,3 +217,202 @@ def test_an_argument_that_reaches_nothing_is_told(tmp_path):
     told = [text for _, _, text in read(tmp_path, "gui:=true").told]
     assert any(text.startswith("gui:=true reaches neither") for text in told)
     assert not any("mock:=false" in text for _, _, text in read(tmp_path / "b", "mock:=false").told)
+
+
+# --- as the examples of ros2_control write them: paths by `/`, folders that CMake installs elsewhere, spawners ---
+
+CMAKE = """\
+project(rrbot_demo)
+install(DIRECTORY description/urdf DESTINATION share/rrbot_demo)
+# install(DIRECTORY nowhere/config DESTINATION share/rrbot_demo)
+install(
+  DIRECTORY bringup/launch bringup/config
+  DESTINATION share/${PROJECT_NAME}
+)
+"""
+BY_SLASH = """\
+def generate_launch_description():
+    share = PathSubstitution(FindPackageShare("rrbot_demo"))
+    return LaunchDescription([
+        DeclareLaunchArgument("prefix", default_value='""'),
+        DeclareLaunchArgument("arm", default_value="forward_position_controller"),
+        DeclareLaunchArgument("extra", default_value="false"),
+        Node(package="controller_manager", executable="ros2_control_node", parameters=[{"update_rate": 10}]),
+        Node(package="robot_state_publisher", executable="robot_state_publisher", parameters=[{
+            "robot_description": Command(["xacro", " ", share / "urdf" / "rrbot.urdf.xacro", " ", "prefix:=",
+                                          LaunchConfiguration("prefix")])}]),
+        Node(package="controller_manager", executable="spawner",
+             arguments=["joint_state_broadcaster", "--param-file", share / "config" / "rrbot.yaml"]),
+        Node(package="controller_manager", executable="spawner",
+             arguments=[LaunchConfiguration("arm"), "-c", "/controller_manager"]),
+        Node(package="controller_manager", executable="spawner", arguments=["spare_controller", "--inactive"]),
+        Node(package="controller_manager", executable="spawner", arguments=["extra_controller"],
+             condition=IfCondition(LaunchConfiguration("extra"))),
+    ])
+"""
+INCLUDES = """\
+def launch_setup(context, *args, **kwargs):
+    name = LaunchConfiguration("name").perform(context)
+    return [IncludeLaunchDescription(
+        PythonLaunchDescriptionSource([FindPackageShare(LaunchConfiguration("package")), "/launch/rrbot.launch.py"]),
+        launch_arguments={"arm": LaunchConfiguration("which"), "prefix": "left_"}.items(),
+    ), IncludeLaunchDescription(PythonLaunchDescriptionSource([FindPackageShare("a_simulator"), "/sim.launch.py"]))]
+
+
+def generate_launch_description():
+    return LaunchDescription([
+        DeclareLaunchArgument("package", default_value="rrbot_demo"),
+        DeclareLaunchArgument("which", default_value="trajectory_controller"),
+        OpaqueFunction(function=launch_setup),
+    ])
+"""
+RRBOT = """\
+<robot name="rrbot" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:arg name="prefix" default=""/>
+  <xacro:include filename="$(find rrbot_demo)/urdf/links.xacro"/>
+  <xacro:links prefix="$(arg prefix)"/>
+  <ros2_control name="RRBot" type="actuator">
+    <hardware><plugin>mock_components/GenericSystem</plugin></hardware>
+    <joint name="$(arg prefix)joint1"><command_interface name="position"/></joint>
+  </ros2_control>
+  <ros2_control name="RRBotSensor" type="sensor">
+    <hardware><plugin>mock_components/GenericSystem</plugin></hardware>
+    <joint name="$(arg prefix)joint1"><state_interface name="position"/></joint>
+  </ros2_control>
+</robot>
+"""
+LINKS = """\
+<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="links" params="prefix">
+    <link name="base"/><link name="arm"/>
+    <joint name="${prefix}joint1" type="continuous"><parent link="base"/><child link="arm"/></joint>
+  </xacro:macro>
+</robot>
+"""
+CONTROLLERS = """\
+controller_manager:
+  ros__parameters:
+    joint_state_broadcaster: {type: joint_state_broadcaster/JointStateBroadcaster}
+    forward_position_controller: {type: forward_command_controller/ForwardCommandController}
+    made_elsewhere_controller: {type: my_package/MyController}
+forward_position_controller:
+  ros__parameters:
+    joints: ["$(var prefix)joint1"]
+    interface_name: position
+"""
+
+
+@pytest.fixture
+def sources(tmp_path):
+    """Return the launch folder of a package whose CMake installs folders under other names."""
+    package = tmp_path / "example_1"
+    files = {
+        "package.xml": "<package><name>rrbot_demo</name></package>",
+        "CMakeLists.txt": CMAKE,
+        "description/urdf/rrbot.urdf.xacro": RRBOT,
+        "description/urdf/links.xacro": LINKS,
+        "bringup/config/rrbot.yaml": CONTROLLERS,
+        "bringup/launch/rrbot.launch.py": BY_SLASH,
+        "bringup/launch/two.launch.py": INCLUDES,
+    }
+    for name, text in files.items():
+        (package / name).parent.mkdir(parents=True, exist_ok=True)
+        (package / name).write_text(text)
+    return package / "bringup" / "launch"
+
+
+def test_files_are_found_where_sources_have_what_cmake_installs_elsewhere(sources):
+    found = launched_robot(sources / "rrbot.launch.py", {})
+    package = sources.parents[1]
+    assert found.files == {
+        "description": package / "description/urdf/rrbot.urdf.xacro",
+        "controllers": package / "bringup/config/rrbot.yaml",
+    }
+    assert found.doubts == ()
+    assert found.arguments == {"prefix?": ""}  # a shell takes the quotes of '""' away
+
+
+def test_the_controllers_that_its_spawners_activate_are_those_that_start(sources):
+    path = sources / "rrbot.launch.py"
+    assert launched_robot(path, {}).spawned == ("joint_state_broadcaster", "forward_position_controller")
+    assert launched_robot(path, {"extra": "true", "arm": "other"}).spawned[1:] == ("other", "extra_controller")
+
+
+def test_a_robot_of_a_launch_file_alone_runs_what_the_file_spawns(sources):
+    files = find_robot(None, launch=str(sources / "rrbot.launch.py"))
+    setup = read_robot(files, mock=True)
+    assert setup.to_activate == ("joint_state_broadcaster", "forward_position_controller")
+    assert setup.controllers.warnings == []
+    joints = [joint.name for tag in setup.description.hardware for joint in tag.joints]
+    assert joints == ["joint1", "joint1"]  # one exports its command, the other its state
+
+
+def test_included_files_are_followed_with_the_arguments_that_they_are_given(sources):
+    found = launched_robot(sources / "two.launch.py", {})
+    assert found.spawned == ("joint_state_broadcaster", "trajectory_controller")
+    assert found.arguments == {"prefix?": "left_"}
+    assert found.doubts == ()  # a simulator's own files are nothing of the robot
+    assert launched_robot(sources / "two.launch.py", {"which": "other"}).idle == ()
+
+
+def test_variables_of_a_parameter_file_are_the_arguments_of_the_launch_file(sources):
+    files = find_robot(None, launch=str(sources / "two.launch.py"), arguments=["which:=forward_position_controller"])
+    setup = read_robot(files, mock=True)
+    assert files.variables["prefix"] == "left_"
+    assert setup.controllers.warnings == []
+
+
+def test_an_included_file_that_is_not_there_is_a_doubt_with_its_line(sources):
+    path = sources / "lone.launch.py"
+    path.write_text(INCLUDES.replace("/launch/rrbot.launch.py", "/launch/gone.launch.py"))
+    doubts = launched_robot(path, {}).doubts
+    assert any(f"{path}:3: an included launch file is not read: there is no " in doubt for doubt in doubts)
+
+
+def test_a_launch_file_that_names_no_description_says_so_and_not_that_a_folder_is_missing(sources):
+    path = sources / "none.launch.py"
+    path.write_text("def generate_launch_description():\n    return LaunchDescription([])\n")
+    with pytest.raises(RobotConfigError, match=r"none.launch.py names no description file; give it by --description"):
+        find_robot(None, launch=str(path))
+
+
+def test_files_that_include_each_other_end(sources):
+    path = sources / "ring.launch.py"
+    path.write_text(INCLUDES.replace("rrbot.launch.py", "ring.launch.py"))
+    assert launched_robot(path, {}).spawned == ()
+
+
+XML_OF_ROS_2 = """\
+<launch>
+  <arg name="which" default="forward_position_controller"/>
+  <arg name="gui" default="true"/>
+  <node pkg="controller_manager" exec="ros2_control_node">
+    <param from="$(find-pkg-share rrbot_demo)/config/rrbot.yaml"/>
+  </node>
+  <node pkg="controller_manager" exec="spawner" args="joint_state_broadcaster $(var which) -c /controller_manager"/>
+  <node pkg="controller_manager" exec="spawner" args="spare" unless="$(var gui)"/>
+  <include file="$(find-pkg-share rrbot_demo)/launch/rrbot.launch.py"><arg name="arm" value="spare"/></include>
+</launch>
+"""
+
+
+def test_xml_has_spawners_conditions_and_includes_too(sources):
+    path = sources / "rrbot.launch.xml"
+    path.write_text(XML_OF_ROS_2)
+    found = launched_robot(path, {})
+    assert found.spawned == ("joint_state_broadcaster", "forward_position_controller", "spare")
+    assert found.files["description"].name == "rrbot.urdf.xacro"
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (["a", "b", "--param-file", "x.yaml"], ["a", "b"]),
+        (["-c", "/controller_manager", "a"], ["a"]),
+        (["a --controller-ros-args '-r x:=y'"], ["a", "x:=y'"]),
+        (["a", "--load-only"], []),
+        (["--activate-as-group", "a"], ["a"]),
+    ],
+)
+def test_the_names_in_the_arguments_of_a_spawner(words, names):
+    assert [name for name in spawned_names(words) if ":=" not in name] == [name for name in names if ":=" not in name]

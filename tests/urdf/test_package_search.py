@@ -1,10 +1,11 @@
 """ROS packages by name: around a file, in ROS_PACKAGE_PATH, where ament installs them."""
 
 import os
+from pathlib import Path
 
 import pytest
 
-from canopen_control.urdf.package_search import find_package, installed_packages, package_folders
+from canopen_control.urdf.package_search import find_package, installed_file, installed_packages, package_folders
 
 
 def package(folder, name=None):
@@ -64,3 +65,35 @@ def test_one_that_is_nowhere_says_what_to_do(tmp_path):
         LookupError, match=r"'other' of \$\(find other\) is neither installed nor above .*; add the folder"
     ):
         find_package("other", str(tmp_path / "x.xacro"), {})
+
+
+@pytest.mark.parametrize(
+    ("name", "where"),
+    [
+        ("urdf/a.xacro", "description/urdf/a.xacro"),
+        ("config/deep/b.yaml", "bringup/config/deep/b.yaml"),
+        ("here/c.yaml", "here/c.yaml"),  # below the package itself
+        ("all/d.yaml", "loose/d.yaml"),  # a folder that ends in / is installed without its own name
+        ("gone/e.yaml", "gone/e.yaml"),  # nothing installs it: the name is returned as it is
+        ("commented/f.yaml", "commented/f.yaml"),
+    ],
+)
+def test_a_file_lies_where_the_sources_have_what_cmake_installs(tmp_path, name, where):
+    (tmp_path / "CMakeLists.txt").write_text(
+        "install(DIRECTORY description/urdf\n  DESTINATION share/p)\n"
+        'INSTALL( DIRECTORY "bringup/config" DESTINATION share/${PROJECT_NAME} )\n'
+        "install(DIRECTORY loose/ DESTINATION share/p/all)\n"
+        "install(DIRECTORY include DESTINATION include)\n"
+        "install(TARGETS lib DESTINATION lib)\n"
+        "# install(DIRECTORY x/commented DESTINATION share/p)\n"
+    )
+    for each in (
+        "description/urdf/a.xacro",
+        "bringup/config/deep/b.yaml",
+        "here/c.yaml",
+        "loose/d.yaml",
+        "x/commented/f.yaml",
+    ):
+        (tmp_path / each).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / each).touch()
+    assert installed_file(tmp_path, Path(name)) == tmp_path / where
