@@ -192,7 +192,7 @@ self.reactor.call_later(300_000_000, begin)
         "0x1016 watches another node id than the master's",
         Change(
             "master.plan",
-            "_plan_error_control",
+            "_plan_consumer",
             "consumer_entry(master.node_id, timeout)",
             "consumer_entry(master.node_id + 1, timeout)",
         ),
@@ -473,8 +473,8 @@ if not (index % 2 and self.life.live):
         Change(
             "master.plan_pdos",
             "_plan_live",
-            "_write(builder, wanted, 1, wanted.cob_id)",
-            '_write(builder, wanted, 1, wanted.cob_id & ~0x7FF if wanted.kind == "tpdo" else wanted.cob_id)',
+            "_write(builder, wanted, 1, wanted.cob_id, wanted.reason)",
+            '_write(builder, wanted, 1, wanted.cob_id & (~0x7FF if wanted.kind == "tpdo" else -1), wanted.reason)',
         ),
         (_scenario("robby", "robby_fault"),),
         "master/test_plan_pdos",
