@@ -171,7 +171,8 @@ class _Checker:
         path = self._files.description
         try:
             mappings = self._files.mappings(mock=self._options.mock)
-            return with_interfaces_of_plugins(read_description(path, mappings=mappings), plans_of(self._whole))
+            # those of a bus with an error as well: a drive that is refused lacks no command interface for that
+            return with_interfaces_of_plugins(read_description(path, mappings=mappings), plans_of(self._buses))
         except ConfigError as error:
             self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None

@@ -20,6 +20,7 @@ from canopen_control.controllers.mobile_base import ONE_UPDATE
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, nearest
 from canopen_control.hardware.device_parts import device_of
+from canopen_control.hardware.peer_interfaces import PLUGINS
 from canopen_control.hardware.plugins import KNOWN, Kind
 from canopen_control.rpc.messages.robot import STREAM_RATE
 from canopen_control.runtime.check_data import CheckedRobot, Finding, Severity
@@ -165,11 +166,21 @@ def _joints(robot: CheckedRobot) -> Iterator[Finding]:
     if description is None or not description.hardware:
         return
     parts = {part.name: part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)}
+    # what their plugin would export follows from a node whose keys have a mistake, which is told
+    unknown = {
+        joint.name
+        for tag in description.hardware
+        if tag.plugin in PLUGINS
+        for joint in tag.joints
+        if not joint.command_interfaces and _is_unreadable(robot, joint)
+    }
     for name, controller in robot.configured.items():
         config = robot.config(name)
         for interface in controller.command_interface_names():
             joint, _, kind = interface.rpartition("/")
             if joint.partition("/")[0] in robot.configured:  # a reference of another controller
+                continue
+            if joint in unknown:
                 continue
             text, fix = _why_not(joint, kind, parts, description)
             if text:
@@ -219,12 +230,19 @@ def _devices(robot: CheckedRobot) -> Iterator[Finding]:
                 yield Finding(description.path, part.place.line, Severity.WARNING, text, fix)
 
 
+def _is_unreadable(robot: CheckedRobot, joint: ControlJoint) -> bool:
+    """Whether the keys of a joint's node have a mistake, or may have, where the joint names a node id."""
+    unreadable = {} if robot.bus is None else robot.bus.unreadable
+    name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id")
+    return name in unreadable or (name is None and any(str(each) in (node_id, "0") for each in unreadable.values()))
+
+
 def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) -> Iterator[Finding]:
     assert robot.bus is not None  # asked by `_devices`
     assert robot.description is not None
-    path, nodes, unreadable = robot.description.path, robot.bus.nodes, robot.bus.unreadable
+    path, nodes = robot.description.path, robot.bus.nodes
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id")
-    if name in unreadable or (name is None and any(str(each) in (node_id, "0") for each in unreadable.values())):
+    if _is_unreadable(robot, joint):
         return  # the mistake in its keys is told
     if name is not None and name not in nodes:
         what = f"actuator {name!r}" if robot.description.ros1 else f"device_name {name!r}"

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from support.peerfiles import write_peer_files
 from support.robots import copy_robby
 
 from canopen_control.data_files import data_names, data_path
@@ -263,3 +264,20 @@ def test_a_start_tells_every_warning_of_the_check_and_no_note(tmp_path):
     assert len(told) == len(wanted) > 5
     assert all(any(each.text in text for text in told) for each in wanted)
     assert start_warnings(read_robot(find_robot("robby"))) == []
+
+
+UNSUPERVISED = re.compile(r"(?ms)^\[(?:1016|1016sub\d|100C|100D)\].*?(?=^\[)|^\d+=0x(?:1016|100C|100D)\s*?\n")
+
+
+@pytest.mark.parametrize("broken", ["eds", "node_id"])
+def test_a_drive_that_is_refused_does_not_lack_the_interfaces_of_its_plugin(tmp_path, broken):
+    config = write_peer_files(tmp_path, "robot_control")
+    eds, bus = config / "cia402_slave.eds", config / "bus.yml"
+    if broken == "eds":
+        eds.write_text(UNSUPERVISED.sub("", eds.read_text()))
+    else:
+        bus.write_text(bus.read_text().replace("node_id: 2", "node_id: [2]", 1))
+    told = texts(check(config), Severity.ERROR)
+    expected = "nothing would stop this drive" if broken == "eds" else "expected an integer"
+    assert len(told) == {"eds": 2, "node_id": 1}[broken]
+    assert all(expected in text for text in told)
