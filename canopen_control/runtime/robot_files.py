@@ -44,6 +44,7 @@ _CHANNEL_VALUE: Final = re.compile(r"(v|vx|sl)?can\d+|(local|memory|virtual|sock
 _CHANNEL_WORDS: Final = frozenset({"interface", "name", "channel", "device", "dev", "port", "bus", "if", "iface"})
 _CAN_WORDS: Final = frozenset({"can", "canbus", "socketcan"})
 _FAKE_WORDS: Final = frozenset({"mock", "fake", "sim", "simulation", "simulated", "virtual", "gazebo"})
+_HARDWARE_WORDS: Final = frozenset({"use", "hardware", "robot", "drive", "drives", "motor", "motors", "physical"})
 _YES, _NO = frozenset({"true", "1", "yes", "on"}), frozenset({"false", "0", "no", "off"})
 
 
@@ -118,7 +119,7 @@ def _says_real(name: str, value: str) -> bool | None:
         if word not in _YES | _NO:
             raise RobotConfigError(f"{name}:={value}: write {name}:=true for real drives, or false")
         return word in _YES
-    if "hardware" in parts and "use" in parts and not parts & _FAKE_WORDS and word in _YES | _NO:
+    if {"use", "hardware"} <= parts <= _HARDWARE_WORDS and word in _YES | _NO:  # use_mok_hardware is a typing mistake
         return word in _YES
     return None
 
