@@ -149,7 +149,7 @@ class PlanBuilder:
         except ValueError as error:
             self._cannot(key, reason, f"{where}: {error}")
             return
-        if isinstance(value, int | float) and outside_limits(entry, value):
+        if isinstance(value, int | float) and value != entry.value and outside_limits(entry, value):
             self.warn(key, f"{where}: {value} is outside the limits of the EDS, {entry.low} to {entry.high}")
         self._add(index, subindex, data, reason, optional, pdo)
 
