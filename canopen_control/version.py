@@ -6,7 +6,7 @@ from typing import Final
 
 __all__ = ["COMPILED", "PURE", "__version__", "build"]
 
-__version__ = "0.1.0"
+__version__ = "0.3.0.dev0"
 
 COMPILED: Final = "compiled"  # the modules of the cycle are extension modules, made by mypyc of the same sources
 PURE: Final = "pure Python"
