@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     #: takes a request, a response to be filled, and what sends it; once
     Handler = Callable[[Any, Any, Reply], object]
 
-__all__ = ["COMMANDER", "Endpoint", "NewSamples", "Ros", "RosMessage", "serve", "success_of"]
+__all__ = ["COMMANDER", "Answer", "Endpoint", "NewSamples", "Ros", "RosMessage", "serve", "success_of"]
 
 A = TypeVar("A")
 S = TypeVar("S", bound=Sample)
@@ -137,6 +137,18 @@ RosMessage = Any
 """A message or what else rclpy hands over: classes of somebody's generator, without types."""
 
 
+class Answer:
+    """Sends the response to a request, once; `request_id` is C's rmw_request_id_t, see `participants.client_of`."""
+
+    def __init__(self, send: Callable[[object, object], object], header: object) -> None:
+        self._send, self._header = send, header
+        self.request_id: RosMessage = getattr(header, "request_id", header)
+
+    def __call__(self, response: object) -> object:
+        """Send it."""
+        return self._send(response, self._header)
+
+
 class _Taken(NamedTuple):
     request: RosMessage
     response: RosMessage
@@ -153,7 +165,7 @@ def serve(node: Node, kind: type, name: str, handler: Handler) -> RosMessage:
     send = service.send_response
 
     def start(taken: _Taken, header: object) -> None:
-        handler(taken.request, taken.response, lambda response: send(response, header))
+        handler(taken.request, taken.response, Answer(send, header))
 
     service.send_response = start
     return service

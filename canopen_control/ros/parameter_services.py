@@ -11,12 +11,13 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.endpoint import Answer, Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.parameter_values import TYPES, descriptor_of, matches, value_of, wanted_by
+from canopen_control.ros.participants import client_of, folder_of
 from canopen_control.ros.qos import EVENTS
-from canopen_control.rpc.messages.parameters import GetParameters, SetParameters
+from canopen_control.rpc.messages.parameters import GetParameters, ParameterValue, SetParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -107,7 +108,7 @@ class ParameterServices(Endpoint):
             if result is not None:
                 results.append(result)
             if len(results) < len(wanted):
-                self._change(wanted[len(results) : len(results) + 1], go_on)
+                self._change(wanted[len(results) : len(results) + 1], reply, go_on)
             else:
                 response.results = results
                 reply(response)
@@ -119,9 +120,9 @@ class ParameterServices(Endpoint):
             response.result = result
             reply(response)
 
-        self._change(list(request.parameters), done)
+        self._change(list(request.parameters), reply, done)
 
-    def _change(self, parameters: list[RosMessage], done: Callable[[RosMessage], None]) -> None:
+    def _change(self, parameters: list[RosMessage], reply: Reply, done: Callable[[RosMessage], None]) -> None:
         def answer(_result: Done | None, error: str | None) -> None:
             if error is None:
                 self._tell(parameters)
@@ -129,8 +130,21 @@ class ParameterServices(Endpoint):
                 self._ros.warn(f"{self._name}/set_parameters", error)
             done(self._result(successful=error is None, reason=error or ""))
 
-        values = tuple(wanted_by(each) for each in parameters)
+        values = tuple(self._of_caller(wanted_by(each), reply) for each in parameters)
         self._ros.ask(SetParameters(controller=self._name, values=values), answer)
+
+    def _of_caller(self, wanted: ParameterValue, reply: Reply) -> ParameterValue:
+        """Return a `params_file` with whole paths: a relative one is the caller's, where the caller has such a file."""
+        if not wanted.name.endswith(".params_file") or not isinstance(reply, Answer):
+            return wanted
+        folder, value = folder_of(self._ros.node, client_of(reply.request_id)), wanted.value
+
+        def whole(text: str) -> str:
+            return str(folder / text) if folder is not None and (folder / text).is_file() else text
+
+        if isinstance(value, list):
+            return ParameterValue(name=wanted.name, kind=wanted.kind, value=[whole(str(each)) for each in value])
+        return ParameterValue(name=wanted.name, kind=wanted.kind, value=whole(str(value)))
 
     def _tell(self, parameters: list[RosMessage]) -> None:
         """Publish what has changed, for those who show parameters."""

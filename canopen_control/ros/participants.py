@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import RosMessage
     from canopen_control.ros.rcl import Node
 
-__all__ = ["ActionClients", "client_of", "runs"]
+__all__ = ["ActionClients", "client_of", "folder_of", "runs"]
 
 _PREFIX: Final = 12
 _VENDOR: Final = b"\x01\x0f"  # eProsima
@@ -60,6 +60,22 @@ class ActionClients:
         for each in map(_participant, own):
             if each[:2] == _VENDOR and _process(each) == os.getpid() % 65536:
                 return each[2:4]
+        return None
+
+
+def folder_of(node: Node, participant: bytes | None) -> Path | None:
+    """Return the working folder of the process that a participant is, None where it is not seen: of another host."""
+    own = map(_participant, node.get_publishers_info_by_topic("/rosout"))
+    host = next((each[2:4] for each in own if each[:2] == _VENDOR and _process(each) == os.getpid() % 65536), None)
+    if participant is None or host is None or participant[:4] != _VENDOR + host:
+        return None
+    numbers = range(_process(participant), _PIDS, 65536)
+    found = [number for number in numbers if number and (_PROCFS / str(number)).exists()]
+    if len(found) != 1:
+        return None
+    try:
+        return (_PROCFS / str(found[0]) / "cwd").readlink()
+    except OSError:  # of another user, or it has ended
         return None
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from support import endpoints
 
@@ -103,3 +105,18 @@ def test_what_was_set_is_told_to_those_who_show_parameters(robot):
     assert (event.node, [each.name for each in event.changed_parameters]) == ("/robot/base", ["timeout"])
     robot.endpoint.close()
     assert publisher in robot.left
+
+
+def test_a_relative_file_of_parameters_is_the_callers_where_the_caller_has_it(fresh):
+    def setting(*paths):
+        fresh.robot.told.clear()
+        named = [
+            {"name": f"wheels{number}.params_file", "value": {"type": 4, "string_value": path}}
+            for number, path in enumerate(paths)
+        ]
+        fresh.peer.call("/controller_manager/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=named)
+        return [each["values"][0]["value"] for each in fresh.robot.commands("set_parameters")]
+
+    here = Path.cwd()
+    (name, *_) = [each.name for each in here.iterdir() if each.is_file()]
+    assert setting(name, "nowhere.yaml", "/whole.yaml") == [str(here / name), "nowhere.yaml", "/whole.yaml"]

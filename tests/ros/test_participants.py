@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import ctypes
 import os
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from canopen_control.ros import participants
-from canopen_control.ros.participants import ActionClients, client_of, runs
+from canopen_control.ros.participants import ActionClients, client_of, folder_of, runs
 
 HOST, FAR = b"\x78\xfd", b"\x79\xfd"
 
@@ -81,3 +82,11 @@ def test_where_a_participant_is_made_in_another_way_no_process_is_looked_for(gra
     assert not graph.of.runs_here(part(gid(1)))
     graph.server = gid(os.getpid() % 65536, HOST, b"\x01\x10")
     assert not graph.of.runs_here(part(gid(1)))
+
+
+def test_the_folder_of_a_client_of_this_host_is_seen_and_of_another_not():
+    own = os.getpid() % 65536
+    node = SimpleNamespace(get_publishers_info_by_topic=lambda _topic: [SimpleNamespace(endpoint_gid=gid(own))])
+    assert folder_of(node, part(gid(own))) == Path.cwd()
+    assert folder_of(node, part(gid(own, FAR))) is None
+    assert folder_of(node, None) is None
