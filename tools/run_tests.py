@@ -462,7 +462,7 @@ def paths_of(words: Sequence[str]) -> list[str]:
                 paths.append(str(path))
                 break
         else:
-            names = " ".join(sorted(path.name for path in Path("tests").iterdir() if path.is_dir()))
+            names = " ".join(sorted({path.parts[1] for path in Path("tests").glob("*/**/test_*.py")}))
             raise UsageError(f"there are no tests of {word!r}; subpackages with tests: {names}")
     return paths
 

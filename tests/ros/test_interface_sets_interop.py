@@ -120,7 +120,12 @@ def test_controllers_and_hardware_are_listed_and_odometry_goes_on(host):
     )
     if name != "rolling":
         lacking = "ROS: what needs these is left out, which the packages of this host do not have: "
-        told = [each["text"] for each in robot.commands("tell") if each["text"].startswith(lacking)]
+
+        def said():  # all that comes up within a second is one sentence
+            return [each["text"] for each in robot.commands("tell") if each["text"].startswith(lacking)]
+
+        assert ros.eventually(said)
+        told = said()
         assert len(told) == 1
         assert "controller_manager_msgs/srv/CleanupController" in told[0]
     robot.switch(base="active")
