@@ -65,7 +65,12 @@ def test_the_duration_counts_from_running_on():
 def test_the_page_is_a_client_that_is_started_when_the_boot_is_over(monkeypatch):
     started = []
     session = Session(setup("page", "memory:page"), RunOptions(drives=False, view=True, teleop=True))
-    monkeypatch.setattr(session.supervisor, "start_client", lambda name, arguments: started.append((name, arguments)))
+
+    def start_client(name, arguments, **how):
+        assert how["restarts"] is not None  # a page that is killed is started anew
+        started.append((name, arguments))
+
+    monkeypatch.setattr(session.supervisor, "start_client", start_client)
     session.start()
     assert started == []
     assert session.reactor.run_until(lambda: bool(started), 3_000_000_000)

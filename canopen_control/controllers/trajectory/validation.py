@@ -238,9 +238,10 @@ def unreachable(message: JointTrajectory, survey: Survey, limits: dict[str, Join
             before, point = message.points[at - 1], message.points[at]
             way, seconds = point.positions[index] - before.positions[index], (point.time - before.time) / 1e9
             if abs(way) > most * _WRITTEN * seconds:
+                advice = f"give it {abs(way) / most:.3g} s, or set" if most else "leave it where it is, or set"
                 return (
                     f"point {at}: {name} would have to go {way:g} in {seconds:g} s, faster than its limit of {most:g}; "
-                    f"give it {abs(way) / most:.3g} s, or set unreachable_points"
+                    f"{advice} unreachable_points"
                 )
     return None
 

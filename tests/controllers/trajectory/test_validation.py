@@ -83,9 +83,10 @@ def test_a_point_that_cannot_be_reached_in_time_is_named_with_the_time_it_needs(
     assert told is None or told in found
 
 
-def test_a_limit_of_zero_is_one_that_nobody_gave_and_points_without_positions_say_nothing_of_the_way():
+def test_a_joint_that_may_not_move_reaches_nothing_and_points_without_positions_say_nothing_of_the_way():
     given = through((0.0, 0.0, 0.0), (0.001, 1.0, 0.0))
-    assert unreachable(given, survey_of(given), {"a": JointLimits(velocity=0.0)}) is None
+    found = unreachable(given, survey_of(given), {"a": JointLimits(velocity=0.0)})
+    assert "faster than its limit of 0; leave it where it is, or set unreachable_points" in found
     mixed = JointTrajectory(["a"], [Point([0.0]), Point(velocities=[0.0], time=1), Point([1.0], time=2)])
     assert unreachable(mixed, survey_of(mixed), LIMITS) is None
 

@@ -32,8 +32,8 @@ def test_the_joints_are_told_in_their_units_and_stay_when_the_robot_is_lost():
         return before, html(user)
 
     before, after = visited(lambda: JointsPanel(context), act)
-    assert "2.50<small>velocity" in before
-    assert "0.10<small>m<" in before
+    assert "2.50<wbr><small>velocity" in before
+    assert "0.10<wbr><small>m<" in before
     assert before == after
 
 
