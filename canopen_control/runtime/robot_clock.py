@@ -32,9 +32,10 @@ class WallClock:
     A clock of virtual time has none to follow: the offset stays as it was at the start, or as `fix` sets it.
     """
 
-    def __init__(self, now: Callable[[], int], *, follows: bool, unix: Callable[[], int] = time.time_ns) -> None:
-        self.offset_ns = unix() - now()
-        self._now, self._unix, self._follows = now, unix, follows
+    def __init__(self, now: Callable[[], int], *, follows: bool, unix: Callable[[], int] | None = None) -> None:
+        self._now, self._follows = now, follows
+        self._unix = time.time_ns if unix is None else unix
+        self.offset_ns = self._unix() - now()
         self._look_at = 0
         self._before: tuple[int, int] | None = (
             None  # the offset before the clock was set back, and until when it counts
