@@ -109,8 +109,8 @@ class JogMotion:
         sign = self._direction()
         return 0.0 if sign == 0 or self._blocked(sign) else math.copysign(self._keys.speed, sign)
 
-    def nothing_turned(self, count: float) -> str | None:
-        """Say that the shaft was not seen to turn, None where it was; `count` is one of its position, in rad."""
+    def nothing_turned(self, resolution: float) -> str | None:
+        """Say that the shaft was not seen to turn, None where it was; `resolution` of its position in rad."""
         if math.isnan(self._farthest):
             if self._fastest > 0.0:  # not for nan
                 return None
@@ -118,7 +118,7 @@ class JogMotion:
         asked = abs(self._value) if self.kind is JogKind.POSITION else 0.0
         if self.kind is JogKind.VELOCITY and self._seconds is not None and self.ended is JogEnd.OVER:
             asked = abs(self._value) * self._seconds
-        if self._farthest > max(_COUNTS * count, _TURNED * asked):
+        if self._farthest > max(_COUNTS * resolution, _TURNED * asked):
             return None
         if self._held and not self._commanded:
             return "nothing turned: no key was held"

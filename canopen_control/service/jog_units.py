@@ -58,10 +58,20 @@ def parse_quantity(text: str, kind: str) -> Quantity:
 
 @dataclass(frozen=True, slots=True)
 class JogScale:
-    """Position counts of one turn of the shaft; `told` is False where they are a guess."""
+    """Position counts of one turn of the shaft; `told` is False where they are a guess.
+
+    `of_joint`: the position is that of a joint of a running robot, in rad. Then `counts` are for units alone, and how
+    finely the drive counts is not known.
+    """
 
     counts: float
     told: bool
+    of_joint: bool = False
+
+    @property
+    def resolution(self) -> float:
+        """The step of the position in rad; 0.0 where it is not known."""
+        return 0.0 if self.of_joint else math.tau / self.counts
 
     def si(self, quantity: Quantity) -> float:
         """Return rad or rad/s; ConfigError for what cannot be, since nobody knows what a turn is."""

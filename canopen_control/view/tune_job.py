@@ -39,7 +39,7 @@ __all__ = ["GONE_S", "SCALE", "Presence", "TuneFound", "TuneWish", "apply_gains"
            "refusal", "revert", "tune"]  # fmt: skip
 
 GONE_S: Final = 1.0
-SCALE: Final = JogScale(math.tau, told=True)  # a robot's joints are in rad
+SCALE: Final = JogScale(math.tau, told=True, of_joint=True)  # a robot's joints are in rad
 _DECELERATION: Final = 20.0  # rad/s^2
 _HUNDREDTHS: Final = 100
 

@@ -58,6 +58,11 @@ def test_people_read_turns_where_these_are_known_and_counts_elsewhere():
     assert (GUESSED.velocity_words(math.tau), GUESSED.position_words(math.pi)) == ("4096 pps", "2048 counts")
 
 
+def test_how_finely_a_drive_counts_is_not_known_of_a_joint_in_rad():
+    assert TOLD.resolution == pytest.approx(math.tau / 4096)
+    assert JogScale(math.tau, told=True, of_joint=True).resolution == 0.0
+
+
 @given(st.floats(-1e6, 1e6), st.floats(1, 1e7))
 def test_counts_come_back_as_they_were_whatever_a_turn_has(value, counts):
     scale = JogScale(counts, told=False)

@@ -84,7 +84,7 @@ class JogRun:
             raise CanopenError(f"{self._drive.joint}: {ended_words(self._sample, self._drive)}")
         if motion.ended.failed:
             return 1
-        if (text := motion.nothing_turned(math.tau / self._scale.counts)) is not None:
+        if (text := motion.nothing_turned(self._scale.resolution)) is not None:
             raise CanopenError(f"{self._drive.joint}: {text}")
         return 0
 

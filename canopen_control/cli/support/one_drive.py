@@ -37,7 +37,7 @@ def running_drive(
     drive = drive_of_robot(client, args.node, args.axis, mode)
     text = f"node {args.node} is {drive.joint} of the running robot {client.robot}, and moved through it"
     print(text, file=sys.stderr if getattr(args, "json", False) else sys.stdout)
-    return drive, JogScale(args.counts or math.tau, told=True)
+    return drive, JogScale(args.counts or math.tau, told=True, of_joint=True)
 
 
 def look_at_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Device:
