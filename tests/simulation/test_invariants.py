@@ -30,7 +30,7 @@ CAUGHT = {
     "targets_of_one_joint_held": (0, "target_wrong"),
     "shafts_overshoot": (0, "target_missed"),
     "shafts_stay_behind": (0, "target_missed"),
-    "commands_outlast_an_enable": (6, "motion_uncommanded"),
+    "commands_outlast_an_enable": (23, "motion_uncommanded"),
     "joint_states_stand": (0, "shown_wrong"),
     "states_told_as_they_were": (1, "shown_wrong"),
     "velocities_told_reversed": (0, "shown_wrong"),
