@@ -44,6 +44,7 @@ _OF_ENCODERS: Final = ("position_jump", "position_wrap", "hand_moved")  # after 
 _OF_DEVICES: Final = ("input", "output", "program")  # that are no drives, or drives with a boot-loader
 _HANGING: Final = 0.4  # of the seeds: clients hang
 _HANGS: Final = ("silent", "deaf", "dead_man")
+_CANCELLED: Final = 0.2  # of the trajectories
 _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 
 
@@ -81,6 +82,7 @@ class DrawnSchedule:
                 now = self._move(now)
         if self._faults:
             self._hang()
+        self._cancel()
         return tuple(sorted((each for each in self._acts if each.at_ns < self._duration), key=lambda each: each.at_ns))
 
     # -- numbers
@@ -157,6 +159,13 @@ class DrawnSchedule:
             motion = self._one(commanded)
             values = tuple(round(low + (high - low) * self._random(), 3) for low, high in motion.ranges)
             self._add(at, kind, motion.controller, values=values, for_ns=self._between(50 * _MS, 400 * _MS))
+
+    def _cancel(self) -> None:
+        """Cancel some of the trajectories on their way; what else a seed draws does not change with them."""
+        self._random = Random(f"{self._seed}/cancels").random
+        for act in [each for each in self._acts if each.kind == "trajectory"]:
+            if self._random() < _CANCELLED:
+                self._add(act.at_ns + self._between(0, act.for_ns or 0), "cancel", act.target)
 
     # -- troubles
 

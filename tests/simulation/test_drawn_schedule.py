@@ -1,6 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canopen_control.simulation import drawn_schedule
 from canopen_control.simulation.acts import KINDS
 from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
 from canopen_control.simulation.motions import Motion
@@ -54,7 +55,20 @@ def test_strangers_send_single_frames_and_bursts():
 
 def test_without_faults_nothing_breaks():
     kinds = {act.kind for seed in range(20) for act in drawn(seed, faults=[])}
-    assert kinds <= {"command", "trajectory", "stop", "latch", "release", "axis", "activate", "deactivate"}
+    assert kinds <= {"command", "trajectory", "cancel", "stop", "latch", "release", "axis", "activate", "deactivate"}
+
+
+def test_a_trajectory_is_cancelled_on_its_way_and_nothing_else_of_a_seed_changes(monkeypatch):
+    cancelled = 0
+    for seed in range(50):
+        acts, cancels = drawn(seed), [act for act in drawn(seed) if act.kind == "cancel"]
+        sent = [each for each in acts if each.kind == "trajectory"]
+        assert all(any(0 <= act.at_ns - each.at_ns <= each.for_ns for each in sent) for act in cancels)
+        with monkeypatch.context() as patch:
+            patch.setattr(drawn_schedule, "_CANCELLED", 0.0)
+            assert drawn(seed) == tuple(act for act in acts if act.kind != "cancel")
+        cancelled += len(cancels)
+    assert cancelled >= 5
 
 
 def test_every_kind_of_trouble_and_every_fault_is_drawn_by_some_seed():
