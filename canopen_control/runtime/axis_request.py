@@ -38,13 +38,15 @@ _PROBE = {
 }
 
 
+def _is_disabled(joint: JointDrive) -> bool:
+    """Whether a joint has no power; a node that is there and shows no statusword may have some."""
+    return joint.state not in POWERED_STATES and (joint.state is not None or not joint.node.ready)
+
+
 _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyType(
     {
         Action.ENABLE: lambda joint: joint.enabled and joint.machine.reached,
-        # a node that is there and shows no statusword may have power: nobody sees that it is disabled
-        Action.DISABLE: lambda joint: (
-            joint.state not in POWERED_STATES and (joint.state is not None or not joint.node.ready)
-        ),
+        Action.DISABLE: _is_disabled,
         Action.HALT: lambda joint: joint.standing,
         Action.QUICK_STOP: lambda joint: (
             joint.state is None or (joint.state is not State.OPERATION_ENABLED and joint.standing)
