@@ -30,11 +30,16 @@ class DisturbedNodes:
         self._robot = robot
         self._last = dict.fromkeys(robot.drives, 0)
         self._moved = dict.fromkeys(robot.drives, 0)
+        self._put = dict.fromkeys(robot.drives, 0)
         self.hidden_at = self.deaf_at = 0
 
     def moved(self, node_id: int) -> int:
         """Return when a count may last have become another one without a motion, 0: never."""
         return self._moved[node_id]
+
+    def put(self, node_id: int) -> int:
+        """Return when a count was last put before the end of its 32 bits, which is a jump itself, 0: never."""
+        return self._put[node_id]
 
     def last(self, node_id: int) -> int:
         """Return when the node, its bus or the robot was disturbed last, 0: never."""
@@ -48,8 +53,7 @@ class DisturbedNodes:
                 self.deaf_at = now
         elif act.kind in _OF_ONE:
             self._last[int(act.target)] = now
-            if act.name != _WRAPS:
-                self._moved[int(act.target)] = now
+            (self._put if act.name == _WRAPS else self._moved)[int(act.target)] = now
 
     def sampled(self, now: int) -> None:
         """Take what is disturbed now."""

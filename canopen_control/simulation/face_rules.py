@@ -33,6 +33,7 @@ _EVERY_NS: Final = 100 * _MS  # how often the faces are asked
 _SOON_NS: Final = 400 * _MS  # in which a state that has changed is told
 _LAG_NS: Final = 120 * _MS  # in which values are told: some cycles
 _CALM_NS: Final = 1000 * _MS  # since a node was disturbed
+_PUT_S: Final = 0.3  # a count that a fault puts elsewhere is seen within this; it leaves its 32 bits later
 _FLOOD_NS: Final = 1500 * _MS  # in which of many EMCYs one is told
 _JUMPED: Final = "position_jump"
 _SLACK: Final = 0.02
@@ -322,8 +323,10 @@ class FaceRules:
             for shaft in self._shafts:
                 if shaft.node == event.node:
                     shaft.offset = None
-            since = max(self._disturbed.moved(node_id), self._disturbed.deaf_at, self._robot.started_ns)
-            if since / 1e9 < event.time - _CALM_NS / 1e9:
+            # a stranger's frame may be a forged TPDO, and bring any count
+            since = max(self._disturbed.moved(node_id), self._disturbed.hidden_at, self._robot.started_ns)
+            put = self._disturbed.put(node_id) / 1e9
+            if since / 1e9 < event.time - _CALM_NS / 1e9 and not 0.0 <= event.time - put < _PUT_S:
                 self._tell("shown_wrong", f"events: {event.text}, and its shaft has turned on")
 
     def _tell_once(self, name: str, since: int, rule: str, text: str) -> None:
