@@ -149,15 +149,18 @@ DEALT: Final = ("-n", "2", "--dist", "worksteal")  # tests that start nothing: n
 SHARED: Final = ("-n", "2", "--dist", "loadfile")  # the tests of a file share its fixtures: robots that run, browsers
 
 
-def default_lanes() -> list[list[Part]]:
+def default_lanes(*, again: bool = False) -> list[list[Part]]:
     """Return the lanes of ./tools/test: what only computes beside what waits for other processes.
 
     The tests without a process run in two plain pytest processes. Workers of pytest-xdist would each collect all of
     them, which takes longer than an uneven end costs: the third lane fills it.
     """
-    slow = pytest("tests with processes", "process and not rest", *SHARED, *files_with(*PROCESS_MARKS))
+    slow = pytest("tests with processes", "process and not rest", *SHARED, *files_with(*PROCESS_MARKS), again=again)
     one, two = (
-        replace(pytest(f"tests without a process, {number} of 2", "not process and not rest", *paths), nice=_GIVING_WAY)
+        replace(
+            pytest(f"tests without a process, {number} of 2", "not process and not rest", *paths, again=again),
+            nice=_GIVING_WAY,
+        )
         for number, paths in enumerate(halves(), 1)
     )
     return [[slow], [*checks(), one], [two]]
@@ -488,10 +491,16 @@ def split(words: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def run_default(run: Run) -> None:
-    """Run what ./tools/test runs without arguments; where no test may be skipped, with the programs that they need."""
+    """Run what ./tools/test runs without arguments; where no test may be skipped, with the programs that they need.
+
+    With CANOPEN_CONTROL_SECOND_LOOK set, as in CI, a test that fails runs once more, as in --rest.
+    """
     if os.environ.get("CANOPEN_CONTROL_REQUIRE"):
         install_debian_packages()
-    run.lanes(default_lanes())
+    again = bool(os.environ.get("CANOPEN_CONTROL_SECOND_LOOK"))
+    run.lanes(default_lanes(again=again))
+    if again:
+        run.second_looks()
 
 
 def run_rest(run: Run) -> None:
