@@ -159,7 +159,8 @@ import sys
 from pathlib import Path
 import run_tests
 from run_tests import Part
-run_tests.default_lanes = lambda **how: [[Part("slow", ("/bin/sh", "-c", "setsid sleep 600 & echo $! > child; sleep 600"))]]
+SLOW = "setsid sleep 600 & echo $! > child; sleep 600"
+run_tests.default_lanes = lambda **how: [[Part("slow", ("/bin/sh", "-c", SLOW))]]
 sys.exit(run_tests.main([]))
 """
 
