@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.ros.installation import from_wheels, prepare, require_ros
-from canopen_control.ros.interfaces import interface
+from canopen_control.ros.interfaces import MissingInterface, interface
 from canopen_control.ros.message_text import fill
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def class_of(name: str) -> type:
     """Return the class of an interface; ConfigError when there is none."""
     try:
         found: type = interface(name)
-    except (ImportError, AttributeError):
+    except (ImportError, AttributeError, MissingInterface):
         raise ConfigError(f"this ROS has no interface {name}") from None
     return found
 

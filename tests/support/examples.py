@@ -17,6 +17,7 @@ NOT_RUN = {
     r"\bcan\d+\b": "a CAN card: tests/hardware_can runs the page on emulated ones",
     r"\bvcan\d+\b": "a kernel with CAN: tests/socketcan runs the page on one",
     r"\budp_can:": "an adapter that is installed first: tests/docs/test_adapter_howto.py",
+    r"^view --address": "a page that is open: tests/cli/test_view.py has one",
     r"--realtime": "a processor for itself: tests/runtime/test_realtime.py",
     r"^jog\b": "a drive on a bus of its own: tests/cli/test_jog.py has one",
     r"^tune\b": "a drive on a bus of its own: tests/cli/test_tune.py has one",
