@@ -95,12 +95,14 @@ class RobotPage:
         return matrix
 
     def press(self, label: str) -> None:
-        """Press a button down, the first of its name, and keep it; it has to be in sight.
+        """Press a button down, the first of its name, and keep it; the page is scrolled to where it is in sight.
 
         Not by playwright's own way, which waits for drawn pictures: without a graphics card there are few.
         """
         button = self.page.get_by_role("button", name=label, exact=True).first
         button.wait_for()
+        if (box := button.bounding_box()) and box["y"] + box["height"] > self.page.evaluate("window.innerHeight"):
+            button.evaluate("button => button.scrollIntoView({block: 'center'})")
         box = button.bounding_box()
         assert box is not None
         self.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
