@@ -154,6 +154,13 @@ def test_processes_that_parts_leave_behind_are_adopted_and_reaped(run):
     assert run_tests._descendants() == []
 
 
+@pytest.mark.parametrize(("required", "good"), [("", True), ("ros", True), ("ros,socketcan", False), ("all", False)])
+def test_a_guest_that_a_machine_lacks_fails_only_where_it_is_required(run, monkeypatch, required, good):
+    monkeypatch.setenv("CANOPEN_CONTROL_REQUIRE", required)
+    run.lanes([[part("guest", "exit 2", environment={"CANOPEN_CONTROL_GUEST_KIND": "socketcan"})]])
+    assert run.good is good
+
+
 PROGRAM = """
 import sys
 from pathlib import Path
