@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.runtime.check_data import Finding, Severity
-from canopen_control.runtime.launch_file import read_launch, words_of
+from canopen_control.runtime.launch_file import SPAWNER_VALUES, read_launch, words_of
 from canopen_control.runtime.launch_python import read_python
 from canopen_control.urdf.document import read_document
 
@@ -31,15 +31,7 @@ __all__ = ["check_launch"]
 _NODE_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _ARG: Final = re.compile(r"\$\((?:arg|var) +([\w.-]+)\)")
 SPAWNERS: Final = ("spawner", "spawner.py", "controller_manager", "unspawner")
-_WITH_VALUE: Final = (
-    "--namespace",
-    "-n",
-    "--shutdown-timeout",
-    "--timeout",
-    "--wait-for",
-    "-c",
-    "--controller-manager",
-)
+_WITH_VALUE: Final = SPAWNER_VALUES | {"--shutdown-timeout", "--wait-for"}  # those of ROS 1 too
 DESCRIPTION: Final = "robot_description"
 _FILES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds")  # that nothing but their author makes
 

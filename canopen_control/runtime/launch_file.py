@@ -24,7 +24,16 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.document import Element
 
-__all__ = ["LaunchFile", "Launched", "launched_robot", "read_launch", "refuse_mistyped", "spawned_names", "words_of"]
+__all__ = [
+    "SPAWNER_VALUES",
+    "LaunchFile",
+    "Launched",
+    "launched_robot",
+    "read_launch",
+    "refuse_mistyped",
+    "spawned_names",
+    "words_of",
+]
 
 _VARIABLE: Final = re.compile(r"\$\((?:var|arg) +([\w.-]+)\)")
 _PACKAGE: Final = re.compile(r"\$\((?:find|find-pkg-share) +([\w.-]+)\)")
@@ -36,7 +45,7 @@ _DEEPEST: Final = 8  # launch files that include each other
 _SPAWNERS: Final = ("spawner", "spawner.py")
 _MANAGER: Final = "ros2_control_node"
 #: Options of the spawner of controller_manager (Jazzy) that are followed by a value.
-_WITH_VALUE: Final = frozenset(
+SPAWNER_VALUES: Final = frozenset(
     {"-c", "--controller-manager", "-p", "--param-file", "-n", "--namespace", "-t", "--controller-type",
      "--controller-manager-timeout", "--switch-timeout", "--service-call-timeout", "--controller-ros-args", "--timeout"}
 )  # fmt: skip
@@ -245,7 +254,7 @@ def spawned_names(words: Sequence[str]) -> list[str]:
     words = [part for word in words for part in ([word] if "$(" in word else word.split())]
     if _NOT_ACTIVE & set(words):
         return []
-    names = [word for before, word in zip(["", *words], words, strict=False) if before not in _WITH_VALUE]
+    names = [word for before, word in zip(["", *words], words, strict=False) if before not in SPAWNER_VALUES]
     return [word for word in names if not word.startswith("-")]
 
 
