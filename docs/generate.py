@@ -158,7 +158,7 @@ def bus_yml() -> str:
         "The format is that of ros2_canopen, read at the start. A file has the parts `options`, `master`, `defaults` "
         "and `nodes`; instead of `nodes` nodes may stand at the top, as older files have it. A node's own keys win "
         "over `defaults`. A robot folder may hold more buses in files `bus_NAME.yml`, all with one SYNC period. "
-        "`canopen-control check CONFIG` tells every mistake with its line.\n",
+        "`canopen-control check ROBOT` tells every mistake with its line.\n",
     ]
     for title, cls, unused in sections:
         text += [f"## {title}\n", _keys(cls, BUS_YML[title], unused)]

@@ -21,8 +21,10 @@ HOMING_S = 3600.0  # the robot's own limit (homing_timeout_seconds) comes first
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("action", choices=ACTIONS)
-    parser.add_argument("node", help="name or node id in bus.yml, or all")
-    parser.add_argument("mode", nargs="?", help="with mode: PP, VL, PV, TQ, HM, IP, CSP, CSV, CST or its number")
+    parser.add_argument("node", metavar="NODE", help="name or node id in bus.yml, or all")
+    parser.add_argument(
+        "mode", nargs="?", metavar="MODE", help="with mode: PP, VL, PV, TQ, HM, IP, CSP, CSV, CST or its number"
+    )
     parser.add_argument("--joint", metavar="NAME", help="of a node with several axes, the one that moves this joint")
     parser.add_argument("--method", type=int, help="with home: the homing method (default: what 0x6098 holds)")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")

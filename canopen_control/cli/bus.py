@@ -37,10 +37,19 @@ if TYPE_CHECKING:
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
-EXAMPLE = """canopen-control bus status local:robby
+EXAMPLE = """canopen-control bus list
+         canopen-control bus status local:robby
+         canopen-control bus up can0 --bitrate 1000000
+         canopen-control bus down can0
          canopen-control bus fault local:robby cut left_drive
          canopen-control bus fault local:robby uncut left_drive
+         canopen-control bus fault local:robby bus-off left_drive
+         canopen-control bus fault local:robby restart left_drive
          canopen-control bus fault local:robby drop left_drive --id 0x183 --count 5
+         canopen-control bus fault local:robby delay left_drive --ms 2
+         canopen-control bus fault local:robby error-frame left_drive
+         canopen-control bus fault local:robby bitrate 1000000
+         canopen-control bus fault local:robby bitrate off
          canopen-control bus fault local:robby clear"""
 
 

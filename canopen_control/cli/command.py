@@ -30,7 +30,7 @@ EXAMPLE = """canopen-control command robby_forward_controller 10 10 --for 3
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("controller", help="its name in ros2_controllers.yaml")
+    parser.add_argument("controller", metavar="CONTROLLER", help="its name in ros2_controllers.yaml")
     parser.add_argument(
         "values",
         nargs="+",

@@ -35,8 +35,14 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control controller list
+         canopen-control controller types
+         canopen-control controller hardware
          canopen-control controller load robby_base_controller
-         canopen-control controller switch --activate robby_base_controller --deactivate robby_forward_controller"""
+         canopen-control controller configure robby_base_controller
+         canopen-control controller unload robby_base_controller
+         canopen-control controller switch --activate robby_base_controller --deactivate robby_forward_controller
+         canopen-control controller deactivate robby_base_controller
+         canopen-control controller activate robby_base_controller"""
 
 _STEPS = {
     "load": "load and configure it, as its section of ros2_controllers.yaml says",

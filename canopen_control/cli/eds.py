@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
-EXAMPLE = "canopen-control eds check TMCM-1270.eds"
+EXAMPLE = """canopen-control eds check TMCM-1270.eds
+         canopen-control eds show TMCM-1270.eds 0x6041
+         canopen-control eds diff TMCM-1270.eds generic_cia402.eds
+         canopen-control eds pdos TMCM-1270.eds"""
 
 _ADDRESS = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{1,4})(?::(?:0[xX])?([0-9A-Fa-f]{1,2}))?")
 

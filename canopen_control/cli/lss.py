@@ -34,7 +34,11 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control lss fast-scan --can can0
          canopen-control lss node-id 5 --can can0
+         canopen-control lss bit-timing 500000 --can can0
          canopen-control lss store --can can0
+         canopen-control lss inquire --can can0
+         canopen-control lss activate 100 --can can0
+         canopen-control lss find --can can0
          canopen-control lss switch waiting --can can0"""
 
 PARTS = LssIdentity._fields

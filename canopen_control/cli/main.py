@@ -14,7 +14,7 @@ import stat
 import sys
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.verbs import VERBS, parser_of
+from canopen_control.cli.verbs import VERBS, overview, parser_of
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.version import __version__, build
 
@@ -102,21 +102,22 @@ def _no_verb(word: str) -> str:
     import difflib
 
     near = difflib.get_close_matches(word, VERBS, 2)
-    hint = f"did you mean {' or '.join(near)}?" if near else "canopen-control --help lists those there are"
+    hint = f"did you mean {' or '.join(near)}?" if near else "canopen-control help --all lists every verb"
     return f"no verb {word!r}; {hint}"
 
 
+class _TopParser(argparse.ArgumentParser):
+    """Parser of what stands before a verb; its help is the overview of the verbs."""
+
+    def format_help(self) -> str:
+        """Return the overview of the most used verbs."""
+        return overview()
+
+
 def _top_parser() -> argparse.ArgumentParser:
-    verbs = "\n".join(f"  {verb:<11} {text}" for verb, text in VERBS.items())
-    parser = argparse.ArgumentParser(
-        prog="canopen-control",
-        description="CANopen and CiA 402 drives for robots.",
-        epilog=f"verbs:\n{verbs}\n\nEach verb has its own --help. Start with: canopen-control run robby",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        usage="canopen-control VERB [OPTIONS]",
-    )
+    parser = _TopParser(prog="canopen-control", usage="canopen-control VERB [OPTIONS]")
     parser.add_argument("--version", action="version", version=f"canopen-control {__version__} ({build()})")
-    parser.add_argument("verb", nargs="?", choices=list(VERBS), metavar="VERB", help="one of the verbs below")
+    parser.add_argument("verb", nargs="?", choices=list(VERBS), metavar="VERB")
     return parser
 
 

@@ -49,7 +49,7 @@ class ComparedPlan(PlanDocument, frozen=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("config", nargs="?", metavar="CONFIG", help="a robot folder, or the name of a bundled robot")
+    parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
     parser.add_argument("--bus", metavar="FILE", help="a bus.yml, without a robot around it")
     parser.add_argument("--node", action="append", default=[], metavar="NAME", help="only this node (repeatable)")
     parser.add_argument(

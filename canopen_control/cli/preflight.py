@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.run import add_file_arguments, find_files
-from canopen_control.cli.support.arguments import number
+from canopen_control.cli.support.arguments import add_new_name, number
 from canopen_control.cli.support.preflight_jog import Jog, jog_interfaces
 from canopen_control.cli.support.preflight_steps import Step, link_steps, node_steps
 from canopen_control.errors import CanopenError, ConfigError
@@ -46,7 +46,7 @@ _WARNING = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_file_arguments(parser)
-    parser.add_argument("--name", help="name of this robot when it runs, which the pass is for (default: the folder's)")
+    add_new_name(parser, "robot name that the pass is recorded for (default: the folder's)")
     parser.add_argument("--yes", action="store_true", help="answer every question with yes: nobody is there to ask")
     parser.add_argument("--no-jog", action="store_true", help="only look, move nothing; that is no pass")
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""Record every frame of a bus, or a robot as a ROS 2 bag, until Ctrl-C or for --duration seconds; it only listens.
+"""Record every frame of a bus, or a robot as a ROS 2 bag, until Ctrl-C or with --for for S seconds; it only listens.
 
 The end of the file's name says the format: .log (candump; .log.gz packed), .asc or .blf (Vector), .trc (PEAK).
 """
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.bus.recordings import FORMATS, RecordingWriter, format_of
-from canopen_control.cli.support.arguments import seconds
+from canopen_control.cli.support.arguments import add_duration
 from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.support.record_bag import record_bag
 from canopen_control.cli.support.target import robot_on
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "Recorded", "add_arguments", "record_frames", "run"]
 
 EXAMPLE = """canopen-control record -o run.log
-         canopen-control record --can can0 -o run.blf --duration 60
-         canopen-control record --bag run --duration 60"""
+         canopen-control record --can can0 -o run.blf --for 60
+         canopen-control record --bag run --for 60"""
 LABEL = "record"
 FLUSH_S = 0.5  # what a crash may cost of the formats that are written frame by frame
 _ENDS = (signal.SIGINT, signal.SIGTERM)  # noted, so that no frame is cut in the middle
@@ -87,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--name", help="the running robot (default: the only one)")
     parser.add_argument("--bus", metavar="NAME", help="which one, of a robot with several buses")
-    parser.add_argument("--duration", type=seconds, metavar="S", help="end after so many seconds")
+    add_duration(parser, "end after S seconds", former="--duration", dest="duration")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
 

@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="so many times as fast (default: 1)",
     )
-    parser.add_argument("--page", action="store_true", help="be watched as a robot; CONFIG says what it looks like")
+    parser.add_argument("--page", action="store_true", help="be watched as a robot; ROBOT says what it looks like")
     parser.add_argument("--force", action="store_true", help="play even where a master or its nodes are alive")
     add_network_arguments(parser)
     add_view_arguments(parser)

@@ -1,7 +1,7 @@
 """One HTML page of a run or a recording: what went wrong first, states, plots, events, boot, jitter, bus load.
 
-FILE is a flight recording (.zip) or a recording of frames (.log, .asc, .blf, .trc; names of its objects with CONFIG or
---eds). Without FILE it is the newest flight recording of the robot --name, or of any; with --duration it is the robot
+FILE is a flight recording (.zip) or a recording of frames (.log, .asc, .blf, .trc; names of its objects with ROBOT or
+--eds). Without FILE it is the newest flight recording of the robot --name, or of any; with --for it is the robot
 that runs, which is watched for so long. The page needs no network and no other file.
 """
 
@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.arguments import number
+from canopen_control.cli.support.arguments import add_duration, number
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.files import write_whole
 
@@ -26,8 +26,11 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control report
          canopen-control report --list
-         canopen-control report --duration 5 -o run.html
+         canopen-control report --for 5 -o run.html
          canopen-control report run.log --config robby --json"""
+
+
+_watching = number("time in seconds from above 0 to 3600", lambda value: 0 < value <= 3600)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,15 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--list", action="store_true", help="list the flight recordings, the newest last")
     parser.add_argument("--json", action="store_true", help="print the same facts as JSON, write no page")
-    parser.add_argument(
-        "--duration",
-        type=number("time in seconds from above 0 to 3600", lambda value: 0 < value <= 3600),
-        metavar="S",
-        help="watch the running robot for S seconds",
-    )
+    add_duration(parser, "watch the running robot for S seconds", former="--duration", dest="duration", read=_watching)
     parser.add_argument("--name", help="the robot (default: the only one)")
-    parser.add_argument("--config", metavar="CONFIG", help="names in a recording of frames: from this robot's files")
-    parser.add_argument("--bus", metavar="NAME", help="which bus of CONFIG, where it has several")
+    parser.add_argument("--config", metavar="ROBOT", help="names in a recording of frames: from this robot's files")
+    parser.add_argument("--bus", metavar="NAME", help="which bus of ROBOT, where it has several")
     parser.add_argument(
         "--eds", action="append", default=[], metavar="[NODE=]FILE", help="the same, from an EDS file (repeatable)"
     )
@@ -80,7 +78,7 @@ def _recording(
 
     if args.duration is not None:
         if args.file is not None:
-            raise ConfigError("--duration watches the robot that runs; it goes without FILE")
+            raise ConfigError("--for watches the robot that runs; it goes without FILE")
         return None, _watched(args), None
     path = Path(args.file) if args.file is not None else _newest(args.name)
     if is_flight_file(path):
@@ -124,7 +122,7 @@ def _flights(name: str | None) -> list[Path]:
         whose = f"of {name} " if name else ""
         raise ConfigError(
             f"there is no flight recording {whose}in {state_dir()}: nothing went wrong yet; "
-            "a robot that runs is watched with --duration 10"
+            "a robot that runs is watched with --for 10"
         )
     return paths
 

@@ -31,9 +31,16 @@ if TYPE_CHECKING:
 
 __all__ = ["EXAMPLE", "add_arguments", "begin_ros", "run"]
 
-EXAMPLE = """canopen-control ros topic echo /joint_states
+EXAMPLE = """canopen-control ros topic list
+         canopen-control ros topic echo /joint_states
+         canopen-control ros topic hz /joint_states --for 2
+         canopen-control ros topic pub /robby_forward_controller/commands std_msgs/msg/Float64MultiArray '{data: [5,5]}'
+         canopen-control ros service list
          canopen-control ros service call /left_drive/halt std_srvs/srv/Trigger
-         canopen-control ros param list /robby_forward_controller"""
+         canopen-control ros param list /robby_forward_controller
+         canopen-control ros param get /robby_forward_controller joints
+         canopen-control ros param set /robby_base_controller linear.x.max_velocity 0.5
+         canopen-control ros bridge --name robby"""
 
 _GUARD = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _BEGUN = "CANOPEN_CONTROL_ROS_BEGUN"
@@ -54,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     echo = topic.add_parser("echo", help="print messages")
     hz = topic.add_parser("hz", help="how often messages come")
     for action, each in ((echo, "message"), (hz, "second: rate in Hz, times in s")):
-        action.add_argument("topic")
-        action.add_argument("type", nargs="?", help="default: what is published")
+        action.add_argument("topic", metavar="TOPIC")
+        action.add_argument("type", nargs="?", metavar="TYPE", help="default: the type that is published")
         action.add_argument("--json", action="store_true", help=f"print JSON, a line for each {each}")
         action.add_argument("--for", type=_positive, metavar="S", dest="seconds", help="end after S seconds")
         _add_timeout(action)
@@ -82,7 +89,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         action = param.add_parser(name, help=text)
         for operand in ("node", *operands):
-            action.add_argument(operand, help="YAML, such as 0.5" if operand == "value" else None)
+            action.add_argument(
+                operand, metavar=operand.upper(), help="YAML, such as 0.5" if operand == "value" else None
+            )
         if name != "set":
             action.add_argument("--json", action="store_true", help="print JSON")
         _add_timeout(action)
@@ -90,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     bridge = groups.add_parser(
         "bridge", help="show a running robot to ROS; --help tells its options", add_help=False, prefix_chars="+"
     )
-    bridge.add_argument("arguments", nargs="*")
+    bridge.add_argument("arguments", nargs="*", metavar="OPTIONS")
 
 
 def _add_list(actions: Any, what: str) -> None:  # noqa: ANN401 - argparse's private class
@@ -100,9 +109,11 @@ def _add_list(actions: Any, what: str) -> None:  # noqa: ANN401 - argparse's pri
 
 
 def _add_data(action: argparse.ArgumentParser, what: str) -> None:
-    action.add_argument(what)
-    action.add_argument("type", help="such as std_msgs/msg/Float64MultiArray" if what == "topic" else None)
-    action.add_argument("data", nargs="?", default="{}", help="YAML, such as '{data: [10.0, 10.0]}'")
+    action.add_argument(what, metavar=what.upper())
+    action.add_argument(
+        "type", metavar="TYPE", help="such as std_msgs/msg/Float64MultiArray" if what == "topic" else None
+    )
+    action.add_argument("data", nargs="?", metavar="DATA", default="{}", help="YAML, such as '{data: [10.0, 10.0]}'")
     _add_timeout(action)
 
 

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.arguments import seconds, whole_number
+from canopen_control.cli.support.arguments import add_duration, add_new_name, whole_number
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.runtime.realtime import DEFAULT_PRIORITY, HIGHEST_PRIORITY
 
@@ -34,10 +34,10 @@ __all__ = [
     "run_robot",
 ]
 
-EXAMPLE = "canopen-control run robby --duration 5"
+EXAMPLE = "canopen-control run robby --for 5"
 
 
-_priority = whole_number(f"priority (1 to {HIGHEST_PRIORITY}); CONFIG comes before it", range(1, HIGHEST_PRIORITY + 1))
+_priority = whole_number(f"priority (1 to {HIGHEST_PRIORITY}); ROBOT comes before it", range(1, HIGHEST_PRIORITY + 1))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--world",
         metavar="FILE",
-        help="with --physics: what is on the floor, and what happens when; without CONFIG: run the robots in it",
+        help="with --physics: what is on the floor, and what happens when; without ROBOT: run the robots in it",
     )
     parser.add_argument("--say-name", action="store_true", help="begin each line with the name of the robot")
     parser.add_argument("--view", action="store_true", help="show the robot on a page of this computer")
@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="what hangs on the virtual drives, and the base that they move: as drive --plant",
     )
-    parser.add_argument("--duration", type=seconds, metavar="S", help="stop S seconds after the robot runs")
+    add_duration(parser, "stop S seconds after the robot runs", former="--duration", dest="duration")
     parser.add_argument(
         "--ros-args",
         nargs=argparse.REMAINDER,
@@ -106,12 +106,12 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     add_file_arguments(parser)
     add_kind_arguments(parser)
     parser.add_argument("--no-drives", action="store_true", help="start no virtual drives, they are there already")
-    parser.add_argument("--name", help="name of this robot for its clients (default: the folder's)")
+    add_new_name(parser, "name of this robot for its clients (default: the folder's)")
 
 
 def add_file_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what says which files a robot is described by, how they are read, and which buses they mean."""
-    parser.add_argument("config", nargs="?", metavar="CONFIG", help="a robot folder, or the name of a bundled robot")
+    parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
     parser.add_argument("xacro", nargs="*", metavar="NAME:=VALUE", help="an argument of its xacro")
     parser.add_argument("--bus", metavar="FILE", help="bus.yml, instead of the folder's")
     parser.add_argument("--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the folder's")

@@ -19,7 +19,7 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.support.arguments import number, seconds, whole_number
+from canopen_control.cli.support.arguments import add_duration, number, seconds, whole_number
 from canopen_control.cli.support.open_session import add_session_arguments, open_sessions
 from canopen_control.cli.support.scope_output import (
     check_output,
@@ -54,12 +54,12 @@ if TYPE_CHECKING:
 
 __all__ = ["EXAMPLE", "add_arguments", "run"]
 
-EXAMPLE = """canopen-control scope left_drive:0x6064 left_drive:0x606C --length 2
+EXAMPLE = """canopen-control scope left_drive:0x6064 left_drive:0x606C --for 2
          canopen-control scope 5:0x606C --can can0 --eds my_drive.eds --rate 50 -o step.csv
-         canopen-control scope 3:0x6064 3:0x606C --trigger 2:rising:100 --before 0.5 --length 3
-         canopen-control scope left_wheel_joint:command left_wheel_joint:velocity --length 2 -o step.png
+         canopen-control scope 3:0x6064 3:0x606C --trigger 2:rising:100 --before 0.5 --for 3
+         canopen-control scope left_wheel_joint:command left_wheel_joint:velocity --for 2 -o step.png
          canopen-control scope 3:0x606C --trigger 1:rising:100 --overlay step.csv --cursors 0,0.25 -o both.png
-         canopen-control scope 3:0x6041 3:0x606C --trigger fault --before 2 --length 4"""
+         canopen-control scope 3:0x6041 3:0x606C --trigger fault --before 2 --for 4"""
 
 _RATE: Final = 50.0  # Hz
 _FASTEST: Final = 1000.0
@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_session_arguments(parser, node=False)
     rate = number("rate in Hz above 0, at most 1000", lambda value: 0 < value <= _FASTEST)
     parser.add_argument("--rate", type=rate, default=_RATE, metavar="HZ", help="of what is polled (default: 50)")
-    parser.add_argument("--length", type=seconds, default=5.0, metavar="S", help="of a shot (default: 5)")
+    add_duration(parser, "length of a capture (default: 5)", former="--length", dest="length", default=5.0)
     parser.add_argument("--trigger", metavar="T", help="SIGNAL:rising|falling|above|below:LEVEL, or fault")
     parser.add_argument("--before", type=seconds, metavar="S", help="of a shot, before the trigger (default: a fifth)")
     shots = whole_number("number of shots: 1 or more", range(1, 1_000_000))

@@ -39,7 +39,8 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 EXAMPLE = """canopen-control sdo read left_drive 0x6041
          canopen-control sdo write 3 "Profile velocity" 1600
          canopen-control sdo write 3 0x60FF -500 --can can0 --type i32
-         canopen-control sdo upload 5 0x1021 device.eds --can can0"""
+         canopen-control sdo upload 5 0x1021 device.eds --can can0
+         canopen-control sdo download 5 0x1F50:1 program.bin --can can0"""
 
 
 _IN_BRACKETS = re.compile(r"-?\d* ?\((.*)\)")

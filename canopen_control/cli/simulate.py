@@ -46,7 +46,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.run import add_file_arguments, bridge_arguments, find_files, names_robot
-from canopen_control.cli.support.arguments import number, whole_number
+from canopen_control.cli.support.arguments import add_new_name, number, whole_number
 from canopen_control.errors import ConfigError, nearest
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--record", metavar="FILE.zip", help="write a flight recording of it")
     parser.add_argument("--physics", action="store_true", help="the drives move the robot on a floor")
     parser.add_argument(
-        "--world", metavar="FILE", help="with --physics: what is on the floor; without CONFIG: the robots in it"
+        "--world", metavar="FILE", help="with --physics: what is on the floor; without ROBOT: the robots in it"
     )
     parser.add_argument("--faults", metavar="all|LIST|none", help="what goes wrong (default: none, with --seeds all)")
     parser.add_argument("--seeds", type=_count, metavar="N", help="a campaign of N seeds, from --seed on")
@@ -134,7 +134,7 @@ def _add_served(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--speed", type=_speed, metavar="max|F", help="times real time at most (default: max, with --serve 1)"
     )
-    parser.add_argument("--name", metavar="NAME", help="of the robot, for who reaches it with --serve")
+    add_new_name(parser, "with --serve: name of the robot for its clients")
     parser.add_argument(
         "--serve", action="store_true", help="let programs reach the robot by its socket, as one that runs"
     )
@@ -232,7 +232,7 @@ def _run_world(args: argparse.Namespace) -> int:
 
     for option, given in (("--serve", args.serve), ("--ros", args.ros)):
         if given:
-            raise ConfigError(f"{option} is of one robot; give CONFIG, and --physics with --world")
+            raise ConfigError(f"{option} is of one robot; give ROBOT, and --physics with --world")
     drawn = known_faults(physics=True)
     faults = drawn if args.faults == "all" else _faults("none" if args.faults is None else args.faults, known_faults())
     return simulate_world(args, args.length or DEFAULT_NS, faults)

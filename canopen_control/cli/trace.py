@@ -1,7 +1,7 @@
 """What is said on a bus, in words: every frame with its sender, its service and its objects by name.
 
-Live, or from a recording. Nothing is sent. Names come from the running robot, or from a robot's files (CONFIG), or from
-EDS files; without any of them the predefined connection set is shown. Ends with Ctrl-C, --count or --duration.
+Live, or from a recording. Nothing is sent. Names come from the running robot, or from a robot's files (ROBOT), or from
+EDS files; without any of them the predefined connection set is shown. Ends with Ctrl-C, --count or --for.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.arguments import seconds, whole_number
+from canopen_control.cli.support.arguments import add_duration, whole_number
 from canopen_control.cli.support.frame_source import network_for, open_frames, tell_gaps
 from canopen_control.cli.support.heard_bus import add_network_arguments, heard_bus
 from canopen_control.cli.support.output import json_line
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument(
         "--file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
     )
-    parser.add_argument("--duration", type=seconds, metavar="S", help="end after so many seconds")
+    add_duration(parser, "end after S seconds", former="--duration", dest="duration")
     add_network_arguments(parser)
     add_view_arguments(parser)
 

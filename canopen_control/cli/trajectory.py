@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.support.arguments import number, seconds
+from canopen_control.cli.support.arguments import add_duration, number, seconds
 from canopen_control.cli.support.commands import the_controller
 from canopen_control.cli.support.output import Progress
 from canopen_control.cli.support.trajectory_recording import TrajectoryRecording
@@ -45,7 +45,7 @@ __all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control trajectory play wave.yaml
          canopen-control trajectory play --waypoints '0.4 -0.3 0.4 0.6 -0.2 0.7; 0 0 0 0 0 0' --step 1.5
-         canopen-control trajectory record -o wave.yaml --duration 10
+         canopen-control trajectory record -o wave.yaml --for 10
          canopen-control trajectory cancel --controller arm_controller"""
 
 _TYPE: Final = "joint_trajectory_controller/JointTrajectoryController"
@@ -61,7 +61,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     play = actions.add_parser("play", help="follow the trajectory of a file, or waypoints, to the end")
     play.add_argument(
-        "file", nargs="?", help="YAML or JSON, as trajectory_msgs/JointTrajectory has it; wave.yaml: a sample for arm6"
+        "file",
+        nargs="?",
+        metavar="FILE",
+        help="YAML or JSON in the shape of trajectory_msgs/JointTrajectory; wave.yaml: a sample for arm6",
     )
     play.add_argument(
         "--waypoints", metavar="POSITIONS", help="rad or m of each joint of the controller, as in '0.4 -0.3; 0 0'"
@@ -74,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("-o", "--output", required=True, metavar="FILE", help="the YAML file to write")
     record.add_argument("--joints", metavar="NAMES", help="these, as in joint_1,joint_2 (default: the controller's)")
     record.add_argument("--rate", type=_rate, default=20.0, metavar="HZ", help="points in a second (default: 20)")
-    record.add_argument("--duration", type=seconds, metavar="S", help="end after so many seconds")
+    add_duration(record, "end after S seconds", former="--duration", dest="duration")
     cancel = actions.add_parser("cancel", help="end the trajectory that is under way: the joints brake")
     for each in (play, record, cancel):
         each.add_argument("--controller", help="its name (default: the only one that is active)")

@@ -20,9 +20,9 @@ EXAMPLE = """canopen-control controller switch --activate robby_base_controller 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("controller", help="its name in ros2_controllers.yaml")
-    parser.add_argument("linear", type=finite, help="forward, m/s")
-    parser.add_argument("angular", type=finite, help="to the left, rad/s")
+    parser.add_argument("controller", metavar="CONTROLLER", help="its name in ros2_controllers.yaml")
+    parser.add_argument("linear", metavar="LINEAR", type=finite, help="forward, m/s")
+    parser.add_argument("angular", metavar="ANGULAR", type=finite, help="to the left, rad/s")
     parser.add_argument(
         "--lateral", type=finite, default=0.0, metavar="V", help="to the left, m/s, where the base can (default: 0)"
     )

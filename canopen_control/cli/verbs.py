@@ -1,4 +1,4 @@
-"""The verbs of the command line: what each is for, and its parser; a verb's module is imported when it is used."""
+"""The verbs of the command line in groups, and their parsers; the module of a verb is imported when it is used."""
 
 from __future__ import annotations
 
@@ -6,66 +6,103 @@ import argparse
 import importlib
 import re
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["VERBS", "parser_of"]
+__all__ = ["GROUPS", "MOST_USED", "VERBS", "overview", "parser_of"]
 
 XACRO = "xacro"  # where a verb's arguments hold NAME:=VALUE
+_EXIT_CODES = "Exit codes: 0 good; 1 it failed, or nothing was done; 2 wrong usage or configuration."
 _ARGUMENT = re.compile(r"[A-Za-z_]\w*:=")
 
-VERBS = {
-    "run": "boot a robot and run its controllers",
-    "demo": "run a robot on virtual drives, with a live table and a short motion",
-    "simulate": "a robot in virtual time, in one process: years of faults, the same for the same seed",
-    "drive": "run virtual drives",
-    "device": "run virtual I/O modules, encoders, sensors: any device with an EDS",
-    "fault": "break a running virtual drive or device, and mend it; set its inputs",
-    "world": "where a robot with physics really is; payload, pushes, blocked joints, grip",
-    "bus": "channels: list, status, up, down, faults",
-    "status": "what a running robot is doing",
-    "monitor": "drives, joints, events and frames as live tables, with a STOP key",
-    "command": "send a command to a controller, repeatedly",
-    "calibrate": "wheel radii and track of a base, by squares driven both ways (UMBmark)",
-    "twist": "send a velocity to a base controller, repeatedly",
-    "trajectory": "play a trajectory of a file on an arm, end the one under way",
-    "gripper": "move a gripper to a position, and wait until it is there",
-    "teleop": "drive a base by keyboard",
-    "stop": "ramp all wheels to zero and disable the drives",
-    "shutdown": "stop, then end the runtime",
-    "controller": "list, load, configure, activate, deactivate, switch, unload controllers",
-    "axis": "enable, disable, halt, quick-stop or fault-reset drives",
-    "sdo": "read and write objects of a node, transfer files",
-    "backup": "the parameters of a node as a DCF file, with its identity",
-    "diff": "compare the parameters of two nodes, two files, or one of each",
-    "restore": "write the parameters of a DCF file into a node, and prove it",
-    "clone": "give a replacement drive the parameters of another one",
-    "firmware": "load a program into a node over CANopen (CiA 302-3)",
-    "objects": "the object dictionary of a node: names, units, defaults, what it holds",
-    "dump": "all that a node holds now, as table, CSV or DCF",
-    "scope": "objects over time, with triggers: terminal, CSV, MCAP",
-    "nmt": "start, stop or reset nodes",
-    "preflight": "before the first run on real drives: look, jog slowly, try STOP",
-    "jog": "turn one drive by hand, with its EDS alone: arrow keys, limits, a dead-man",
-    "tune": "how a drive follows, what hangs on it, gains for its loops: step, Bode, identification",
-    "init": "a new robot from EDS files, or from who is on a bus",
-    "scan": "who is on a bus, which EDS fits, what bus.yml expects",
-    "lss": "give node ids and bit rates to nodes",
-    "check": "everything wrong with a robot's files, and what its buses carry",
-    "plan": "what a boot writes into each node, and what differs on a live bus",
-    "eds": "look into EDS and DCF files",
-    "trace": "what is said on a bus, decoded by name: live or from a recording",
-    "view": "the robot on a page of this computer: 3D, plots, drives, STOP",
-    "report": "one page of what went wrong: of the last fault, a recording, or a robot that runs",
-    "record": "write every frame of a bus to a file",
-    "replay": "play a recording into a bus, or tell what is in it",
-    "export": "the PDO layout as DBC, a recording as CSV",
-    "ros": "topics and services of ROS 2 without ros2cli; the bridge by hand",
-    "bench": "how fast this is here, beside its peers in the same run",
-    "completion": "completion of verbs, options and names in bash, zsh and fish",
+#: group -> verb -> what it does, in the imperative: one line of 80 columns
+GROUPS: Final = {
+    "Robot": {
+        "run": "boot a robot and run its controllers",
+        "demo": "run a robot on virtual drives, with a live table and some motion",
+        "stop": "ramp all joints to zero and disable the drives",
+        "shutdown": "stop a robot and end its runtime",
+        "ros": "use ROS 2 topics and services without ros2cli; start the bridge",
+    },
+    "Look": {
+        "status": "show what a running robot is doing",
+        "monitor": "watch drives, joints, events and frames, with a STOP key",
+        "view": "serve a web page of the robot: 3D, plots, drives, STOP",
+        "trace": "show decoded bus traffic, live or from a recording",
+        "scope": "plot objects over time, with triggers; write CSV, PNG or MCAP",
+        "report": "write an HTML report of a fault, a recording or a running robot",
+    },
+    "Command": {
+        "command": "send values to a controller, repeatedly",
+        "twist": "send a velocity to a base controller, repeatedly",
+        "teleop": "drive a base with the keyboard",
+        "trajectory": "play or record a trajectory of an arm, or cancel it",
+        "gripper": "move a gripper to a position and wait until it is there",
+        "controller": "list, load, activate, deactivate and switch controllers",
+        "axis": "enable, disable, halt, home or fault-reset drives",
+    },
+    "Commissioning": {
+        "init": "create a robot from EDS files or from the devices on a bus",
+        "scan": "list the devices on a bus, and compare them with bus.yml",
+        "lss": "assign node ids and bit rates (CiA 305)",
+        "jog": "turn one drive by hand, with only its EDS",
+        "preflight": "check a robot before its first run on real drives",
+        "tune": "measure tracking, identify the load, compute loop gains",
+        "calibrate": "measure wheel radii and track width of a base (UMBmark)",
+        "firmware": "load a program into a node (CiA 302-3)",
+        "backup": "save the parameters of a node as a DCF file",
+        "restore": "write the parameters of a DCF file to a node, and verify them",
+        "clone": "copy all parameters of a drive to its replacement",
+    },
+    "Bus": {
+        "bus": "list channels, bring them up or down, disturb a local bus",
+        "sdo": "read and write objects of a node, transfer files",
+        "nmt": "start, stop or reset nodes",
+        "objects": "list the objects of a node: names, units, defaults, values",
+        "dump": "print all current values of a node, as table, CSV or DCF",
+        "record": "record the frames of a bus, or a robot as a ROS 2 bag",
+        "replay": "play a recording into a bus, or show what it holds",
+    },
+    "Files": {
+        "check": "validate a robot's files, and report bus load and stop times",
+        "plan": "list what the boot sequence writes to each node",
+        "eds": "check, show and compare EDS and DCF files",
+        "diff": "compare the parameters of two nodes, two files or one of each",
+        "export": "write the PDO layout as DBC, or a recording as CSV",
+    },
+    "Simulate": {
+        "simulate": "run a whole robot in virtual time, reproducibly, with faults",
+        "drive": "run virtual drives",
+        "device": "run virtual I/O modules, encoders or any device with an EDS",
+        "fault": "inject and clear faults in a virtual drive; set its inputs",
+        "world": "show the true pose in a physics simulation, and disturb it",
+    },
+    "This program": {
+        "help": "show the most used verbs, all verbs (--all), or the help of one",
+        "bench": "benchmark this machine against comparable packages",
+        "completion": "print a script that completes verbs, options and names",
+    },
 }
+VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()}
+#: what `canopen-control` shows when no verb is named
+MOST_USED: Final = (
+    *("run", "demo", "stop", "status", "monitor", "view", "trace", "teleop", "axis", "controller", "init", "scan"),
+    *("jog", "preflight", "bus", "sdo", "check", "plan", "simulate", "fault"),
+)
+
+
+def overview(*, everything: bool = False) -> str:
+    """Return the help of the program: the most used verbs or all, by group, at most 80 columns wide."""
+    lines = ["usage: canopen-control VERB [OPTIONS]      options: -h, --help, --version", ""]
+    lines += ["CANopen and CiA 402 drives for robots."]
+    for group, verbs in GROUPS.items():
+        shown = [f"  {verb:<11} {text}" for verb, text in verbs.items() if everything or verb in MOST_USED]
+        lines += [f"{group}:", *shown] if shown else []
+    lines += ["", "Start with:                 canopen-control run robby"]
+    lines += ["Options and examples:       canopen-control help VERB"]
+    return "\n".join(lines if everything else [*lines, "Every verb:                 canopen-control help --all"]) + "\n"
 
 
 def parser_of(verb: str) -> argparse.ArgumentParser:
@@ -73,13 +110,18 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
     module = importlib.import_module(f"canopen_control.cli.{verb}")
     parser = _VerbParser(
         prog=f"canopen-control {verb}",
-        description=(module.__doc__ or "").strip(),
+        description=_with_exit_codes(module.__doc__ or ""),
         epilog=f"example: {module.EXAMPLE}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     module.add_arguments(parser)
-    _give_examples(parser, module.EXAMPLE.splitlines())
+    _describe_actions(parser, module.EXAMPLE.splitlines())
     return parser
+
+
+def _with_exit_codes(text: str) -> str:
+    """Return the description of a verb, with the exit codes of all verbs where it has none of its own."""
+    return text.strip() if "Exit codes" in text else f"{text.strip()}\n\n{_EXIT_CODES}"
 
 
 class _VerbParser(argparse.ArgumentParser):
@@ -103,12 +145,22 @@ class _VerbParser(argparse.ArgumentParser):
         return found, unknown
 
 
-def _give_examples(parser: argparse.ArgumentParser, examples: Sequence[str]) -> None:
-    """Show the examples of an action in the help of that action too."""
+def _describe_actions(parser: argparse.ArgumentParser, examples: Sequence[str]) -> None:
+    """Give the help of each action the exit codes of its verb and the examples that are of this action."""
+    codes = re.search(r"^Exit codes.*?(?=\n\n|\Z)", parser.description or "", re.MULTILINE | re.DOTALL)
     for group in (each for each in parser._actions if isinstance(each, argparse._SubParsersAction)):  # noqa: SLF001 - no public way
-        for action in group.choices.values():
-            own = [line.strip() for line in examples if line.strip().startswith(f"{action.prog} ")]
+        texts = {choice.dest: choice.help or "" for choice in group._choices_actions}  # noqa: SLF001 - as above
+        for name, action in group.choices.items():
+            text = action.description or texts.get(name, "")
+            action.description = f"{text[:1].upper()}{text[1:]}.\n\n{codes[0] if codes else _EXIT_CODES}"
+            action.formatter_class = argparse.RawDescriptionHelpFormatter
+            own = [line.strip() for line in examples if _is_of(action.prog, line.strip())]
             if own:
                 action.epilog = "example: " + "\n         ".join(own)
-                action.formatter_class = argparse.RawDescriptionHelpFormatter
-            _give_examples(action, examples)
+            _describe_actions(action, examples)
+
+
+def _is_of(program: str, example: str) -> bool:
+    """Whether an example calls an action, `program` with its positionals in upper case."""
+    words = zip(program.split(), example.split(), strict=False)
+    return len(example.split()) >= len(program.split()) and all(word.isupper() or word == used for word, used in words)

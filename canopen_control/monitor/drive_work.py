@@ -66,7 +66,7 @@ def _with_node(verb: str) -> Words:
 
 WORKS: Final = {
     "jog": Work("turn it, slowly", "20rpm,3s or 90deg; options of the verb after it: 90deg,--max-current=300", _jog),
-    "scope": Work("objects over time", "0x6064,0x606C; also --length=5, --trigger=fault, --output=step.csv", _scope),
+    "scope": Work("objects over time", "0x6064,0x606C; also --for=5, --trigger=fault, --output=step.csv", _scope),
     "tune": Work(
         "step, Bode, identification, gains",
         "step=30rpm, bode, identify=150 or revert; --yes agrees to the limits that it tells without",

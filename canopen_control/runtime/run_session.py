@@ -102,7 +102,7 @@ class Session:
         except SocketInUse as error:
             owner = f" (process {error.pid})" if error.pid else ""
             raise RobotConfigError(
-                f"a robot named {setup.name} runs already{owner}; stop that one, or choose another --name"
+                f"a robot named {setup.name} runs already{owner}; stop that one, or choose another name with --as"
             ) from error
         cleanup.callback(self.api.close)
         cleanup.callback(self.robot.close)

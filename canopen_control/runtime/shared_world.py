@@ -1,6 +1,6 @@
 """Several robots in one simulated world: one process of all their drives, and a runtime of each robot's own.
 
-Each robot is run as `run ROBOT --name NAME --no-drives` runs it, on buses of its own, so that whatever a robot alone
+Each robot is run as `run ROBOT --as NAME --no-drives` runs it, on buses of its own, so that whatever a robot alone
 can do each of them can. A runtime that dies stops its drives, as the loss of a master does, and nobody else's. At the
 end the robots stop first, then the drives.
 """
@@ -90,7 +90,7 @@ def _read(start: RobotStart, world: Path) -> SharedRobot:
     setup = read_robot(files, name=start.name, can=can, controllers=start.controllers, physics=True, drives=True)
     check_physics(setup)
     options = [f"--can={each}" for each in can] + [f"--controller={each}" for each in start.controllers]
-    return SharedRobot(setup, ("run", config, *words, "--name", start.name, "--no-drives", *options))
+    return SharedRobot(setup, ("run", config, *words, "--as", start.name, "--no-drives", *options))
 
 
 class SharedRun:

@@ -244,7 +244,7 @@ def test_two_commands_from_an_eds_to_a_motor_that_turns(stage):
     eds = data_path("eds", "generic_cia402.eds")
     made = stage.call("init", "fresh", "--eds", eds, "--node-id", "4")
     assert made.wait() == 0, made
-    played = stage.call("demo", "fresh", "--duration", "4.5")
+    played = stage.call("demo", "fresh", "--for", "4.5")
     assert played.wait() == 0, played
     assert "10.000 rad/s" in played.out
     row = [line.split() for line in played.out.splitlines() if line.startswith("joint_1_drive")]

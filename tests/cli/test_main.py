@@ -8,16 +8,20 @@ from pathlib import Path
 import pytest
 
 from canopen_control.cli.main import main
-from canopen_control.cli.verbs import VERBS
+from canopen_control.cli.verbs import MOST_USED, VERBS
 from canopen_control.version import __version__, build
 
 
-def test_help_names_every_verb(capsys):
+def test_the_help_fits_a_terminal_and_names_the_most_used_verbs(capsys):
     with pytest.raises(SystemExit) as caught:
         main(["--help"])
     assert caught.value.code == 0
-    said = capsys.readouterr().out
-    assert all(verb in said for verb in VERBS)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 36
+    assert max(map(len, lines)) <= 80
+    shown = {line.split()[0] for line in lines if line.startswith("  ")}
+    assert shown == set(MOST_USED)
+    assert lines[-1].endswith("canopen-control help --all")
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -31,14 +35,14 @@ def test_every_verb_has_a_help_with_an_example(verb, capsys):
 
 def test_an_unknown_verb_is_a_usage_error(capsys):
     assert main(["xyzzy"]) == 2
-    assert capsys.readouterr().err == "canopen-control: no verb 'xyzzy'; canopen-control --help lists those there are\n"
+    assert capsys.readouterr().err == "canopen-control: no verb 'xyzzy'; canopen-control help --all lists every verb\n"
     assert main(["statsu"]) == 2
     assert capsys.readouterr().err == "canopen-control: no verb 'statsu'; did you mean status?\n"
 
 
 def test_nothing_at_all_prints_the_help_and_is_a_usage_error(capsys):
     assert main([]) == 2
-    assert "verbs:" in capsys.readouterr().out
+    assert "canopen-control help --all" in capsys.readouterr().out
 
 
 def test_the_version_is_the_packages(capsys):

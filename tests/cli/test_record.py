@@ -96,7 +96,7 @@ def test_json_tells_the_same_to_scripts(folders, tmp_path, capsys):
 @pytest.mark.process
 def test_a_duration_ends_it(folders, tmp_path, capsys):
     port = open_local("quiet", "other")
-    assert main(["record", "--can", "local:quiet", "-o", str(tmp_path / "x.blf"), "--duration", "0.1"]) == 0
+    assert main(["record", "--can", "local:quiet", "-o", str(tmp_path / "x.blf"), "--for", "0.1"]) == 0
     assert "0 frames of local:quiet" in capsys.readouterr().out
     port.close()
 
@@ -105,7 +105,7 @@ def test_a_duration_ends_it(folders, tmp_path, capsys):
 def test_the_old_form_is_understood_and_told(folders, tmp_path, capsys):
     port = open_local("old", "other")
     path = tmp_path / "x.log"
-    assert main(["record", "local:old", "--can", str(path), "--duration", "0.1"]) == 0
+    assert main(["record", "local:old", "--can", str(path), "--for", "0.1"]) == 0
     out, err = capsys.readouterr()
     assert out.startswith(f"{path}: 0 frames of local:old")
     new = f"write: record --can local:old -o {path}\n"
@@ -128,7 +128,7 @@ def test_a_full_disk_is_exit_code_1_with_what_is_in_the_file(monkeypatch, folder
 
     ticking = threading.Thread(target=tick)
     ticking.start()
-    assert main(["record", "--can", "local:full", "-o", str(path), "--duration", "10"]) == 1
+    assert main(["record", "--can", "local:full", "-o", str(path), "--for", "10"]) == 1
     done.set()
     ticking.join()
     out, err = capsys.readouterr()
@@ -141,7 +141,7 @@ def test_a_full_disk_is_exit_code_1_with_what_is_in_the_file(monkeypatch, folder
 def test_a_bus_that_nobody_has_is_no_bus_to_record(folders, tmp_path, capsys):
     port = open_local("robby", "other")
     path = tmp_path / "x.log"
-    assert main(["record", "--can", "local:typo", "-o", str(path), "--duration", "0.1"]) == 2
+    assert main(["record", "--can", "local:typo", "-o", str(path), "--for", "0.1"]) == 2
     assert "bus local:typo: nobody has it open; open now: local:robby;" in capsys.readouterr().err
     assert not path.exists()
     port.close()
@@ -175,7 +175,7 @@ def test_a_robot_without_a_bus_has_nothing_to_record(folders, capsys):
 def test_a_bag_of_the_running_robot(tmp_path, capsys):
     pytest.importorskip("rosbags", reason="rosbags is not installed: pip install canopen-control[bag]")
     with running("bagverb"):
-        assert main(["record", "--bag", str(tmp_path / "run"), "--duration", "0.3"]) == 0
+        assert main(["record", "--bag", str(tmp_path / "run"), "--for", "0.3"]) == 0
     assert "messages of bagverb" in capsys.readouterr().out
     assert (tmp_path / "run" / "metadata.yaml").exists()
 

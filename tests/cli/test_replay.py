@@ -141,7 +141,7 @@ def test_a_flight_recording_is_watched_as_a_robot_until_one_runs(stage, flight):
     with RobotClient.connect("robby_replay") as client:
         assert client.ask(GetStatus()).state == "running"
         assert "left_wheel_joint" in client.ask(GetDescription()).urdf
-    other = stage.start("run", "robby", "--mock", "--duration", "20")
+    other = stage.start("run", "robby", "--mock", "--for", "20")
     assert program.wait() == 0
     assert "robot robby runs now; the recording makes way for it" in program.err
     again = stage.start("replay", flight, "--page")

@@ -66,7 +66,7 @@ def test_a_recording_of_frames_has_names_by_a_robots_files(flight, tmp_path, cap
 
 def test_a_running_robot_is_watched(tmp_path, capsys):
     with running("live"):
-        assert main(["report", "--duration", "0.3", "--name", "live", "-o", str(tmp_path / "x.html")]) == 0
+        assert main(["report", "--for", "0.3", "--name", "live", "-o", str(tmp_path / "x.html")]) == 0
     assert capsys.readouterr().out.startswith("live: 0.")
     assert "Joints" in (tmp_path / "x.html").read_text()
 
@@ -79,8 +79,8 @@ def test_a_running_robot_is_watched(tmp_path, capsys):
         (["gone.zip"], "gone.zip"),
         (["gone.log"], "gone.log"),
         (["gone.txt"], "gone.txt"),
-        (["--duration", "1"], "no robot"),
-        (["x.zip", "--duration", "1"], "without FILE"),
+        (["--for", "1"], "no robot"),
+        (["x.zip", "--for", "1"], "without FILE"),
     ],
 )
 def test_what_cannot_be_reported_is_a_sentence_and_exit_code_2(arguments, words, capsys):

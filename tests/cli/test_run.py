@@ -17,7 +17,7 @@ def parse(*arguments):
 
 @pytest.mark.process
 def test_a_run_on_mock_hardware_ends_with_0_and_leaves_no_socket(capsys):
-    assert main(["run", "robby", "--mock", "--duration", "0.3"]) == 0
+    assert main(["run", "robby", "--mock", "--for", "0.3"]) == 0
     said = capsys.readouterr().out
     assert "robby runs" in said
     assert find_robots() == []
@@ -25,7 +25,7 @@ def test_a_run_on_mock_hardware_ends_with_0_and_leaves_no_socket(capsys):
 
 @pytest.mark.process
 def test_a_run_on_virtual_drives_in_this_process(capsys):
-    assert main(["run", "robby", "--can", "memory:run", "--duration", "0.3"]) == 0
+    assert main(["run", "robby", "--can", "memory:run", "--for", "0.3"]) == 0
     said = capsys.readouterr().out
     assert "node 3 (left_drive): operational" in said
     assert "has stopped" in said
@@ -37,7 +37,7 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["nobody"], "nobody"),
         (["robby", "--controller", "nobody"], "nobody"),
         (["robby", "--real", "--mock"], "--real"),
-        (["robby", "--name", "a/b"], "a/b"),
+        (["robby", "--as", "a/b"], "a/b"),
         (["robby", "--mock", "--teleop"], "show it with --view"),
         (["robby", "--kernel-sync"], "--kernel-sync: the kernel cannot send SYNC on local:robby"),
         (["robby", "--kernel-sync", "--can", "pcan:PCAN_USBBUS1"], "a SocketCAN interface such as --can vcan0"),
@@ -84,7 +84,7 @@ def test_the_bridge_gets_its_namespace_and_all_that_comes_after_ros_args(verb):
 
 def test_a_duration_must_be_a_time():
     with pytest.raises(SystemExit) as caught:
-        parse("robby", "--duration", "0")
+        parse("robby", "--for", "0")
     assert caught.value.code == 2
 
 
@@ -106,7 +106,7 @@ def test_ros_is_off_unless_it_is_asked_for():
 
 
 def test_the_setup_is_what_the_options_say():
-    setup = read_setup(parse("robby", "--can", "vcan0", "--name", "two", "--controller", "robby_base_controller"))
+    setup = read_setup(parse("robby", "--can", "vcan0", "--as", "two", "--controller", "robby_base_controller"))
     assert (setup.name, setup.channels["can"], setup.to_activate[-1]) == ("two", "vcan0", "robby_base_controller")
 
 

@@ -27,7 +27,7 @@ def scope(bench, *words):
 
 def test_objects_of_a_bare_bus_are_polled(bench, tmp_path, capsys):
     path = tmp_path / "shot.csv"
-    assert scope(bench, "5:0x6041", "5:Position actual value", "--length", "0.3", "-o", str(path)) == 0
+    assert scope(bench, "5:0x6041", "5:Position actual value", "--for", "0.3", "-o", str(path)) == 0
     assert "5:0x6064" in capsys.readouterr().out
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -45,7 +45,7 @@ def test_a_fault_that_comes_is_caught_with_what_was_before(bench, capsys):
         bench.bus.call(lambda: axis.fault(0x3220, bench.bus.reactor.now()))
 
     with in_background(break_it):
-        assert scope(bench, "5:0x6064", "--trigger", "fault", "--length", "0.5", "--before", "0.3", "--wait", "10") == 0
+        assert scope(bench, "5:0x6064", "--trigger", "fault", "--for", "0.5", "--before", "0.3", "--wait", "10") == 0
     assert "of the trigger" in capsys.readouterr().out
 
 
@@ -60,7 +60,7 @@ def test_process_data_of_a_running_robot_come_with_every_cycle(bench, tmp_path, 
             f"{drive.node}:0x6083",
             "--name",
             drive.robot,
-            "--length",
+            "--for",
             "0.5",
             "-o",
             str(path),
@@ -80,7 +80,7 @@ def test_eight_channels_of_every_millisecond_and_no_cycle_missed(bench, tmp_path
     path = tmp_path / "fast.csv"
     with own_robot(robot, robot.joints[0].axis, bench.bus.channel, 2.0, lambda _event: None) as drive:
         words = [*(f"{drive.node}:0x{index:04X}" for index in SIX), *(f"{drive.joint}:{each}" for each in QUANTITIES)]
-        assert main(["scope", *words, "--name", drive.robot, "--length", "1", "-o", str(path)]) == 0
+        assert main(["scope", *words, "--name", drive.robot, "--for", "1", "-o", str(path)]) == 0
     said = capsys.readouterr().out
     assert "and missed 0" in said
     with path.open(newline="") as file:
@@ -93,10 +93,10 @@ def test_eight_channels_of_every_millisecond_and_no_cycle_missed(bench, tmp_path
 
 def test_two_shots_are_laid_over_each_other_and_measured_between_cursors(bench, tmp_path, capsys):
     first = str(tmp_path / "first.csv")
-    assert scope(bench, "5:0x6064", "5:0x6083", "--length", "0.3", "-o", first) == 0
+    assert scope(bench, "5:0x6064", "5:0x6083", "--for", "0.3", "-o", first) == 0
     capsys.readouterr()
     words = ("--overlay", first, "--cursors", "0.05,0.25", "-o", str(tmp_path / "both.png"))
-    assert scope(bench, "5:0x6083", "--length", "0.3", *words) == 0
+    assert scope(bench, "5:0x6083", "--for", "0.3", *words) == 0
     said = capsys.readouterr().out
     assert "first.csv" in said
     assert "cursors at 0.05 s and 0.25 s: dt 0.2 s (5 Hz)" in said

@@ -103,7 +103,7 @@ def test_what_goes_with_no_campaign_is_refused(capsys, words, said):
 def test_what_is_served_draws_nothing_and_keeps_the_pace_of_real_time(capsys, monkeypatch):
     waits = []
     monkeypatch.setattr(ServedSimulation, "wait", lambda _self, seconds: waits.append(seconds))
-    code, out, _ = simulate(capsys, "robby", "--serve", "--for", "1s", "--name", "served")
+    code, out, _ = simulate(capsys, "robby", "--serve", "--for", "1s", "--as", "served")
     assert code == 0
     assert "served runs" in out
     assert "no command for" not in out

@@ -82,7 +82,7 @@ def test_a_file_that_breaks_off_is_shown_and_said(tmp_path, capsys):
         (["--service", "pod"], "no service 'pod'"),
         (["--id", "zz"], "hexadecimal"),
         (["--count", "0"], "no whole number above 0"),
-        (["--duration", "-1"], "seconds above 0"),
+        (["--for", "-1"], "seconds above 0"),
     ],
 )
 def test_a_wrong_option_is_a_sentence(options, words, capsys):

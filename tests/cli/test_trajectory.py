@@ -71,7 +71,7 @@ def test_what_the_joints_do_is_recorded_and_played_again(arm, wave, tmp_path, ca
 
     mover = threading.Thread(target=move)
     mover.start()
-    codes.append(main(["trajectory", "record", "-o", made, "--duration", "60"]))
+    codes.append(main(["trajectory", "record", "-o", made, "--for", "60"]))
     mover.join(5.0)
     assert codes == [0, 0]
     joints, points = read_trajectory(made)
@@ -103,7 +103,7 @@ def test_what_cannot_be_played_or_recorded_is_a_sentence(arm, words, text, capsy
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["record", "-o", "x.yaml", "--duration", "0.1"], "no joint has moved meanwhile"),
+        (["record", "-o", "x.yaml", "--for", "0.1"], "no joint has moved meanwhile"),
         (["cancel"], "follows no trajectory; there is nothing to cancel"),
         (["cancel", "--controller", "joint_state_broadcaster"], "it is no joint trajectory controller"),
     ],

@@ -47,7 +47,7 @@ class Robot:
     """Drives on can1, the robot on can0, somebody who commands 10 rad/s, and its status."""
 
     def __init__(self, stage, robby, name, *options):
-        self.program = stage.start("run", robby, "--name", name, "--can", "can0", "--real", *options)
+        self.program = stage.start("run", robby, "--as", name, "--can", "can0", "--real", *options)
         self.program.until(f"{name} runs", TIMEOUT_S)
         self.name, self._stage = name, stage
         self.command()

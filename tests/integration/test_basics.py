@@ -30,7 +30,7 @@ class Robot:
         self.stage, self.name, self._probe = stage, name, probe
         config = copy_robby(folder, bus=bus)
         self.drives = {node_id: stage.drive(name, node_id) for node_id in (LEFT, RIGHT)}
-        self.program = stage.start("run", config, "--name", name, "--can", f"local:{name}", "--no-drives")
+        self.program = stage.start("run", config, "--as", name, "--can", f"local:{name}", "--no-drives")
         self.program.until(f"{name} runs", LONG_S)
         self.probes = {node_id: probe(name, node_id) for node_id in (LEFT, RIGHT)}
         self.client = RobotClient.connect(name)

@@ -19,7 +19,7 @@ COUNTS = 65536 / (2 * math.pi)
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_each_runs_with_one_command(stage, name):
-    done = stage.call("run", name, "--duration", 2)
+    done = stage.call("run", name, "--for", 2)
     assert done.wait() == 0, done
     assert f"{name} runs: " in done.out
     assert "has stopped" in done.out
@@ -27,7 +27,7 @@ def test_each_runs_with_one_command(stage, name):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_each_runs_on_mock_hardware_and_strictly_read(stage, name):
-    done = stage.call("run", name, "--mock", "--strict", "--duration", 0.3)
+    done = stage.call("run", name, "--mock", "--strict", "--for", 0.3)
     assert done.wait() == 0, done
 
 

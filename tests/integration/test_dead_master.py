@@ -54,7 +54,7 @@ def test_drives_stand_when_the_master_is_killed_whatever_was_written_into_them(s
     name = edit.__name__[:7]
     for node_id in NODES:
         stage.drive(name, node_id, "--eds", f"{node_id}={folder / 'drive.dcf'}")
-    robot = stage.start("run", folder, "--real", "--full-speed", "--name", name, "--can", channel_of(name))
+    robot = stage.start("run", folder, "--real", "--full-speed", "--as", name, "--can", channel_of(name))
     robot.until(f"{name} runs")
     stage.start("command", "velocity_controller", 5, 5, "--name", name)
     probes = [probe(name, node_id) for node_id in NODES]

@@ -33,7 +33,7 @@ def turning(stage, probe):
             for node_id in NODES:
                 stage.drive(name, node_id)
             options = (*options, "--no-drives")
-        robot = stage.start("run", config, "--name", name, "--can", f"local:{name}", *options)
+        robot = stage.start("run", config, "--as", name, "--can", f"local:{name}", *options)
         robot.until(f"{name} runs")
         stage.start("command", "robby_forward_controller", 10, 10, "--name", name)
         probes = [probe(name, node_id) for node_id in NODES]

@@ -62,7 +62,7 @@ ENDLESS = {
 }
 #: What looks at a terminal, and what stands there then.
 ON_A_TERMINAL = {"monitor": "left_drive", "teleop": "hold a key to move"}
-LONG_S = 10.0  # examples that take longer by their own --for or --duration are interrupted
+LONG_S = 10.0  # examples that take longer by their own --for are interrupted
 TIMEOUT_S = 40.0
 
 
@@ -70,7 +70,7 @@ def endless(words):
     """Return what an example says that has to be interrupted, None for one that ends by itself."""
     if ASKING in words:
         return None
-    lasting = [float(words[at + 1]) for at, word in enumerate(words) if word in ("--duration", "--for")]
+    lasting = [float(words[at + 1]) for at, word in enumerate(words) if word == "--for"]
     if "--file" in words or any(seconds <= LONG_S for seconds in lasting):
         return None
     return next((said for first, said in ENDLESS.items() if tuple(words[: len(first)]) == first), None)
@@ -119,7 +119,7 @@ FOLDERS = {"cell": make_cell, "my_robot": make_own_robot}
 def make_files(stage):
     """Make what the examples read: run.log, and a flight record of a fault."""
     stage.call("fault", "left_drive", "drive_fault", "on")
-    assert stage.call("record", "--can", "run.log", "--duration", "1").wait() == 0
+    assert stage.call("record", "--can", "run.log", "--for", "1").wait() == 0
     stage.call("fault", "left_drive", "drive_fault", "off")
     flights = stage.folder / "state/canopen_control/robby/flight"
     assert eventually(lambda: list(flights.glob("*.zip")), TIMEOUT_S)

@@ -111,11 +111,11 @@ def test_a_run_that_fails_says_where_the_recording_is_although_it_has_ended(stag
 
 
 def test_a_run_without_faults_leaves_no_file_and_one_without_recorder_no_process(stage):
-    robot = stage.robby("calm", "--duration", 3)
+    robot = stage.robby("calm", "--for", 3)
     assert listening("calm")
     assert robot.wait() == 0
     assert newest(folder("calm")) is None
-    robot = stage.robby("without", "--no-flight-recorder", "--duration", 2)
+    robot = stage.robby("without", "--no-flight-recorder", "--for", 2)
     assert robot.wait() == 0
     assert not (state_dir("without") / "flight.log").exists()
 

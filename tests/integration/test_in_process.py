@@ -14,7 +14,7 @@ FORWARD = "robby_forward_controller"
 
 @pytest.mark.parametrize("channel", ["virtual:alone", "memory:alone"])
 def test_robby_in_one_process(stage, channel):
-    robot = stage.start("run", "robby", "--can", channel, "--duration", 2, "--no-flight-recorder")
+    robot = stage.start("run", "robby", "--can", channel, "--for", 2, "--no-flight-recorder")
     robot.until("robby runs")
     assert list(stage.survivors()) == [robot.pid]
     assert stage.call("command", FORWARD, 10, 10, "--for", 0.6).wait() == 0

@@ -26,7 +26,7 @@ def test_whenever_a_starting_run_is_killed_nobody_survives_it(stage, options):
     moments = range(0, SWEEP_MS + 1, STEP_MS if not options else 4 * STEP_MS)
     for moment in moments:
         name = f"kill{moment}"
-        robot = stage.start("run", "robby", "--name", name, "--can", channel_of(name), *options)
+        robot = stage.start("run", "robby", "--as", name, "--can", channel_of(name), *options)
         time.sleep(moment / 1000)
         robot.end(signal.SIGKILL)
     stage.nobody_is_left(GONE_S)

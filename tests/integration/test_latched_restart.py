@@ -19,7 +19,7 @@ def test_a_latched_robot_comes_back_latched_and_moves_after_release_enable_and_c
     assert stage.call("stop", "--latch", "--name", "held").wait() == 0
     robot.end(end)
     stage.nobody_is_left(GONE_S)
-    again = stage.start("run", "robby", "--name", "held", "--can", channel_of("held"))
+    again = stage.start("run", "robby", "--as", "held", "--can", channel_of("held"))
     again.until("STOP is latched since an earlier run (by canopen-control stop)")
     with RobotClient.connect("held") as client:
         assert client.ask(GetStatus()).latched

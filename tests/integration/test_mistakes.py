@@ -33,9 +33,9 @@ USAGE = {
     "a channel of no kind": (["run", "robby", "--can", "robby"], "channel 'robby'.*local:robby"),
     "a bus the robot has not": (["run", "robby", "--can", "left=can0"], "no bus 'left'"),
     "a bad bus name": (["run", "robby", "--can", "local:a b"], "local:a b"),
-    "a bad name": (["run", "robby", "--name", "../x"], r"'\.\./x' is no name"),
-    "no time": (["run", "robby", "--duration", "soon"], "'soon' is no time"),
-    "an endless time": (["run", "robby", "--duration", "inf"], "'inf' is no time"),
+    "a bad name": (["run", "robby", "--as", "../x"], r"'\.\./x' is no name"),
+    "no time": (["run", "robby", "--for", "soon"], "'soon' is no time"),
+    "an endless time": (["run", "robby", "--for", "inf"], "'inf' is no time"),
     "contradicting options": (["run", "robby", "--real", "--mock"], "--real"),
     "nobody to ask": (["status"], "no robot is running; start one"),
     "nobody of this name": (["stop", "--name", "rob"], "no robot 'rob' is running"),
@@ -128,12 +128,12 @@ def test_a_drive_that_is_another_device(stage, tmp_path):
 def test_a_second_robot_on_the_same_channel_and_one_of_the_same_name(stage):
     first = stage.robby("busy")
     check(
-        stage.call("run", "robby", "--name", "other", "--can", "local:busy"),
+        stage.call("run", "robby", "--as", "other", "--can", "local:busy"),
         2,
         f"local:busy is busy: process {first.pid}",
     )
     check(
-        stage.call("run", "robby", "--name", "busy", "--can", "local:free"), 2, rf"named busy .*\(process {first.pid}\)"
+        stage.call("run", "robby", "--as", "busy", "--can", "local:free"), 2, rf"named busy .*\(process {first.pid}\)"
     )
     assert first.running
     stage.robby("second")

@@ -36,7 +36,7 @@ def scene(tmp_path_factory):
         stage = Stage(folder, folder)
         environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
         robot = stage.start(
-            "run", config, "--name", "axes", "--can", "local:axes", "--controller", "velocity", "--ros", **environment
+            "run", config, "--as", "axes", "--can", "local:axes", "--controller", "velocity", "--ros", **environment
         )
         robot.until("axes runs")
         drive = DriveProbe("axes", 2)

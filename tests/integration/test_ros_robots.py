@@ -40,9 +40,9 @@ def scene(tmp_path_factory):
         stage = Stage(folder, folder)
         environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
         common = ["--ros", "--namespace"]
-        one = stage.start("run", first, "--name", "one", "--can", "local:one", *common, "one", **environment)
+        one = stage.start("run", first, "--as", "one", "--can", "local:one", *common, "one", **environment)
         two = stage.start(
-            "run", second, "--name", "two", "--can", "local:two", "--controller", "robby_base_controller",
+            "run", second, "--as", "two", "--can", "local:two", "--controller", "robby_base_controller",
             *common, "/two", "--ros-args", *theirs, **environment,
         )  # fmt: skip
         for robot, name in ((one, "one"), (two, "two")):

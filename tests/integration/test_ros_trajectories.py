@@ -32,7 +32,7 @@ def arm(tmp_path_factory):
         stage = Stage(folder, folder)
         environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
         config = copy_arm(folder)
-        robot = stage.start("run", config, "--ros", "--name", "rosarm", "--can", "local:rosarm", **environment)
+        robot = stage.start("run", config, "--ros", "--as", "rosarm", "--can", "local:rosarm", **environment)
         robot.until("rosarm runs")
         with ros.Peer(number, "--interfaces") as peer, RobotClient.connect("rosarm") as client:
             yield SimpleNamespace(peer=peer, robot=robot, client=client, stage=stage, domain=number)

@@ -52,7 +52,7 @@ def controlwords(frames, node_id):
 
 def test_a_witness_sees_both_wheels_at_ten_rad_per_second_and_no_frame_missing(stage, witness):
     sees = witness("wheels")
-    robot = stage.robby("wheels", "--duration", scaled(5))
+    robot = stage.robby("wheels", "--for", scaled(5))
     for node_id in (LEFT, RIGHT):
         sees.join(node_id)
     command = stage.start("command", "robby_forward_controller", 10, 10, "--for", scaled(2.5), "--name", "wheels")
@@ -94,7 +94,7 @@ def test_a_witness_sees_both_wheels_at_ten_rad_per_second_and_no_frame_missing(s
 def test_drives_are_enabled_only_once_the_controller_is_active_and_disabled_before_the_bus_is_left(stage, witness):
     sees = witness("order")
     robot = stage.start(
-        *("run", robby_of(stage.place), "--name", "order", "--can", channel_of("order")),
+        *("run", robby_of(stage.place), "--as", "order", "--can", channel_of("order")),
         *("--controller", "joint_state_broadcaster"),
     )
     robot.until("order runs")

@@ -93,7 +93,7 @@ def test_a_command_that_is_interrupted_sends_zeros(stage, probe):
 def test_who_reads_our_output_may_go_or_stall(stage):
     """A terminal that is closed or stopped does not stop the robot, nor make its end a failure."""
     for reader in ("head -n 1", "sleep 2"):
-        line = f"{sys.executable} -m canopen_control run robby --can local:pipe --duration 0.5 | {reader}"
+        line = f"{sys.executable} -m canopen_control run robby --can local:pipe --for 0.5 | {reader}"
         shell = ["bash", "-c", f"{line}; exit ${{PIPESTATUS[0]}}"]
         done = subprocess.run(shell, capture_output=True, cwd=stage.place, timeout=30)
         assert (done.returncode, done.stderr) == (0, b"")

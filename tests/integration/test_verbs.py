@@ -193,7 +193,7 @@ def test_a_fault_that_is_switched_on_by_the_command_line(stage, probe):
     """`drive --fault F@T` breaks it while the robot runs: a lost heartbeat, which is found and named."""
     stage.drive("breaks", 3, "--fault", "heartbeat_lost@8s")
     stage.drive("breaks", 2)
-    robot = stage.start("run", "robby", "--name", "breaks", "--can", "local:breaks", "--no-drives")
+    robot = stage.start("run", "robby", "--as", "breaks", "--can", "local:breaks", "--no-drives")
     robot.until("breaks runs")
     robot.until("node 3 (left_drive): no heartbeat")
     with RobotClient.connect("breaks") as client:
@@ -224,7 +224,7 @@ def test_base_controller_by_twist(stage):
 
 
 def test_mock_hardware_needs_no_bus(stage):
-    robot = stage.start("run", "robby", "--mock", "--duration", 2)
+    robot = stage.start("run", "robby", "--mock", "--for", 2)
     robot.until("robby runs")
     assert stage.call("command", "robby_forward_controller", 3, 4, "--for", 0.5).wait() == 0
     assert robot.wait() == 0, robot

@@ -231,7 +231,7 @@ def test_a_trajectory_is_previewed_standing_then_played_until_the_page_is_closed
     ]
     wave = tmp_path / "wave.json"
     wave.write_text(json.dumps({"joint_names": JOINTS, "points": points}))
-    stage.start("run", str(copy_arm(tmp_path)), "--name", "varm", "--mock")
+    stage.start("run", str(copy_arm(tmp_path)), "--as", "varm", "--mock")
     assert eventually(lambda: "varm" in find_robots(), 20)
     view = stage.start("view", "--name", "varm", "--port", "0", "--teleop")
     page = RobotPage(chromium, view.until("view: http").split()[-1]).open()

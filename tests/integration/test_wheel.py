@@ -56,7 +56,7 @@ def test_the_installed_wheel_runs_robby_from_an_empty_folder(wheel, tmp_path):
     python = str(environment / "bin" / "python")
     run(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", str(wheel), cwd=empty)
     program = str(environment / "bin" / "canopen-control")
-    said = run(program, "run", "robby", "--duration", "2", cwd=empty)
+    said = run(program, "run", "robby", "--for", "2", cwd=empty)
     assert "node 3 (left_drive): operational" in said
     assert "robby has stopped, its drives are disabled" in said
     assert "two drives: CPU, lateness" in run(program, "bench", "--help", cwd=empty)

@@ -13,7 +13,7 @@ from canopen_control.monitor.drive_work import WORKS, WorkRun, work_words
 
 LINES = {
     "jog": ("20rpm,3s", "jog left --velocity=20rpm --for=3"),
-    "scope": ("0x6064,left_wheel_joint:velocity,--length=5", "scope left:0x6064 left_wheel_joint:velocity --length=5"),
+    "scope": ("0x6064,left_wheel_joint:velocity,--for=5", "scope left:0x6064 left_wheel_joint:velocity --for=5"),
     "tune": ("step=30rpm,--yes", "tune left --step=30rpm --yes"),
     "backup": ("a.dcf", "backup left -o a.dcf"),
     "diff": ("right", "diff right left"),

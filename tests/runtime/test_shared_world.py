@@ -29,7 +29,7 @@ def written(tmp_path, text=HALL):
 def test_each_robot_has_buses_of_its_own_name_and_is_run_without_drives(tmp_path):
     first, second = read_shared(written(tmp_path))
     assert first.setup.channels == {"can": "local:hall_a"}
-    assert second.arguments == ("run", "robby", "--name", "hall_b", "--no-drives", "--can=can=local:hall_b")
+    assert second.arguments == ("run", "robby", "--as", "hall_b", "--no-drives", "--can=can=local:hall_b")
 
 
 def test_arguments_and_controllers_of_a_robot_go_to_its_runtime(tmp_path):
@@ -82,10 +82,10 @@ def test_two_robots_share_a_world_one_dies_alone_and_nothing_is_left(tmp_path, m
         assert world("hall_b", GetWorld()).base.x == pytest.approx(1.0, abs=0.01)
         assert {each.robot for each in world("hall_a", GetWorldShapes())} == {"hall_b"}
         world("hall_a", AddPayload(mass=1.0))
-        pids = [int(line.split()[0]) for line in _processes() if "--name hall_b" in line]
+        pids = [int(line.split()[0]) for line in _processes() if "--as hall_b" in line]
         os.kill(pids[0], signal.SIGKILL)
         line = next(line for line in run.stdout if "hall_b ended" in line)
-        assert "its drives stop, hall_a goes on; start it again with: canopen-control run robby --name hall_b" in line
+        assert "its drives stop, hall_a goes on; start it again with: canopen-control run robby --as hall_b" in line
         assert "robot-hall_a" in [f"robot-{each}" for each in list_sockets("robot")]
         run.send_signal(signal.SIGINT)
         assert run.wait(20) == 1  # a robot failed

@@ -125,7 +125,7 @@ def phase(hears):
 
 def test_a_robot_follows_the_kernels_sync_and_stops_it_at_the_end(stage, robby, vcan, listen):
     hears = listen(vcan, SYNC, 0x280 + LEFT, 0x280 + RIGHT, 0x200 + LEFT)
-    robot = stage.start("run", robby, "--name", "led", "--can", vcan, "--kernel-sync")
+    robot = stage.start("run", robby, "--as", "led", "--can", vcan, "--kernel-sync")
     robot.until("led runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "led")
     assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
@@ -152,7 +152,7 @@ def test_a_master_that_is_stopped_looks_dead_although_sync_goes_on_and_one_that_
     hears = listen(vcan, SYNC, 0x701, 0x280 + LEFT, 0x280 + RIGHT)
     for node_id in NODES:
         stage.start("drive", "--node-id", node_id, "--eds", "TMCM-1270.eds", "--can", vcan).until("ready on")
-    robot = stage.start("run", robby, "--name", "hung", "--can", vcan, "--no-drives", "--kernel-sync")
+    robot = stage.start("run", robby, "--as", "hung", "--can", vcan, "--no-drives", "--kernel-sync")
     robot.until("hung runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "hung")
     assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
@@ -169,7 +169,7 @@ def test_a_master_that_is_stopped_looks_dead_although_sync_goes_on_and_one_that_
 
 
 def test_sync_comes_again_when_the_interface_was_made_again(stage, robby, vcan, listen):
-    robot = stage.start("run", robby, "--name", "remade", "--can", vcan, "--kernel-sync")
+    robot = stage.start("run", robby, "--as", "remade", "--can", vcan, "--kernel-sync")
     robot.until("remade runs")
     with RobotClient.connect("remade") as client:
 

@@ -28,7 +28,7 @@ def steady(listener, node_id, seconds):
 
 def test_two_drives_and_the_robot_turn_both_wheels_at_ten_rad_per_second(stage, robby, vcan, listen):
     hears = listen(vcan)
-    robot = stage.start("run", robby, "--name", "wheels", "--can", vcan, "--duration", 8)
+    robot = stage.start("run", robby, "--as", "wheels", "--can", vcan, "--for", 8)
     robot.until("wheels runs")
     command = stage.start("command", "robby_forward_controller", 10, 10, "--for", 4, "--name", "wheels")
     assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
@@ -49,7 +49,7 @@ def test_two_drives_and_the_robot_turn_both_wheels_at_ten_rad_per_second(stage, 
 
 def test_the_base_controller_turns_the_wheels_by_a_twist(stage, robby, vcan, listen):
     hears = listen(vcan, 0x280 + LEFT, 0x280 + RIGHT)
-    robot = stage.start("run", robby, "--name", "base", "--can", vcan, "--controller", "robby_base_controller")
+    robot = stage.start("run", robby, "--as", "base", "--can", vcan, "--controller", "robby_base_controller")
     robot.until("base runs")
     stage.start("twist", "robby_base_controller", 0.35, 0, "--name", "base")
     assert eventually(lambda: at(hears, 10.0), TIMEOUT_S), "0.35 m/s on wheels of 0.035 m"
@@ -62,7 +62,7 @@ def test_the_drives_are_processes_that_know_no_master(stage, robby, vcan, listen
     for node_id in NODES:
         drive = stage.start("drive", "--node-id", node_id, "--eds", "TMCM-1270.eds", "--can", vcan)
         drive.until(f"drive {node_id} (TMCM-1270) ready on {vcan}")
-    robot = stage.start("run", robby, "--name", "apart", "--can", vcan, "--no-drives")
+    robot = stage.start("run", robby, "--as", "apart", "--can", vcan, "--no-drives")
     robot.until("apart runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "apart")
     assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
@@ -76,7 +76,7 @@ def test_the_drives_are_processes_that_know_no_master(stage, robby, vcan, listen
 
 def test_candump_sees_standard_frames(stage, robby, vcan, tool):
     dump = tool("candump", "-L", vcan)
-    robot = stage.start("run", robby, "--name", "dumped", "--can", vcan, "--duration", 2)
+    robot = stage.start("run", robby, "--as", "dumped", "--can", vcan, "--for", 2)
     assert robot.wait() == 0, robot
     dump.terminate()
     lines = [CandumpLine(line) for line in dump.communicate(timeout=20)[0].splitlines()]
@@ -89,7 +89,7 @@ def test_candump_sees_standard_frames(stage, robby, vcan, tool):
 
 def test_noise_at_full_rate_does_no_harm(stage, robby, vcan, listen, tool):
     hears = listen(vcan, 0x280 + LEFT, 0x280 + RIGHT, SYNC, NMT)
-    robot = stage.start("run", robby, "--name", "noise", "--can", vcan)
+    robot = stage.start("run", robby, "--as", "noise", "--can", vcan)
     robot.until("noise runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "noise")
     assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
@@ -146,7 +146,7 @@ def moves_again(stage, name, hears):
 
 def test_an_interface_that_goes_down_stops_the_robot_and_up_brings_it_back(stage, robby, vcan, listen):
     hears = listen(vcan, 0x280 + LEFT, 0x280 + RIGHT)
-    robot = stage.start("run", robby, "--name", "downs", "--can", vcan)
+    robot = stage.start("run", robby, "--as", "downs", "--can", vcan)
     robot.until("downs runs")
     command = stage.start("command", "robby_forward_controller", 10, 10, "--name", "downs")
     assert eventually(lambda: at(hears, 10.0), TIMEOUT_S)
@@ -167,7 +167,7 @@ def test_an_interface_that_goes_down_stops_the_robot_and_up_brings_it_back(stage
 def test_an_interface_that_is_removed_and_made_again_is_found_again(stage, robby, vcan, listen):
     for node_id in NODES:
         stage.start("drive", "--node-id", node_id, "--eds", "TMCM-1270.eds", "--can", vcan).until("ready on")
-    robot = stage.start("run", robby, "--name", "gone", "--can", vcan, "--no-drives")
+    robot = stage.start("run", robby, "--as", "gone", "--can", vcan, "--no-drives")
     robot.until("gone runs")
     stage.start("command", "robby_forward_controller", 10, 10, "--name", "gone")
     with RobotClient.connect("gone") as client:

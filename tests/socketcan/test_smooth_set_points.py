@@ -12,7 +12,7 @@ pytestmark = pytest.mark.socketcan
 def test_the_kernels_sync_is_the_default_of_an_arm(stage, vcan, tmp_path):
     config = arm_at(tmp_path, 10)
     edit(config / "bus.yml", {"heartbeat_multiplier: 5 ": "heartbeat_multiplier: 50 "})
-    robot = stage.start("run", config, "--name", "smooth", "--can", vcan, "--no-flight-recorder")
+    robot = stage.start("run", config, "--as", "smooth", "--can", vcan, "--no-flight-recorder")
     robot.until("smooth runs", 60)
     assert "SYNC is sent by the kernel, and the cycle follows it: joint_1, joint_2, joint_3 and 3 more" in robot.out
     with RobotClient.connect("smooth") as client:

@@ -23,4 +23,4 @@ def needs_a_card(words: list[str]) -> bool:
 def runnable(words: list[str], robby: object, seconds: float) -> list[object]:
     """Return a command as a test runs it: with robby's times as the machine needs them, an end, and nobody to ask."""
     changed: list[object] = [robby if word == "robby" else word for word in words]
-    return changed + {"run": ["--duration", seconds], "preflight": ["--yes"]}.get(words[0], [])
+    return changed + {"run": ["--for", seconds], "preflight": ["--yes"]}.get(words[0], [])

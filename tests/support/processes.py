@@ -116,7 +116,7 @@ class Stage:
 
     def robby(self, name: str, *options: object) -> Program:
         """Start robby on a bus of its own, and wait until it runs."""
-        program = self.start("run", robby_of(self.place), "--name", name, "--can", channel_of(name), *options)
+        program = self.start("run", robby_of(self.place), "--as", name, "--can", channel_of(name), *options)
         program.until(f"{name} runs")
         return program
 

@@ -8,6 +8,7 @@ import signal
 import sys
 from pathlib import Path
 
+from canopen_control.cli.support.arguments import add_duration
 from canopen_control.errors import ConfigError
 from canopen_control.host.signals import interrupt, on_signals
 from canopen_control_bench.runner import FAMILIES, GROUPS, Options, run_families
@@ -46,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "else cycle, scale, services and clients keep processors awake where that is allowed; "
         "there and in services, who is compared has one for itself",
     )
-    parser.add_argument("--seconds", type=float, metavar="S", help="how long the long runs take, such as the soak")
+    add_duration(parser, "length of the long runs, such as the soak", former="--seconds")
 
 
 def run(args: argparse.Namespace) -> int:

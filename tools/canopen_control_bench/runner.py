@@ -35,7 +35,7 @@ FAMILIES = {
     "physics": "a robot on a floor beside the same run without; at rest, bit by bit, and its slip",
     "simulate": "robots in virtual time beside real time, 2 and 16 drives, and their boot",
     "memory": "what a million cycles leave behind; a cycle without a wire",
-    "soak": "random commands and breaking drives, for a minute (--seconds 3600: an hour)",
+    "soak": "random commands and breaking drives, for a minute (--for 3600: an hour)",
     "boot": "from nothing to all drives operational, 2 and 64 of them",
     "start": "from the command line to wheels under command, and to the first /joint_states",
     "services": "SDO and EDS beside the canopen package",

@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import TYPE_CHECKING, Final
+import sys
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
-__all__ = ["LONGEST_S", "finite", "node_id", "number", "seconds", "timeout_seconds", "whole", "whole_number"]
+__all__ = [
+    "LONGEST_S",
+    "add_duration",
+    "add_new_name",
+    "finite",
+    "node_id",
+    "number",
+    "seconds",
+    "timeout_seconds",
+    "whole",
+    "whole_number",
+]
 
 LONGEST_S: Final = 1e9  # some thirty years
 
@@ -47,6 +59,41 @@ def whole_number(what: str, numbers: range) -> Callable[[str], int]:
 node_id = whole_number("node id: 1 to 127", range(1, 128))
 seconds = number("time in seconds above 0", lambda value: 0.0 < value < LONGEST_S)
 timeout_seconds = number("time in seconds above 0 and up to 60", lambda value: 0.0 < value <= 60.0)
+
+
+def add_duration(
+    parser: argparse.ArgumentParser,
+    meaning: str,
+    *,
+    former: str,
+    dest: str = "seconds",
+    default: float | None = None,
+    read: Callable[[str], float] = seconds,
+) -> None:
+    """Declare --for S; the `former` name of the option is still understood."""
+    parser.add_argument("--for", dest=dest, type=read, default=default, metavar="S", help=meaning)
+    parser.add_argument(former, action=_Renamed, new="--for", dest=dest, type=read)
+
+
+def add_new_name(parser: argparse.ArgumentParser, meaning: str) -> None:
+    """Declare --as NAME, the name of a robot that is about to run; --name is still understood."""
+    parser.add_argument("--as", dest="name", metavar="NAME", help=meaning)
+    parser.add_argument("--name", action=_Renamed, new="--as", dest="name")
+
+
+class _Renamed(argparse.Action):
+    """Former name of an option: it is understood and hidden, and standard error names the new one."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, new: str, **options: Any) -> None:  # noqa: ANN401 - argparse.Action takes them
+        super().__init__(option_strings, dest, default=argparse.SUPPRESS, help=argparse.SUPPRESS, **options)
+        self.new = new
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: str | None = None
+    ) -> None:
+        """Store the value, and name the new option."""
+        print(f"{parser.prog}: {option} is now called {self.new}; the former name is still understood", file=sys.stderr)
+        setattr(namespace, self.dest, values)
 
 
 def whole(text: str) -> int:

@@ -156,6 +156,10 @@ def _eds(_line: argparse.Namespace) -> Found:
     return [*((name, "bundled EDS") for name in data_names("eds")), (FILES, "")]
 
 
+def _verbs(_line: argparse.Namespace) -> Found:
+    return VERBS.items()
+
+
 def _faults(_line: argparse.Namespace) -> Found:
     from canopen_control.virtual.fault_table import FAULTS
 
@@ -176,8 +180,8 @@ def _modes(_line: argparse.Namespace) -> Found:
 
 #: (verb, option or positional), option or positional, or metavar -> what it may be
 _KINDS: Final[dict[tuple[str, str] | str, Callable[[argparse.Namespace], Found]]] = {
-    ("run", "--name"): lambda _line: (),  # a new one
-    ("demo", "--name"): lambda _line: (),
+    "--as": lambda _line: (),  # a new one
+    ("help", "verb"): _verbs,
     ("fault", "name"): _faults,
     ("fault", "what"): lambda line: [("list", "explain all faults"), *_drives(line)],
     ("bus", "label"): lambda line: [*_drives(line), ("master", "the running robot")],
@@ -199,7 +203,6 @@ _KINDS: Final[dict[tuple[str, str] | str, Callable[[argparse.Namespace], Found]]
     "CHANNEL": _channels,
     "[BUS=]CHANNEL": _channels,
     "INTERFACE": _interfaces,
-    "CONFIG": _configs,
     "ROBOT": _configs,
     "--eds": _eds,
     "FILE": lambda _line: [(FILES, "")],

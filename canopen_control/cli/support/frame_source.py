@@ -1,6 +1,6 @@
 """Which frames a FILE holds and how they are named: a recording of frames, or a flight recording, which names its own.
 
-Of a flight recording with several buses one is read, chosen by --bus. What the arguments describe (CONFIG, --eds) wins
+Of a flight recording with several buses one is read, chosen by --bus. What the arguments describe (ROBOT, --eds) wins
 over what the recording says of itself.
 """
 

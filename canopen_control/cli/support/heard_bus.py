@@ -31,7 +31,7 @@ __all__ = ["HeardBus", "add_network_arguments", "config_layout", "described", "h
 
 
 T = TypeVar("T")
-_NO_NAMES = "canopen-control: no names: give the robot (CONFIG, --name) or --eds"
+_NO_NAMES = "canopen-control: object names are unknown: give ROBOT, --name or --eds"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +54,8 @@ class HeardBus:
 
 
 def add_network_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare CONFIG, --name, --bus and --eds."""
-    parser.add_argument("config", nargs="?", metavar="CONFIG", help="names from this robot: a folder or a bundled one")
+    """Declare ROBOT, --name, --bus and --eds."""
+    parser.add_argument("config", nargs="?", metavar="ROBOT", help="names from this robot: a folder or a bundled one")
     parser.add_argument("--name", help="the running robot (default: the only one)")
     parser.add_argument("--bus", metavar="NAME", help="which one, of a robot with several buses")
     parser.add_argument(
@@ -87,7 +87,7 @@ def heard_bus(args: argparse.Namespace, channel: str | None) -> HeardBus:
 
 
 def _refuse_channel(config: str | None) -> None:
-    """Raise ConfigError for a bus in place of CONFIG: elsewhere a channel is written without an option."""
+    """Raise ConfigError for a bus in place of ROBOT: elsewhere a channel is written without an option."""
     if config is None or Path(config).is_dir():
         return
     try:
@@ -98,7 +98,7 @@ def _refuse_channel(config: str | None) -> None:
 
 
 def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescription:
-    """Return the description for a file: by CONFIG, --eds, --name, or nothing but the predefined connection set.
+    """Return the description for a file: by ROBOT, --eds, --name, or nothing but the predefined connection set.
 
     With `units` it says what numbers mean, which costs reading the robot's description.
     """

@@ -62,7 +62,7 @@ def _options(args: argparse.Namespace) -> list[str]:
     if not args.flight_recorder:
         options.append("--no-flight-recorder")
     if args.duration is not None:
-        options += ["--duration", f"{args.duration:g}"]
+        options += ["--for", f"{args.duration:g}"]
     return options
 
 

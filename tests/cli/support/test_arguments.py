@@ -70,3 +70,55 @@ def test_no_argument_is_refused_with_the_name_of_a_function(verb):
     for read in own_types(parser_of(verb)):
         with contextlib.suppress(argparse.ArgumentTypeError):
             read("zz")  # whatever else it raises fails here
+
+
+RENAMED = {
+    "run --duration 5": ("--for", "duration", 5.0),
+    "demo --duration 5": ("--for", "duration", 5.0),
+    "trace --duration 5": ("--for", "duration", 5.0),
+    "record --duration 5": ("--for", "duration", 5.0),
+    "report --duration 5": ("--for", "duration", 5.0),
+    "trajectory record -o x.yaml --duration 5": ("--for", "duration", 5.0),
+    "scope 3:0x6064 --length 5": ("--for", "length", 5.0),
+    "bench --seconds 5": ("--for", "seconds", 5.0),
+    "run robby --name two": ("--as", "name", "two"),
+    "demo robby --name two": ("--as", "name", "two"),
+    "simulate robby --name two": ("--as", "name", "two"),
+    "preflight robby --name two": ("--as", "name", "two"),
+}
+
+
+@pytest.mark.parametrize("line", RENAMED)
+def test_the_former_name_of_an_option_is_understood_and_names_the_new_one(line, capsys):
+    new, dest, value = RENAMED[line]
+    verb, *words = line.split()
+    args = parser_of(verb).parse_args(words)
+    assert getattr(args, dest) == value
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"{words[-2]} is now called {new};" in said
+    words[-2] = new
+    assert parser_of(verb).parse_args(words) == args
+    assert capsys.readouterr().err == ""
+
+
+def actions_of(parser):
+    """Yield a parser, and those of its actions."""
+    yield parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for each in action.choices.values():
+                yield from actions_of(each)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_help_has_exit_codes_an_example_and_arguments_in_upper_case(verb):
+    for parser in actions_of(parser_of(verb)):
+        text = parser.format_help()
+        assert "Exit codes" in text, parser.prog
+        assert "example: canopen-control" in text or any(
+            isinstance(action, argparse._SubParsersAction) for action in parser._actions
+        ), parser.prog
+        positionals = [each for each in parser._actions if not each.option_strings and each.help != argparse.SUPPRESS]
+        names = [str(each.metavar) for each in positionals if each.choices is None]
+        assert [name for name in names if not name[0].isupper() and "|" not in name] == [], parser.prog

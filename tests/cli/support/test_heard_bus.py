@@ -32,12 +32,12 @@ def test_eds_files_add_to_a_robots_nodes():
 
 def test_without_names_it_says_so_and_goes_on(capsys):
     assert described(arguments()).nodes == {}
-    assert "no names: give the robot (CONFIG, --name) or --eds" in capsys.readouterr().err
+    assert "object names are unknown: give ROBOT, --name or --eds" in capsys.readouterr().err
     heard = heard_bus(arguments(), "local:nobody-runs-here")
     assert heard.network.nodes == {}
     assert capsys.readouterr().err == ""  # not before the bus is open
     heard.tell()
-    assert "no names: give the robot (CONFIG, --name) or --eds" in capsys.readouterr().err
+    assert "object names are unknown: give ROBOT, --name or --eds" in capsys.readouterr().err
 
 
 def test_without_a_robot_there_is_no_bus_to_listen_to():

@@ -20,8 +20,8 @@ def test_what_the_file_says_is_refused(words):
 
 
 def test_each_robot_gets_the_options_of_all():
-    given = _options(arguments("--duration", "3", "--strict", "--no-flight-recorder"))
-    assert given == ["--strict", "--no-flight-recorder", "--duration", "3"]
+    given = _options(arguments("--for", "3", "--strict", "--no-flight-recorder"))
+    assert given == ["--strict", "--no-flight-recorder", "--for", "3"]
 
 
 def test_a_file_that_is_not_there_is_told(tmp_path):
