@@ -19,6 +19,14 @@ NODES = (2, 3)
 NOTICED_S = 0.5  # by 0x1016 or guarding
 RAMP_S, SLACK_S = 1.0, 1.0  # of the drives' own ramps, and of a busy machine
 SUPERVISION_KEYS = r"^  (heartbeat_\w+|sdo):.*\n(    - \{index: 0x6007.*\n)?"
+MOTION = (
+    ("0x6098", 0, 35),
+    ("0x6099", 1, 20000),
+    ("0x607C", 0, 100),
+    ("0x605A", 0, 2),
+    ("0x605E", 0, 1),
+    ("0x6085", 0, 400000),
+)
 NOTHING_WATCHES = ((0x1016, 1, struct.pack("<I", 0)), (0x1017, 0, b"\0\0"), (0x6007, 0, b"\0\0"))
 
 
@@ -44,7 +52,31 @@ def guarded_against_the_file(folder, bus):
     )
 
 
-@pytest.mark.parametrize("edit", [hostile_files, guarded_against_the_file])
+def plain_bus_yml(folder, bus):
+    """Name no supervision at all: what is added stops the drives."""
+    return re.sub(SUPERVISION_KEYS, "", bus, flags=re.MULTILINE).replace("drive.dcf", "generic_cia402.eds")
+
+
+def defaults_against_the_nodes(folder, bus):
+    """Let `defaults` switch it off in every node, one of which says the contrary."""
+    off = "\n  sdo: [{index: 0x1016, sub_index: 1, value: 0}, {index: 0x1017, value: 0}]\n  #"
+    bus = re.sub(SUPERVISION_KEYS, "", bus, flags=re.MULTILINE).replace("defaults:  #", f"defaults:{off}")
+    return bus.replace("node_id: 3 ", "node_id: 3\n    heartbeat_consumer: true\n    heartbeat_producer: 100 ")
+
+
+def homing_and_motion(folder, bus):
+    """Write homing, reactions, ramps and what a drive is, by the list and by its keys; a fault ramps down (0x605E)."""
+    sdo = "\n".join(f"    - {{index: {index}, sub_index: {sub}, value: {value}}}" for index, sub, value in MOTION)
+    keys = "  homing_timeout_seconds: 5\n  recovery: enable\n  following_error_action: warn\n  profile: 402\n"
+    return re.sub(SUPERVISION_KEYS, "", bus, flags=re.MULTILINE).replace(
+        "  velocity_mode: 3", f"{keys}  restore_configuration: 1\n  sdo:\n{sdo}\n  velocity_mode: 3"
+    )
+
+
+SOURCES = (hostile_files, guarded_against_the_file, plain_bus_yml, defaults_against_the_nodes, homing_and_motion)
+
+
+@pytest.mark.parametrize("edit", SOURCES)
 def test_drives_stand_when_the_master_is_killed_whatever_was_written_into_them(stage, probe, tmp_path, edit):
     folder = tmp_path / "robot"
     folder.mkdir()

@@ -8,6 +8,7 @@ import pytest
 
 from canopen_control.data_files import data_path
 from canopen_control.master.config import inspect_bus, read_bus
+from canopen_control.od.concise import encode_concise
 
 DATA = Path(__file__).parents[1] / "data"
 ROBBY = data_path("config", "robby") / "bus.yml"
@@ -109,16 +110,19 @@ EDITS = DATA / "eds_edits"
 SUPERVISED_DCF = DATA / "reports" / "dcf_supervision" / "drive.dcf"
 
 
-def read_plan(folder, node="", dcf="generic_cia402.eds"):
+def read_plan(folder, node="", dcf="generic_cia402.eds", defaults="{}"):
     path = folder / "bus.yml"
     keys = textwrap.indent(textwrap.dedent(node), "    ")
-    path.write_text(f"master: {{node_id: 1}}\nnodes:\n  drive:\n    dcf: {dcf}\n    node_id: 3\n{keys}")
+    path.write_text(
+        f"master: {{node_id: 1}}\ndefaults: {defaults}\nnodes:\n  drive:\n    dcf: {dcf}\n    node_id: 3\n{keys}"
+    )
     config, problems = inspect_bus(path)
     return config.plans["drive"], config.notes, [str(each) for each in problems.errors]
 
 
-def final(plan, index, subindex=0):
-    return {(w.index, w.subindex): int.from_bytes(w.data, "little") for w in plan.writes}[index, subindex]
+def final(plan, index, subindex=0, unwritten=None):
+    held = {(w.index, w.subindex): int.from_bytes(w.data, "little") for w in plan.writes}
+    return held.get((index, subindex), unwritten)
 
 
 def test_supervision_is_written_last_and_a_file_does_not_switch_it_off(tmp_path):
@@ -127,6 +131,42 @@ def test_supervision_is_written_last_and_a_file_does_not_switch_it_off(tmp_path)
     assert [write.index for write in plan.writes][-3:] == [0x1016, 0x1017, 0x6007]
     assert final(plan, 0x1016, 1) == 1 << 16 | 300
     assert any("0x1016:01 = 0x0 from" in note and "overruled" in note for note in notes)
+
+
+NOTHING_WATCHES = encode_concise(((0x1016, 1, bytes(4)), (0x1017, 0, bytes(2)), (0x6007, 0, bytes(2))))
+
+
+@pytest.mark.parametrize(
+    ("defaults", "node", "dcf", "reaction"),
+    [
+        ("", "", "generic_cia402.eds", 1),
+        ("", "", SUPERVISED_DCF, 1),
+        ("", "configuration_file: off.bin", "generic_cia402.eds", 1),
+        ("{heartbeat_producer: 100, sdo: [{index: 0x6007, value: 3}]}", "", SUPERVISED_DCF, 3),
+        ("{configuration_file: off.bin, heartbeat_consumer: true}", "", SUPERVISED_DCF, 1),
+        (
+            "{sdo: [{index: 0x1016, sub_index: 1, value: 0}, {index: 0x1017, value: 0}]}",
+            "heartbeat_consumer: true\nheartbeat_producer: 100",
+            "generic_cia402.eds",
+            1,
+        ),
+        (
+            "",
+            "sdo: [{index: 0x6098, value: 35}, {index: 0x605E, value: 0}]",
+            SUPERVISED_DCF,
+            1,
+        ),
+        ("", "profile: 402\nvelocity_mode: 3\nhoming_timeout_seconds: 5\nrecovery: enable", SUPERVISED_DCF, 1),
+    ],
+    ids=["plain", "DCF", "concise", "defaults", "defaults and file", "node against defaults", "sdo", "motion keys"],
+)
+def test_every_source_leaves_a_drive_that_a_dead_master_stops(tmp_path, defaults, node, dcf, reaction):
+    (tmp_path / "off.bin").write_bytes(NOTHING_WATCHES)
+    plan, _, errors = read_plan(tmp_path, node, dcf, defaults or "{}")
+    assert (errors, plan.unsupervised) == ([], "")
+    entries = [value for sub in (1, 2) if (value := final(plan, 0x1016, sub, 0))]
+    assert entries == [1 << 16 | 300]
+    assert (final(plan, 0x1017), final(plan, 0x6007)) == (100, reaction)
 
 
 def test_a_configuration_is_stored_with_its_supervision(tmp_path):
