@@ -28,6 +28,7 @@ __all__ = [
     "can_id_of",
     "cob_id",
     "frames_of",
+    "is_restricted",
     "pack_records",
     "remote_frame",
     "rpdo_cob_id",
@@ -144,6 +145,15 @@ def rpdo_cob_id(number: int, node_id: int) -> int:
 def tpdo_cob_id(number: int, node_id: int) -> int:
     """Return the predefined COB-ID of TPDO `number`, 1 to 4."""
     return 0x80 + 0x100 * number + node_id
+
+
+# CAN identifiers that the standard keeps for itself (7.3.5, table 42); 0x080 and 0x100 are SYNC's and TIME's alone
+_RESTRICTED: Final = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
+
+
+def is_restricted(cob_id: int) -> bool:
+    """Whether the standard keeps an 11-bit identifier for itself."""
+    return any(low <= cob_id <= high for low, high in _RESTRICTED)
 
 
 def can_id_of(entry: int) -> int:

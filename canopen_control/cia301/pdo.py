@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import EXTENDED_BIT
+from canopen_control.frame import EXTENDED_BIT, is_restricted
 from canopen_control.od.model import DataType
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ __all__ = [
     "is_cyclic",
     "is_event_driven",
     "is_reserved",
-    "is_restricted",
     "mapping_entry",
     "parse_mapping_entry",
 ]
@@ -106,15 +105,6 @@ def is_cyclic(transmission_type: int) -> bool:
 def is_event_driven(transmission_type: int) -> bool:
     """Whether the PDO is sent on events: 254 and 255."""
     return transmission_type in (EVENT_MANUFACTURER, EVENT_PROFILE)
-
-
-# CiA 301, table 42: identifiers that no configurable object may take.
-_RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
-
-
-def is_restricted(cob_id: int) -> bool:
-    """Whether the standard keeps an 11-bit identifier for itself."""
-    return any(low <= cob_id <= high for low, high in _RESTRICTED)
 
 
 def is_reserved(transmission_type: int) -> bool:

@@ -13,9 +13,8 @@ from typing import NamedTuple
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.heartbeat import next_on_grid
 from canopen_control.cia301.outbox import Outbox
-from canopen_control.cia301.pdo import is_restricted
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import EXTENDED_BIT, CanFrame, can_id_of
+from canopen_control.frame import EXTENDED_BIT, CanFrame, can_id_of, is_restricted
 
 __all__ = [
     "PRODUCER_BIT",

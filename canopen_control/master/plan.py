@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.heartbeat import consumer_entry, parse_consumer_entry
-from canopen_control.cia301.pdo import INVALID_BIT, is_restricted
+from canopen_control.cia301.pdo import INVALID_BIT
 from canopen_control.cia301.sync import PRODUCER_BIT, SYNC_COB_ID
 from canopen_control.cia402.objects import (
     AXES,
@@ -31,7 +31,7 @@ from canopen_control.cia402.objects import (
     STATUSWORD,
     axis_index,
 )
-from canopen_control.frame import Service, cob_id
+from canopen_control.frame import Service, cob_id, is_restricted
 from canopen_control.master.keys import UnitKeys
 from canopen_control.master.plan_builder import STORED, PdoLayout, PlanBuilder, PlannedWrite
 from canopen_control.master.plan_feed_forward import add_feed_forward

@@ -18,11 +18,10 @@ from canopen_control.cia301.pdo import (
     MAX_BITS,
     NO_RTR_BIT,
     MappedObject,
-    is_restricted,
     mapping_entry,
     parse_mapping_entry,
 )
-from canopen_control.frame import EXTENDED_BIT, rpdo_cob_id, tpdo_cob_id
+from canopen_control.frame import EXTENDED_BIT, is_restricted, rpdo_cob_id, tpdo_cob_id
 from canopen_control.master.keys import PdoConfig
 from canopen_control.master.plan_builder import STORED, PdoLayout
 from canopen_control.od.pdos import COMMUNICATION, COUNT, MAPPING, pdo_of

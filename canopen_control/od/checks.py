@@ -1,19 +1,20 @@
 """Checks an object dictionary for contradictions in itself and with the standards; finds issues.
 
 Nothing is changed. PDO defaults: CiA 301, 7.5.2.35 to 7.5.2.38; number of subindices: 7.4.4 and CiA 306-1, 4.6.3.3;
-mandatory objects: CiA 301, 7.5.1; types of the drive profile: CiA 402-2 and -3 (the file's types are used all the
-same: a device knows best what it sends).
+mandatory objects: CiA 301, 7.5.1; COB-IDs: CiA 301, table 42; types of the drive profile: CiA 402-2 and -3 (the file's
+types are used all the same: a device knows best what it sends).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.frame import EXTENDED_BIT, is_restricted
 from canopen_control.od.eds_sections import clip
 from canopen_control.od.eds_values import parse_number
 from canopen_control.od.limits import forbidden_limit
 from canopen_control.od.model import DataType, DeviceInfo, ObjectCode
-from canopen_control.od.pdos import MAX_BITS, pdos_of
+from canopen_control.od.pdos import INVALID, MAX_BITS, is_cob_id, pdos_of
 from canopen_control.od.profile402 import AXIS_STEP, DEVICE_PROFILE, TYPES
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["check_dictionary"]
 
 _MANDATORY = {0x1000: "device type", 0x1001: "error register", 0x1018: "identity"}
+_SYNC, _EMCY = 0x1005, 0x1014
 _LISTS = (ObjectCode.ARRAY, ObjectCode.RECORD, ObjectCode.DEFSTRUCT)
 _PROFILE_START = 0x6000
 _CODES_OF = {
@@ -50,6 +52,8 @@ def check_dictionary(od: ObjectDictionary, report: Report) -> None:
         subindices.setdefault(entry.index, []).append(entry.subindex)
         if entry.low is not None or entry.high is not None:
             _check_limits(entry, report)
+        if is_cob_id(*entry.address) or entry.index in (_SYNC, _EMCY):
+            _check_cob_id(entry, od.node_id or 1, report)
     for index, info in od.objects.items():
         _check_structure(od, info, subindices[index], report)
     for index, meaning in _MANDATORY.items():
@@ -76,6 +80,22 @@ def _check_limits(entry: Entry, report: Report) -> None:
         if entry.high is not None and value > entry.high:
             text = f"{_where(entry)}: {name} {value} is above the HighLimit {entry.high}"
             report.warning(entry.line, "value-limit", text)
+
+
+def _check_cob_id(entry: Entry, node_id: int, report: Report) -> None:
+    """Look for a COB-ID that the file does not tell, or that no PDO, SYNC or EMCY may have; `node_id` for $NODEID."""
+    value = entry.value
+    if not isinstance(value, int):
+        if is_cob_id(*entry.address) and "defaultvalue" not in {key.lower() for key in entry.texts}:
+            text = f"{_where(entry)} ({clip(entry.name)}) has no DefaultValue: its COB-ID is not known, the PDO is off"
+            report.warning(entry.line, "cob-id", f"{text} until one is written")
+        return
+    relative = entry.relative if entry.parameter_value is None else entry.parameter_relative
+    identifier = value + (0 if not relative or value & 0x7F else node_id)
+    off = EXTENDED_BIT if entry.index == _SYNC else EXTENDED_BIT | INVALID
+    if not identifier & off and is_restricted(identifier & 0x7FF):
+        text = f"{_where(entry)} ({clip(entry.name)}) is 0x{value:X}, which is no COB-ID that it may have"
+        report.warning(entry.line, "cob-id", f"{text} (CiA 301, table 42); it can never become active")
 
 
 def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], report: Report) -> None:

@@ -20,7 +20,7 @@ from canopen_control.master.config import inspect_bus
 from canopen_control.runtime import check_rules
 from canopen_control.runtime.bus_alone import doubts_about, unmoved_drives
 from canopen_control.runtime.check_data import Finding, Severity, sorted_findings
-from canopen_control.runtime.check_timing import check_timing
+from canopen_control.runtime.check_timing import check_timing, cycle_ns
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.setup import clashes_of, plans_of, read_robot
 from canopen_control.runtime.stop_facts import axis_facts, command_lives
@@ -44,8 +44,6 @@ if TYPE_CHECKING:
     from canopen_control.yamlfile.problems import Problem
 
 __all__ = ["CheckOptions", "CheckReport", "check_robot", "start_warnings"]
-
-_RATE_HZ = 100  # of the cycle where neither SYNC nor a readable ros2_controllers.yaml gives it
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +133,7 @@ class _Checker:
             launch=self._options.launch,
         )
         for name, config in self._whole.items():
-            self.budgets[name] = budget = budget_of(config, _period_ns(config, control))
+            self.budgets[name] = budget = budget_of(config, cycle_ns(config, control))
             self.findings += _judged(config, budget, control)
             self.findings += check_timing(config, control, description)
         if not any(finding.severity is Severity.ERROR for finding in self.findings):
@@ -243,11 +241,6 @@ def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:
         sections={name: place for bus in buses.values() for name, place in bus.sections.items()},
         unreadable={name: node_id for bus in buses.values() for name, node_id in bus.unreadable.items()},
     )
-
-
-def _period_ns(config: BusConfig, control: ControllersFile | None) -> int:
-    rate = control.update_rate if control is not None else _RATE_HZ
-    return config.master.sync_period * 1000 or 1_000_000_000 // rate
 
 
 def _judged(config: BusConfig, budget: Budget, control: ControllersFile | None) -> Iterator[Finding]:

@@ -3,11 +3,13 @@
 The law of this file (CiA 402-2, CiA 301, 7.5.2.35): a drive in a cyclic mode takes one set-point with each SYNC and
 interpolates over the SYNC period. RPDOs that act on arrival hand the host's jitter to the motor, set-points that come
 for every other SYNC stop it in between, feedback that an inhibit time holds back is older than a period. 0x60C2 is
-judged with the plan (`master.plan_interpolation`), which writes it.
+judged with the plan (`master.plan_interpolation`), which writes it. A deadline of an RPDO is met where a cycle may come
+late, whatever the mode: no sooner than two cycles.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
@@ -25,8 +27,9 @@ if TYPE_CHECKING:
     from canopen_control.urdf.description import Description
     from canopen_control.yamlfile.node import Node
 
-__all__ = ["check_timing"]
+__all__ = ["check_timing", "cycle_ns"]
 
+_RATE_HZ = 100  # of the cycle where neither SYNC nor a readable ros2_controllers.yaml gives it
 _ON_ARRIVAL: Final = (254, 255)
 _FEEDBACK: Final = (
     objects.STATUSWORD,
@@ -40,6 +43,7 @@ def check_timing(
     config: BusConfig, control: ControllersFile | None, description: Description | None
 ) -> Iterator[Finding]:
     """Yield what is wrong with the timing of the set-points on a bus."""
+    yield from _never_in_time(config, cycle_ns(config, control))
     if not config.master.sync_period or description is None:
         return
     axes = cyclic_axes(config, description)
@@ -47,6 +51,32 @@ def check_timing(
     yield from _repeated(config, control, axes)
     yield from _on_arrival(config, axes)
     yield from _held_back(config, axes)
+
+
+def cycle_ns(config: BusConfig, control: ControllersFile | None) -> int:
+    """Return the period of the cycle: SYNC's, else that of the controllers."""
+    rate = control.update_rate if control is not None else _RATE_HZ
+    return config.master.sync_period * 1000 or 1_000_000_000 // rate
+
+
+def _never_in_time(config: BusConfig, period_ns: int) -> Iterator[Finding]:
+    """Look for deadlines of RPDOs (0x1400:05) that the cycle cannot keep with margin, wherever they are given."""
+    given = _Found(config, "rpdo.{}.event_deadline"), _Found(config, "rpdo.{}.event_timer")
+    for name, plan in config.plans.items():
+        node = config.nodes[name]
+        for layout in plan.rpdos:
+            if not 0 < layout.event_ms * 1_000_000 < 2 * period_ns:
+                continue
+            pdo = node.boot.rpdo.get(layout.number)
+            text = (
+                f"RPDO {layout.number} of {name}{{more}} has a deadline of {layout.event_ms} ms "
+                f"(0x{0x1400 + layout.number - 1:04X}:05), and the cycle that sends it takes {period_ns / 1e6:g} ms: "
+                "one that comes late raises EMCY 0x8250"
+            )
+            fix = f"set event_deadline: {math.ceil(3 * period_ns / 1e6)} or more, or 0 for none"
+            given[pdo is not None and pdo.event_timer is not None].add(node, layout, text, fix)
+    for found in given:
+        yield from found.findings()
 
 
 def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:

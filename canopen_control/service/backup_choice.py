@@ -14,7 +14,6 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia301.pdo import is_restricted
 from canopen_control.cia402.objects import (
     DIGITAL_OUTPUTS,
     HOME_OFFSET,
@@ -23,6 +22,7 @@ from canopen_control.cia402.objects import (
     TOUCH_PROBE_FUNCTION,
     axis_of,
 )
+from canopen_control.frame import is_restricted
 from canopen_control.od.model import SCALAR_CODES, DataType
 from canopen_control.od.pdos import COUNT, MAPPING, is_cob_id
 from canopen_control.profiles.device_type import profile_of

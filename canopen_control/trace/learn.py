@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia301.pdo import INVALID_BIT, MAX_BITS, is_restricted, mapping_entry, parse_mapping_entry
+from canopen_control.cia301.pdo import INVALID_BIT, MAX_BITS, mapping_entry, parse_mapping_entry
 from canopen_control.cia402 import objects
-from canopen_control.frame import EXTENDED_FLAG, can_id_of
+from canopen_control.frame import EXTENDED_FLAG, can_id_of, is_restricted
 from canopen_control.od.profile402 import TYPES
 from canopen_control.trace.network_description import PdoDescription, PdoObject, address_text, type_of
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.error_behaviour import check_reaction
 from canopen_control.cia301.heartbeat import parse_consumer_entry
-from canopen_control.cia301.pdo import INVALID_BIT, is_restricted
+from canopen_control.cia301.pdo import INVALID_BIT
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia301.sync import check_cob_id_sync, check_overflow, parse_cob_id_sync
-from canopen_control.frame import MAX_NODE_ID
+from canopen_control.frame import MAX_NODE_ID, is_restricted
 from canopen_control.virtual.object_store import refuse
 
 if TYPE_CHECKING:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.emcy_codes import ErrorRegister
 from canopen_control.cia301.lss import MASTER_COB_ID
 from canopen_control.cia301.nmt import NmtState
-from canopen_control.cia301.pdo import is_restricted
 from canopen_control.cia301.sync import SyncEventKind
-from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, Service, cob_id
+from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, Service, cob_id, is_restricted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -4,8 +4,9 @@ import pytest
 from support.services import frame, vectors
 
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.pdo import PdoParameters, is_restricted
+from canopen_control.cia301.pdo import PdoParameters
 from canopen_control.cia301.remap import MappingTarget, PdoRules
+from canopen_control.frame import is_restricted
 
 VALID = PdoParameters(0x203, rtr_allowed=False)
 INVALID = PdoParameters(0x203, enabled=False, rtr_allowed=False)

@@ -81,6 +81,30 @@ def test_a_pdo_has_two_records():
     assert codes(parse(record("1A00"))) == ["pdo-record"]
 
 
+@pytest.mark.parametrize(
+    ("cob_id", "words"),
+    [
+        ("$NODEID+0x180", ""),
+        ("0x1FE", ""),
+        ("0x80000000", ""),
+        (None, "0x1800:01 (Thing) has no DefaultValue"),
+        ("0", "0x1800:01 (Thing) is 0x0, which is no COB-ID"),
+        ("0x601", "0x1800:01 (Thing) is 0x601, which is no COB-ID"),
+        ("0x40000000", "0x1800:01 (Thing) is 0x40000000, which is no COB-ID"),
+    ],
+)
+def test_a_cob_id_that_is_unknown_or_none_is_named(cob_id, words):
+    file = parse(record("1800", cob_id, 255), record("1A00", "0x60410010"), STATUSWORD)
+    told = [issue.text for issue in file.issues if issue.code == "cob-id"]
+    assert len(told) == bool(words)
+    assert all(words in text for text in told)
+
+
+@pytest.mark.parametrize(("index", "value", "wrong"), [("1005", 0, True), ("1005", 128, False), ("1014", 0, True)])
+def test_the_cob_ids_of_services_are_named_as_well(index, value, wrong):
+    assert codes(parse(eds(index, data_type=7, DefaultValue=value))) == ["cob-id"] * wrong
+
+
 def test_the_number_of_pdos_is_noted():
     info = section("DeviceInfo", NrOfRXPDO=2, NrOfTXPDO=5)
     file = parse(info, RPDO, record("1600"))

@@ -90,3 +90,22 @@ def test_feedback_that_an_inhibit_time_holds_back_is_told_where_it_stands(tmp_pa
 def test_an_interpolation_period_that_is_not_syncs_is_told_where_it_stands(tmp_path):
     told = warnings(arm(tmp_path, bus=("sub_index: 1, value: 20} ", "sub_index: 1, value: 10} ")))
     assert "bus.yml:20:7: warning: defaults.sdo[1]: 0x60C2 is 10 * 10^-3 s, SYNC comes every 0.02 s" in told[0]
+
+
+@pytest.mark.parametrize(
+    ("key", "told"),
+    [
+        ("event_deadline: 39", "bus.yml:44:23: warning: RPDO 1 of joint_1_drive and of 5 more has a deadline of 39 ms"),
+        ("event_timer: 10", "bus.yml:44:20: warning: RPDO 1 of joint_1_drive and of 5 more has a deadline of 10 ms"),
+        ("event_deadline: 40", ""),
+        ("event_deadline: 0", ""),
+    ],
+)
+def test_a_deadline_that_a_late_cycle_misses_is_told_where_it_stands(tmp_path, key, told):
+    report = check_robot(find_robot(str(arm(tmp_path, bus=(RPDO_TYPE, f"      {key}\n{RPDO_TYPE}")))), CheckOptions())
+    found = [str(each) for each in report.findings if "EMCY 0x8250" in str(each)]
+    assert len(found) == bool(told), found
+    for each in found:
+        assert told in each
+        assert "the cycle that sends it takes 20 ms" in each
+        assert each.endswith("set event_deadline: 60 or more, or 0 for none")

@@ -3,8 +3,8 @@ from hypothesis import strategies as st
 from support.robots import Bench
 from support.tracing import frame, robby_decoder, said
 
-from canopen_control.cia301.pdo import INVALID_BIT, is_restricted
-from canopen_control.frame import EXTENDED_FLAG
+from canopen_control.cia301.pdo import INVALID_BIT
+from canopen_control.frame import EXTENDED_FLAG, is_restricted
 from canopen_control.od.model import DataType
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.learn import LIMIT, LearnedPdos
