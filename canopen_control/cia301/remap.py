@@ -18,9 +18,9 @@ from canopen_control.cia301.pdo import (
     RTR_SYNCHRONOUS,
     PdoParameters,
     is_reserved,
-    is_restricted,
     parse_mapping_entry,
 )
+from canopen_control.frame import is_restricted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

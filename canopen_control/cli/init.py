@@ -222,10 +222,9 @@ def _lines(written: Written, channel: str) -> list[str]:
     name = str(written.folder)
     if written.problems:
         lines += [f"PROBLEM, marked in bus.yml too: {text}" for text in written.problems]
-        return [
-            *lines,
-            f"it does not run like this: correct {written.folder}/bus.yml, then: canopen-control check {name}",
-        ]
+        unable = [node.name for node in robot.nodes if node.unusable]
+        left = f"{_some(unable)} turns nothing" if unable else "it does not run"
+        return [*lines, f"{left} like this: correct {written.folder}/bus.yml, then: canopen-control check {name}"]
     if robot.is_bus_alone:
         lines.append("nothing of them is a drive or a signal that is known, so there are no controllers: a bus alone")
         return [*lines, f"boot it, on virtual devices: canopen-control run {name}"]
@@ -240,6 +239,8 @@ def _node_line(node: NewNode) -> str:
     if node.drive is not None:
         moved = [f"{joint.name}, {joint.axis.interface} in {joint.axis.mode.name}" for joint in node.joints]
         return f"{who} moves {'; '.join(moved)}"
+    if node.unusable:
+        return f"{who} {node.device.eds.name}, a drive that nothing here can move"
     if node.measured:
         return f"{who} measures {node.measured}"
     if not node.signals:

@@ -75,7 +75,7 @@ def render(state: Snapshot) -> list[str]:
     held = [state.hint] if state.hint else []
     active = ", ".join(state.active) or "none"
     truth = [] if state.true_pose is None else [state.true_pose.words]
-    below = [*_tracking(state), *_errors(state).values(), *_void_outputs(state)]
+    below = [*_tracking(state), *_errors(state).values(), *_unsupervised(state), *_void_outputs(state)]
     return [f"{head}, active: {active}", *held, *truth, *table.lines(), *below]
 
 
@@ -100,6 +100,21 @@ def _errors(state: Snapshot) -> dict[str, str]:
     }
 
 
+def _unsupervised(state: Snapshot) -> list[str]:
+    """Return which drives the death of the robot's program does not stop."""
+    return [
+        f"  {_marked(name, node)}: NOTHING stops this drive when the robot's program dies (allow_unsupervised): "
+        f"{node.unsupervised}"
+        for name, node in state.nodes.items()
+        if node.unsupervised
+    ]
+
+
+def _marked(name: str, node: NodeReading) -> str:
+    """Return what the table calls a node; a drive that nothing stops has a mark."""
+    return f"{name} ({node.node_id})" + (" !" if node.unsupervised else "")
+
+
 def _void_outputs(state: Snapshot) -> list[str]:
     """Return which outputs are as their devices have them, though they had been commanded otherwise."""
     return [
@@ -112,7 +127,7 @@ def _void_outputs(state: Snapshot) -> list[str]:
 
 def _row(name: str, node: NodeReading, axis: AxisReading, joint: JointReading | None) -> tuple[str, ...]:
     return (
-        f"{name} ({node.node_id})",
+        _marked(name, node),
         _words(node.nmt_state),
         _words(axis.state),
         axis.joint,

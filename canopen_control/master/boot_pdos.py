@@ -20,12 +20,11 @@ from canopen_control.cia301.pdo import (
     MAX_BITS,
     MappedObject,
     PdoCodec,
-    is_restricted,
     parse_mapping_entry,
 )
 from canopen_control.cia402.objects import MOTION
 from canopen_control.errors import CanopenError, SdoAbort, SdoLengthError, SdoTimeout
-from canopen_control.frame import EXTENDED_BIT
+from canopen_control.frame import EXTENDED_BIT, is_restricted
 from canopen_control.master.compare import (
     cob_id_of,
     final_values,

@@ -72,6 +72,7 @@ class _ReadNode:
             sdo=self._sdo,
             axes=self._axes,
             void_outputs=self._void,
+            unsupervised=node.plan.unsupervised,
         )
 
     def _look(self) -> tuple[object, ...]:

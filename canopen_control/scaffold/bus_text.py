@@ -18,6 +18,7 @@ from canopen_control.cia402.objects import (
     object_name,
 )
 from canopen_control.od.limits import outside_limits
+from canopen_control.profiles.device_type import Profile
 from canopen_control.profiles.error_modes import has_error_mode
 from canopen_control.scaffold.drive_choice import POSITION
 from canopen_control.scaffold.new_robot import FASTEST_MEASURED
@@ -57,7 +58,7 @@ _TRANSMISSION: Final = {1: "with every SYNC", 255: "acts when it comes"}
 
 def bus_text(robot: NewRobot) -> str:
     """Return the whole file."""
-    same = len({(node.device.eds, node.drive) for node in robot.nodes}) == 1
+    same = len({(node.device.eds, node.drive, node.unusable) for node in robot.nodes}) == 1
     lines = [*_head(robot), ""]
     if same:
         lines += ["defaults:  # what all nodes have in common; a node's own key wins"]
@@ -109,6 +110,9 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
         remark("revision_number: 0", "any firmware revision will do"),
         *_supervision(robot, node),
     ]
+    if node.unusable:
+        kept = "# its PDOs stay as it has them, and no joint of the description is moved by it"
+        return [*lines, f"# PROBLEM: {node.unusable}", kept]
     if node.drive is None:
         what = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
         return [*lines, *_watched(node), *_kept(robot, node), f"# {what}its PDOs stay as it has them"]
@@ -145,7 +149,7 @@ def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
         told = "ms (0x100C): node guarding, as it cannot watch heartbeats"
         lines.append(remark(f"guard_time: {robot.heartbeat_ms}", told))
         lines.append(remark("life_time_factor: 5", "0x100D: either side waits five guard times"))
-    if robot.allow_unsupervised and node.drive is not None and not watched.stops_alone:
+    if robot.allow_unsupervised and node.profile is Profile.DRIVE and not watched.stops_alone:
         lines.append(remark("allow_unsupervised: true", "NOTHING stops this drive when this computer dies"))
     lines.append(remark("missed_syncs: 10", "feedback is stale after ten SYNCs; fewer where the computer is quick"))
     return lines

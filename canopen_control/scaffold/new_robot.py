@@ -67,7 +67,10 @@ class NewJoint:
 
 @dataclass(frozen=True, slots=True)
 class NewNode:
-    """A node of the new bus.yml; `drive` None and no `joints` for a device that is none, which may have `signals`."""
+    """A node of the new bus.yml; `drive` None and no `joints` for a device that is none, which may have `signals`.
+
+    `unusable` says why a drive cannot be moved: it has no `drive` then, and its PDOs stay as it has them.
+    """
 
     name: str
     device: Device
@@ -76,6 +79,7 @@ class NewNode:
     joints: tuple[NewJoint, ...] = ()
     signals: tuple[Signal, ...] = ()
     profile: Profile = Profile.NONE
+    unusable: str = ""
 
     @property
     def measured(self) -> str:
@@ -137,8 +141,10 @@ def plan_robot(
     allow_unsupervised: bool = False,
     interfaces: Sequence[str] = (),
 ) -> NewRobot:
-    """Choose everything; RobotConfigError says all that is wrong, one sentence a line.
+    """Choose everything; RobotConfigError says all that is wrong with what was asked for, one sentence a line.
 
+    What is wrong with the devices is among the robot's `problems`. A drive that cannot be moved has no joint, and there
+    is no base then.
     `interfaces` are what every joint may be commanded by, the best first; without any it is what the base needs.
     """
     check_robot_name(name)
@@ -155,19 +161,16 @@ def plan_robot(
             continue
         wanted = [interfaces or BASES[base].interfaces(axes, each) for each in range(number, number + count)]
         mirrored = [BASES[base].mirrored(axes, each) for each in range(number, number + count)]
-        try:
-            nodes.append(_drive_node(device, names[number : number + count], wanted, mirrored))
-        except RobotConfigError as error:
-            problems.append(f"{device.eds}: {error}; write its bus.yml by hand, or leave node {device.node_id} out")
-            continue
+        nodes.append(_drive_node(device, names[number : number + count], wanted, mirrored))
         number += count
+        if nodes[-1].unusable:
+            barring.append(f"{device.eds}: {nodes[-1].unusable}")
         if not nodes[-1].supervision.stops_alone and not allow_unsupervised:
             barring.append(
                 f"{device.eds}: nothing stops node {device.node_id} when this computer dies: no heartbeat consumer "
                 "(0x1016) that can be set, no node guarding; with an emergency stop in reach, add --allow-unsupervised"
             )
-    if problems:
-        raise RobotConfigError("\n".join(problems))
+    base = "none" if any(node.unusable for node in nodes) else base
     ids = {device.node_id for device in devices}
     return NewRobot(
         name,
@@ -191,9 +194,13 @@ def _device_node(device: Device) -> NewNode:
 def _drive_node(
     device: Device, names: Sequence[str], interfaces: Sequence[Sequence[str]], mirrored: Sequence[bool]
 ) -> NewNode:
-    """Return the node of a drive, a joint for each axis; RobotConfigError where it cannot be moved."""
-    drive = choose_drive(device.od, interfaces)
+    """Return the node of a drive, a joint for each axis; without any where it cannot be moved."""
     name = f"{names[0].removesuffix('_joint')}_drive" if len(names) == 1 else f"drive_{device.node_id}"
+    try:
+        drive = choose_drive(device.od, interfaces)
+    except RobotConfigError as error:
+        why = f"{error}; map what is needed in its bus.yml by hand, or leave node {device.node_id} out"
+        return NewNode(name, device, supervision_of(device.od), profile=Profile.DRIVE, unusable=why)
     joints = tuple(
         NewJoint(joint, name, axis, mirror) for joint, axis, mirror in zip(names, drive.axes, mirrored, strict=True)
     )

@@ -1,7 +1,8 @@
 """Makes the folder of a new robot: its files are written aside, checked as `check --strict` does, then put in place.
 
 The law of this file: a folder that is there is not touched unless that is asked for, and then nothing but the files
-that are made anew. What the check finds to be an error is written into bus.yml as a comment, and told.
+that are made anew. What the check finds to be an error is written into bus.yml as a comment, and told; so is why a
+drive cannot be moved.
 """
 
 from __future__ import annotations
@@ -95,8 +96,9 @@ def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, .
         errors, warnings, loaded = _judge(folder)
         if not loaded:
             break
-    if errors:
-        robot = replace(robot, problems=tuple(dict.fromkeys(errors)))
+    problems = [f"{robot.eds_name(node)}: {node.unusable}" for node in robot.nodes if node.unusable] + errors
+    if problems:
+        robot = replace(robot, problems=tuple(dict.fromkeys(problems)))
         _make(robot, folder)
     return robot, warnings
 

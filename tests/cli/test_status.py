@@ -62,6 +62,16 @@ def test_outputs_that_are_void_are_named_also_when_their_node_is_back():
     assert lines[-1] == "  node 5 (io): void since it was lost, and not restored: do0, ao1; command them anew"
 
 
+def test_a_drive_that_nothing_stops_has_a_mark_and_a_line():
+    node = {**STATE["nodes"]["left_drive"], "node_id": 5, "axes": [], "unsupervised": "it has no 0x1016"}
+    lines = render(sample_of({**STATE, "nodes": {"left_drive": node}}))
+    assert any(line.startswith("left_drive (5) !  ") for line in lines)
+    assert lines[-1] == (
+        "  left_drive (5) !: NOTHING stops this drive when the robot's program dies (allow_unsupervised): "
+        "it has no 0x1016"
+    )
+
+
 @pytest.mark.parametrize(
     ("mode", "target"), [("PV", "10.000 rad/s"), ("CSP", "10.000 rad"), ("CST", "10.000 Nm"), (None, "10.000 ")]
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import random
 
 import msgspec
@@ -17,6 +18,16 @@ from canopen_control.runtime.node_readings import NodeReadings
 def read_anew(robot):
     buses = {name: robot.bus_of(node) for name, node in robot.nodes.items()}
     return NodeReadings(robot.nodes, buses, robot.joints.values(), robot.systems).at(robot.reactor.now())
+
+
+def test_a_drive_that_nothing_stops_says_why():
+    bench = Bench("readings")
+    bench.start()
+    node = bench.robot.nodes["left_drive"]
+    assert read_anew(bench.robot)["left_drive"].unsupervised == ""
+    node.plan = dataclasses.replace(node.plan, unsupervised="it has no 0x1016")
+    assert read_anew(bench.robot)["left_drive"].unsupervised == "it has no 0x1016"
+    bench.close()
 
 
 def test_of_a_robot_that_stands_only_the_age_is_new():

@@ -90,6 +90,12 @@ def test_the_bit_rate_is_the_highest_that_all_have():
     assert plan_robot("r", [device(2)]).baudrate == 1000
 
 
-def test_a_drive_that_can_neither_says_what_it_has():
-    with pytest.raises(RobotConfigError, match=r"drive\.eds: its modes are TQ .*write its bus\.yml by hand"):
-        plan_robot("r", [device(2, s6502_00={"default": 0x08})])
+def test_a_drive_that_can_neither_says_what_it_has_and_moves_no_joint():
+    robot = plan_robot("r", [device(2, s6502_00={"default": 0x08}), device(3)], base="diff")
+    (problem,) = robot.problems
+    assert problem.startswith("drive.eds: its modes are TQ (0x6502), and no RPDO can carry")
+    assert problem.endswith("map what is needed in its bus.yml by hand, or leave node 2 out")
+    assert [(joint.name, joint.node) for joint in robot.joints] == [("right_wheel_joint", "right_wheel_drive")]
+    assert robot.base.name == "none"
+    assert not robot.is_bus_alone
+    assert plan_robot("r", [device(2, s6502_00={"default": 0x08})]).is_bus_alone

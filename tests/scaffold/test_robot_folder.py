@@ -98,11 +98,15 @@ def test_an_eds_that_deviates_from_the_profile_boots_too(tmp_path, path):
 
 def test_pdos_that_are_off_and_cannot_be_put_on_are_no_way_to_a_drive(tmp_path):
     path = next(DEVIATIONS.glob("12_*.eds"))
-    with pytest.raises(
-        RobotConfigError, match=r"no RPDO can carry the controlword \(0x6040\) and a target of velocity"
-    ):
-        new_robot(tmp_path, path, allow_unsupervised=True)
-    assert not (tmp_path / "fresh").exists()
+    written = new_robot(tmp_path, path, allow_unsupervised=True)
+    (problem,) = written.problems
+    assert problem.startswith(
+        "12_pdos_fixed.eds: its modes are PP, PV, HM (0x6502), and no RPDO can carry the controlword"
+    )
+    text = (written.folder / "bus.yml").read_text()
+    assert f"# PROBLEM, to be solved before it can run: {problem}" in text
+    assert "# its PDOs stay as it has them, and no joint of the description is moved by it" in text
+    assert "bus.yml" in written.files
 
 
 @pytest.mark.parametrize("what", UNWATCHED)
