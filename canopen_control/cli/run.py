@@ -32,6 +32,7 @@ __all__ = [
     "find_files",
     "run",
     "run_robot",
+    "world_of",
 ]
 
 EXAMPLE = "canopen-control run robby --for 5"
@@ -55,7 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--world",
         metavar="FILE",
-        help="with --physics: what is on the floor, and what happens when; without ROBOT: run the robots in it",
+        help="with physics: what is on the floor and what happens when (YAML), or the static shapes of an SDF world; "
+        "without ROBOT: run the robots in it",
     )
     parser.add_argument("--say-name", action="store_true", help="begin each line with the name of the robot")
     parser.add_argument("--view", action="store_true", help="show the robot on a page of this computer")
@@ -195,7 +197,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     options = RunOptions(
         physics=args.physics,
         plant=_plant(args, setup),
-        world=None if args.world is None else Path(args.world).resolve(),
+        world=setup.world,
         drives=not (setup.real or args.mock or args.no_drives),
         ros=args.ros,
         ros_arguments=bridge_arguments(args),
@@ -232,6 +234,8 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
 
 def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
     """Raise ConfigError where an option needs another one, or an extra that is not installed."""
+    from canopen_control.hardware.plugins import Kind
+
     if args.ros:
         from canopen_control.ros.installation import require_ros
 
@@ -244,8 +248,8 @@ def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
         raise ConfigError("--teleop is for the page; show it with --view, or drive by keyboard: canopen-control teleop")
     if args.physics:
         _check_physics(args, setup)
-    elif args.world is not None:
-        raise ConfigError("--world is of a robot with physics; give --physics too")
+    elif setup.world is not None and Kind.SIMULATION not in setup.kinds:
+        raise ConfigError(f"{setup.files.asked.world_word or '--world'} is of a robot with physics; give --physics too")
 
 
 def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
@@ -345,6 +349,7 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
             physics=getattr(args, "physics", False),
             drives=bool(args.can or files.asked.channel),
             simulate=True,
+            world=world_of(args, files),
             reader=reader,
         )
     if setup.real:
@@ -352,6 +357,14 @@ def read_setup(args: argparse.Namespace) -> RobotSetup:
         if args.no_drives:
             raise ConfigError(f"{files.asked.real_word} starts no virtual drives; leave --no-drives away")
     return setup
+
+
+def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
+    """Return the file of the world that --world or an argument names; ConfigError where they name two."""
+    given = None if getattr(args, "world", None) is None else Path(args.world).resolve()
+    if given is not None and files.world not in (None, given):
+        raise ConfigError(f"{files.asked.world_word} contradicts --world {args.world}; leave one of them away")
+    return given or files.world
 
 
 def _teller(announcer: Announcer, table: bool, nodes: int = 0, prefix: str = "") -> Callable[[Event], None]:

@@ -45,7 +45,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cli.run import add_file_arguments, bridge_arguments, find_files, names_robot
+from canopen_control.cli.run import add_file_arguments, bridge_arguments, find_files, names_robot, world_of
 from canopen_control.cli.support.arguments import add_new_name, number, whole_number
 from canopen_control.errors import ConfigError, nearest
 
@@ -111,7 +111,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--record", metavar="FILE.zip", help="write a flight recording of it")
     parser.add_argument("--physics", action="store_true", help="the drives move the robot on a floor")
     parser.add_argument(
-        "--world", metavar="FILE", help="with --physics: what is on the floor; without ROBOT: the robots in it"
+        "--world",
+        metavar="FILE",
+        help="with --physics: what is on the floor, in YAML or SDF; without ROBOT: the robots in it",
     )
     parser.add_argument("--faults", metavar="all|LIST|none", help="what goes wrong (default: none, with --seeds all)")
     parser.add_argument("--seeds", type=_count, metavar="N", help="a campaign of N seeds, from --seed on")
@@ -166,15 +168,17 @@ def _run_one(args: argparse.Namespace) -> int:
     from canopen_control.simulation.simulated_robot import SimulatedRobot
     from canopen_control.simulation.simulation_run import SimulationRun
 
-    world, bridge = _world(args), _bridge(args)
+    bridge = _bridge(args)
     if args.record is not None:
         from canopen_control.cli.support.simulation_recording import check_recording_name
 
         check_recording_name(Path(args.record))
     setup = _setup(args)
+    if setup.world is not None and not args.physics:
+        raise ConfigError(f"{setup.files.asked.world_word or '--world'} is of a robot with physics; give --physics too")
     acts, seed, duration_ns = _schedule(args, setup)
     speed = 1.0 if args.speed is None and bridge is not None else _at_most(args.speed)
-    simulation = SimulationRun(setup, seed, acts, speed=speed, robot=SimulatedRobot(setup, seed, world=world))
+    simulation = SimulationRun(setup, seed, acts, speed=speed, robot=SimulatedRobot(setup, seed, world=setup.world))
     try:
         if bridge is not None:
             _serve(simulation, bridge if args.ros else None)
@@ -238,13 +242,6 @@ def _run_world(args: argparse.Namespace) -> int:
     return simulate_world(args, args.length or DEFAULT_NS, faults)
 
 
-def _world(args: argparse.Namespace) -> Path | None:
-    """Return the file of the world that a robot alone is in."""
-    if args.world is not None and not args.physics:
-        raise ConfigError("--world is of a robot with physics; give --physics too")
-    return None if args.world is None else Path(args.world).resolve()
-
-
 def _setup(args: argparse.Namespace) -> RobotSetup:
     from canopen_control.runtime.setup import read_robot
 
@@ -260,6 +257,7 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
         peer_merge=args.peer_merge,
         allow_unsupervised=args.allow_unsupervised,
         physics=args.physics,
+        world=world_of(args, files),
     )
     if args.physics:
         from canopen_control.physics import require_physics

@@ -3,7 +3,8 @@
 The engine is MuJoCo; this is the only room that imports it, and only when somebody asks for a world: `engine` makes one
 for the virtual drives of a process, `plugin_robot` one for a simulation plugin without drives.
 
-- files: `physics_file` (the plant file), `world_file` (what stands on the floor, and what happens)
+- files: `physics_file` (the plant file), `world_file` (what stands on the floor, and what happens), `sdf_world` (the
+  static shapes of a world of Gazebo, with `mesh_parts` of its meshes)
 - a model: `urdf_repair` and `body_model` of a description, `mjcf_model` of a scene of MuJoCo's own, `shared_model` of
   several robots; `ground_contact` finds the wheels, `motor_estimate` the motors, `scenery` adds ramps, boxes and walls,
   `world_sensors` what measures
@@ -17,7 +18,10 @@ import importlib.util
 
 from canopen_control.errors import ConfigError
 
-__all__ = ["require_physics"]
+__all__ = ["SDF_SUFFIXES", "require_physics"]
+
+SDF_SUFFIXES = (".sdf", ".world")
+"""Endings of the files in which Gazebo keeps its worlds, see `sdf_world`."""
 
 
 def require_physics() -> None:

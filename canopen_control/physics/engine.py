@@ -143,7 +143,7 @@ def _world(
     disturbances = Disturbances({name: robot.body for name, robot in robots.items()}, floor, world)
     if problems := [f"{where}:{problem}" for problem in disturbances.problems()]:
         raise PhysicsError("\n".join(problems))
-    return PhysicsWorld(robots, disturbances, notes)
+    return PhysicsWorld(robots, disturbances, (*notes, *world.notes))
 
 
 def _prepared(

@@ -27,7 +27,7 @@ from canopen_control.physics.world_file import Start, WorldDescription
 from canopen_control.physics.world_sensors import SensorReader, WorldSensor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -181,6 +181,7 @@ class SimulatedRobot:
         sensors: Iterable[WorldSensor] = (),
         notes: tuple[str, ...] = (),
         loops: Mapping[str, Mapping[str, EffortLoop]] | None = None,
+        world: WorldDescription | None = None,
     ) -> None:
         self.body, self.model, self.notes = body, body.model, notes
         self.data = mujoco.MjData(body.model)
@@ -203,10 +204,15 @@ class SimulatedRobot:
         mujoco.mj_forward(self.model, self.data)
         self._start: NDArray[np.float64] | None = None  # the state before the first step
         self._steps = 0  # since it began
-        self._disturbances = Disturbances({"": body}, Floor(), WorldDescription())
+        around = WorldDescription() if world is None else world
+        self._disturbances = Disturbances({"": body}, around.floor or Floor(), around)
         self._disturbances.block = self._block
         self._disturbances.begin(self.data)
         self._look()
+
+    def problems(self) -> Iterator[str]:
+        """Yield what in the steps of its world names a link or joint that is not there, each with its line."""
+        return self._disturbances.problems()
 
     def motor(self, joint: str) -> JointMotor | None:
         """Return the motor of a joint, None where it has none."""
@@ -229,6 +235,8 @@ class SimulatedRobot:
             for motor in motors:
                 motor.push(number / count, count * self._period)
             self._disturbances.advance(self._steps * self._period_ns)
+            if self._disturbances.patched:
+                self._disturbances.look_at_grip()
             mujoco.mj_step(self.model, self.data)
             self._steps += 1
         if self._sensors:
@@ -276,13 +284,14 @@ def make_simulated(
     tag: Ros2ControlSystem,
     scene: Path | None = None,
     loops: Mapping[str, Mapping[str, EffortLoop]] | None = None,
+    world: WorldDescription | None = None,
 ) -> SimulatedRobot:
-    """Return the robot of a tag in an empty world, or in an MJCF `scene`; PhysicsError for what cannot be simulated.
+    """Return the robot of a tag on a floor, or in an MJCF `scene`; PhysicsError for what cannot be simulated.
 
-    `loops` take the place of the servos, by joint and the interface that is commanded.
+    `loops` take the place of the servos, by joint and the interface that is commanded; what a `world` has is there too.
     """
     lidars = tag_lidars(tag, description.model.root, description.path)
-    robot = _made(description, tag, scene, loops or {})
+    robot = _made(description, tag, scene, loops or {}, WorldDescription() if world is None else world)
     model = robot.model
     robot.notes += tuple(camera_notes(tag.sensors, [model.cam(number).name for number in range(model.ncam)]))
     robot.lidars = [LidarScanner(model, robot.data, each) for each in lidars]
@@ -290,24 +299,29 @@ def make_simulated(
 
 
 def _made(
-    description: Description, tag: Ros2ControlSystem, scene: Path | None, loops: Mapping[str, Mapping[str, EffortLoop]]
+    description: Description,
+    tag: Ros2ControlSystem,
+    scene: Path | None,
+    loops: Mapping[str, Mapping[str, EffortLoop]],
+    world: WorldDescription,
 ) -> SimulatedRobot:
-    axes, sensors, world = axes_of(tag), sensors_of(description, tag), WorldDescription()
+    axes, sensors = axes_of(tag), sensors_of(description, tag)
     if scene is not None:
         body = build_mjcf(scene, axes, step=_STEP_S, path=description.path, world=world, sensors=sensors)
-        return SimulatedRobot(body, axes, sensors, body.notes, loops)
+        return SimulatedRobot(body, axes, sensors, (*body.notes, *world.notes), loops, world)
     urdf = repaired(description)
     robot = prepared(
         read_spec(urdf, description.path),
         description,
         axes,
-        Floor(),
+        world.floor or Floor(),
         step=_STEP_S,
         density=DENSITY,
         free=None,
         path=description.path,
-        start=Start(),
+        start=world.start or Start(),
         sensors=sensors,
     )
     body = alone(robot, world, _STEP_S, description.path)
-    return SimulatedRobot(body, axes, sensors, (*urdf.notes, *guessed_masses(urdf, DENSITY), *body.notes), loops)
+    notes = (*urdf.notes, *guessed_masses(urdf, DENSITY), *body.notes, *world.notes)
+    return SimulatedRobot(body, axes, sensors, notes, loops, world)

@@ -1,7 +1,7 @@
-"""What stands on the floor of a world: ramps, boxes and walls as shapes of the simulation.
+"""What stands on the floor of a world: ramps, boxes, walls and the solids of an SDF world as shapes of the simulation.
 
 A ramp is a slab whose upper side begins at the floor. What does not move touches the robot alone, a box with a mass
-the floor and everything else too.
+the floor and everything else too. Ramps and solids have the grip of what touches them, a wheel or a caster.
 """
 
 from __future__ import annotations
@@ -16,16 +16,24 @@ from canopen_control.urdf.geometry import about, from_yaw, multiply
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from canopen_control.physics.sdf_world import Solid
     from canopen_control.physics.world_file import Box, Ramp, Wall, WorldDescription
 
-__all__ = ["BOX", "add_scenery"]
+__all__ = ["BOX", "SOLID", "add_scenery"]
 
 BOX: Final = "box "
 """What the name of a box begins with, before its number in the file."""
 
+SOLID: Final = "solid "
+"""What the name of a shape of an SDF world begins with, before its number."""
+
 _SLAB_M: Final = 0.1  # of a ramp, below its upper side
 _FIXED: Final = (1, 2)  # contype and conaffinity of the floor and what stands fast, see `body_model`
 _LOOSE: Final = (3, 3)
+_GEOMS: Final = mujoco.mjtGeom
+_SOLIDS: Final = {"box": _GEOMS.mjGEOM_BOX, "sphere": _GEOMS.mjGEOM_SPHERE, "cylinder": _GEOMS.mjGEOM_CYLINDER,
+                  "capsule": _GEOMS.mjGEOM_CAPSULE, "ellipsoid": _GEOMS.mjGEOM_ELLIPSOID,
+                  "plane": _GEOMS.mjGEOM_PLANE}  # fmt: skip
 
 
 def add_scenery(spec: Any, world: WorldDescription, solref: Sequence[float]) -> None:  # noqa: ANN401 - of MuJoCo
@@ -36,6 +44,8 @@ def add_scenery(spec: Any, world: WorldDescription, solref: Sequence[float]) -> 
         _add_wall(spec, f"wall {number}", wall, solref)
     for number, box in enumerate(world.boxes):
         _add_box(spec, f"{BOX}{number}", box, solref)
+    for number, solid in enumerate(world.solids):
+        _add_solid(spec, f"{SOLID}{number} {solid.name}", solid, solref)
 
 
 def _add_ramp(spec: Any, name: str, ramp: Ramp, solref: Sequence[float]) -> None:  # noqa: ANN401 - as above
@@ -69,6 +79,19 @@ def _add_box(spec: Any, name: str, box: Box, solref: Sequence[float]) -> None:  
     shape.mass = box.mass
 
 
+def _add_solid(spec: Any, name: str, solid: Solid, solref: Sequence[float]) -> None:  # noqa: ANN401 - as above
+    place, turn = solid.pose
+    if solid.kind != "mesh":
+        size = [*solid.size, 0.0, 0.0, 0.05][:3]  # of a plane: endless, and drawn with that grid
+        _add_shape(spec.worldbody, name, size, place, turn, 0.0, _FIXED, solref, _SOLIDS[solid.kind])
+    for number, part in enumerate(solid.parts):
+        own = f"{name} {number}"
+        # of a shell, since a thin hull may have no volume that is computed
+        spec.add_mesh(name=own, uservert=part.corners.flatten(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+        shape = _add_shape(spec.worldbody, own, [0.0, 0.0, 0.0], place, turn, 0.0, _FIXED, solref, _GEOMS.mjGEOM_MESH)
+        shape.meshname = own
+
+
 def _add_shape(
     body: Any,  # noqa: ANN401 - as above
     name: str,
@@ -78,10 +101,9 @@ def _add_shape(
     friction: float,
     kind: tuple[int, int],
     solref: Sequence[float],
+    geom: Any = mujoco.mjtGeom.mjGEOM_BOX,  # noqa: ANN401 - as above
 ) -> Any:  # noqa: ANN401 - as above
-    shape = body.add_geom(
-        name=name, type=mujoco.mjtGeom.mjGEOM_BOX, size=list(size), pos=list(place), quat=list(turn), condim=3
-    )
+    shape = body.add_geom(name=name, type=geom, size=list(size), pos=list(place), quat=list(turn), condim=3)
     shape.contype, shape.conaffinity = kind
     shape.friction, shape.solref = [friction, 0.005, 0.0001], list(solref)
     return shape

@@ -13,7 +13,7 @@ import mujoco
 
 from canopen_control.physics.body_model import compiled, lay_floor, set_options, solref
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.physics.scenery import add_scenery
+from canopen_control.physics.scenery import BOX, SOLID, add_scenery
 from canopen_control.urdf.geometry import from_yaw
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ __all__ = ["joined"]
 
 _WORLD: Final = 1  # kinds of contact, see `body_model`
 _FIRST_ROBOT: Final = 1  # the bit of the first one
+_SUNK_M: Final = 0.01  # that a robot is deeper in a solid than one that stands on it
 _ALL: Final = 0x7FFFFFFF
 
 
@@ -78,6 +79,8 @@ def _crossing(model: Any, starts: Mapping[str, RobotStart], path: str) -> Iterat
             first, second = second, first
         if second not in starts or first == second or not _solid(first, starts) or (first, second) in told:
             continue
+        if first.startswith(SOLID) and contact.dist > -_SUNK_M:  # a robot begins on it
+            continue
         told.add((first, second))
         here = starts[second].here
         yield (f"{path}:{here.line}:{here.column}: {second} begins inside {first}, at "
@@ -90,4 +93,4 @@ def _owner(geom: str, starts: Mapping[str, RobotStart]) -> str:
 
 
 def _solid(name: str, starts: Mapping[str, RobotStart]) -> bool:
-    return name in starts or name.startswith(("wall ", "box "))
+    return name in starts or name.startswith(("wall ", BOX, SOLID))

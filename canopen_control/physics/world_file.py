@@ -19,6 +19,9 @@ Several robots in one world (`run --world FILE` alone), each with a name, buses 
       - {name: robby2, robot: robby, at: [2, 0], heading: 180}
     steps: [{at: 5s, robot: robby2, push: {force: [30, 0, 0]}}]
 
+The static shapes of a world of Gazebo stand beside that with `sdf: hall.sdf`; such a file may be given as it is, too
+(`--world hall.sdf`), see `sdf_world`.
+
 Times count from when the drives begin. Lengths in m, angles in degrees, masses in kg, forces in N.
 """
 
@@ -26,15 +29,17 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import nearest
+from canopen_control.physics import SDF_SUFFIXES
 from canopen_control.physics.physics_file import Floor, PhysicsError
+from canopen_control.physics.sdf_world import Solid, read_sdf_world
 from canopen_control.rpc.messages.drive import BlockJoint, WorldAct
 from canopen_control.virtual.scenario import seconds_of
 from canopen_control.virtual.world_acts import Happening
-from canopen_control.yamlfile.convert import position, setting
+from canopen_control.yamlfile.convert import derived, position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
 from canopen_control.yamlfile.reader import load
 
@@ -144,7 +149,10 @@ class WorldStep(Happening):
 
 @dataclass(frozen=True)
 class WorldDescription:
-    """The file as a whole; `floor` None: as the plant file has it."""
+    """The file as a whole; `floor` None: as the plant file has it.
+
+    `solids` are the shapes of its `sdf`, or of the SDF file that it is itself, `notes` what stands otherwise in them.
+    """
 
     floor: Floor | None = None
     start: Start | None = None
@@ -154,6 +162,9 @@ class WorldDescription:
     boxes: list[Box] = setting(factory=list)
     walls: list[Wall] = setting(factory=list)
     steps: list[WorldStep] = setting(factory=list)
+    sdf: str = ""
+    solids: tuple[Solid, ...] = derived(())
+    notes: tuple[str, ...] = derived(())
 
     def timeline(self) -> list[Timed]:
         """Return what happens, in order; times in ns from the beginning."""
@@ -161,8 +172,16 @@ class WorldDescription:
 
 
 def read_world_description(path: Path) -> WorldDescription:
-    """Return the file; PhysicsError with every mistake and its line."""
-    return load(path, WorldDescription, error=PhysicsError, check=_check)
+    """Return the file, YAML or SDF by its ending; PhysicsError with every mistake and its line."""
+    if path.suffix.lower() in SDF_SUFFIXES:
+        return _with_solids(WorldDescription(), path)
+    found = load(path, WorldDescription, error=PhysicsError, check=_check)
+    return _with_solids(found, path.parent / found.sdf) if found.sdf else found
+
+
+def _with_solids(world: WorldDescription, sdf: Path) -> WorldDescription:
+    read = read_sdf_world(sdf)
+    return replace(world, solids=read.solids, notes=read.notes)
 
 
 def _check(file: WorldDescription, _problems: Problems) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import mujoco
 import numpy as np
 
+from canopen_control.physics.scenery import SOLID
 from canopen_control.rpc.messages.world_shape import WorldShape
 from canopen_control.urdf.geometry import from_yaw
 
@@ -59,9 +60,10 @@ def _shapes(model: Any, data: Any, own: str) -> Iterator[WorldShape]:  # noqa: A
         kind, name = int(model.geom_type[number]), str(model.geom(number).name)
         is_world = bool(model.geom_contype[number] & _WORLD)
         other = bool(own) and not is_world and not name.startswith(own)
-        if kind == _GEOMS.mjGEOM_MESH and other:
-            kind = int(_GEOMS.mjGEOM_BOX)  # its bounds say enough of another robot
-        if kind not in _KINDS or not (other or (is_world and kind == _GEOMS.mjGEOM_BOX)):
+        stands = is_world and (kind == _GEOMS.mjGEOM_BOX or name.startswith(SOLID))
+        if kind == _GEOMS.mjGEOM_MESH and (other or stands):
+            kind = int(_GEOMS.mjGEOM_BOX)  # its bounds say enough of another robot, and of a convex part
+        if kind not in _KINDS or not (other or stands):
             continue
         turn = np.zeros(4)
         mujoco.mju_mat2Quat(turn, data.geom_xmat[number])

@@ -132,6 +132,7 @@ class _Checker:
             controllers=self._options.controllers,
             launch=self._options.launch,
         )
+        self._read_world()
         for name, config in self._whole.items():
             self.budgets[name] = budget = budget_of(config, cycle_ns(config, control))
             self.findings += _judged(config, budget, control)
@@ -174,6 +175,21 @@ class _Checker:
         except ConfigError as error:
             self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None
+
+    def _read_world(self) -> None:
+        """Read the world that an argument names."""
+        path = self._files.world
+        if path is None:
+            return
+        from canopen_control.physics.world_file import read_world_description  # few robots have one
+
+        try:
+            world = read_world_description(path)
+        except ConfigError as error:
+            self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
+        else:
+            for note in world.notes:
+                self.findings += check_rules.findings_of(note, str(path), 0, Severity.NOTE)
 
     def _build(self) -> None:
         """Build the robot as a start would, and open nothing: whatever is refused then is an error now."""

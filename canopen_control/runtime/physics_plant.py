@@ -34,7 +34,7 @@ _URDF = "physics.urdf"
 
 
 def check_physics(setup: RobotSetup) -> None:
-    """Raise RobotConfigError where no virtual drives can move the robot in physics."""
+    """Raise RobotConfigError where no virtual drives can move the robot in physics, PhysicsError for its world."""
     if setup.real or setup.mock:
         given = "--real" if setup.real else "--mock"
         raise RobotConfigError(f"--physics is for virtual drives; leave {given} away")
@@ -47,6 +47,10 @@ def check_physics(setup: RobotSetup) -> None:
             raise RobotConfigError(
                 f"--physics: the drives on {channel} are no process of their own; use --can local:NAME"
             )
+    if setup.world is not None:
+        from canopen_control.physics.world_file import read_world_description  # most robots are run without physics
+
+        read_world_description(setup.world)  # its mistakes are told before anything is started
 
 
 def write_plant(

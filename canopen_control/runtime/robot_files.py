@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.bus.channel import name_and_channel
 from canopen_control.data_files import data_names, data_path
 from canopen_control.errors import RobotConfigError
+from canopen_control.physics import SDF_SUFFIXES
 from canopen_control.urdf.package_search import installed_packages
 
 if TYPE_CHECKING:
@@ -54,7 +55,8 @@ class AskedHardware:
 
     `channel` is that of an argument such as can_interface_name:=can0, "" without one. `real` is what an argument such
     as use_real_hardware:=true says, None without one. `channel_word` and `real_word` are the arguments themselves,
-    `names` all that are of this kind, those without a value included.
+    `names` all that are of this kind, those without a value included. `world` is the file of one such as
+    world:=hall.sdf, which `world_word` is.
     """
 
     channel: str = ""
@@ -62,6 +64,8 @@ class AskedHardware:
     real: bool | None = None
     real_word: str = ""
     names: frozenset[str] = frozenset()
+    world: str = ""
+    world_word: str = ""
 
     def channels(self, can: Sequence[str], buses: Collection[str]) -> list[str]:
         """Return the `--can` options with the asked channel; RobotConfigError where the two contradict each other."""
@@ -89,18 +93,27 @@ def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
     """Return what the arguments of a user ask of the hardware; RobotConfigError for one that is neither yes nor no."""
     channels = {name: value for name, value in words.items() if _names_channel(name, value)}
     answers = {name: says for name, value in words.items() if (says := _says_real(name, value)) is not None}
-    for found in (channels, answers):
+    worlds = {name: file for name, value in words.items() if (file := _sdf_file(value))}
+    for found in (channels, answers, worlds):
         if len(set(found.values())) > 1:
             given = ", ".join(f"{name}:={words[name]}" for name in found)
-            raise RobotConfigError(f"{given}: these contradict each other; give one, or each bus its --can BUS=CHANNEL")
-    channel, real = next(iter(channels), ""), next(iter(answers), "")
+            advice = "give one, or each bus its --can BUS=CHANNEL" if found is channels else "give one of them"
+            raise RobotConfigError(f"{given}: these contradict each other; {advice}")
+    channel, real, world = (next(iter(found), "") for found in (channels, answers, worlds))
     return AskedHardware(
         channels.get(channel, ""),
         f"{channel}:={channels[channel]}" if channel and channels[channel] else "",
         answers.get(real),
         f"{real}:={words[real]}" if real else "",
-        frozenset(channels) | frozenset(answers),
+        frozenset(channels) | frozenset(answers) | frozenset(worlds),
+        worlds.get(world, ""),
+        f"{world}:={words[world]}" if world else "",
     )
+
+
+def _sdf_file(value: str) -> str:
+    """Return the file of a world of Gazebo that a value names (hall.sdf, "-r hall.sdf"), "" for none."""
+    return next((word for word in value.split() if word.lower().endswith(SDF_SUFFIXES)), "")
 
 
 def _names_channel(name: str, value: str) -> bool:
@@ -130,8 +143,8 @@ class RobotFiles:
 
     `arguments` are those of its xacro, `asked` is what the user's arguments ask of the hardware, `idle` are those that
     reach nothing of this robot. `spawned` are the controllers that its launch file starts, `variables` the values of
-    that file's arguments. Of a bus without controllers the other two files are its bus.yml, which is where their
-    mistakes stand.
+    that file's arguments, `world` the file of what stands around the robot that an argument names. Of a bus without
+    controllers the other two files are its bus.yml, which is where their mistakes stand.
     """
 
     name: str
@@ -144,6 +157,7 @@ class RobotFiles:
     idle: tuple[str, ...] = ()
     spawned: tuple[str, ...] = ()
     variables: dict[str, str] = field(default_factory=dict)
+    world: Path | None = None
 
     def refuse_hardware(self, why: str) -> None:
         """Raise RobotConfigError for an argument that asks for a channel or for real drives, where neither can be."""
@@ -206,6 +220,7 @@ def find_robot(
     )
     beside = folder if main == Path() else main.parent
     more = _more_buses(beside, missing) if beside is not None and bus is None else {}
+    world = _world(asked, launch, missing)
     missing += _irregular((main, control, described, *more.values()))
     foreign = next((word for word in words if word not in asked.names), None)
     if alone and foreign and launched is None:
@@ -214,7 +229,9 @@ def find_robot(
         if launched is not None and folder is None:
             raise RobotConfigError("; ".join([*_not_launched(launch, files, no_bus, missing), *launched.doubts]))
         doubts = launched.doubts if launched is not None else ()
-        raise RobotConfigError("; ".join([*no_bus, *missing, *doubts]))
+        nothing = control == described == Path()  # of a robot: who has one of its files may do without a bus
+        absent = no_bus if nothing or more or bus is not None else []
+        raise RobotConfigError("; ".join([*absent, *missing, *doubts]))
     if launched is not None and not alone:
         from canopen_control.runtime.launch_file import refuse_mistyped
 
@@ -228,8 +245,21 @@ def find_robot(
     spawned = launched.spawned if launched is not None and not alone else ()
     variables = launched.variables if launched is not None else {}
     return RobotFiles(
-        _safe(name), None if no_bus else main, control, described, more, words, asked, idle, spawned, variables
+        _safe(name), None if no_bus else main, control, described, more, words, asked, idle, spawned, variables, world
     )
+
+
+def _world(asked: AskedHardware, launch: str | None, missing: list[str]) -> Path | None:
+    """Return the file of the world that an argument names: from here, else in `worlds` of the launch file's package."""
+    if not asked.world:
+        return None
+    path = Path(asked.world).expanduser()
+    package = None if launch is None else find_launch(launch).resolve().parent.parent
+    places = [path] if package is None else [path, package / path, package / "worlds" / path]
+    found = next((each for each in places if each.is_file()), None)
+    if found is None:
+        missing.append(f"{asked.world_word}: there is no file {path}")
+    return None if found is None else found.resolve()
 
 
 def _not_launched(

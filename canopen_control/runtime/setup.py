@@ -26,6 +26,7 @@ from canopen_control.urdf.description import DescriptionReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.config import BusConfig
@@ -45,7 +46,8 @@ class RobotSetup:
     """What a robot is made of; `channels` maps bus names to channels, `to_activate` the controllers.
 
     `sync` is who sends SYNC by the name of the bus, `kernel_sync` whether the command line asks the kernel for it.
-    `unplaced` are the buses whose channel nobody named, which are embedded ones.
+    `unplaced` are the buses whose channel nobody named, which are embedded ones; `world` is the file of what stands
+    around the robot, with physics.
     """
 
     name: str
@@ -64,6 +66,7 @@ class RobotSetup:
     drives: bool = False
     simulate: bool = False
     unplaced: tuple[str, ...] = ()
+    world: Path | None = None
 
     @property
     def reaches_real_drives(self) -> bool:
@@ -168,6 +171,7 @@ def read_robot(
     physics: bool = False,
     drives: bool = False,
     simulate: bool = False,
+    world: Path | None = None,
     reader: DescriptionReader | None = None,
 ) -> RobotSetup:
     """Read and check all three files; raises a ConfigError.
@@ -176,7 +180,7 @@ def read_robot(
     ros2_controllers.yaml is an error; `peer_merge` lets `defaults` of bus.yml win over the nodes;
     `allow_unsupervised` accepts drives that nothing stops when the master dies; `kernel_sync` leaves SYNC to the
     kernel; with `physics` virtual drives move the robot in a world, with `drives` drives do where simulation plugins
-    would; `simulate` lets these move it in a world. A `reader` has begun to read the description already. What the
+    would; `simulate` lets these move it in a `world`. A `reader` has begun to read the description already. What the
     user's NAME:=VALUE ask of the hardware (`files.asked`) counts as `can` and `real`.
     """
     name = name or files.name
@@ -208,6 +212,7 @@ def read_robot(
         drives,
         simulate,
         _unplaced(buses, can),
+        world,
     )
 
 

@@ -18,7 +18,7 @@ from canopen_control.host.environment import MODULE
 from canopen_control.host.files import state_dir
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.spawn import end_children, spawn
-from canopen_control.physics import require_physics
+from canopen_control.physics import SDF_SUFFIXES, require_physics
 from canopen_control.physics.world_file import read_world_description
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.physics_plant import check_physics, write_buses, write_plant
@@ -61,6 +61,11 @@ def read_shared(world: Path) -> list[SharedRobot]:
     """Return the robots that a file of a world names; ConfigError tells all that is wrong, each with its line."""
     require_physics()
     description = read_world_description(world)
+    if not description.robots and world.suffix.lower() in SDF_SUFFIXES:
+        raise RobotConfigError(
+            f"{world}: an SDF world has no robots here; run one in it: run ROBOT --physics --world {world}, or name it "
+            "by `sdf:` in a world file with `robots:`"
+        )
     if not description.robots:
         raise RobotConfigError(
             f"{world}: it names no robots; write `robots:`, or run one in it: run ROBOT --physics --world FILE"

@@ -1,8 +1,8 @@
 """What moves the joints of a simulation plugin: physics where that is installed, else simple motors of their own.
 
-A description that names MuJoCo's plugin wants physics: what keeps it from that is an error. One that names Gazebo's
-runs on simple motors then, which is told. The plugin's parameters `mujoco_model`, an MJCF file, and `pids_config_file`
-are beside the description.
+A description that names MuJoCo's plugin, or a user who gives a world, wants physics: what keeps it from that is an
+error. One that names Gazebo's runs on simple motors then, which is told. The plugin's parameters `mujoco_model`, an
+MJCF file, and `pids_config_file` are beside the description.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.hardware.simulation import Engine
+    from canopen_control.physics.world_file import WorldDescription
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.urdf.ros2_control import Ros2ControlSystem
 
@@ -35,7 +36,7 @@ def simulation_engine(setup: RobotSetup, kinds: Sequence[Kind], report: Callable
     `report` takes the kind and the text of what was guessed, or keeps it from physics.
     """
     tags = [tag for tag, kind in zip(setup.description.hardware, kinds, strict=True) if kind is Kind.SIMULATION]
-    wanted = any(tag.plugin == PHYSICS_PLUGIN for tag in tags)
+    wanted = setup.world is not None or any(tag.plugin == PHYSICS_PLUGIN for tag in tags)
     if not setup.simulate:
         return None
     try:
@@ -59,7 +60,20 @@ def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, st
     folder = Path(setup.description.path).parent
     model, pids = (tag.parameters.get(key, "").strip() for key in (_MODEL, _PIDS))
     loops = read_pids(folder / pids, tag) if pids else {}
-    engine = make_simulated(setup.description, tag, folder / model if model else None, loops)
+    world = None if setup.world is None else _world(setup.world)
+    engine = make_simulated(setup.description, tag, folder / model if model else None, loops, world)
+    if problems := [f"{setup.world}:{problem}" for problem in engine.problems()]:
+        raise RobotConfigError("\n".join(problems))
     for note in engine.notes:
         report("physics", note)
     return engine
+
+
+def _world(path: Path) -> WorldDescription:
+    """Read the world of one robot."""
+    from canopen_control.physics.world_file import read_world_description
+
+    world = read_world_description(path)
+    if world.robots:
+        raise RobotConfigError(f"{path}: it has robots of its own: canopen-control run --world {path}")
+    return world

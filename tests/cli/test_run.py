@@ -15,6 +15,20 @@ def parse(*arguments):
     return parser.parse_args(arguments)
 
 
+def test_an_argument_that_names_a_world_is_for_physics_and_counts_as_the_option(tmp_path, capsys):
+    hall = tmp_path / "hall.sdf"
+    hall.write_text('<sdf version="1.9"><world name="hall"/></sdf>')
+    word = f"world:={hall}"
+    assert read_setup(parse("robby", word, "--physics")).world == hall
+    assert read_setup(parse("robby", "--physics", "--world", str(hall))).world == hall
+    for arguments, said in (
+        (["robby", word], f"{word} is of a robot with physics; give --physics too"),
+        (["robby", "--physics", word, "--world", "o.yml"], f"{word} contradicts --world o.yml; leave one of them away"),
+    ):
+        assert main(["run", *arguments]) == 2
+        assert said in capsys.readouterr().err
+
+
 @pytest.mark.process
 def test_a_run_on_mock_hardware_ends_with_0_and_leaves_no_socket(capsys):
     assert main(["run", "robby", "--mock", "--for", "0.3"]) == 0
@@ -45,6 +59,8 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["robby", "--mock", "--cpu", "4000"], "--cpu 4000: this process may run on the processors"),
         (["robby", "--can", "nonsense"], "nonsense"),
         (["robby", "--world", "hall.yml"], "--world is of a robot with physics"),
+        (["robby", "--physics", "--world", "none.sdf"], "none.sdf: cannot be read: No such file or directory"),
+        (["robby", "world:=none.sdf"], "world:=none.sdf: there is no file none.sdf"),
         (["robby", "--physics", "--mock"], "leave --mock away"),
         (["robby", "--physics", "--no-drives"], "leave --no-drives away"),
         (["robby", "--physics", "--can", "memory:x"], "use --can local:NAME"),

@@ -54,6 +54,8 @@ def test_a_scenario_is_played(capsys, tmp_path):
         (["robby", "--record", "/proc/x/y.zip"], "nothing can be written to /proc/x"),
         (["robby", "--ros-args", "-p"], "--ros-args is for the ROS bridge; start it with --ros"),
         (["--world", "hall.yml", "--serve"], "--serve is of one robot"),
+        (["robby", "--world", "hall.yml"], "--world is of a robot with physics; give --physics too"),
+        (["robby", "--physics", "--world", "none.sdf"], "none.sdf: cannot be read: No such file or directory"),
         (["robby", "--scenario", "/nowhere.yml"], "/nowhere.yml"),
         (["robby", "--scenario", "x.yml", "--faults", "all"], "give one of both"),
     ],

@@ -4,8 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from canopen_control.physics.mesh_parts import MeshPart
 from canopen_control.physics.scenery import add_scenery
+from canopen_control.physics.sdf_world import Solid
 from canopen_control.physics.world_file import Box, Ramp, Wall, WorldDescription
+from canopen_control.physics.world_shapes import shapes_of
+from canopen_control.urdf.geometry import Pose, about
 
 
 def scene(**parts):
@@ -51,3 +55,32 @@ def test_a_box_stands_where_it_is_put():
     model, data = scene(boxes=[Box((1.0, 0.0), (0.2, 0.4, 0.6), above=1.0, heading=90.0)])
     assert height(model, data, 1.19, 0.0) == pytest.approx(1.6)
     assert height(model, data, 1.0, 0.15) is None
+
+
+CORNERS = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 0.001) for z in (0.0, 2.0)])
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "parts", "top", "drawn"),
+    [
+        ("box", (0.1, 0.2, 0.3), (), 1.3, "box"),
+        ("sphere", (0.5,), (), 1.5, "ellipsoid"),
+        ("ellipsoid", (0.1, 0.2, 0.4), (), 1.4, "ellipsoid"),
+        ("cylinder", (0.1, 0.6), (), 1.6, "cylinder"),
+        ("capsule", (0.1, 0.6), (), 1.7, "cylinder"),
+        ("mesh", (), (MeshPart(CORNERS - [0.5, 0.0, 0.0]),), 3.0, "box"),
+    ],
+)
+def test_a_solid_stands_fast_where_its_pose_says_and_is_drawn(kind, size, parts, top, drawn):
+    solid = Solid("m::l::c", kind, Pose((2.0, 1.0, 1.0)), size, parts)
+    model, data = scene(solids=(solid,))
+    assert height(model, data, 2.0, 1.0005) == pytest.approx(top, abs=2e-4)
+    assert model.njnt == 0
+    assert model.geom_contype.tolist() == [1]
+    (shape,) = shapes_of(model, data)
+    assert (shape.kind, shape.moves) == (drawn, False)
+
+
+def test_a_plane_is_endless_and_tilted_as_its_pose_says():
+    model, data = scene(solids=(Solid("m::l::c", "plane", Pose((0.0, 0.0, 1.0), about((0.0, 1.0, 0.0), -0.1))),))
+    assert height(model, data, 5.0, 7.0) == pytest.approx(1.0 + 5.0 * math.tan(0.1), abs=1e-6)

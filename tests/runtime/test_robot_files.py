@@ -154,6 +154,33 @@ def test_half_of_a_robot_is_no_bus_without_controllers(tmp_path, names):
     assert not find_robot("diffbot_sim").bus_alone
 
 
+def test_an_absent_bus_is_not_told_beside_another_mistake_of_a_robot_that_may_do_without(tmp_path):
+    folder = robot(tmp_path / "r", "ros2_controllers.yaml")
+    with pytest.raises(RobotConfigError) as caught:
+        find_robot(str(folder))
+    assert str(caught.value) == f"{folder} has no *.urdf.xacro or *.urdf or *.system.xacro"
+
+
+def test_an_argument_names_the_world_from_here_or_in_the_package_of_the_launch_file(tmp_path, monkeypatch):
+    folder = robot(tmp_path / "r", "ros2_controllers.yaml", "x.urdf")
+    robot(folder / "worlds", "hall.sdf", "maze.world")
+    robot(folder / "launch")
+    launch = folder / "launch" / "sim.launch.py"
+    launch.write_text("DeclareLaunchArgument('world', default_value='empty.sdf')\n")
+    monkeypatch.chdir(folder / "worlds")
+    assert find_robot(str(folder)).world is None
+    assert find_robot(str(folder), launch=str(launch)).world is None  # a default chooses none
+    assert find_robot(str(folder), arguments=["gz_args:=-r -v 4 hall.sdf"]).world == folder / "worlds" / "hall.sdf"
+    monkeypatch.chdir(tmp_path)
+    found = find_robot(str(folder), arguments=["world:=maze.world"], launch=str(launch))
+    assert (found.world, found.idle) == (folder / "worlds" / "maze.world", ())
+    with pytest.raises(RobotConfigError) as caught:
+        find_robot(str(folder), arguments=["world:=none.sdf"])
+    assert str(caught.value) == "world:=none.sdf: there is no file none.sdf"
+    with pytest.raises(RobotConfigError, match=r"a:=x\.sdf, b:=y\.sdf: these contradict each other"):
+        find_robot(str(folder), arguments=["a:=x.sdf", "b:=y.sdf"])
+
+
 def test_arguments_of_the_description_are_pairs(tmp_path):
     folder = robot(tmp_path / "r", "bus.yml", "ros2_controllers.yaml", "x.urdf.xacro")
     files = find_robot(str(folder), arguments=["prefix:=a:=b", "side:=", "prefix:=c"])

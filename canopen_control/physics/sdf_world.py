@@ -1,0 +1,417 @@
+"""The static shapes of an SDF world (`.sdf`, `.world`): what stands on the floor where Gazebo would have it stand.
+
+Read are the collisions of all links: box, sphere, cylinder, capsule, ellipsoid, plane and mesh, with the poses of SDF
+(`relative_to` and `attached_to` too), in models, models in models, and includes of files of this computer. `model://`
+is looked for beside the file, in the folders of GZ_SIM_RESOURCE_PATH and GAZEBO_MODEL_PATH, and as a ROS package. The
+sun and the ground plane are known without a file: the floor is there anyway. Nothing else of the file is read: what
+only is seen, lights, plugins, sensors and joints.
+
+The law of the file: what cannot stand as it is written is a mistake with its line, all mistakes of a world at once.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+from urllib.parse import unquote, urlsplit
+
+from canopen_control.errors import ConfigError, RobotConfigError, nearest
+from canopen_control.physics.mesh_parts import MeshPart, convex_parts
+from canopen_control.physics.physics_file import PhysicsError
+from canopen_control.urdf.document import read_document
+from canopen_control.urdf.geometry import ORIGIN, Pose, about, from_rpy, rotate
+from canopen_control.urdf.meshes import find_mesh, read_mesh
+from canopen_control.urdf.package_search import package_folders
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from canopen_control.urdf.document import Element
+    from canopen_control.urdf.geometry import Vector
+
+__all__ = ["SdfWorld", "Solid", "read_sdf_world"]
+
+_KNOWN: Final = ("sun", "ground_plane")  # of every Gazebo world: a light, and the floor
+_PATHS: Final = ("GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "GAZEBO_MODEL_PATH")
+_DEEPEST: Final = 16  # models in models, and files that include each other
+_ON_FLOOR: Final = 1e-6  # m, and of a unit vector
+_YES: Final = ("true", "1")
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A shape that stands fast: `size` in m as MuJoCo has it (half lengths, radius first), `parts` are of a mesh.
+
+    A plane's upper side is that of its z.
+    """
+
+    name: str
+    kind: str
+    pose: Pose
+    size: tuple[float, ...] = ()
+    parts: tuple[MeshPart, ...] = ()
+
+
+@dataclass(frozen=True)
+class SdfWorld:
+    """What was read of a file; `notes` tell what stands otherwise than in Gazebo."""
+
+    solids: tuple[Solid, ...]
+    notes: tuple[str, ...] = ()
+
+
+def read_sdf_world(path: Path) -> SdfWorld:
+    """Return the shapes of a world; PhysicsError with every mistake, each with its file and line."""
+    reader = _Reader()
+    root = reader.root(path)
+    if root is not None:
+        worlds = [each for each in root.children if each.tag == "world"]
+        if not worlds:
+            reader.mistake(path, root, "there is no <world> in it; give the file of a world, not that of a model")
+        for number, world in enumerate(worlds):
+            if number:
+                reader.mistake(path, world, "a second <world>; one file has one world here, so take this one out")
+        reader.scope(_Scope(path, worlds[0] if worlds else root, ORIGIN, ""), 0)
+    if reader.problems:
+        raise PhysicsError("\n".join(reader.problems))
+    return SdfWorld(tuple(reader.solids), tuple(reader.notes(path)))
+
+
+@dataclass
+class _Scope:
+    """A world, model or link while it is read: its place in the world, and the poses of what is named in it."""
+
+    path: Path
+    element: Element
+    place: Pose
+    name: str
+    frames: dict[str, Element] = field(default_factory=dict)
+    open: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        named = [each for each in self.element.children if each.tag in ("link", "frame", "model")]
+        self.frames = {each.attributes.get("name", ""): each for each in named}
+
+
+class _Reader:
+    """One reading of a world and of what it includes."""
+
+    def __init__(self) -> None:
+        self.solids: list[Solid] = []
+        self.problems: list[str] = []
+        self._loose: list[str] = []  # models that are not static
+        self._meshes: dict[tuple[Path, Vector], tuple[MeshPart, ...]] = {}
+
+    def notes(self, path: Path) -> Iterator[str]:
+        """Yield what stands otherwise than in Gazebo."""
+        if self._loose:
+            yield f"{path}: these models are not static, and stand fast here: {', '.join(self._loose)}"
+        if self._meshes:
+            files = {file.name: len(parts) for (file, _), parts in self._meshes.items()}
+            told = ", ".join(f"{name} ({count} part{'s' if count > 1 else ''})" for name, count in files.items())
+            yield f"{path}: each part of a mesh touches as its convex hull: {told}"
+
+    def mistake(self, path: Path, element: Element, text: str) -> None:
+        """Keep a mistake with its place."""
+        self.problems.append(f"{path}:{element.place.line}:{element.place.column}: {text}")
+
+    def root(self, path: Path) -> Element | None:
+        """Return the root of a file, None for one that cannot be read, which is told."""
+        try:
+            root = read_document(path.read_text(encoding="utf-8"), str(path)).root
+        except RobotConfigError as error:
+            self.problems.append(str(error))
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"
+            self.problems.append(f"{path}: cannot be read: {reason}")
+        else:
+            if root.tag == "sdf":
+                return root
+            self.mistake(path, root, f"<{root.tag}> is no SDF, which begins with <sdf version=...>")
+        return None
+
+    def scope(self, scope: _Scope, depth: int) -> None:
+        """Take the models, includes and links of a world or of a model."""
+        if depth > _DEEPEST:
+            text = f"more than {_DEEPEST} models in each other; does one include itself?"
+            self.mistake(scope.path, scope.element, text)
+            return
+        for child in scope.element.children:
+            if child.tag == "model":
+                inner = _Scope(scope.path, child, self._place(scope, child), self._name(scope, child))
+                self._model(inner, depth, static=_flag(child, "static"))
+            elif child.tag == "include":
+                self._include(scope, child, depth)
+            elif child.tag == "link":
+                self._link(scope, child)
+
+    def _model(self, scope: _Scope, depth: int, *, static: bool) -> None:
+        before = len(self.solids)
+        self.scope(scope, depth + 1)
+        if not depth and not static and len(self.solids) > before:
+            self._loose.append(scope.name)
+
+    def _name(self, scope: _Scope, element: Element) -> str:
+        name = element.attributes.get("name", "") or element.tag
+        return f"{scope.name}::{name}" if scope.name else name
+
+    def _include(self, scope: _Scope, element: Element, depth: int) -> None:
+        """Take the model of another file, with the pose and the name that it has here."""
+        uri = _text(element, "uri")
+        if not uri:
+            self.mistake(scope.path, element, "<include> has no <uri>; name the file of the model in it")
+            return
+        if uri.rstrip("/").rpartition("/")[2].strip().lower().replace(" ", "_") in _KNOWN:
+            return
+        file = self._included(scope.path, element, uri)
+        root = None if file is None else self.root(file)
+        if file is None or root is None:
+            return
+        models = [each for each in root.children if each.tag == "model"]
+        if len(models) != 1:
+            self.mistake(file, root, f"{len(models)} models in a file that is included; one has to be in it")
+            return
+        own = models[0]
+        pose = element.child("pose")
+        place = self._place(scope, own if pose is None else element)
+        name = _text(element, "name") or own.attributes.get("name", "")
+        inner = _Scope(file, own, place, f"{scope.name}::{name}" if scope.name else name)
+        self._model(inner, depth, static=_flag(element, "static") or _flag(own, "static"))
+
+    def _included(self, path: Path, element: Element, uri: str) -> Path | None:
+        """Return the file of an include, None for what is not on this computer, which is told."""
+        parts = urlsplit(uri)
+        if parts.scheme not in ("", "file", "model", "package"):
+            text = f"{uri} is not on this computer; download the model, and give its folder as <uri>"
+            self.mistake(path, element, text)
+            return None
+        rest = unquote(f"{parts.netloc}{parts.path}")
+        if parts.scheme in ("model", "package"):
+            places = [folder / rest for folder in _resources(path)]
+            name, _, below = rest.partition("/")
+            places += [folder / below for folder in package_folders(name, path)]
+        else:
+            places = [path.parent / unquote(parts.path)]
+        found = next((each for each in places if each.exists()), None)
+        if found is None:
+            where = "beside this file, in GZ_SIM_RESOURCE_PATH or as a package" if parts.scheme else f"at {places[0]}"
+            advice = "give the folder or the file of the model as <uri>"
+            self.mistake(path, element, f"{uri}: there is no such model {where}; {advice}")
+            return None
+        return _model_file(found) if found.is_dir() else found
+
+    # --- poses ---
+
+    def _place(self, scope: _Scope, element: Element) -> Pose:
+        """Return where a child of a scope is in the world."""
+        return scope.place.then(self._inside(scope, element))
+
+    def _inside(self, scope: _Scope, element: Element) -> Pose:
+        """Return where a child of a scope is in it, by its <pose> and the frame that this is relative to."""
+        pose = element.child("pose")
+        base = element.attributes.get("attached_to", "") if element.tag == "frame" else ""
+        base = base if pose is None else pose.attributes.get("relative_to", "") or base
+        own = ORIGIN if pose is None else self._pose(scope.path, pose)
+        if base in ("", "__model__", "world"):
+            return own
+        target = scope.frames.get(base)
+        if target is None:
+            self.mistake(scope.path, pose or element, f"there is no frame {base!r} here{nearest(base, scope.frames)}")
+            return own
+        if base in scope.open:
+            self.mistake(scope.path, pose or element, f"the pose of {base!r} depends on itself; give one in the model")
+            return own
+        scope.open.add(base)
+        found = self._inside(scope, target).then(own)
+        scope.open.discard(base)
+        return found
+
+    def _pose(self, path: Path, element: Element) -> Pose:
+        words, quat = element.text.split(), element.attributes.get("rotation_format") == "quat_xyzw"
+        numbers = [_number(word) for word in words]
+        known = [each for each in numbers if each is not None]
+        if not words:
+            return ORIGIN
+        if len(known) < len(numbers) or len(known) != (7 if quat else 6):
+            what = "seven numbers, x y z and a quaternion" if quat else "six numbers, x y z in m and roll pitch yaw"
+            self.mistake(path, element, f"<pose> {element.text!r} is not {what}")
+            return ORIGIN
+        x, y, z, first, second, third = known[:6]
+        if quat:
+            length = math.hypot(*known[3:])
+            if not length:
+                self.mistake(path, element, "the quaternion of <pose> is 0; 0 0 0 1 is no rotation")
+                return ORIGIN
+            return Pose((x, y, z), (known[6] / length, first / length, second / length, third / length))
+        turn = math.radians if _is_yes(element.attributes.get("degrees", "")) else float
+        return Pose((x, y, z), from_rpy((turn(first), turn(second), turn(third))))
+
+    # --- shapes ---
+
+    def _link(self, scope: _Scope, link: Element) -> None:
+        inner = _Scope(scope.path, link, self._place(scope, link), self._name(scope, link))
+        for each in link.children:
+            if each.tag == "collision":
+                self._collision(scope, inner, each)
+
+    def _collision(self, model: _Scope, link: _Scope, element: Element) -> None:
+        pose = element.child("pose")
+        base = "" if pose is None else pose.attributes.get("relative_to", "")
+        place = self._place(model if base and base != link.element.attributes.get("name") else link, element)
+        geometry = element.child("geometry")
+        shape = next(iter(geometry.children), None) if geometry is not None else None
+        if shape is None:
+            self.mistake(link.path, element, "<collision> has no shape; write one into its <geometry>")
+            return
+        make = _SHAPES.get(shape.tag)
+        if make is None:
+            self.mistake(
+                link.path, shape, f"<{shape.tag}> is no shape of this physics; use one of {', '.join(_SHAPES)}"
+            )
+            return
+        solid = make(self, link.path, shape, self._name(link, element), place)
+        if solid is not None:
+            self.solids.append(solid)
+
+    def lengths(self, path: Path, shape: Element, tag: str, count: int = 1) -> tuple[float, ...] | None:
+        """Return the numbers above 0 of a shape's element, None for what is none, which is told."""
+        words = _text(shape, tag).split()
+        numbers = tuple(each for each in map(_number, words) if each is not None and each > 0.0)
+        if len(numbers) == len(words) == count:
+            return numbers
+        what = "a number" if count == 1 else f"{count} numbers"
+        self.mistake(path, shape.child(tag) or shape, f"<{tag}> of <{shape.tag}> is {what} above 0, in m")
+        return None
+
+    def mesh(self, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
+        """Return a mesh as convex parts; None for a file that cannot be read, which is told."""
+        uri = _text(shape, "uri")
+        scale = (1.0, 1.0, 1.0)
+        if shape.child("scale") is not None:
+            words = _text(shape, "scale").split()
+            numbers = [each for each in map(_number, words) if each]  # 0 is none
+            if len(numbers) != 3 or len(words) != 3:
+                self.mistake(path, shape.child("scale") or shape, "<scale> of <mesh> is three numbers, none of them 0")
+                return None
+            scale = (numbers[0], numbers[1], numbers[2])
+        try:
+            file = _mesh_file(path, uri)
+            if (file, scale) not in self._meshes:
+                found = read_mesh(file)
+                if found.format != "stl":
+                    raise ConfigError(f"mesh {file}: {file.suffix} is drawn, and not simulated; STL, OBJ and DAE are")
+                self._meshes[file, scale] = convex_parts(found.content, scale)
+        except (ConfigError, ValueError) as error:
+            self.mistake(path, shape, str(error) if isinstance(error, ConfigError) else f"mesh {uri}: {error}")
+            return None
+        return Solid(name, "mesh", place, parts=self._meshes[file, scale])
+
+
+def _box(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
+    size = reader.lengths(path, shape, "size", 3)
+    return None if size is None else Solid(name, "box", place, tuple(0.5 * each for each in size))
+
+
+def _sphere(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
+    size = reader.lengths(path, shape, "radius")
+    return None if size is None else Solid(name, "sphere", place, size)
+
+
+def _ellipsoid(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
+    size = reader.lengths(path, shape, "radii", 3)
+    return None if size is None else Solid(name, "ellipsoid", place, size)
+
+
+def _round(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
+    radius, length = reader.lengths(path, shape, "radius"), reader.lengths(path, shape, "length")
+    return None if radius is None or length is None else Solid(name, shape.tag, place, (*radius, 0.5 * length[0]))
+
+
+def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
+    """Return an endless plane; the one that is the floor is there already."""
+    words = _text(shape, "normal").split() or ["0", "0", "1"]
+    numbers = [each for each in map(_number, words) if each is not None]
+    if len(numbers) != 3 or len(words) != 3 or not any(numbers):
+        reader.mistake(path, shape.child("normal") or shape, "<normal> of <plane> is three numbers, not all of them 0")
+        return None
+    turned = place.then(Pose(rotation=_turn_up((numbers[0], numbers[1], numbers[2]))))
+    up = rotate(turned.rotation, (0.0, 0.0, 1.0))
+    if up[2] > 1.0 - _ON_FLOOR and abs(turned.position[2]) < _ON_FLOOR:
+        return None
+    return Solid(name, "plane", turned)
+
+
+def _turn_up(normal: Vector) -> tuple[float, float, float, float]:
+    """Return the rotation that brings z to a normal."""
+    x, y, z = (each / math.hypot(*normal) for each in normal)
+    if math.hypot(x, y) < _ON_FLOOR:
+        return about((1.0, 0.0, 0.0), 0.0 if z > 0.0 else math.pi)
+    return about((-y, x, 0.0), math.acos(max(-1.0, min(1.0, z))))
+
+
+_SHAPES: Final[dict[str, Callable[[_Reader, Path, Element, str, Pose], Solid | None]]] = {
+    "box": _box,
+    "sphere": _sphere,
+    "cylinder": _round,
+    "capsule": _round,
+    "ellipsoid": _ellipsoid,
+    "plane": _plane,
+    "mesh": _Reader.mesh,
+    "empty": lambda *_: None,
+}
+"""Shape of SDF to what makes it."""
+
+
+def _text(element: Element, tag: str) -> str:
+    child = element.child(tag)
+    return "" if child is None else child.text
+
+
+def _flag(element: Element, tag: str) -> bool:
+    return _is_yes(_text(element, tag))
+
+
+def _is_yes(text: str) -> bool:
+    return text.strip().lower() in _YES
+
+
+def _number(text: str) -> float | None:
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _resources(path: Path) -> Iterator[Path]:
+    """Yield the folders that models lie in: those around the file, and those that Gazebo would search."""
+    yield from (path.parent, path.parent.parent, path.parent.parent / "models")
+    for key in _PATHS:
+        yield from (Path(each) for each in os.environ.get(key, "").split(os.pathsep) if each)
+
+
+def _model_file(folder: Path) -> Path:
+    """Return the file of a model's folder: the one that model.config names last, else model.sdf."""
+    config = folder / "model.config"
+    try:
+        root = read_document(config.read_text(encoding="utf-8"), str(config)).root
+    except (OSError, UnicodeDecodeError, RobotConfigError):
+        return folder / "model.sdf"
+    named = [each.text for each in root.children if each.tag == "sdf" and each.text]
+    return folder / (named[-1] if named else "model.sdf")
+
+
+def _mesh_file(path: Path, uri: str) -> Path:
+    """Return the file of a mesh; ConfigError where there is none."""
+    if not uri:
+        raise ConfigError("<mesh> has no <uri>; name its file in it")
+    parts = urlsplit(uri)
+    if parts.scheme in ("model", "package"):
+        rest = unquote(f"{parts.netloc}{parts.path}")
+        found = next((folder / rest for folder in _resources(path) if (folder / rest).is_file()), None)
+        if found is not None:
+            return found
+    return find_mesh(uri, str(path))
