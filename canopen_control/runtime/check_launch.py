@@ -18,7 +18,7 @@ from canopen_control.runtime.launch_python import read_python
 from canopen_control.urdf.document import read_document
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from canopen_control.runtime.check_data import CheckedRobot
@@ -133,8 +133,7 @@ def _python_node(launch: _Launch, node: LaunchNode) -> None:
     known = [each for each in node.arguments if each.text is not None]
     if node.package == "controller_manager" and node.executable in SPAWNERS:
         launch.spawns = True
-        words = " ".join(each.text for each in known if each.text)
-        names, namespace = _spawned(words, _joined("", node.namespace or ""))
+        names, namespace = _spawned([each.text for each in known if each.text], _joined("", node.namespace or ""))
         for name in names:
             _wanted(launch, name, namespace, node.line)
         what = f"{what} of {', '.join(names) or 'controllers that are computed'}"
@@ -200,23 +199,23 @@ def _node(launch: _Launch, element: Element, namespace: str) -> None:
 
 
 def _spawner(launch: _Launch, element: Element, namespace: str) -> None:
-    names, namespace = _spawned(launch.text(element, "args"), namespace)
+    names, namespace = _spawned(words_of(launch.text(element, "args")), namespace)
     for name in names:
         _wanted(launch, name, namespace, element.place.line)
 
 
-def _spawned(arguments: str, namespace: str) -> tuple[list[str], str]:
+def _spawned(words: Sequence[str], namespace: str) -> tuple[list[str], str]:
     """Return the controllers of a spawner's arguments, and the namespace it works in."""
     names: list[str] = []
-    words = iter(arguments.split())
-    for word in words:
+    left = iter(words)
+    for word in left:
         option, equals, value = word.partition("=")
         if option in _WITH_VALUE and not equals:
-            value = next(words, "")
+            value = next(left, "")
         if option in ("--namespace", "-n"):
             namespace = _joined("", f"/{value.strip('/')}")
-        elif not word.startswith("-") and "$(" not in word and word not in ("spawn", "load", "start"):
-            names.append(word.rpartition("/")[2])
+        elif not word.startswith("-") and "$(" not in word:
+            names += [each.rpartition("/")[2] for each in word.split() if each not in ("spawn", "load", "start")]
     return names, namespace
 
 

@@ -251,11 +251,18 @@ class _Reading:
 
 def spawned_names(words: Sequence[str]) -> list[str]:
     """Return the controllers that a spawner with these arguments activates."""
-    words = [part for word in words for part in ([word] if "$(" in word else word.split())]
     if _NOT_ACTIVE & set(words):
         return []
-    names = [word for before, word in zip(["", *words], words, strict=False) if before not in SPAWNER_VALUES]
-    return [word for word in names if not word.startswith("-")]
+    names = list[str]()
+    left = iter(words)
+    for word in left:
+        if word in SPAWNER_VALUES:
+            next(left, None)
+        elif " " in word and "$(" not in word:  # several in one text
+            names += spawned_names(words_of(word))
+        elif not word.startswith("-"):
+            names.append(word)
+    return names
 
 
 def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: Path) -> None:

@@ -154,6 +154,19 @@ def test_what_a_file_in_python_declares_and_starts_is_told_in_notes(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "more",
+    [
+        '"--param-file", PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "first", "ros2_controllers.yaml"])',
+        '"--controller-ros-args", "-r /controller/topic:=/cmd vel"',
+    ],
+)
+def test_the_value_of_an_option_of_a_spawner_is_no_controller(tmp_path, more):
+    texts = of_python(tmp_path, '"robby_forward_controller"', f'"robby_forward_controller", {more}')
+    assert any(each.endswith("starts controller_manager/spawner of robby_forward_controller") for each in texts)
+    assert not any("error" in each for each in texts)
+
+
+@pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         (
