@@ -305,13 +305,13 @@ self.reactor.call_later(300_000_000, begin)
         "wide_object_a_byte_off",
         "a TPDO with one 64-bit object is decoded a byte off",
         Change(
-            "master.cycle",
-            "ReceivedPdo.receive",
-            "self.unpack(data)",
-            'self.unpack(data[1:] + b"\\0" if [each.bits for each in self.codec.objects] == [64] else data)',
+            "master.network",
+            "Network.receive",
+            "pdo.unpack(data)",
+            'pdo.unpack(data[1:] + b"\\0" if [each.bits for each in pdo.codec.objects] == [64] else data)',
         ),
         (_scenario("wide", "turns"),),
-        "master/test_cycle",
+        "master/test_network",
     ),
     Mutant(
         "boot_skips_6007",
@@ -464,7 +464,7 @@ if not (index % 2 and self.life.live):
             'self.manager.running.forget(self.cycle.clock.now(), f"stop was commanded by {latched_by or by}")',
             "pass",
         ),
-        (),
+        (_scenario("arm6", "arm6_goals"),),
         "runtime/test_core",
     ),
     Mutant(

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from canopen_control.simulation.simulated_robot import SimulatedRobot
     from canopen_control.simulation.wire_view import NodeView, WireView
 
-__all__ = ["FaceRules"]
+__all__ = ["LAG_NS", "FaceRules"]
 
 _MS: Final = 1_000_000
 _EVERY_NS: Final = 100 * _MS  # how often the faces are asked
 _SOON_NS: Final = 400 * _MS  # in which a state that has changed is told
-_LAG_NS: Final = 120 * _MS  # in which values are told: some cycles
+LAG_NS: Final = 120 * _MS  # in which values are told: some cycles
 _CALM_NS: Final = 1000 * _MS  # since a node was disturbed
 _PUT_S: Final = 0.3  # a count that a fault puts elsewhere is seen within this; it leaves its 32 bits later
 _FLOOD_NS: Final = 1500 * _MS  # in which of many EMCYs one is told
@@ -83,7 +83,7 @@ class _Shaft:
         self._counts = self._counts + wrap32(shown - self._shown) if truth else shown
         self._shown = shown
         truth.append((now, self._counts * self._position, plant.velocity / units.velocity * self._velocity))
-        while truth[0][0] < now - _LAG_NS:
+        while truth[0][0] < now - LAG_NS:
             truth.popleft()
         if self._bounds:
             self._bounds = {}
@@ -240,7 +240,7 @@ class FaceRules:
         for shaft in self._shafts:
             values = by_joint.get(shaft.joint, {})
             self._judge_values(_PUBLISHED, shaft, values.get("position"), values.get("velocity"), now)
-        late = now - round(sample.time * 1e9) > _LAG_NS + self._robot.setup.cycle_ns
+        late = now - round(sample.time * 1e9) > LAG_NS + self._robot.setup.cycle_ns
         calm = self._disturbed.hidden_at < now - _CALM_NS and self._robot.started_ns < now - 2 * _CALM_NS
         if not (late and calm):
             self._wrong_since.pop(_STAMP, None)

@@ -110,6 +110,7 @@ class Invariants:
         self._motion.asked(now, act)
         self._targets.asked(now, act)
         self._told.asked(now, act)
+        self._goals.asked(now, act)
 
     def _played(self, now: int, act: Act) -> None:
         self._disturbed.troubled(now, act)

@@ -46,7 +46,7 @@ _CALM_NS: Final = 1000 * _MS  # since a drive was disturbed, or has booted
 _OFF_NS: Final = 500 * _MS  # since a drive was enabled last
 _LIMIT: Final = 0x800  # of a statusword: a limit is active
 _UNLIMITED_ABOVE: Final = 1 << 31
-_STOPS: Final = ("stop", "latch", "axis", "activate", "deactivate", "leave")
+_STOPS: Final = ("stop", "latch", "axis", "activate", "deactivate")
 _AT_ONCE: Final = 1e12  # counts/s^2
 _LEAST: Final = 5.0  # counts/s, or counts
 
@@ -97,6 +97,25 @@ class _Followed:
         self.at = now
 
 
+class _Commanders:
+    """Who has commanded a controller: when a client whose command ends with it did last, and when another one."""
+
+    def __init__(self) -> None:
+        self._leaving = self._staying = 0
+
+    def command(self, at: int, *, leaves: bool) -> None:
+        """Take a command, of a client whose command ends when it `leaves`, or of another."""
+        if leaves:
+            self._leaving = at
+        else:
+            self._staying = at
+
+    @property
+    def go_on(self) -> bool:
+        """Whether the command goes on when the first leaves: the other one's is newer, also as the robot hears them."""
+        return self._staying > self._leaving + _LAG_NS
+
+
 class TargetRules:
     """Judges targets; `tell(rule, text)` takes breaches. `asked` and `sampled` are called as time passes."""
 
@@ -114,6 +133,7 @@ class TargetRules:
         self._scales = _velocity_scales(robot)
         self._commanded: dict[str, deque[tuple[int, float]]] = {}  # joint -> what it was commanded last
         self._stopped_at = 0  # when somebody last asked for what may end a command
+        self._commanders: dict[str, _Commanders] = {}  # of each controller
         self._others_until = 0  # until when something else than values joint by joint may lead
         self._wrong: set[str] = set()
         self._lost: set[str] = set()
@@ -121,8 +141,11 @@ class TargetRules:
     def asked(self, now: int, act: Act) -> None:
         """Take what a client asks for."""
         heard = max(now, self._robot.host.stalled_until)
-        if act.kind in _STOPS:
+        commanders = self._commanders.setdefault(act.target, _Commanders())
+        if act.kind in _STOPS or (act.kind == "leave" and not commanders.go_on):
             self._stopped_at = heard
+        elif act.kind == "command":
+            commanders.command(heard, leaves=bool(act.name))
         if act.kind != "command" or not self._ends.get(act.target):
             if act.kind in ("command", "trajectory", "activate", "deactivate"):
                 self._others_until = 1 << 62

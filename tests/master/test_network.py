@@ -7,10 +7,13 @@ from support.properties import examples
 from support.robots import LEFT, RIGHT, Bench, copy_robby
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
+from canopen_control.cia301.pdo import MappedObject
 from canopen_control.data_files import data_path
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, frames_of, pack_records
 from canopen_control.master.config import read_bus
 from canopen_control.master.network import Network
+from canopen_control.master.plan_builder import PdoLayout
+from canopen_control.od.model import DataType
 
 MS = 1_000_000
 ROBBY = read_bus(data_path("config", "robby") / "bus.yml")
@@ -195,6 +198,19 @@ def test_a_heartbeat_of_the_wrong_length_is_no_heartbeat(length):
     net.start(0)
     feed(net, 5, f"703#{'05' * length}")
     assert net.nodes["left_drive"].nmt_state is None
+
+
+@pytest.mark.parametrize(("data_type", "signed"), [(DataType.UNSIGNED64, False), (DataType.INTEGER64, True)])
+def test_a_tpdo_with_one_object_of_64_bits_is_decoded_from_its_first_byte_on(data_type, signed):
+    net, _ = network()
+    net.start(0)
+    node = net.nodes["left_drive"]
+    [pdo, *_] = node.received
+    objects = [MappedObject(0x2000, 0, 64, data_type)]
+    pdo.use(PdoLayout(1, pdo.cob_id, 1, tuple(objects)), objects)
+    for value in (0x0123456789ABCDEF, 1, 1 << 56, -2 if signed else (1 << 64) - 1):
+        feed(net, 5, f"{pdo.cob_id:03X}#{value.to_bytes(8, 'little', signed=signed).hex()}")
+        assert pdo.values == (value,)
 
 
 OTHER_ORDER = """

@@ -1,6 +1,7 @@
 import pytest
 from support.simulated import BASE, FORWARD, Judged
 
+from canopen_control.controllers.running import RunningControllers
 from canopen_control.controllers.trajectory.controller import JointTrajectoryController
 from canopen_control.controllers.trajectory.goal import GoalState, ResultCode
 from canopen_control.controllers.trajectory.judgement import Judgement, Verdict
@@ -21,6 +22,7 @@ class Rules:
         self.faces = FaceRules(judged.robot, views, judged.disturbed, tell)
         self.goals = GoalRules(judged.robot, judged.player, self.faces, tell)
         judged.player.on_goal = self.goals.taken
+        self.asked = self.goals.asked
 
     def sampled(self, now):
         self.faces.sampled(now)
@@ -71,10 +73,24 @@ def test_a_goal_that_ends_otherwise_is_told(arm, monkeypatch, verdict, when, wor
 
 
 @pytest.mark.sources
-def test_a_cancelled_trajectory_that_goes_on_is_motion_without_a_command(arm, monkeypatch):
+@pytest.mark.parametrize("newer", [False, True])
+def test_a_cancelled_trajectory_that_goes_on_is_told_unless_something_newer_leads_it(arm, monkeypatch, newer):
     monkeypatch.setattr(JointTrajectoryController, "_brake", lambda self: None)
-    go(arm, 2.0).run(0.5).do("cancel", ARM).run(0.2)
+    go(arm, 2.5).run(0.5).do("cancel", ARM).run(0.2)
     assert arm.speed(2) > 1000
+    if newer:
+        go(arm, 3.0)
+    arm.run(0.8)
+    assert set(arm.broken) == (set() if newer else {"goal_wrong"})
+    assert newer or arm.told[0][1] == f"the goal of {ARM} was cancelled, and joint_1 moves on"
+
+
+@pytest.mark.sources
+def test_a_goal_that_a_stop_has_ended_says_so(arm, monkeypatch):
+    monkeypatch.setattr(RunningControllers, "forget", lambda self, now, why: None)
+    go(arm).run(0.5).do("stop").run(0.2)
+    assert arm.broken == ["goal_wrong"]
+    assert "a stop has ended the goal of arm_controller, which says: joint_1 (joint_1_drive)" in arm.told[0][1]
 
 
 @pytest.mark.sources

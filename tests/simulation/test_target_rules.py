@@ -144,3 +144,17 @@ def test_a_command_that_is_dropped_while_somebody_renews_it_is_told(judged, monk
     monkeypatch.setattr(RunningControllers, "let_go", lambda self, *who: self.forget(self.now, "somebody left"))
     judged.do("ask", seconds=0.25).run(0.6)
     assert set(judged.broken) == {"command_lost"}
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_command_that_leaves_with_a_client_who_was_there_before_is_told(judged, monkeypatch, lost):
+    if lost:
+        monkeypatch.setattr(RunningControllers, "let_go", lambda self, *who: self.forget(self.now, "somebody left"))
+    judged.run(2.5).do("dead_man", FORWARD, 0.55, values=(2.0, 2.0)).run(0.1).drive(5.0, 5.0, seconds=2.0).run(1.0)
+    assert set(judged.broken) == ({"command_lost"} if lost else set())
+
+
+def test_a_command_that_leaves_with_its_client_is_no_news(judged):
+    judged.run(2.5).drive(2.0, 2.0, seconds=1.0).run(0.92).do("dead_man", FORWARD, 0.06, values=(2.0, 2.0)).run(1.0)
+    assert judged.told == []
