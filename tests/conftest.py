@@ -87,14 +87,8 @@ MISSING = {
 
 FOLDERS = itertools.count()
 #: Where tests are about whole processes.
-WHOLE = ("integration", "socketcan", "hardware_can", "tools")
-#: Of the bench, what starts programs and asks of what they have measured nothing that a busy machine changes.
-ONLY_STAGED = frozenset(
-    f"test_{name}.py"
-    for name in ("boot", "clients", "cycle", "idle", "machine", "memory", "ros_latency", "sdo_canopen", "sdo_client",
-                 "stage", "start", "system_calls", "witness")
-)  # fmt: skip
-#: Kinds whose files tools/test finds by the mark in them; the bench's by their folder. `process` has many: MORE.
+WHOLE = ("bench", "integration", "socketcan", "hardware_can", "tools")
+#: Kinds whose files tools/test finds by the mark in them. `process` has many: MORE.
 FOUND_BY_MARK = ("alone", "timed")
 #: Kinds that ./tools/test leaves to ./tools/test --rest.
 REST_KINDS = ("alone", "timed", "wheel", "socketcan", "hardware")
@@ -177,10 +171,8 @@ def pytest_collection_modifyitems(items):
                 raise pytest.UsageError(
                     f"{item.nodeid} needs processes: write a mark that says so in its file, tools/test looks there"
                 )
-            if room == "bench" and item.path.name not in ONLY_STAGED:
-                item.add_marker("alone")  # it measures
         for kind in FOUND_BY_MARK:
-            if item.get_closest_marker(kind) is not None and room != "bench" and not says(item.path, f"mark.{kind}"):
+            if item.get_closest_marker(kind) is not None and not says(item.path, f"mark.{kind}"):
                 raise pytest.UsageError(
                     f"{item.nodeid} is marked {kind}: write the mark in its file, tools/test looks there"
                 )

@@ -47,7 +47,7 @@ _KEPT_OUT: Final = "not socketcan and not hardware"  # these need a kernel with 
 #: Marks that say that a test starts processes. tests/conftest.py requires that they stand in the test's own file.
 PROCESS_MARKS: Final = ("process", "ros", "wheel", "browser", "socketcan", "tmux", "hardware")
 #: Folders about whole processes.
-PROCESS_FOLDERS: Final = ("integration", "socketcan", "hardware_can", "tools")
+PROCESS_FOLDERS: Final = ("bench", "integration", "socketcan", "hardware_can", "tools")
 #: The subpackages with compiled modules, and the tests of whole robots that run on the compiled package as well.
 COMPILED_FOLDERS: Final = (
     "bus", "cia301", "cia402", "host", "master", "hardware", "controllers", "runtime", "virtual", "simulation"
@@ -178,7 +178,7 @@ def halves() -> tuple[list[str], list[str]]:
         else path.stat().st_size
         for path in Path("tests").iterdir()
         if path.is_dir() or path.match("test_*.py")
-        if path.name not in (*PROCESS_FOLDERS, "bench")
+        if path.name not in PROCESS_FOLDERS
     }
     for name, size in sorted(entries.items(), key=lambda entry: (-entry[1], entry[0])):
         smaller = sizes[0] > sizes[1]
@@ -206,7 +206,7 @@ def rest_steps() -> list[list[list[Part]]]:
     compiled_robots = pytest("compiled, whole robots", "not sources", *SHARED,
                              *(f"tests/{name}" for name in COMPILED_ROBOTS), compiled=compiled, again=True)  # fmt: skip
     timed = pytest("timed tests", "timed and not alone", *SHARED, *files_with("timed"), again=True)
-    alone = pytest("tests that measure", "alone", *files_with("alone"), "tests/bench", again=True)
+    alone = pytest("tests that measure", "alone", *files_with("alone"), again=True)
     compile_package = Part("compile", ("tools/compile",))
     return [
         [[compile_package, compiled_fast, compiled_slow], [long, long_fast]],
