@@ -65,6 +65,7 @@ def test_a_length_that_lies_is_a_sentence_and_no_memory(path, at, value, words):
     assert re.search(words, problem), problem
 
 
+@pytest.mark.rest
 def test_a_container_that_unpacks_to_gigabytes_is_refused(path):
     path.write_bytes(path.read_bytes()[:FIRST] + container(bytes(LARGEST_CONTAINER + 1)))
     count, problem, peak = read(path)

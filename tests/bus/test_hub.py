@@ -263,6 +263,7 @@ def test_another_version_is_answered_with_ours(bench):
     assert sock.recv(1) == b""
 
 
+@pytest.mark.rest
 def test_a_stalled_reader_loses_only_its_own_frames_and_learns_how_many(bench):
     sender, quick, stalled = (bench.join(label) for label in ("sender", "quick", "stalled"))
     sent = 0

@@ -96,6 +96,7 @@ def drain(sock):
     return data
 
 
+@pytest.mark.rest
 def test_what_the_kernel_does_not_take_waits_and_follows_in_order(wire):
     port, hub = wire
     count = 0

@@ -80,6 +80,7 @@ def test_a_recording_without_frames_is_one_too(tmp_path, suffix):
     assert recording.problem == f"{path}: no frame is in it"
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("suffix", ALL)
 def test_a_recording_that_was_cut_is_read_up_to_the_cut(tmp_path, suffix):
     path = tmp_path / f"x{suffix}"
@@ -92,6 +93,7 @@ def test_a_recording_that_was_cut_is_read_up_to_the_cut(tmp_path, suffix):
     assert len(frames) < len(PLAIN) * 2000
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("kept", [0.3, 0.6, 0.9])
 def test_a_blf_that_was_cut_says_that_it_ends_in_the_middle(tmp_path, kept):
     path = tmp_path / "x.blf"

@@ -18,6 +18,7 @@ def path(direction=Direction.CCW):
     return SquarePath(0.4, direction, QUICK)
 
 
+@pytest.mark.rest
 def test_it_drives_a_square_and_tells_where_it_ended_by_odometry_and_in_truth(floor):
     bench, client, link = floor("link", track=1.02)
     driven = link.drive(path())
@@ -28,6 +29,7 @@ def test_it_drives_a_square_and_tells_where_it_ended_by_odometry_and_in_truth(fl
     assert link.true_pose().x == bench.robot.truth.reading.x
 
 
+@pytest.mark.rest
 def test_both_directions_of_an_ideal_robot_mirror_on_the_whole_stack(tmp_path):
     found = []
     for direction in Direction:

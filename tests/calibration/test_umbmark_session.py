@@ -11,6 +11,7 @@ from canopen_control.calibration.umbmark_session import CalibrationPlan, TrueEnd
 from canopen_control.errors import ControlError
 
 
+@pytest.mark.rest
 def test_a_robot_with_unequal_wheels_and_a_wrong_track_is_calibrated_in_two_passes(floor):
     bench, _, link = floor("umb", track=1.02, unequal=1.005)
     told, new = [], []

@@ -115,6 +115,7 @@ def test_nobody_fetches_the_servers_answers_and_it_does_not_grow():
 SIZES = st.one_of(st.integers(0, 30), st.integers(880, 900), st.integers(1700, 1800), st.just(100_000))
 
 
+@pytest.mark.rest
 @given(SIZES, st.booleans(), st.booleans(), st.booleans(), st.booleans(), st.integers(1, 127), st.integers(1, 127))
 @settings(max_examples=examples(60))
 def test_any_bytes_cross_by_every_kind_of_transfer(size, block, sized, crc, serves_block, up_size, down_size):
@@ -191,6 +192,7 @@ class LosesSegments(BadLine):
         super()._put(way, one)
 
 
+@pytest.mark.rest
 @given(st.integers(0, 2**32), st.booleans())
 @settings(max_examples=examples(20))
 def test_lost_segments_of_100_kilobytes_are_asked_for_again(seed, upload):

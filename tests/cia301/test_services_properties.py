@@ -180,6 +180,7 @@ def test_memory_is_bounded_when_nobody_drains(make):
     assert flood(make()) < 12_000
 
 
+@pytest.mark.rest
 @pytest.mark.sources
 def test_the_scale_sees_a_core_that_grows():
     class Growing(SyncConsumer):

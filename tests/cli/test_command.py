@@ -81,6 +81,7 @@ def test_outputs_by_name_stay_after_once_and_the_others_are_left_alone(cell):
     assert eventually(lambda: outputs(cell) == [1.0, 0.25])
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("values", [["io/lamp=1", "io/horn=1"], ["1", "1"]])
 def test_outputs_are_safe_when_a_command_that_repeats_has_ended(cell, values):
     assert main(["command", "outputs", *values, "--for", "0.2"]) == 0

@@ -38,6 +38,7 @@ def test_a_difference_ends_with_1_and_names_both_values(bus, backup, capsys):
     assert output.err == ""  # another serial number is no news
 
 
+@pytest.mark.rest
 def test_two_nodes_are_compared_by_their_eds(bus, backup, capsys):
     assert main(["diff", "3", "4", *bus.options, "--eds", TMCM]) == 0
     bus.call(lambda: bus.nodes[4].store.set(0x6083, 0, 9))

@@ -75,6 +75,7 @@ def test_a_name_that_the_robot_does_not_have_is_a_usage_error(mock_robot, capsys
         assert said.count("\n") == 1, (words, said)
 
 
+@pytest.mark.rest
 def test_what_the_robot_refuses_for_another_reason_is_not(mock_robot, capsys):
     assert main(["controller", "unload", "robby_forward_controller"]) == 1
     assert "is active; deactivate it" in capsys.readouterr().err

@@ -130,6 +130,7 @@ def test_another_revision_is_remarked(bus, monkeypatch, tmp_path, capsys):
     assert capsys.readouterr().out.splitlines()[1].endswith("mine.eds (for revision 0x0003001A)")
 
 
+@pytest.mark.rest
 def test_the_bus_of_a_running_robot_its_own_nodes_through_it_and_a_stranger(private_folders, capsys):
     with live_robot("scanrobot") as drives:
         monkey = pytest.MonkeyPatch()

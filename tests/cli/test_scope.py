@@ -73,6 +73,7 @@ QUANTITIES = ("position", "velocity")
 SIX = (0x6041, 0x6061, 0x6064, 0x606C, 0x6077, 0x603F)
 
 
+@pytest.mark.rest
 def test_eight_channels_of_every_millisecond_and_no_cycle_missed(bench, tmp_path, capsys):
     """What comes with SYNC at 1 kHz, and two values of the joint: a sample for each cycle, none of them missing."""
     device = Device(5, find_eds(GENERIC), read_eds(find_eds(GENERIC), 5).od)

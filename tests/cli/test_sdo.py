@@ -39,6 +39,7 @@ def robby(robot, shared_folder, private_folders, monkeypatch):
     return robot
 
 
+@pytest.mark.rest
 def test_a_running_robot_knows_the_names_and_types_of_each_node(robby, capsys):
     assert main(["sdo", "read", "left_drive", "0x1008"]) == 0
     assert main(["sdo", "read", "3", "Product code"]) == 0

@@ -102,6 +102,7 @@ def test_what_goes_with_no_campaign_is_refused(capsys, words, said):
     assert said in err
 
 
+@pytest.mark.rest
 def test_what_is_served_draws_nothing_and_keeps_the_pace_of_real_time(capsys, monkeypatch):
     waits = []
     monkeypatch.setattr(ServedSimulation, "wait", lambda _self, seconds: waits.append(seconds))

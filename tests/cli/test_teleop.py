@@ -35,6 +35,7 @@ def stopped(robot):
 # -- the whole way, with a pseudo-terminal
 
 
+@pytest.mark.rest
 def test_keys_move_the_base_and_ctrl_c_leaves_it_standing(terminal, capsys):
     with running(controllers=[BASE]) as robot:
 

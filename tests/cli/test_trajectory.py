@@ -50,6 +50,7 @@ def positions(arm):
     return [joints[each].position for each in JOINTS]
 
 
+@pytest.mark.rest
 def test_a_file_is_played_to_its_end(arm, wave, capsys):
     assert main(["trajectory", "play", wave(count=200)]) == 0
     assert capsys.readouterr().out == "the goal was reached\n"
@@ -100,6 +101,7 @@ def test_what_cannot_be_played_or_recorded_is_a_sentence(arm, words, text, capsy
     assert text in capsys.readouterr().err
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(
     ("words", "text"),
     [

@@ -42,6 +42,7 @@ def value_of(said, words):
     return float(line.removeprefix(words).split()[0])
 
 
+@pytest.mark.rest
 def test_a_step_is_measured_and_leaves_the_drive_off(bench, no_terminal, capsys, tmp_path):
     file = tmp_path / "step.csv"
     assert bench.verb("tune", "--step", "30rpm", "--for", "1", "--yes", "-o", str(file)) == 0
@@ -56,6 +57,7 @@ def test_a_step_is_measured_and_leaves_the_drive_off(bench, no_terminal, capsys,
     assert len(rows) > 100
 
 
+@pytest.mark.rest
 def test_inertia_and_friction_are_identified_and_gains_proposed(bench, no_terminal, capsys):
     assert bench.verb("tune", "--identify", "190", "--yes", "--crossover", "10") == 0
     said = capsys.readouterr().out
@@ -66,6 +68,7 @@ def test_inertia_and_friction_are_identified_and_gains_proposed(bench, no_termin
     assert value_of(said, "position P") == pytest.approx(15.71, rel=0.01)
 
 
+@pytest.mark.rest
 def test_programs_get_json_and_a_picture_of_the_response(bench, no_terminal, capsys, tmp_path):
     file = tmp_path / "bode.png"
     assert bench.verb("tune", "--bode", "--for", "2", "--yes", "--json", "-o", str(file)) == 0
@@ -76,6 +79,7 @@ def test_programs_get_json_and_a_picture_of_the_response(bench, no_terminal, cap
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.rest
 def test_a_frequency_response_is_a_table_and_a_file(bench, no_terminal, capsys, tmp_path):
     file = tmp_path / "bode.csv"
     assert bench.verb("tune", "--bode", "--for", "2", "--yes", "-o", str(file)) == 0
@@ -100,6 +104,7 @@ def true_response(gains, cycle):
     return answer
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("signal", ["chirp", "prbs"])
 def test_the_response_of_drive_and_bus_is_true_within_a_decibel_and_five_degrees(
     bench, no_terminal, capsys, tmp_path, signal
@@ -185,6 +190,7 @@ def test_a_drive_without_a_torque_mode_is_told(private_folders, no_terminal, cap
     assert main(["tune", "5", "--can", "local:nobody", "--eds", GENERIC, "--step", "30rpm", "--yes"]) == 2
 
 
+@pytest.mark.rest
 def test_proposed_gains_are_set_and_taken_back(bench, no_terminal, capsys):
     words = ("--identify", "190", "--yes", "--crossover", "10", "--apply")
     before = [bench.get(0x60F9, 1), bench.get(0x60F9, 2), bench.get(0x60FB, 1)]

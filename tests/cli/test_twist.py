@@ -16,6 +16,7 @@ def test_a_base_drives_forward_and_stops():
         assert joints["left_wheel_joint"].position > 0
 
 
+@pytest.mark.rest
 def test_a_base_that_can_drives_sideways_and_another_one_says_that_it_cannot(capsys):
     with lockstep(), Robot.from_config("mecanum", mock=True, name="platform") as robot:
         robot.start()

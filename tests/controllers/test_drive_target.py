@@ -69,6 +69,7 @@ def test_a_velocity_that_nobody_renews_ends_after_two_seconds_and_says_so(drives
     assert "targets are 0" in drives.texts("command_timeout")[0]
 
 
+@pytest.mark.rest
 def test_a_position_is_held_for_ever(drives):
     drives.enable("drive_one")
     drives.target(0.5)

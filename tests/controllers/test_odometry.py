@@ -60,6 +60,7 @@ def test_a_circle_ends_where_it_began(radius, steps, sense, backward):
     assert same(odometry.heading, sense * 2 * math.pi)
 
 
+@pytest.mark.rest
 def test_the_heading_survives_a_million_steps():
     odometry = Odometry(0.24, 0.035, 0.035, 1)
     odometry.begin(0.0, 0.0, 0)

@@ -31,6 +31,7 @@ def deaf(bench):
     return bench.joint(LEFT)
 
 
+@pytest.mark.rest
 def test_a_drive_that_does_not_stop_is_told_to_quick_stop_then_to_disable_voltage(turning):
     bench = turning()
     joint = deaf(bench)
@@ -58,6 +59,7 @@ def test_a_drive_that_does_not_stop_is_told_to_quick_stop_then_to_disable_voltag
     bench.goes_on()
 
 
+@pytest.mark.rest
 def test_the_power_of_a_drive_that_holds_a_load_is_never_taken(turning):
     bench = turning(description={DEVICE: DEVICE + '<param name="holds_load">true</param>'})
     joint = deaf(bench)
@@ -68,6 +70,7 @@ def test_the_power_of_a_drive_that_holds_a_load_is_never_taken(turning):
     assert bench.powered(LEFT)
 
 
+@pytest.mark.rest
 def test_the_last_sentence_names_the_drive_that_has_power_still(turning):
     bench = turning()
     deaf(bench)

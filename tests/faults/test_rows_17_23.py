@@ -124,6 +124,7 @@ def test_row_20_our_own_missed_syncs_are_counted_and_told(turning):
     assert turning.found("cycle_missed")
 
 
+@pytest.mark.rest
 def test_row_21_a_flood_of_emergencies_neither_fills_the_log_nor_slows_the_cycle(turning):
     turning.switch("emcy_flood")
     begin = time.process_time()

@@ -50,6 +50,7 @@ def test_row_32_without_an_acknowledgement_bit_4_goes_back_and_the_set_point_is_
     assert robby.joint(3).states["position"].value == pytest.approx(1.0, abs=0.001)
 
 
+@pytest.mark.rest
 def test_row_32_an_acknowledgement_that_is_set_already_is_waited_for_to_fall(servo):
     robby = servo("position", modes="position_mode: 1")
     robby.switch("pp_ack_stuck")
@@ -172,6 +173,7 @@ def test_row_37_a_homing_that_fails_says_so_and_gives_the_mode_back(servo):
     assert joint.enabled, "as it was before"
 
 
+@pytest.mark.rest
 def test_row_37_a_homing_without_end_is_ended_by_its_time(servo):
     robby = servo("velocity", extra="homing_timeout_seconds: 3.0")
     robby.switch("homing_endless")

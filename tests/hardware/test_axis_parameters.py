@@ -63,6 +63,7 @@ def test_it_asks_only_for_what_the_eds_lists_and_nothing_is_enabled_before_it_is
     assert parameters.failed == []
 
 
+@pytest.mark.rest
 def test_a_drive_that_does_not_answer_is_loaded_without_and_named(servo):
     bench = servo("params5")
     bench.start()

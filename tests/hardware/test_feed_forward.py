@@ -54,6 +54,7 @@ def offsets(arm):
     return [arm.joint(node).axis.velocity_offset.value for node in NODES]
 
 
+@pytest.mark.rest
 def test_the_planned_velocity_goes_to_the_drive_in_its_units_and_is_gone_at_the_end(arm):
     goal, most = send(arm), 0.0
     while not goal.ended:
@@ -70,6 +71,7 @@ def test_the_planned_velocity_goes_to_the_drive_in_its_units_and_is_gone_at_the_
     assert [arm.drives[node].get(0x60B1) for node in NODES] == [0] * 6
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("ends", ["stop", "disable", "halt", "quick-stop", "lost"])
 def test_whatever_ends_the_motion_takes_it_away_in_the_same_cycle(arm, ends):
     send(arm)

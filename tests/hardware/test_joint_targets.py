@@ -293,6 +293,7 @@ def test_a_position_at_every_sync_stays_within_the_software_limits(mode):
         assert output.value == end
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(
     ("interface", "key", "value"),
     [

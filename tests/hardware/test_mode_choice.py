@@ -84,6 +84,7 @@ def test_outputs_must_be_mapped(bench, tmp_path):
         bench(config)
 
 
+@pytest.mark.rest
 def test_a_target_begins_with_a_mode_in_which_the_drive_makes_the_ramp_or_with_that_of_bus_yml(tmp_path):
     for number, (modes, first) in enumerate([("", "PP"), ("velocity_mode: 9", "CSV"), ("effort_mode: 4", "TQ")]):
         folder = tmp_path / str(number)

@@ -340,6 +340,7 @@ SCRAPS = st.sampled_from(
 )
 
 
+@pytest.mark.rest
 @settings(max_examples=examples(150))
 @given(
     st.lists(st.tuples(st.integers(0, len(LINES) - 1), SCRAPS, st.booleans()), min_size=1, max_size=6), st.booleans()

@@ -1,3 +1,5 @@
+import pytest
+
 from canopen_control.master.event_log import FEW, FIRST_WINDOW_NS, WIDEST_WINDOW_NS, Event, EventLog, Level
 
 S = 1_000_000_000
@@ -35,6 +37,7 @@ def test_what_nobody_takes_keeps_the_newest_and_counts_the_rest():
     assert [event.time for event in log.recent] == [6, 7, 8, 9]
 
 
+@pytest.mark.rest
 def test_fifty_thousand_error_frames_are_a_handful_of_lines_and_one_entry_with_its_count():
     log = EventLog()
     flood = [warning(number * 200_000, f"error frame: {number} of 5") for number in range(50_000)]  # ten seconds

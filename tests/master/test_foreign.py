@@ -88,6 +88,7 @@ def test_who_asks_whether_the_id_of_a_node_that_is_not_there_is_free_is_nobody(r
     assert told(robby) == []
 
 
+@pytest.mark.rest
 def test_after_a_minute_without_it_is_told_anew(robby):
     master_like(robby, 1.0, "080#")
     robby.run(61_000)

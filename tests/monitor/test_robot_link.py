@@ -17,6 +17,7 @@ def link(private_folders, monkeypatch):
     link.close()
 
 
+@pytest.mark.rest
 def test_it_finds_the_robot_loses_it_and_finds_it_again(link):
     assert eventually(lambda: link.why.startswith("no robot is running"))
     assert link.state is None

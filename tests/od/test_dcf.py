@@ -247,6 +247,7 @@ def dictionaries(draw):
     return od
 
 
+@pytest.mark.rest
 @given(dictionaries())
 def test_any_dictionary_comes_back(od):
     assert parse_eds(eds_text(od).encode()).od.entries == od.entries

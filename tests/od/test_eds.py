@@ -378,6 +378,7 @@ def test_an_issue_is_as_severe_as_its_consequence():
 # --- Anything at all ---
 
 
+@pytest.mark.rest
 @settings(max_examples=examples(300), suppress_health_check=[HealthCheck.too_slow])
 @given(mutated() | st.binary(max_size=200), st.none() | st.integers(1, 127))
 @example(b"[1000]\nDataType=8\nDefaultValue=0x7FC00000", None)

@@ -90,6 +90,7 @@ def test_a_blocked_wheel_is_a_fault_of_its_drive_an_emcy_and_a_stop_of_the_robot
     assert not robot.joint(2).following
 
 
+@pytest.mark.rest
 def test_a_payload_five_times_the_robot_on_a_ramp_is_too_much_for_its_motors(state_home):
     hall = state_home / "hall.yml"
     hall.write_text("ramps: [{at: [0.15, 0], angle: 18, length: 3, width: 2}]")

@@ -179,6 +179,7 @@ def test_two_subscribers_of_one_rate_get_the_same_sample(robby, client):
     other.close()
 
 
+@pytest.mark.rest
 def test_a_client_that_never_reads_is_dropped_with_an_event_and_the_cycle_goes_on(robby):
     stalled = Client(robby)
     stalled.ask("subscribe", state_rate=50, events=True)

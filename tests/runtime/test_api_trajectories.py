@@ -70,6 +70,7 @@ def positions(arm):
     return [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
 
 
+@pytest.mark.rest
 def test_a_goal_is_answered_when_it_has_ended(arm, client):
     begin = arm.reactor.now()
     answer = client.ask("follow_trajectory", **goal(source="test"))
@@ -80,6 +81,7 @@ def test_a_goal_is_answered_when_it_has_ended(arm, client):
     assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
 
 
+@pytest.mark.rest
 def test_one_of_500_points_comes_in_pieces(client):
     all_points = points(500)
     while len(all_points) > 50:
@@ -88,6 +90,7 @@ def test_one_of_500_points_comes_in_pieces(client):
     assert client.ask("follow_trajectory", **goal(points=all_points))["result"]["state"] == "succeeded"
 
 
+@pytest.mark.rest
 def test_the_end_of_its_connection_ends_it_and_the_joints_brake(arm, client):
     client.send(id=1, method="follow_trajectory", params=goal())
     arm.run(500)
@@ -101,6 +104,7 @@ def test_the_end_of_its_connection_ends_it_and_the_joints_brake(arm, client):
     assert positions(arm) == pytest.approx(where, abs=1e-4)
 
 
+@pytest.mark.rest
 def test_without_a_dead_man_it_goes_on_without_its_connection(arm, client):
     client.send(id=1, method="follow_trajectory", params=goal(dead_man=False))
     arm.run(500)
@@ -109,6 +113,7 @@ def test_without_a_dead_man_it_goes_on_without_its_connection(arm, client):
     assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
 
 
+@pytest.mark.rest
 def test_a_sender_that_promised_a_heartbeat_and_falls_silent_is_gone_though_its_connection_stands(arm, client):
     client.send(id=1, method="follow_trajectory", params=goal(heartbeat=0.5, source="test"))
     arm.run(600)
@@ -126,6 +131,7 @@ def test_a_sender_that_promised_a_heartbeat_and_falls_silent_is_gone_though_its_
     assert answer["result"]["state"] == "succeeded"  # without a promise nothing is kept of the one before
 
 
+@pytest.mark.rest
 def test_a_heartbeat_that_comes_keeps_it_and_one_that_nobody_waits_for_does_nothing(arm, client):
     assert client.ask("trajectory_heartbeat")["result"] == {}
     client.send(id=7, method="follow_trajectory", params=goal(heartbeat=0.5))
@@ -182,6 +188,7 @@ def test_a_bad_goal_is_refused_with_its_reason_and_nothing_moves(arm, client, wr
     assert positions(arm) == pytest.approx(where, abs=1e-4)
 
 
+@pytest.mark.rest
 def test_more_points_than_anybody_plans_are_refused_and_forgotten(client):
     empty = [{}] * 1000
     for _ in range(MAX_POINTS // 1000):
@@ -190,6 +197,7 @@ def test_more_points_than_anybody_plans_are_refused_and_forgotten(client):
     assert client.ask("follow_trajectory", **goal())["result"]["state"] == "succeeded"
 
 
+@pytest.mark.rest
 def test_a_goal_that_is_sent_is_accepted_at_once_and_its_end_is_told_later(arm, client):
     assert "send_trajectory" in client.ask("trajectory_end")["error"]["message"]
     begin = arm.reactor.now()
@@ -204,6 +212,7 @@ def test_a_goal_that_is_sent_is_accepted_at_once_and_its_end_is_told_later(arm, 
     assert positions(arm) == pytest.approx(ENDS, abs=1e-3)
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(
     ("wrong", "code"),
     [
@@ -252,6 +261,7 @@ def test_why_a_goal_was_cancelled_is_in_its_result(arm, client):
     assert (ended["state"], ended["text"]) == ("canceled", "the goal was cancelled: lunch")
 
 
+@pytest.mark.rest
 def test_a_trajectory_that_is_no_goal_is_followed_and_ends_with_its_connection(arm, client, other):
     trajectory = {"controller": ARM, "joints": JOINTS, "points": points()}
     assert client.ask("set_trajectory", **trajectory)["result"] == {}
@@ -264,6 +274,7 @@ def test_a_trajectory_that_is_no_goal_is_followed_and_ends_with_its_connection(a
     assert (refused["kind"], "no points" in refused["message"]) == ("TrajectoryRefused", True)
 
 
+@pytest.mark.rest
 def test_what_the_trajectory_says_can_be_asked_for_and_its_time_scaled(arm, client):
     assert client.ask("scale_trajectory", controller=ARM, factor=0.5)["result"] == {}
     assert client.ask("send_trajectory", **goal())["result"]["accepted"]

@@ -85,6 +85,7 @@ def test_homing_is_answered_when_it_is_done_and_refused_for_all_or_none(robby):
     assert all(joint.homing is None for joint in robby.robot.joints.values())
 
 
+@pytest.mark.rest
 def test_a_touch_probe_is_read_where_there_is_one(robby, tmp_path):
     with pytest.raises(ControlError, match="no touch probe"):
         robby.robot.touch_probe("left_drive", list)

@@ -29,6 +29,7 @@ def test_it_serves_its_api_from_start_to_shutdown():
     assert find_robots() == []
 
 
+@pytest.mark.rest
 def test_what_keeps_it_from_running_is_raised():
     robot = mock()
     robot.start()

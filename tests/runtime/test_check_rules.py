@@ -298,6 +298,7 @@ def test_files_that_could_not_be_read_are_left_out():
     assert find(find_robot("robby")) == []
 
 
+@pytest.mark.rest
 @given(st.data())
 @settings(max_examples=examples(40), suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_the_rules_never_raise_whatever_is_missing_in_the_files(tmp_path, data):

@@ -347,6 +347,7 @@ def test_an_optional_node_is_not_waited_for_and_joins_when_it_appears(bench, tmp
     assert robby.robot.state is RobotState.RUNNING
 
 
+@pytest.mark.rest
 def test_with_boot_time_0_a_required_node_is_waited_for_for_ever(bench, tmp_path):
     config = copy_robby(tmp_path, bus={"sync_period: 20000": "sync_period: 20000\n  boot_time: 0"})
     robby = bench(config=config, drives=(LEFT,))

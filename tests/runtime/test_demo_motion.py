@@ -69,6 +69,7 @@ def played(config, drives, ms):
         bench.close()
 
 
+@pytest.mark.rest
 def test_a_base_that_is_steered_goes_a_curve():
     begin, (low, high) = played("forklift", (2, 3, 4), 9000)
     assert begin == [0.0, 0.0, 0.0]
@@ -77,6 +78,7 @@ def test_a_base_that_is_steered_goes_a_curve():
     assert high[2] == pytest.approx(math.atan(0.5 * 1.2 / 0.2), abs=0.02)
 
 
+@pytest.mark.rest
 def test_positions_swing_a_little_about_where_they_were():
     begin, (low, high) = played("arm6", range(2, 8), 9000)
     for at, least, most in zip(begin, low, high, strict=True):

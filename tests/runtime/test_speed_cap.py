@@ -138,6 +138,7 @@ def test_whatever_is_commanded_the_target_moves_no_faster_than_the_cap(commands)
         here.value += (command.value - here.value) * followed
 
 
+@pytest.mark.rest
 def test_a_robot_that_is_commanded_positions_is_slow_too():
     bench = Bench("cappedarm", config="arm6", drives=range(2, 8))
     joints = list(bench.robot.joints)

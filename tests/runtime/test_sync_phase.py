@@ -38,6 +38,7 @@ def follow(period, behind, syncs, *, ppm, lateness, seed=1, begin=0):
     return counts, edges, sent, phase
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("ppm", [-200, 200])
 def test_in_an_hour_at_200_ppm_no_edge_is_lost_and_none_doubled(ppm):
     period = 10 * MS
@@ -57,6 +58,7 @@ def on_the_next(edge):
     return -(-edge // MS) * MS
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(("period", "ppm", "syncs"), [(10 * MS, -200, 360_000), (4 * MS, 200, 150_000)])
 def test_in_an_hour_a_process_up_to_2_ms_late_behind_a_slow_adapter_has_one_set_point_there_at_each_sync(
     period, ppm, syncs

@@ -75,6 +75,7 @@ def test_a_device_is_called_by_its_profile(number, name):
     assert plan_robot("cell", [Device(9, path, read_eds(path, 9).od)]).nodes[0].name == name
 
 
+@pytest.mark.rest
 def test_the_master_takes_an_id_that_is_free():
     assert plan_robot("r", [device(2)]).master_id == 1
     assert plan_robot("r", [device(1)]).master_id == 127

@@ -171,6 +171,7 @@ def test_a_robot_may_be_made_in_a_folder_that_is_not_there(tmp_path):
 BUILT = [name for name, base in BASES.items() if base.type_name in TYPES]
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("name", BUILT)
 def test_a_base_passes_strictly_and_drives_forward(tmp_path, name):
     eds = data_path("eds", "generic_cia402.eds")

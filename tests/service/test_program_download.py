@@ -169,6 +169,7 @@ def test_an_empty_file_and_a_dead_node_end_it():
         Bench().run(disturb=lambda number, order: silent(order) if number > 4 else None)
 
 
+@pytest.mark.rest
 @settings(max_examples=examples(60))
 @given(st.integers(0, 40), st.sampled_from(["power", "silence", "flash"]), st.integers(0, len(NEW)))
 def test_after_any_loss_the_next_attempt_succeeds(at, kind, fails_at):

@@ -73,6 +73,7 @@ def pixels(data):
     return found.shape, count(0x1F, 0x77, 0xB4), count(0x9A, 0xA5, 0xB1), count(0x16, 0x32, 0x4F)
 
 
+@pytest.mark.rest
 def test_a_picture_has_the_signal_its_overlay_and_the_cursors():
     pytest.importorskip("matplotlib", reason="matplotlib is not installed: pip install canopen-control[plot]")
     size, signal, overlay, cursor = pixels(picture_of(NAMED))

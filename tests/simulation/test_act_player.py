@@ -90,6 +90,7 @@ def test_a_plant_takes_numbers_and_a_strange_frame_passes(played):
     assert played.robot.drives[3].device.drives[0].mover.plant.rated_velocity == 5.0
 
 
+@pytest.mark.rest
 def test_a_trajectory_goes_by_way_of_its_points():
     played = Played("arm6")
     joints = list(played.robot.core.joints.values())

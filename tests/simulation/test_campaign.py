@@ -31,6 +31,7 @@ def test_a_robot_whose_parameters_are_no_message_runs_in_processes_too():
     assert [each.sha256 for each in arm.run([1, 2], 2)] == [arm.run_seed(seed).sha256 for seed in (1, 2)]
 
 
+@pytest.mark.rest
 @pytest.mark.sources
 def test_a_breach_is_shrunk_to_what_it_takes(campaign, monkeypatch):
     MUTANTS["reset_chains_into_enable"](monkeypatch)

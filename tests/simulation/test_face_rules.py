@@ -29,6 +29,7 @@ def judged(made):
     return made()
 
 
+@pytest.mark.rest
 def test_what_is_shown_as_it_is_is_no_news(judged):
     judged.drive(5.0, -5.0, seconds=1.0).run(2.0).do("stop").run(1.0).do("axis", name="enable").run(1.0)
     judged.do("fault", 3, 0.5, name="drive_fault").run(1.0).do("power", 2, 1.0).run(4.0)
@@ -93,6 +94,7 @@ def test_a_drive_that_counts_anew_goes_on_where_it_was_seen_last(judged):
     assert judged.told == []
 
 
+@pytest.mark.rest
 def test_a_drive_whose_count_passes_over_its_32_bits_goes_on():
     """Seed 1582 of the forklift: the count of a drive is brought to its end, and its wheel turns on."""
     acts = (

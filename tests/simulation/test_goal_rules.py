@@ -48,6 +48,7 @@ def go(arm, seconds=1.0):
     return arm.do("trajectory", ARM, seconds, values=(0.1, 0.1, 0.1, 0.1, 0.1, 0.1))
 
 
+@pytest.mark.rest
 def test_a_goal_that_ends_as_its_tolerances_say_is_no_news(arm):
     go(arm).run(2.0)
     go(arm).run(0.5).do("cancel", ARM).run(1.5)
@@ -55,6 +56,7 @@ def test_a_goal_that_ends_as_its_tolerances_say_is_no_news(arm):
     assert arm.told == []
 
 
+@pytest.mark.rest
 @pytest.mark.sources
 @pytest.mark.parametrize(
     ("verdict", "when", "words"),
@@ -72,6 +74,7 @@ def test_a_goal_that_ends_otherwise_is_told(arm, monkeypatch, verdict, when, wor
     assert words in arm.told[0][1]
 
 
+@pytest.mark.rest
 @pytest.mark.sources
 @pytest.mark.parametrize("newer", [False, True])
 def test_a_cancelled_trajectory_that_goes_on_is_told_unless_something_newer_leads_it(arm, monkeypatch, newer):

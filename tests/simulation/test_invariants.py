@@ -65,6 +65,7 @@ def test_there_are_enough_mutants_and_each_is_looked_for():
     assert all(seed < 100 for seed, _ in CAUGHT.values())
 
 
+@pytest.mark.rest
 @pytest.mark.sources
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_mutated_runtime_is_caught(monkeypatch, name):
@@ -73,6 +74,7 @@ def test_a_mutated_runtime_is_caught(monkeypatch, name):
     assert breaches_of(seed)[0].rule == rule
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("seed", sorted({seed for seed, _ in CAUGHT.values()}))
 def test_the_runtime_as_it_is_is_not_caught_by_these_seeds(seed):
     assert breaches_of(seed) == []

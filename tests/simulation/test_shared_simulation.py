@@ -27,6 +27,7 @@ def simulated(hall, faults=(), seconds=3):
     return made
 
 
+@pytest.mark.rest
 def test_each_robot_has_its_place_its_schedule_and_its_outcome(hall):
     made = simulated(hall)
     outcome = made.outcome
@@ -39,6 +40,7 @@ def test_each_robot_has_its_place_its_schedule_and_its_outcome(hall):
     assert places["robby1"].x < 0.5 < places["robby2"].x
 
 
+@pytest.mark.rest
 def test_the_same_seed_does_the_same_again_with_faults_too(hall):
     digests = set()
     for _ in range(2):
@@ -48,6 +50,7 @@ def test_the_same_seed_does_the_same_again_with_faults_too(hall):
     assert len(digests) == 1
 
 
+@pytest.mark.rest
 def test_a_robot_that_is_killed_leaves_the_other_alone(hall):
     world, setups = hall
     made = SharedSimulation(setups, world, 5, 3 * S, ())

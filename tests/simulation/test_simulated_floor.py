@@ -21,6 +21,7 @@ def pose(run):
     return run.robot.floor.describe().base
 
 
+@pytest.mark.rest
 def test_the_wheels_move_the_robot_over_the_floor_and_the_same_seed_does_it_again():
     ends = []
     for _ in range(2):
@@ -49,6 +50,7 @@ def test_what_the_floor_turns_is_no_motion_of_a_drive():
     run.close()
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("twist", [(0.3, 0.15), (0.5, 0.3), (-0.3, 0.2)])
 def test_wheels_that_strain_against_each_other_relax(twist):
     """A forklift that begins to turn while its steered wheel is still on the way strains its two driven wheels."""

@@ -20,6 +20,7 @@ def digest_of(seed, name="robby"):
     return digest
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("name", ["robby", "arm6", "forklift"])
 def test_a_robot_boots_in_virtual_time_and_the_same_seed_does_the_same(name):
     assert digest_of(3, name) == digest_of(3, name) != digest_of(4, name)

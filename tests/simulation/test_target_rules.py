@@ -126,6 +126,7 @@ def test_a_target_beyond_the_limits_of_the_drive_is_told(monkeypatch, verb):
     assert limits(*PUSH)[0] == {"limit_ignored"}
 
 
+@pytest.mark.rest
 @pytest.mark.sources
 def test_a_target_against_a_limit_switch_is_told(monkeypatch):
     steps = (

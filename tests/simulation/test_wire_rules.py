@@ -102,6 +102,7 @@ def test_a_bus_beyond_its_budget_is_told(judged):
     assert judged.told == ["bus_budget"]
 
 
+@pytest.mark.rest
 def test_the_seed_whose_abort_was_lost_breaks_nothing():
     acts = (
         Act(600 * MS, "command", "forklift_base_controller", values=(0.286, -0.41), for_ns=1278 * MS),

@@ -16,6 +16,7 @@ def run(pytester, *words):
     return pytester.runpytest_inprocess("-p", "canopen_control.testing.fixtures", "-p", "no:cacheprovider", *words)
 
 
+@pytest.mark.rest
 def test_the_tests_of_the_guide_pass(pytester):
     shutil.copy(EXAMPLES, pytester.path)
     pytester.makeini("[pytest]\ncanopen_robot = robby\n")
@@ -36,6 +37,7 @@ def test_a_folder_beside_the_ini_file_is_found(pytester):
     run(pytester).assert_outcomes(passed=1)
 
 
+@pytest.mark.rest
 @pytest.mark.sources
 @pytest.mark.parametrize(("mark", "failed"), [("", 1), (", breaches=True", 0)])
 def test_a_breach_fails_a_test_unless_it_is_left_to_it(pytester, monkeypatch, mark, failed):

@@ -85,6 +85,7 @@ def test_what_stands_in_the_world_is_in_the_file_also_when_its_drives_are_gone(r
     assert read_flight(newest(flight_folder("flight"))).meta.world == (box,)
 
 
+@pytest.mark.rest
 def test_no_event_is_taken_twice(reactor, robot):
     recorder = FlightRecorder(reactor, "flight", {})
     recorder.start()

@@ -282,6 +282,7 @@ def test_whatever_is_changed_is_refused_in_a_sentence_or_reported(whole, data):
         json.dumps(plain(facts), allow_nan=False)
 
 
+@pytest.mark.rest
 def test_a_size_that_lies_is_not_believed(tmp_path):
     path = rewritten(write(tmp_path), **{"events.jsonl": MIB * 200})
     data = bytearray(path.read_bytes())
@@ -295,6 +296,7 @@ def test_a_size_that_lies_is_not_believed(tmp_path):
     tracemalloc.stop()
 
 
+@pytest.mark.rest
 def test_more_files_than_a_recording_has_are_refused(tmp_path):
     path = rewritten(write(tmp_path), **{f"eds/{number}.eds": b"" for number in range(1001)})
     with pytest.raises(ConfigError, match=r"no flight recording: 1006 files are in it"):

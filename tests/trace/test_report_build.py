@@ -14,6 +14,7 @@ from canopen_control.trace.report_build import facts_of, networks_of
 EMPTY = FlightMeta(robot="", reason=NO_FAULT)
 
 
+@pytest.mark.rest
 def test_what_went_wrong_first_is_found_and_named(lost_drive):
     facts = facts_of(lost_drive)
     assert facts.fault.node == "left_drive"

@@ -45,6 +45,7 @@ def test_a_mesh_is_found_by_its_whole_path(robot):
     assert find_mesh(f"file://{file}", str(robot), {}) == file
 
 
+@pytest.mark.rest
 def test_a_package_is_found_where_ros_has_it(robot, tmp_path):
     share = tmp_path / "opt" / "share" / "other" / "m.stl"
     share.parent.mkdir(parents=True)

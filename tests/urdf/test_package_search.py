@@ -33,6 +33,7 @@ def test_a_package_beside_it_is_found_too_whatever_its_folder_is_called(tmp_path
     assert find_package("parts", file, {}) == str(other)
 
 
+@pytest.mark.rest
 def test_sources_go_before_what_is_installed(tmp_path):
     own = package(tmp_path / "src" / "my_robot")
     (tmp_path / "install" / "share" / "my_robot").mkdir(parents=True)
@@ -60,6 +61,7 @@ def test_what_is_no_name_is_no_package(tmp_path, name):
     assert list(package_folders(name, tmp_path / "x", environment)) == []
 
 
+@pytest.mark.rest
 def test_one_that_is_nowhere_says_what_to_do(tmp_path):
     with pytest.raises(
         LookupError, match=r"'other' of \$\(find other\) is neither installed nor above .*; add the folder"

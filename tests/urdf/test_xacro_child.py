@@ -16,6 +16,7 @@ def test_find_looks_around_the_file_where_no_ros_knows_the_package(tmp_path):
     assert '<link name="part"/>' in run_xacro(path, {})
 
 
+@pytest.mark.rest
 def test_a_package_that_is_nowhere_is_said_once_in_words(tmp_path):
     kind, text = _run(str(write(tmp_path, '<xacro:include filename="$(find far)/a.xacro"/>')), {})
     assert kind == REFUSED

@@ -61,6 +61,7 @@ def test_only_news_are_told():
     assert lost == {"lost": True, "latched": True}
 
 
+@pytest.mark.rest
 def test_what_is_sent_goes_through_the_feed(monkeypatch):
     sent = []
     monkeypatch.setattr(Feed, "send", lambda self, data: sent.append(data))

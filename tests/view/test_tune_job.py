@@ -80,6 +80,7 @@ def test_a_step_is_found_with_its_curves_and_stands_in_the_events(private_folder
     assert page.work.done > 90
 
 
+@pytest.mark.rest
 def test_a_plant_is_identified_and_its_gains_are_set_and_taken_back(private_folders):
     with page_for(JogKind.TORQUE) as page:
         _, found = page.run(TuneWish(TuneTest.IDENTIFY, 0.01, 8.0, torque=190.0, crossover=10.0))
@@ -97,6 +98,7 @@ def test_a_plant_is_identified_and_its_gains_are_set_and_taken_back(private_fold
         assert any("0x60F9:01" in line for line in page.work.lines)
 
 
+@pytest.mark.rest
 def test_a_page_that_goes_ends_it_at_once(private_folders):
     with page_for(JogKind.VELOCITY) as page:
         seconds = iter([0.0, *[0.0] * 60, *[5.0] * 1000])
@@ -107,6 +109,7 @@ def test_a_page_that_goes_ends_it_at_once(private_folders):
         assert page.bench.speed == pytest.approx(0.0, abs=200)
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("end", ["STOP", "button"])
 def test_stop_and_the_button_end_it(private_folders, end):
     with page_for(JogKind.VELOCITY) as page:

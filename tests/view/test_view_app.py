@@ -316,6 +316,7 @@ def test_the_end_of_the_view_ends_what_it_drives(robot, play):
     assert eventually(lambda: command(robot) == 0.0)
 
 
+@pytest.mark.rest
 def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_pages(private_folders, play):
     page = Page()
 
@@ -436,6 +437,7 @@ async def begun(app, seconds=30.0):
     return playing
 
 
+@pytest.mark.rest
 def test_a_trajectory_is_played_to_its_end(arm, play):
     async def act(app):
         playing = await begun(app, 1.5)

@@ -219,6 +219,7 @@ def test_the_tmcm_1270_reports_its_limit_switch_unless_its_switches_are_disabled
     assert b.velocity == 900
 
 
+@pytest.mark.rest
 def test_homing_that_fails_and_homing_without_end():
     b = bench(x6098=17).enable(6)
     b.set(fault("homing_fails"))

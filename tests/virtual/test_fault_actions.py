@@ -291,6 +291,7 @@ def test_a_drive_with_the_masters_clock_follows_every_set_point():
     assert set(csp_steps("", 200)) == {1}
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(("name", "odd", "beat"), [(fault("clock_fast"), 0, 99.99), (fault("clock_slow"), 2, 100.01)])
 def test_a_clock_that_drifts_repeats_or_misses_a_set_point_once_in_ten_thousand(name, odd, beat):
     ways = csp_steps(name)

@@ -45,6 +45,7 @@ def test_one_set_point_of_a_hundred_repeated_is_a_dip_and_a_jump():
     assert (bench.quality.doubled, bench.quality.missed, bench.quality.taken) == (10, 0, 1000)
 
 
+@pytest.mark.rest
 def test_one_rpdo_of_a_hundred_lost_is_a_dip_where_the_drive_stands_and_nothing_where_it_goes_on():
     lost = range(100, 1050, 100)
     held, extrapolated = (StreamBench(model=model).ramp(1050, skip=lost) for model in (GENERIC, ON))

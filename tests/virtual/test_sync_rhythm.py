@@ -31,6 +31,7 @@ def test_two_syncs_make_no_rhythm():
     assert heard([T, 2 * T, 3 * T]).has_period(0.004)
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("ppm", [200, -200])
 def test_for_an_hour_at_200_ppm_with_two_ms_of_jitter_its_edges_keep_to_the_sender_and_none_is_lost(ppm):
     rhythm, chance = SyncRhythm(), random.Random(ppm)

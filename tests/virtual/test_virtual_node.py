@@ -310,6 +310,7 @@ def may_move(states):
     return bool(states & {State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE})
 
 
+@pytest.mark.rest
 @settings(max_examples=examples(150))
 @given(st.lists(STEPS, max_size=25), st.booleans(), st.integers(0, 3))
 def test_random_frames_never_crash_it_and_move_it_only_in_operation(steps, enabled, option):

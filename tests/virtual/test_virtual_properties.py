@@ -192,6 +192,7 @@ def test_torque_modes_follow_the_lag_of_mass_and_viscous_friction(mode, slope):
 PLANTS = {"stiff": None, "lag": lambda axis: LagPlant(time_constant=0.03), "loaded": lambda axis: LoadedPlant()}
 
 
+@pytest.mark.rest
 @settings(max_examples=examples(30))
 @given(
     st.sampled_from(sorted(PLANTS)),
@@ -327,6 +328,7 @@ def leaves_the_mapping(frame):
     return not 0x1400 <= index < 0x1C00 and (index != 0x6040 or data[0] in (0x2B, 0x40)) and data[0] >> 5 in (1, 2)
 
 
+@pytest.mark.rest
 @settings(max_examples=examples(200))
 @given(
     st.booleans(),

@@ -163,6 +163,7 @@ def test_a_mistake_behind_an_alias_is_told_once_for_each_place_it_is_used_in():
     ]
 
 
+@pytest.mark.rest
 def test_an_alias_inside_its_own_anchor_and_a_file_that_multiplies_itself_are_refused():
     assert "never ends" in messages("nodes: &a {x: *a}")[0]
     bomb = "a: &a [x, x, x, x, x, x, x, x, x, x]\n"

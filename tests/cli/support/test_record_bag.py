@@ -19,6 +19,7 @@ def topics(path):
         return {connection.topic: connection.msgcount for connection in reader.connections}
 
 
+@pytest.mark.rest
 def test_a_bag_of_a_running_robot(tmp_path):
     with running("bagged"):
         recorded = record_bag("bagged", str(tmp_path / "run"), 0.5)

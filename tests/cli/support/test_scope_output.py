@@ -70,6 +70,7 @@ def test_what_is_no_overlay_is_told(tmp_path, name):
         read_overlay(str(tmp_path / name))
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(("name", "begins"), [("a.csv", b"time,t,5:0x6064"), ("a.png", b"\x89PNG\r\n")])
 def test_the_ending_says_what_is_written(tmp_path, name, begins):
     assert write_shot(tmp_path / name, SHOT, SIGNALS, cursors=(0.0, 0.1)) == tmp_path / name

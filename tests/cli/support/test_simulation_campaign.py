@@ -15,6 +15,7 @@ def order(seeds=range(2), **how):
     return CampaignOrder(seeds, faults=known_faults(), words=["robby"], **how)
 
 
+@pytest.mark.rest
 def test_seeds_without_a_breach_write_nothing_unless_a_folder_is_named(tmp_path, capsys):
     assert run_campaign(setup_of(), order(), tmp_path / "out") == 0
     assert capsys.readouterr().out.startswith("2 seeds, 0.00 hours of the robot in ")
@@ -37,6 +38,7 @@ def test_an_interrupted_campaign_says_how_far_it_was_and_is_no_success(tmp_path,
     assert "canopen-control: interrupted: 1 of 2 seeds were run" in told.err
 
 
+@pytest.mark.rest
 @pytest.mark.sources
 def test_a_breach_is_told_shrunk_and_written(tmp_path, capsys, monkeypatch):
     MUTANTS["reset_chains_into_enable"](monkeypatch)

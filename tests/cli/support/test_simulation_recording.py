@@ -27,6 +27,7 @@ def faults(file):
     return [(event.kind, event.node) for event in file.events if event.level == "error"]
 
 
+@pytest.mark.rest
 def test_a_recording_of_a_simulation_does_the_same_again(tmp_path, capsys):
     (tmp_path / "bug.yml").write_text(SCENARIO)
     first, second, seed = tmp_path / "first.zip", tmp_path / "second.zip", tmp_path / "seed.yml"
@@ -46,6 +47,7 @@ def test_a_recording_of_a_simulation_does_the_same_again(tmp_path, capsys):
     assert facts_of(was).fault is not None  # a page of it
 
 
+@pytest.mark.rest
 def test_frames_alone_say_what_went_wrong(tmp_path, capsys):
     (tmp_path / "bug.yml").write_text("for: 3s\nsteps:\n  - {at: 1s, node: 3, fault: short_circuit, for: 500ms}\n")
     assert (

@@ -47,6 +47,7 @@ messages = st.builds(
 )  # fmt: skip
 
 
+@pytest.mark.rest
 @given(messages)
 def test_what_is_encoded_is_decoded_to_the_same(message):
     made = codecs()

@@ -70,6 +70,7 @@ def turn(user, key):
         next(iter(ElementFilter(kind=ui.tabs))).value = key
 
 
+@pytest.mark.rest
 def test_nothing_is_made_before_it_is_opened():
     async def act(user, view):
         closed = list(MADE)

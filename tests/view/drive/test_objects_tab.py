@@ -148,6 +148,7 @@ def test_nonsense_from_a_browser_is_nothing(sent):
     assert played(act) == []
 
 
+@pytest.mark.rest
 def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_told():
     async def act(user, _tab, _page):
         await settle(turns=10)

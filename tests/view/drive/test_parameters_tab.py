@@ -64,6 +64,7 @@ def test_a_backup_is_made_and_can_be_saved():
     assert there
 
 
+@pytest.mark.rest
 def test_a_file_is_compared_and_restored():
     desk = desk_of()
     data = dcf(desk)
@@ -100,6 +101,7 @@ def test_what_must_not_be_is_a_sentence_on_the_page():
     assert "controlled by the running robot pair; nothing was written" in played(act, desk)
 
 
+@pytest.mark.rest
 def test_a_file_that_is_none_is_told_and_the_one_before_is_forgotten():
     desk = desk_of()
     data = dcf(desk)
@@ -115,6 +117,7 @@ def test_a_file_that_is_none_is_told_and_the_one_before_is_forgotten():
     assert (buttons["Compare with the node"], buttons["Restore the file"]) == (False, False)
 
 
+@pytest.mark.rest
 def test_a_node_is_cloned_from_another_with_the_globs_that_stay():
     old, new = desk_of(4, "old_drive"), desk_of()
     old.with_session(lambda session: [session.write_value(OD[index, 0], 55) for index in (0x6081, 0x6083)])

@@ -34,6 +34,7 @@ def test_an_enabled_drive_is_not_taken_out():
     assert buttons == [("Take it out of the robot", False)]
 
 
+@pytest.mark.rest
 def test_a_drive_is_taken_out_and_given_back_by_the_robot():
     async def press(user, page):
         user.find(seen(ui.button)[0].text).click()
@@ -57,6 +58,7 @@ def test_a_page_that_only_looks_takes_nothing_out():
     assert played(look, drive_state(OFF), teleop=False)[1] == [("Take it out of the robot", False)]
 
 
+@pytest.mark.rest
 def test_taken_out_is_said_of_a_node_that_has_confirmed_it():
     assert "It is taken out of the robot, which leaves it alone" in played(look, drive_state(OFF, **OUT))[0]
     for more in ({"nmt_state": "OPERATIONAL"}, {"nmt_state": None}, {"age_s": None}):

@@ -42,6 +42,7 @@ def test_it_shows_what_the_robot_knows_of_the_node():
     assert "forward commands it" in text
 
 
+@pytest.mark.rest
 def test_it_shows_the_errors_that_the_drive_remembers():
     assert "0x2310" in played(read)
     assert "remembers no error" in played(read, held={(0x1003, 0): b"\0"})

@@ -52,6 +52,7 @@ def found(test=TuneTest.IDENTIFY, **more):
     return TuneFound(TuneWish(test, 0.01, 2.0), curves, lines=["inertia <1>"], **more)
 
 
+@pytest.mark.rest
 def test_a_run_begins_only_once_it_is_confirmed_and_as_it_was_confirmed():
     async def act(user, tab, page):
         tab._speed.value = 2.0
@@ -69,6 +70,7 @@ def test_a_run_begins_only_once_it_is_confirmed_and_as_it_was_confirmed():
     assert begun[0][1].__closure__[0] is not None
 
 
+@pytest.mark.rest
 def test_a_page_that_is_left_ends_its_run():
     async def act(user, tab, page):
         user.find("Run ...").click()

@@ -70,6 +70,7 @@ def test_work_that_goes_on_may_be_ended():
     assert work._ending.is_set()
 
 
+@pytest.mark.rest
 def test_its_end_is_told_with_the_file_that_came_of_it():
     words, buttons = played(NodeWork("parameters", "x", told="134 parameters", good=True, file=("a.dcf", b"x")))
     assert "cc-good'>134 parameters" in words

@@ -147,6 +147,7 @@ def test_a_tree_is_sent_values_matches_and_answers(monkeypatch):
     ]
 
 
+@pytest.mark.rest
 def test_a_chosen_file_comes_to_who_waits_for_it_and_the_upload_goes_with_its_page():
     taken = []
 

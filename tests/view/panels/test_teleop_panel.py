@@ -121,6 +121,7 @@ def test_the_controller_is_chosen_and_a_refusal_told():
     assert context.asked == [SwitchControllers(activate=("base",), deactivate=("forward",))]
 
 
+@pytest.mark.rest
 def test_without_an_active_controller_or_teleop_nothing_can_be_driven():
     for context, words in (
         (FakeContext(controllers=(OFF,)), "forward takes commands, and is not active"),
@@ -134,6 +135,7 @@ def test_without_an_active_controller_or_teleop_nothing_can_be_driven():
         played(context, act)
 
 
+@pytest.mark.rest
 def test_where_drives_take_targets_by_themselves_it_leaves_the_page_to_them():
     for controllers, visible in (((TARGET,), False), ((TARGET, FORWARD), True), ((OFF,), True)):
 
@@ -199,6 +201,7 @@ def test_an_arm_of_which_a_joint_is_unknown_is_not_moved():
     assert context.held == []
 
 
+@pytest.mark.rest
 def test_without_any_controller_that_takes_commands_the_page_says_so():
     async def act(user, _panel):
         return html(user)

@@ -66,6 +66,7 @@ async def upload(user, data=None, name="wave.json"):
     await settle(lambda: "Preview" in html(user), 100 if data is None else 20)
 
 
+@pytest.mark.rest
 def test_without_such_a_controller_the_panel_is_not_there():
     async def act(_user, panel, context):
         before = context.frame.visible
