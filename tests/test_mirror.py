@@ -11,6 +11,7 @@ PACKAGE = ROOT / "canopen_control"
 BENCH = ROOT / "tools" / "canopen_control_bench"
 WHOLE = (
     "test_code_mutants.py",
+    "test_compiled_modules.py",
     "test_file_names.py",
     "test_layering.py",
     "test_lockstep.py",

@@ -23,8 +23,11 @@ __all__ = ["STANDSTILL", "Feedback"]
 STANDSTILL: Final = 0.05  # rad/s (or m/s) and below count as standing
 _STILL_NS: Final = 100_000_000  # without a velocity: how long the position must not change
 _FAR: Final = 3.0  # how many times as fast as told a motion is that doubts the unit of velocities
-_STEADY: Final = (0.7, 1.3)  # measured rpm for one that is told
-_RISING: Final = (0.25, 1.5)  # the same between two samples, of a drive that is still getting faster
+# Measured rpm for each that is reported: of a drive that keeps its velocity, and of one that still speeds up.
+_STEADY_MIN: Final = 0.7
+_STEADY_MAX: Final = 1.3
+_RISING_MIN: Final = 0.25
+_RISING_MAX: Final = 1.5
 _LOOK_NS: Final = 1_000_000_000
 _DOUBTS: Final = 3  # looks one after the other
 _EXTRAS: Final = ("nmt_state", "statusword", "error_code", "age", "digital_inputs")
@@ -142,8 +145,8 @@ class Feedback:
         `commanded` is the velocity that it was sent, in rad/s: the one that it tells may lag behind.
         """
         raw = commanded * self._axis.scale.vel_to_dev
-        return self._is_in_rpm(self._jump_speed, _RISING, raw) or self._is_in_rpm(
-            self._jump_speed, _RISING, self._raw_velocity
+        return self._is_in_rpm(self._jump_speed, _RISING_MIN, _RISING_MAX, raw) or self._is_in_rpm(
+            self._jump_speed, _RISING_MIN, _RISING_MAX, self._raw_velocity
         )
 
     def turns_in_rpm(self, now: int) -> bool:
@@ -151,12 +154,14 @@ class Feedback:
         count = self._axis.unwrap.count
         moved, elapsed = count - self._looked_count, now - self._looked_at
         self._looked_count, self._looked_at = count, now
-        in_rpm = 0 < elapsed < _LOOK_NS and self._is_in_rpm(moved * 1e9 / elapsed, _STEADY, self._raw_velocity)
+        in_rpm = 0 < elapsed < _LOOK_NS and self._is_in_rpm(
+            moved * 1e9 / elapsed, _STEADY_MIN, _STEADY_MAX, self._raw_velocity
+        )
         self._doubts = self._doubts + 1 if in_rpm else 0
         return self._doubts == _DOUBTS
 
-    def _is_in_rpm(self, speed: float, bounds: tuple[float, float], raw: float | None) -> bool:
-        """Hold a measured speed in counts/s against a velocity of the drive's, as rpm within `bounds`."""
+    def _is_in_rpm(self, speed: float, least: float, most: float, raw: float | None) -> bool:
+        """Whether a measured speed in counts/s is `least` to `most` times a velocity of the drive, taken as rpm."""
         scale = self._axis.scale
         if raw is None or self._position is None:
             return False
@@ -164,7 +169,7 @@ class Feedback:
         if abs(told) <= STANDSTILL or abs(speed) < _FAR * abs(told * scale.pos_to_dev):
             return False
         rpm = speed * 60.0 / (abs(scale.pos_to_dev) * math.tau * raw)
-        return bounds[0] < abs(rpm) < bounds[1]
+        return least < abs(rpm) < most
 
     def _largest_step(self, elapsed_ns: int) -> int:
         """Return what can lie between two samples: twice the way at the present velocity, and a revolution."""

@@ -1,0 +1,43 @@
+"""The modules that are compiled hold nothing that mypyc is known to translate wrongly."""
+
+import ast
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+COMPILED = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"]["include"]
+
+
+def constants_of_floats(text):
+    """Yield the names of module constants that are a Final tuple of floats and nothing else.
+
+    Reading one raises NameError once it is compiled: github.com/mypyc/mypyc, issue 1183, seen with 2.4.1.
+    """
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.AnnAssign) and "Final" in ast.unparse(node.annotation) and node.value is not None:
+            parts = node.value.elts if isinstance(node.value, ast.Tuple) else []
+            if parts and all(isinstance(part, ast.Constant) and isinstance(part.value, float) for part in parts):
+                yield node.target.id
+
+
+def test_no_compiled_module_has_a_constant_tuple_of_floats():
+    paths = [ROOT / name.lstrip("/") for name in COMPILED]
+    assert len(paths) > 50
+    found = {str(path.relative_to(ROOT)): list(constants_of_floats(path.read_text(encoding="utf-8"))) for path in paths}
+    assert {path: names for path, names in found.items() if names} == {}, "make each float a constant of its own"
+
+
+@pytest.mark.parametrize(
+    ("line", "names"),
+    [
+        ("A: Final = (0.7, 1.3)", ["A"]),
+        ("A: Final[tuple[float, float]] = (0.7, 1.3)", ["A"]),
+        ("A: Final = (0.7, 1)", []),
+        ("A = (0.7, 1.3)", []),
+    ],
+)
+def test_such_a_constant_would_be_seen(line, names):
+    assert list(constants_of_floats(line)) == names
