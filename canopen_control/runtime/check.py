@@ -92,7 +92,7 @@ def start_warnings(setup: RobotSetup) -> list[str]:
     if setup.files.bus_alone:
         return []
     buses, control, description = dict(setup.buses), setup.controllers, setup.description
-    found = check_rules.find(setup.files, _one_bus(buses), control, description)
+    found = check_rules.find(setup.files, _one_bus(buses), control, description, mock=setup.mock, real=setup.on_drives)
     for config in buses.values():
         found += check_timing(config, control, description)
         for note in config.notes:  # those with a place are warnings
@@ -131,6 +131,8 @@ class _Checker:
             description,
             controllers=self._options.controllers,
             launch=self._options.launch,
+            mock=self._options.mock,
+            real=self._options.real or bool(self._files.asked.real),
         )
         self._read_world()
         for name, config in self._whole.items():

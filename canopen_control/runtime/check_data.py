@@ -53,15 +53,28 @@ def sorted_findings(findings: list[Finding]) -> list[Finding]:
 
 @dataclass
 class CheckedRobot:
-    """What the rules look at; what could not be read is None. `asked` are the names given with --controller."""
+    """What the rules look at; what could not be read is None. `asked` are the names given with --controller.
+
+    With `mock` or `real` the plugins of the description are overruled; `started` are the controllers that a run would
+    activate, None: all of the file count. `chosen` says that somebody has named these.
+    """
 
     files: RobotFiles
     bus: BusConfig | None = None
     control: ControllersFile | None = None
     description: Description | None = None
     asked: Sequence[str] = ()
+    mock: bool = False
+    real: bool = False
+    started: frozenset[str] | None = None
+    chosen: bool = False
     launch_namespaces: dict[str, str] = field(default_factory=dict)
     configured: dict[str, Controller] = field(default_factory=dict)
+
+    def severity(self, name: str) -> Severity:
+        """Return what a mistake of a controller is: an error, or a warning where another one is chosen to be run."""
+        waits = (self.chosen or self.mock) and self.started is not None and name not in self.started
+        return Severity.WARNING if waits else Severity.ERROR
 
     def config(self, name: str) -> ControllerConfig:
         """Return what the file says of a configured controller."""

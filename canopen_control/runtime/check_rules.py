@@ -26,6 +26,7 @@ from canopen_control.rpc.messages.robot import STREAM_RATE
 from canopen_control.runtime.check_data import CheckedRobot, Finding, Severity
 from canopen_control.runtime.check_launch import check_launch
 from canopen_control.runtime.check_wheels import WHEEL_RULES
+from canopen_control.runtime.setup import started_controllers
 from canopen_control.yamlfile.convert import keys_of
 
 if TYPE_CHECKING:
@@ -55,9 +56,13 @@ def find(
     *,
     controllers: Sequence[str] = (),
     launch: Path | None = None,
+    mock: bool = False,
+    real: bool = False,
 ) -> list[Finding]:
     """Return everything that the rules find; what could not be read is None. `launch` is a ROS launch file."""
-    robot = CheckedRobot(files, bus, control, description, controllers)
+    started = _started(files, control, description, controllers)
+    chosen = bool(controllers or files.spawned)
+    robot = CheckedRobot(files, bus, control, description, controllers, mock, real, started, chosen)
     found = list(_configure(robot))
     if launch is not None:
         found += check_launch(launch, robot)
@@ -66,6 +71,18 @@ def find(
     for rule in (*RULES, *WHEEL_RULES):
         found += rule(robot)
     return found
+
+
+def _started(
+    files: RobotFiles, control: ControllersFile | None, description: Description | None, asked: Sequence[str]
+) -> frozenset[str] | None:
+    """Return the controllers that a run would activate, None where that cannot be known."""
+    if control is None or description is None:
+        return None
+    try:
+        return frozenset(started_controllers(files, control, description, asked))
+    except ConfigError:  # told by the rules, and by the building that follows them
+        return None
 
 
 def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator[Finding]:
@@ -96,13 +113,20 @@ def _configure(robot: CheckedRobot) -> Iterator[Finding]:
     for name, config in control.controllers.items():
         try:
             controller = make_controller(name, config.type)
+        except CanopenError as error:
+            idle = robot.started is not None and name not in robot.started
+            severity = (Severity.NOTE if robot.chosen else Severity.WARNING) if idle else Severity.ERROR
+            fix = "it is not activated at the start, and cannot be later" if idle else ""
+            yield Finding(config.path, config.line, severity, str(error), fix)
+            continue
+        try:
             controller.geometry = robot.geometry
             controller.on_configure(config.params)
             robot.configured[name] = controller
         except ConfigError as error:
-            yield from findings_of(str(error), config.path, config.line, Severity.ERROR)
+            yield from findings_of(str(error), config.path, config.line, robot.severity(name))
         except CanopenError as error:
-            yield Finding(config.path, config.line, Severity.ERROR, str(error))
+            yield Finding(config.path, config.line, robot.severity(name), str(error))
     told = [*control.warnings, *(text for each in control.controllers.values() for text in each.params.warnings)]
     for text in dict.fromkeys(told):
         severity = Severity.NOTE if any(word in text for word in _TRANSLATED) else Severity.WARNING
@@ -165,7 +189,9 @@ def _joints(robot: CheckedRobot) -> Iterator[Finding]:
     description = robot.description
     if description is None or not description.hardware:
         return
-    parts = {part.name: part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)}
+    parts: dict[str, list[ControlJoint]] = {}
+    for part in (part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)):
+        parts.setdefault(part.name, []).append(part)
     # what their plugin would export follows from a node whose keys have a mistake, which is told
     unknown = {
         joint.name
@@ -185,19 +211,20 @@ def _joints(robot: CheckedRobot) -> Iterator[Finding]:
             text, fix = _why_not(joint, kind, parts, description)
             if text:
                 place = _line_naming(config, joint)
-                yield Finding(config.path, place, Severity.ERROR, f"{name}: {text}", fix)
+                yield Finding(config.path, place, robot.severity(name), f"{name}: {text}", fix)
 
 
-def _why_not(joint: str, kind: str, parts: dict[str, ControlJoint], description: Description) -> tuple[str, str]:
+def _why_not(joint: str, kind: str, parts: dict[str, list[ControlJoint]], description: Description) -> tuple[str, str]:
     where = description.path
     if joint not in parts and joint not in description.joints:
         return f"joint {joint!r} is not in {where}{nearest(joint, parts)}", "use the description's name"
     if joint not in parts:
         tag = "<transmission>" if description.ros1 else "<ros2_control>"
         return f"joint {joint!r} has no place in the {tag} of {where}", f"add it to {tag}, or nothing drives it"
-    if kind not in parts[joint].command_interfaces:
-        has = ", ".join(parts[joint].command_interfaces) or "none"
-        fix = f'add <command_interface name="{kind}"/> at {where}:{parts[joint].place.line}'
+    known = [interface for part in parts[joint] for interface in part.command_interfaces]  # of all tags it stands in
+    if kind not in known:
+        has = ", ".join(known) or "none"
+        fix = f'add <command_interface name="{kind}"/> at {where}:{parts[joint][0].place.line}'
         return f"joint {joint!r} has no command interface {kind!r}; it has {has}", fix
     return "", ""
 
@@ -215,10 +242,10 @@ def _line_naming(config: ControllerConfig, joint: str) -> int:
 def _devices(robot: CheckedRobot) -> Iterator[Finding]:
     """Hold the drives that the description names against the nodes of bus.yml."""
     bus, description = robot.bus, robot.description
-    if bus is None or description is None:
+    if bus is None or description is None or robot.mock:
         return
     for tag in description.hardware:
-        if KNOWN.get(tag.plugin) is not Kind.CANOPEN:
+        if KNOWN.get(tag.plugin) is not Kind.CANOPEN and not robot.real:
             continue
         for joint in tag.joints:
             yield from _device(robot, tag, joint)
@@ -324,7 +351,7 @@ def _plugins(robot: CheckedRobot) -> Iterator[Finding]:
     if description is None:
         return
     for tag in description.hardware:
-        if tag.plugin not in KNOWN:
+        if tag.plugin not in KNOWN and not (robot.mock or robot.real):
             text = f"no hardware plugin {tag.plugin!r}{nearest(tag.plugin, KNOWN)}"
             yield Finding(description.path, tag.place.line, Severity.ERROR, text, "use that, or --mock or --real")
     for plugin in description.gazebo:

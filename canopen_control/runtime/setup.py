@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     _ReadBuses = Callable[[], dict[str, BusConfig]]
 
-__all__ = ["BUS_NAME", "RobotSetup", "clashes_of", "plans_of", "read_robot"]
+__all__ = ["BUS_NAME", "RobotSetup", "clashes_of", "plans_of", "read_robot", "started_controllers"]
 
 BUS_NAME = MAIN_BUS
 
@@ -202,7 +202,7 @@ def read_robot(
         channels,
         description,
         control,
-        (*_wanted(files, given, written, controllers), *free),
+        (*started_controllers(files, given, written, controllers), *free),
         mock,
         tuple(_told_by_files(buses, control, description, mock=mock, real=on_drives)),
         real,
@@ -395,10 +395,10 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
     return channels
 
 
-def _wanted(
+def started_controllers(
     files: RobotFiles, control: ControllersFile, description: Description, asked: Sequence[str]
 ) -> tuple[str, ...]:
-    """Choose the controllers to activate: those asked for, else the first that moves joints; and all that move none."""
+    """Return the controllers to activate: those asked for, else the first that moves joints; and all that move none."""
     for name in asked:
         if name not in control.controllers:
             raise RobotConfigError(f"{files.controllers}: no controller {name!r}{nearest(name, control.controllers)}")

@@ -1,5 +1,6 @@
 """Each classic mistake, seeded into each bundled robot it can stand in, is told in these words, and nothing else is."""
 
+import dataclasses
 import re
 
 import pytest
@@ -324,6 +325,53 @@ def readable(read, path):
         return read(path)
     except ConfigError:
         return None
+
+
+def errors(files, **how):
+    return [each for each in found(files, **how) if ": error: " in each]
+
+
+def test_a_plugin_that_nobody_knows_is_no_mistake_where_an_option_overrules_it(tmp_path):
+    files = changed(tmp_path, "robby", description={"canopen_ros2_control/": "other_ros2_control/"})
+    assert "no hardware plugin 'other_ros2_control/RobotSystem'" in errors(files)[0]
+    assert errors(files, mock=True) == errors(files, real=True) == []
+
+
+def test_on_mock_hardware_no_joint_needs_a_node(tmp_path):
+    files = changed(tmp_path, "robby", bus={"left_drive:": "other_drive:"})
+    assert "device_name 'left_drive' is no node of" in errors(files)[0]
+    assert errors(files, mock=True) == []
+
+
+def test_a_type_that_nobody_knows_matters_where_its_controller_is_started(tmp_path):
+    files = changed(tmp_path, "robby", controllers={"diff_drive_controller/": "other_controller/"})
+    (told,) = found(files)
+    assert "warning: controller robby_base_controller: no type 'other_controller/DiffDriveController' is known" in told
+    assert told.endswith("; it is not activated at the start, and cannot be later")
+    assert found(files, controllers=["robby_forward_controller"]) == []  # it is a note
+    for started in (
+        errors(files, controllers=["robby_base_controller"]),
+        errors(dataclasses.replace(files, spawned=("robby_base_controller",))),
+    ):
+        assert "controller robby_base_controller: no type 'other_controller/DiffDriveController' is known" in started[0]
+
+
+def test_a_mistake_of_a_controller_that_waits_is_a_warning_where_another_one_is_chosen(tmp_path):
+    files = changed(tmp_path, "robby", controllers={"[left_wheel_joint]": "[left_whel_joint]"})
+    assert "joint 'left_whel_joint' is not in" in errors(files)[0]
+    for how in ({"controllers": ["robby_forward_controller"]}, {"mock": True}):
+        assert errors(files, **how) == []
+        assert any("warning: robby_base_controller: joint 'left_whel_joint'" in each for each in found(files, **how))
+    assert errors(files, controllers=["robby_base_controller"]) != []
+
+
+def test_a_joint_may_have_its_interfaces_in_two_tags(tmp_path):
+    sensor = (
+        '<ros2_control name="encoders" type="sensor">'
+        "<hardware><plugin>mock_components/GenericSystem</plugin></hardware>"
+        '<joint name="left_wheel_joint"><state_interface name="effort"/></joint></ros2_control>\n</robot>'
+    )
+    assert found(changed(tmp_path, "diffbot_sim", description={"</robot>": sensor})) == []
 
 
 def test_a_gpio_that_names_no_device_is_told(tmp_path):
