@@ -1,4 +1,7 @@
-"""`axis`: enable, disable, halt, quick-stop, fault-reset, home the drives of a running robot, or set their mode."""
+"""Enable, disable, halt, quick-stop, fault-reset or home the drives of a running robot, or set their mode.
+
+Exit codes: 0 done; 1 the robot or a drive refused it; 2 wrong usage, no robot runs, or no such node.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +26,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("action", choices=ACTIONS)
     parser.add_argument("node", metavar="NODE", help="name or node id in bus.yml, or all")
     parser.add_argument(
-        "mode", nargs="?", metavar="MODE", help="with mode: PP, VL, PV, TQ, HM, IP, CSP, CSV, CST or its number"
+        "mode",
+        nargs="?",
+        metavar="MODE",
+        help="target mode (only with `mode`): PP, VL, PV, TQ, HM, IP, CSP, CSV, CST or its number",
     )
-    parser.add_argument("--joint", metavar="NAME", help="of a node with several axes, the one that moves this joint")
-    parser.add_argument("--method", type=int, help="with home: the homing method (default: what 0x6098 holds)")
+    parser.add_argument("--joint", metavar="NAME", help="for a node with several axes: the axis that moves this joint")
+    parser.add_argument("--method", type=int, help="with `home`: homing method (default: the value of 0x6098)")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
     parser.set_defaults(usage=parser.error)
 

@@ -1,9 +1,9 @@
-"""`backup`: the parameters of a node as a DCF file.
+"""Save the parameters of a node as a DCF file.
 
-The file holds what can be read and written and is no command or live value, each as ParameterValue, with identity,
-software version and date: `diff` compares it, `restore` writes it back, and a bus.yml can name it as `dcf`. Everything
-is read twice; what differs then, or what the node refuses, is left out and told. Nothing is written into the node, so
-that it works while a robot runs. On a bare bus (--can) give the EDS.
+The file holds all read/write objects except commands and live values, each as ParameterValue, with identity, software
+version and date. `diff` compares it, `restore` writes it back, and a bus.yml can name it as `dcf`. Everything is read
+twice; values that differ between reads, and objects the node refuses, are omitted and listed. Nothing is written to the
+node, so this works while a robot runs. On a bare bus (--can) give the EDS.
 
 Exit codes: 0 good; 1 the node did not answer, or the disk is full; 2 wrong usage.
 """
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_session_arguments(parser)
     parser.add_argument(
-        "-o", "--output", metavar="FILE.dcf", required=True, help="the file; one that is there is replaced"
+        "-o", "--output", metavar="FILE.dcf", required=True, help="file to write; an existing one is overwritten"
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
 

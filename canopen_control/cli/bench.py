@@ -1,13 +1,15 @@
-"""`bench`: how fast this is on this machine, beside its peers in the same run.
+"""Benchmark this machine against comparable packages in the same run.
 
-Every figure is a ratio to a peer that ran right before or after, or stands beside a limit. Peers are the `canopen`
-package and python-can on the same bus, and the physical bus by arithmetic. Absolute figures need an idle machine; the
-table says whether it was. --quick judges ratios, and counts of what may not happen at all.
+Every figure is a ratio to a comparison that ran right before or after it, or is compared with a limit. Compared with
+are the `canopen` package and python-can on the same bus, and the physical bus by arithmetic. Absolute figures need an
+idle machine; the table shows whether it was idle. --quick judges ratios, and counts that must be zero.
 
     canopen-control bench                   the cycle
-    canopen-control bench all --check       every family; exit code 1 when a figure is not what it must be
-    canopen-control bench --quick --check   what CI looks at: ratios and counts, some two minutes
-    canopen-control bench --quick --check simulated   of these what may run beside others: motion, physics, ...
+    canopen-control bench all --check       every family; exit code 1 if a figure misses its target
+    canopen-control bench --quick --check   what CI checks: ratios and counts, some two minutes
+    canopen-control bench --quick --check simulated   of these the families that may run in parallel
+
+Exit codes: 0 good; 1 with --check a figure misses its target; 2 wrong usage.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
-"""Channels: what there is, who is on them, interfaces up and down, and faults on a local bus.
+"""List channels and their members, bring interfaces up and down, and disturb a local bus.
 
 A channel is local:NAME, a CAN interface such as can0 or vcan0, or a python-can adapter as INTERFACE:CHANNEL.
+
+Exit codes: 0 done; 1 refused, or the bus is gone; 2 wrong usage, or no such channel or member.
 """
 
 from __future__ import annotations
@@ -56,19 +58,19 @@ EXAMPLE = """canopen-control bus list
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", help="interfaces, local buses, python-can adapters")
-    status = actions.add_parser("status", help="who is there, load and counters")
+    listing = actions.add_parser("list", help="list interfaces, local buses and python-can adapters")
+    status = actions.add_parser("status", help="show members, load and counters")
     status.add_argument("channel", nargs="?", metavar="CHANNEL", help="default: all local buses and CAN interfaces")
     for action in (listing, status):
         action.add_argument("--json", action="store_true", help="print JSON")
-    up = actions.add_parser("up", help="bring a CAN interface up; a vcan is made first")
+    up = actions.add_parser("up", help="bring a CAN interface up; a missing vcan is created")
     up.add_argument("interface", metavar="INTERFACE")
-    up.add_argument("--bitrate", type=int, metavar="BIT/S", help="for real interfaces")
-    up.add_argument("--restart-ms", type=int, metavar="MS", help="restart that long after bus-off; 0: never")
+    up.add_argument("--bitrate", type=int, metavar="BIT/S", help="bit rate of a real interface")
+    up.add_argument("--restart-ms", type=int, metavar="MS", help="restart after bus-off, after this time; 0: never")
     up.add_argument("--sample-point", type=float, metavar="0.875")
     down = actions.add_parser("down", help="take a CAN interface down")
     down.add_argument("interface", metavar="INTERFACE")
-    _add_faults(actions.add_parser("fault", help="break and mend a local bus"))
+    _add_faults(actions.add_parser("fault", help="inject and clear faults of a local bus"))
 
 
 def _add_faults(parser: argparse.ArgumentParser) -> None:
@@ -76,27 +78,27 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
     faults = parser.add_subparsers(dest="fault", metavar="FAULT", required=True)
     for name, text in _ON_ONE.items():
         faults.add_parser(name, help=text).add_argument("label", metavar="WHO", help=_WHO)
-    drop = faults.add_parser("drop", help="lose frames that WHO, or anybody, sends")
+    drop = faults.add_parser("drop", help="drop frames of WHO, or of all members")
     drop.add_argument("--id", dest="can_id", type=whole, metavar="COB-ID", help="only this identifier")
-    drop.add_argument("--every", type=int, default=1, metavar="N", help="only every Nth of them")
-    drop.add_argument("--count", type=int, metavar="N", help="N of them, then no more")
-    delay = faults.add_parser("delay", help="deliver late what WHO, or anybody, sends")
-    delay.add_argument("--ms", type=int, required=True, metavar="MS", help="0 ends it")
-    error = faults.add_parser("error-frame", help="let the controller of WHO, or all, report an error")
+    drop.add_argument("--every", type=int, default=1, metavar="N", help="drop only every Nth frame")
+    drop.add_argument("--count", type=int, metavar="N", help="drop N frames, then stop")
+    delay = faults.add_parser("delay", help="delay frames of WHO, or of all members")
+    delay.add_argument("--ms", type=int, required=True, metavar="MS", help="delay in ms; 0: no delay")
+    error = faults.add_parser("error-frame", help="let the CAN controller of WHO, or all, report an error")
     error.add_argument("--kind", choices=get_args(hub.ErrorKind), default="bus-error")
     for fault in (drop, delay, error):
         fault.add_argument("label", nargs="?", default="", metavar="WHO", help=_WHO)
-    rate = faults.add_parser("bitrate", help="make frames take their time, with arbitration; off ends it")
+    rate = faults.add_parser("bitrate", help="simulate a bit rate, with arbitration; off: no bit rate")
     rate.add_argument("bitrate", metavar="BIT/S")
-    faults.add_parser("clear", help="mend everything but the bit rate")
+    faults.add_parser("clear", help="clear all faults; the bit rate stays")
 
 
 _WHO = "a node's name, node id or joint; master; or a label that `bus status` shows"
 _ON_ONE = {
-    "cut": "cut the cable of WHO: nothing from it, nothing to it",
-    "uncut": "mend the cable of WHO",
-    "bus-off": "send the controller of WHO off the bus",
-    "restart": "restart the controller of WHO after bus-off",
+    "cut": "cut the cable of WHO, in both directions",
+    "uncut": "reconnect the cable of WHO",
+    "bus-off": "put the CAN controller of WHO into bus-off",
+    "restart": "restart the CAN controller of WHO after bus-off",
 }
 
 

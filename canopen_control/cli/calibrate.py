@@ -1,17 +1,17 @@
-"""`calibrate`: wheel radii and track of a differential drive base, by squares driven both ways (UMBmark).
+"""Measure wheel radii and track width of a differential drive base, by squares in both directions (UMBmark).
 
 The base of a running robot drives squares by its odometry, counter-clockwise and clockwise, and stops at each corner.
-Where it truly ends tells how unequal its wheels are and how far they are apart. In simulation (drives with a `base` in
-their plant file, or physics) the true pose is known and it goes by itself. On a real base you are asked: put it at its
-start, press Enter, and type where it ended as X Y, in metres ahead and to the left of that start. --ends FILE holds
-these answers instead, one a line, in their order.
+Its true end positions show how unequal the wheels are and how far apart they are. In a simulation (drives with a `base`
+in their plant file, or physics) the true pose is known and no input is needed. A real base is measured by you: put it
+at its start, press Enter, and type its end position as X Y, in metres ahead and to the left of that start. --ends FILE
+holds these answers instead, one a line, in this order.
 
-The values go to a copy of ros2_controllers.yaml, and into the running controller, which then drives again with them.
-The controller's own limits hold. STOP, a fault, Ctrl-C, or the end of this process end it: the base stops, and the
-controller has its old values again.
+The values go to a copy of ros2_controllers.yaml and into the running controller, which then drives again with them. The
+controller's own limits apply. STOP, a fault, Ctrl-C or the end of this process ends the calibration: the base stops and
+the controller has its previous values again.
 
-Exit codes: 0 the error has become smaller, or there was none; 1 it was stopped, or nothing was gained; 2 wrong usage,
-no robot runs, or ends that cannot be.
+Exit codes: 0 the error was reduced or was zero; 1 stopped, or no improvement; 2 wrong usage, no robot runs, or
+implausible end positions.
 """
 
 from __future__ import annotations
@@ -45,26 +45,32 @@ _passes = whole_number("number from 1 to 5", range(1, 6))
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "config", nargs="?", metavar="ROBOT", help="the robot's folder, or a bundled one: whose YAML is copied"
+        "config", nargs="?", metavar="ROBOT", help="folder of the robot, or a bundled one, whose YAML is copied"
     )
     parser.add_argument("--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the folder's")
+    parser.add_argument("-o", "--output", metavar="FILE", default=OUTPUT, help=f"file to write (default: {OUTPUT})")
+    parser.add_argument("--overwrite", action="store_true", help="overwrite an existing file")
     parser.add_argument(
-        "-o", "--output", metavar="FILE", default=OUTPUT, help=f"the copy with the new values (default: {OUTPUT})"
+        "--controller", metavar="NAME", help="controller to calibrate (default: the only active diff drive controller)"
     )
-    parser.add_argument("--overwrite", action="store_true", help="a copy that is there already is replaced")
-    parser.add_argument("--controller", metavar="NAME", help="default: the only diff drive controller that is active")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
-    parser.add_argument("--side", type=_length, default=1.0, metavar="M", help="of the square, m (default: 1)")
-    parser.add_argument("--speed", type=_speed, default=0.2, metavar="V", help="along the sides, m/s (default: 0.2)")
-    parser.add_argument("--turn", type=_speed, default=0.6, metavar="W", help="at the corners, rad/s (default: 0.6)")
+    parser.add_argument("--side", type=_length, default=1.0, metavar="M", help="side of the square in m (default: 1)")
+    parser.add_argument(
+        "--speed", type=_speed, default=0.2, metavar="V", help="speed along the sides in m/s (default: 0.2)"
+    )
+    parser.add_argument(
+        "--turn", type=_speed, default=0.6, metavar="W", help="speed at the corners in rad/s (default: 0.6)"
+    )
     parser.add_argument(
         "--runs",
         type=_count,
         metavar="N",
-        help=f"squares of each direction (default: {_RUNS[0]} in simulation, {_RUNS[1]} on a floor)",
+        help=f"squares in each direction (default: {_RUNS[0]} in simulation, {_RUNS[1]} on a floor)",
     )
-    parser.add_argument("--passes", type=_passes, default=1, metavar="N", help="corrections (default: 1)")
-    parser.add_argument("--ends", metavar="FILE", help="measured ends, instead of asking: X Y a line, m")
+    parser.add_argument("--passes", type=_passes, default=1, metavar="N", help="number of corrections (default: 1)")
+    parser.add_argument(
+        "--ends", metavar="FILE", help="file of measured end positions, instead of questions: X Y a line, in m"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,11 +1,11 @@
-"""`clone`: give a replacement drive all parameters of another one of its product, and prove that both are equal.
+"""Copy all parameters of a drive to a replacement of the same product, and verify that both are equal.
 
-Node id, bit rate, identity and the calibration to its own encoder stay those of the new drive. COB-IDs that follow the
-node id follow the new one. Everything else is as with `restore`: only what differs is written, all is read back, a
-refusal leaves the new drive as it was, and nothing is stored without --store. Where the old drive is dead, `restore`
-its backup.
+The new drive keeps its node id, bit rate, identity and encoder calibration. COB-IDs that follow the node id follow the
+new one. Everything else is as for `restore`: only differences are written, everything is read back, after a refusal the
+new drive has its previous values, and nothing is stored without --store. If the old drive is dead, `restore` its
+backup.
 
-Exit codes: 0 both are equal; 1 the new drive refused something, or one did not answer; 2 wrong usage.
+Exit codes: 0 both are equal; 1 the new drive refused a value, or one did not answer; 2 wrong usage.
 """
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
-"""`command`: send values to a controller, at 10 Hz until Ctrl-C, then zeros; positions are held where they are then.
+"""Send values to a controller at 10 Hz until Ctrl-C, then zero is sent; position joints hold their current position.
 
-Outputs of a GPIO command controller may be named, `io/lamp=1`: the others stay; with the end they go to their safe
-values.
+Outputs of a GPIO command controller can be named, as in `io/lamp=1`; the others keep their values. When the command
+ends, they go to their safe values.
+
+Exit codes: 0 sent; 1 the robot refused it, or stopped; 2 wrong usage, no robot runs, or no such controller.
 """
 
 from __future__ import annotations
@@ -30,13 +32,13 @@ EXAMPLE = """canopen-control command robby_forward_controller 10 10 --for 3
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("controller", metavar="CONTROLLER", help="its name in ros2_controllers.yaml")
+    parser.add_argument("controller", metavar="CONTROLLER", help="controller name in ros2_controllers.yaml")
     parser.add_argument(
         "values",
         nargs="+",
         type=_value,
         metavar="VALUE",
-        help="one for each joint, SI units (rad/s, rad, Nm); or NAME=VALUE for some outputs of <gpio> parts",
+        help="one for each joint, in SI units (rad/s, rad, Nm); or NAME=VALUE for outputs of <gpio> parts",
     )
     add_repeat_arguments(parser)
 

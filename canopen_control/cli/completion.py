@@ -1,11 +1,11 @@
-"""`completion`: completion of verbs, options and names for a shell.
+"""Print a script that completes verbs, options and names in a shell.
 
-bash: add to ~/.bashrc        eval "$(canopen-control completion bash)"
-zsh: add to ~/.zshrc          eval "$(canopen-control completion zsh)"
-fish: once                    canopen-control completion fish > ~/.config/fish/completions/canopen-control.fish
+    bash: add to ~/.bashrc        eval "$(canopen-control completion bash)"
+    zsh: add to ~/.zshrc          eval "$(canopen-control completion zsh)"
+    fish: once                    canopen-control completion fish > ~/.config/fish/completions/canopen-control.fish
 
-The script is argcomplete's. It offers verbs and options always, controllers, nodes and buses where a robot runs and
-answers at once.
+The script is argcomplete's. It always offers verbs and options, and controllers, nodes and buses of a running robot
+that answers at once.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("shell", choices=SHELLS, help="which shell the script is for")
+    parser.add_argument("shell", choices=SHELLS, help="shell of the script")
 
 
 def run(args: argparse.Namespace) -> int:

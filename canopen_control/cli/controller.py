@@ -1,8 +1,8 @@
-"""`controller`: the controllers of a running robot, as `ros2 control` has them: list, load, configure, switch, unload.
+"""List, load, configure, switch and unload the controllers of a running robot, as `ros2 control` does.
 
-A controller of ros2_controllers.yaml is loaded and configured (then it is inactive), then activated: `activate` does
-what is missing of that. Two controllers cannot command one interface: `switch` deactivates one and activates the other
-in the same cycle. Activating enables drives; nothing moves before a command comes.
+A controller of ros2_controllers.yaml is loaded and configured (then it is inactive), then activated. `activate` does
+the missing steps. Two controllers cannot command one interface: `switch` deactivates one and activates the other in the
+same cycle. Activating enables drives; nothing moves before a command arrives.
 
 Exit codes: 0 good; 1 the robot refused, and nothing was changed; 2 wrong usage, or no robot runs.
 """
@@ -45,11 +45,11 @@ EXAMPLE = """canopen-control controller list
          canopen-control controller activate robby_base_controller"""
 
 _STEPS = {
-    "load": "load and configure it, as its section of ros2_controllers.yaml says",
-    "configure": "configure it again, if it is not active",
-    "activate": "let it command, loaded and configured if need be",
-    "deactivate": "let go of its interfaces; velocity and effort targets become 0",
-    "unload": "forget it, if it is not active",
+    "load": "load and configure controllers by their section in ros2_controllers.yaml",
+    "configure": "configure inactive controllers again",
+    "activate": "activate controllers; load and configure them first if needed",
+    "deactivate": "deactivate controllers: release their interfaces, set velocities and efforts to 0",
+    "unload": "unload inactive controllers",
 }
 
 
@@ -57,18 +57,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     lists = [
-        actions.add_parser("list", help="the controllers, their states and interfaces"),
-        actions.add_parser("types", help="what the `type` of a controller may be"),
-        actions.add_parser("hardware", help="the hardware components and their interfaces"),
+        actions.add_parser("list", help="list controllers, their states and interfaces"),
+        actions.add_parser("types", help="list the controller types"),
+        actions.add_parser("hardware", help="list the hardware components and their interfaces"),
     ]
     steps = {action: actions.add_parser(action, help=text) for action, text in _STEPS.items()}
     switch = actions.add_parser("switch", help="deactivate some and activate others, in one cycle")
     for step in steps.values():
-        step.add_argument("controller", metavar="CONTROLLER", nargs="+", help="its name in ros2_controllers.yaml")
+        step.add_argument(
+            "controller", metavar="CONTROLLER", nargs="+", help="controller name in ros2_controllers.yaml"
+        )
     for option in ("activate", "deactivate"):
         switch.add_argument(f"--{option}", metavar="CONTROLLER", nargs="+", default=[], help=f"{option} these")
     for action in (switch, steps["activate"], steps["deactivate"]):
-        action.add_argument("--best-effort", action="store_true", help="do what is possible, and leave out the rest")
+        action.add_argument("--best-effort", action="store_true", help="do what is possible and skip the rest")
     for action in lists:
         action.add_argument("--json", action="store_true", help="print JSON")
     for action in (*lists, *steps.values(), switch):

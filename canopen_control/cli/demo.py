@@ -1,6 +1,8 @@
-"""`demo`: a robot on virtual drives with a live table; a short motion plays until anyone else commands it.
+"""Run a robot on virtual drives with a live table; a short demo motion runs until another client sends a command.
 
-Its motion is asked for by nobody, so it is for virtual drives only: a bus that real drives can be on is refused.
+Nobody has to ask for this motion, so `demo` refuses every bus that real drives can be on.
+
+Exit codes: 0 good; 1 the boot or the run failed; 2 wrong usage or configuration, or a bus of real drives.
 """
 
 from __future__ import annotations

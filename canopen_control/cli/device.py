@@ -1,15 +1,15 @@
-"""`device`: run virtual devices, drives and others (I/O modules, encoders, sensors, batteries), until Ctrl-C.
+"""Run virtual devices (I/O modules, encoders, sensors, batteries, drives) until Ctrl-C.
 
-It is the verb `drive` under a name for devices that are no drives, with the same options: the EDS decides what a device
-does. Inputs are set while it runs with `fault`:
+This is the verb `drive` under another name, with the same options: the EDS decides what a device does. Set inputs while
+it runs with `fault`:
 
     canopen-control fault 5 di0=1,ai0=16384 --can local:robby
 
-and --status tells inputs and outputs of devices that run. A device of CiA 401, 404, 406, 410, 418 or 419 has the
-signals of its profile (the guide on devices lists them); any other file makes a plain node that boots and answers.
+--status shows inputs and outputs of running devices. A device of CiA 401, 404, 406, 410, 418 or 419 has the
+signals of its profile (the guide on devices lists them); with any other file it is a plain node that boots and answers.
 
-Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or there is no device to tell its
-status; 2 wrong usage, mistakes in files.
+Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or no device answers --status;
+2 wrong usage, or errors in files.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""`diff`: compare the parameters of two nodes, two DCF files, or a file with a node.
+"""Compare the parameters of two nodes, two DCF files, or a file with a node.
 
-Of a file and a node the node is asked for what the file holds, and needs no EDS: the file is a complete DCF. COB-IDs
-that follow the node id are compared without it. Another product, revision or software is told on standard error, and is
-no difference of parameters.
+When comparing a file with a node, only the objects in the file are read; no EDS is needed, since the file is a complete
+DCF. COB-IDs that follow the node id are compared without it. Differences in product, revision or software version are
+printed to standard error and do not count as parameter differences.
 
 Exit codes, as those of diff: 0 equal; 1 different, or a node did not answer; 2 wrong usage.
 """

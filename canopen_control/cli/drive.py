@@ -1,6 +1,6 @@
-"""`drive`: run virtual drives, any device that has an EDS, until Ctrl-C.
+"""Run virtual drives, or any device that has an EDS, until Ctrl-C.
 
-It prints one line when the drives are on the bus, then what happens to them. --store keeps what 0x1010 and LSS store.
+It prints one line when the drives are on the bus, then their events. --store keeps what 0x1010 and LSS store.
 --scenario is a YAML timeline of faults:
 
     steps:
@@ -9,8 +9,8 @@ It prints one line when the drives are on the bus, then what happens to them. --
       - {at: 500ms, node: 2, fault: silent, for: 2s}
       - {at: 12s, node: 3, plant: {stalled: 1}}
 
---plant says what hangs on the axes: motors with torque limit, inertia, friction, external torque, backlash; and a base
-with two wheels on a floor, also with the drives in processes of their own:
+--plant describes the simulated mechanics of the axes: motors with torque limit, inertia, friction, external torque and
+backlash, and a base with two wheels on a floor. The drives may also be in processes of their own:
 
     axes:
       "3": {kind: loaded, torque_limit: 800, inertia: 2.0, friction: 30, external: -50, backlash: 20}
@@ -19,12 +19,12 @@ with two wheels on a floor, also with the drives in processes of their own:
     encoders: {"5": {axis: "3", counts_per_revolution: 51200, gear: 10, share: /tmp/robby.shafts}}   # CiA 406 on axis 3
     seed: 1
 
---status asks drives that run instead: what they are doing, and how evenly the set-points of a cyclic mode come (missed
-and doubled ones, ripple, phase of RPDO against SYNC), with --json as JSON, one drive a line. Devices that are no drives
-run by the same verb, which is called `device` too.
+--status shows running drives instead: their states, and how evenly the set-points of a cyclic mode arrive (missed and
+doubled ones, ripple, phase of RPDO against SYNC); with --json as JSON, one drive a line. Devices other than drives use
+the same verb, also available as `device`.
 
-Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or there is no drive to tell its status;
-2 wrong usage, mistakes in files.
+Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or no drive answers --status;
+2 wrong usage, or errors in files.
 """
 
 from __future__ import annotations
@@ -63,39 +63,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--node-id",
         metavar="N[,N|-N]",
-        help="1 to 127; several as 2,3 or 1-64, in one process; 255: none, LSS gives it one; any number of those",
+        help="node ids, 1 to 127; several as 2,3 or 1-64, in one process; 255: no node id until LSS assigns one",
     )
     parser.add_argument(
         "--eds",
         action="append",
         metavar="[N[,N]=]FILE",
-        help="a path, or the name of a bundled file; needed to run drives; N=FILE: of these nodes (repeatable)",
+        help="a path, or the name of a bundled file; needed to run drives; N=FILE applies to these nodes "
+        "only (repeatable)",
     )
     parser.add_argument("--can", metavar="CHANNEL", help="local:NAME, vcan0, can0, ...")
     parser.add_argument(
         "--buses",
         metavar="FILE",
-        help="drives on several buses in one world, from a file, instead of all other options",
+        help="file that describes drives on several buses in one world, instead of all other options",
     )
     parser.add_argument(
         "--fault",
         action="append",
         default=[],
         metavar="F[@T]",
-        help="switch a fault on, at the start or T seconds after it (repeatable)",
+        help="inject a fault, at the start or T seconds later (repeatable)",
     )
     parser.add_argument("--scenario", metavar="FILE", help="a timeline of faults, see above")
-    parser.add_argument("--plant", metavar="FILE", help="what hangs on the axes, see above; default: they do as told")
     parser.add_argument(
-        "--store", metavar="FILE", help="keep what is stored with 0x1010 and LSS; made if it is not there"
+        "--plant", metavar="FILE", help="simulated mechanics of the axes, see above (default: ideal axes)"
+    )
+    parser.add_argument(
+        "--store", metavar="FILE", help="file for parameters stored through 0x1010 and LSS; created if missing"
     )
     parser.add_argument(
         "--serial",
         type=whole,
         metavar="N",
-        help="serial number 0x1018:04; default: the node id, and without one the process id",
+        help="serial number 0x1018:04 (default: the node id, or the process id without one)",
     )
-    parser.add_argument("--status", action="store_true", help="tell what drives that run are doing, and end")
+    parser.add_argument("--status", action="store_true", help="show the state of running drives, and end")
     parser.add_argument("--json", action="store_true", help="with --status: print JSON")
 
 

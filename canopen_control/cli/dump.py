@@ -1,10 +1,11 @@
-"""`dump`: everything that a node holds now, as a table, as CSV, or as a DCF.
+"""Print all current object values of a node, as a table, as CSV, or as a DCF.
 
-Every object that can be read is read once, one after the other; DOMAINs and what ObjFlags keep from a scan are left
-out. The DCF has a ParameterValue for each object that can be written, live values too: what is to be written back
-some day is a `backup`. A node of a running robot is asked through it, slowly enough never to be in its way.
+Every readable object is read once, one after the other; DOMAINs and objects that ObjFlags exclude from scanning are
+left out. The DCF has a ParameterValue for each writable object, also for live values; to write values back later, make
+a `backup`. A node of a running robot is read through that robot, slowly enough not to delay it.
 
-Exit codes: 0 good; 1 the node does not answer or tells nothing; 2 wrong usage, a file that cannot be written.
+Exit codes: 0 good; 1 the node does not answer or no object could be read; 2 wrong usage, a file that cannot be
+written.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ _BITRATE: Final = 1_000_000  # where the file does not tell
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_session_arguments(parser)
-    parser.add_argument("what", nargs="*", metavar="WHAT", help="as of `objects` (default: all)")
-    parser.add_argument("--format", choices=list(_FORMATS), default="table", help="default: table")
-    parser.add_argument("-o", "--output", metavar="FILE", help="instead of standard output")
+    parser.add_argument("what", nargs="*", metavar="WHAT", help="same as for `objects` (default: all)")
+    parser.add_argument("--format", choices=list(_FORMATS), default="table", help="output format (default: table)")
+    parser.add_argument("-o", "--output", metavar="FILE", help="file to write (default: standard output)")
 
 
 def run(args: argparse.Namespace) -> int:

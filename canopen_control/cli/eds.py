@@ -1,6 +1,6 @@
-"""`eds`: look into EDS and DCF files, check and compare them.
+"""Check, show and compare EDS and DCF files.
 
-Exit codes: 0 good; 1 errors found, differences found, no such object, or no EDS at all; 2 wrong usage or no such file.
+Exit codes: 0 good; 1 errors found, differences found, no such object, or not an EDS; 2 wrong usage or no such file.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     pdos.add_argument("file", metavar="FILE")
     for action in (check, show, diff, pdos):
         action.add_argument("--json", action="store_true", help="print JSON")
-        action.add_argument("--node-id", type=node_id, metavar="N", help="what $NODEID stands for")
+        action.add_argument("--node-id", type=node_id, metavar="N", help="value of $NODEID")
 
 
 def run(args: argparse.Namespace) -> int:

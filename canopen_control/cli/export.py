@@ -1,4 +1,7 @@
-"""What others read: `export dbc` the PDO layout of a robot, `export csv` a recording as a table."""
+"""Write files for other tools: `export dbc` the PDO layout of a robot, `export csv` a recording as a table.
+
+Exit codes: 0 written; 1 the disk is full; 2 wrong usage, or no such file or robot.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +32,8 @@ EXAMPLE = """canopen-control export dbc robby -o robby.dbc
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
-    dbc = kinds.add_parser("dbc", help="the PDO layout as a DBC file, for SavvyCAN, cantools and others")
-    table = kinds.add_parser("csv", help="a recording, decoded: time, id, node, service, signal, value")
+    dbc = kinds.add_parser("dbc", help="write the PDO layout as a DBC file, for SavvyCAN, cantools and others")
+    table = kinds.add_parser("csv", help="write a decoded recording: time, id, node, service, signal, value")
     table.add_argument(
         "file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
     )

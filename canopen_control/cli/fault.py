@@ -1,10 +1,12 @@
-"""`fault`: break a running virtual drive or device, and mend it again; set the inputs of a device.
+"""Inject and clear faults in a running virtual drive or device; set the inputs of a device.
 
-`fault list` explains every fault and what a good master makes of it. `fault NODE NAME on|off` switches one,
-`fault NODE` tells which are on. `fault NODE SIGNAL=VALUE[,SIGNAL=VALUE]` sets inputs of a virtual device that is no
-drive, in their units: `di0=1`, `position=3.14`. NODE is a node or a joint of a running robot by its name; or a node id,
-with --can CHANNEL where no robot runs. It speaks to the drive's own control socket: no master is needed, and the bus
-may be broken. What breaks the wire itself is `bus fault`.
+`fault list` explains every fault and how a correct master reacts to it. `fault NODE NAME on|off` switches one.
+`fault NODE` lists the faults that are on. `fault NODE SIGNAL=VALUE[,SIGNAL=VALUE]` sets inputs of a virtual device that
+is not a drive, in their units: `di0=1`, `position=3.14`. NODE is a node or a joint of a running robot, by name; or a
+node id, with --can CHANNEL if no robot runs. The command goes to the drive's own control socket: it needs no master,
+and works while the bus is disturbed. To disturb the bus itself use `bus fault`.
+
+Exit codes: 0 done; 1 the drive refused it, or does not answer; 2 wrong usage, no such node or fault.
 """
 
 from __future__ import annotations
@@ -45,10 +47,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "canopen-control fault list [--json]\n       canopen-control fault NODE [NAME on|off] [--can CHANNEL]\n"
         "       canopen-control fault NODE SIGNAL=VALUE[,SIGNAL=VALUE] [--can CHANNEL]"
     )
-    parser.add_argument("what", metavar="list|NODE", help="list: explain all faults; else a node, a joint or a node id")
-    parser.add_argument("name", nargs="?", metavar="NAME", help="of the fault, or SIGNAL=VALUE; without: which are on")
+    parser.add_argument(
+        "what", metavar="list|NODE", help="list: explain all faults; otherwise a node, a joint or a node id"
+    )
+    parser.add_argument(
+        "name",
+        nargs="?",
+        metavar="NAME",
+        help="the fault, or SIGNAL=VALUE; without it the faults that are on are listed",
+    )
     parser.add_argument("state", nargs="?", choices=["on", "off"], help="default: on")
-    parser.add_argument("--can", metavar="CHANNEL", help="the bus of the drive (default: that of the running robot)")
+    parser.add_argument("--can", metavar="CHANNEL", help="channel of the drive (default: that of the running robot)")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 

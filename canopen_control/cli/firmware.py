@@ -1,10 +1,10 @@
-"""`firmware`: load a program into a node over CANopen (CiA 302-3), start it, and check that it runs.
+"""Load a program into a node over CANopen (CiA 302-3), start it, and check that it runs.
 
-The program is stopped and cleared (0x1F51), sent (0x1F50, by block transfer) and started; the flash is asked what went
-wrong (0x1F57), and the program what it is (0x1F56) and of which date (0x1F52). A transfer that breaks off is begun anew
-from the first byte, and after a loss of power the same command finds the boot-loader and begins anew. The file is sent
-as it is: what it has to be is the maker's affair. Refused are a node that moves, one that a running robot controls,
-another product than that of the EDS, and a node without these objects: its maker's tool may have another way.
+The program is stopped and cleared (0x1F51), sent (0x1F50, by block transfer) and started. Then the flash status
+(0x1F57), the program identification (0x1F56) and its date (0x1F52) are read. An interrupted transfer restarts from the
+first byte; after a loss of power the same command finds the boot loader and starts again. The file is sent unchanged:
+its format is up to the manufacturer. The following are refused: a moving node, a node that a running robot controls, a
+product other than that of the EDS, and a node without these objects, which may need the manufacturer's own tool.
 
 Exit codes: 0 the new program runs; 1 it does not; 2 wrong usage, wrong file or wrong product.
 """
@@ -54,22 +54,24 @@ class FirmwareDocument(Document, frozen=True, kw_only=True):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_session_arguments(parser)
-    parser.add_argument("file", metavar="FILE", help="the program, as its maker gives it")
+    parser.add_argument("file", metavar="FILE", help="the firmware file as supplied by the manufacturer")
     parser.add_argument(
         "--program",
         type=whole_number("number of a program: 1 to 254", range(1, 255)),
         default=1,
         metavar="N",
-        help="which program of the node (default: 1)",
+        help="number of the program in the node (default: 1)",
     )
-    parser.add_argument("--expect", type=whole, metavar="ID", help="what 0x1F56 has to be, before it is started")
+    parser.add_argument("--expect", type=whole, metavar="ID", help="required 0x1F56 before the program is started")
     parser.add_argument(
         "--expect-date",
         type=_date,
         metavar="DAY[TTIME]",
-        help="what 0x1F52 has to be, once it runs: 2026-11-21, or 2026-11-21T14:30:00",
+        help="required 0x1F52 of the running program: 2026-11-21, or 2026-11-21T14:30:00",
     )
-    parser.add_argument("--confirm", action="store_true", help="make a program on trial permanent (0x80, as Zephyr's)")
+    parser.add_argument(
+        "--confirm", action="store_true", help="confirm a program that runs on trial (0x80, as Zephyr's)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 

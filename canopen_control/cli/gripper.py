@@ -1,9 +1,9 @@
-"""`gripper`: move the joint of a gripper action controller to a position, and wait until it is there or has stalled.
+"""Move the joint of a gripper action controller to a position, and wait until it arrives or stalls.
 
-When this ends before the gripper does, by Ctrl-C or anything else, the joint is held where it is. A grip that succeeded
-stays: what was reached, and with `allow_stalling` what is gripped.
+If this program ends before the gripper does, by Ctrl-C or otherwise, the joint holds its current position. After a
+success the joint keeps its goal, or with `allow_stalling` its grip.
 
-Exit codes: 0 the goal was reached or gripped; 1 it was refused or ended before; 2 wrong usage, or no robot runs.
+Exit codes: 0 the goal was reached or gripped; 1 refused, or ended early; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
@@ -28,10 +28,14 @@ _PATIENCE_S: Final = 3600.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("position", type=finite, metavar="POSITION", help="rad or m")
-    parser.add_argument("--max-effort", type=finite, metavar="N", help="Nm or N (default: the controller's)")
-    parser.add_argument("--max-velocity", type=finite, metavar="V", help="rad/s or m/s (default: the controller's)")
-    parser.add_argument("--controller", help="its name (default: the only one that is active)")
+    parser.add_argument("position", type=finite, metavar="POSITION", help="goal position in rad or m")
+    parser.add_argument(
+        "--max-effort", type=finite, metavar="N", help="effort limit in Nm or N (default: the controller's)"
+    )
+    parser.add_argument(
+        "--max-velocity", type=finite, metavar="V", help="velocity limit in rad/s or m/s (default: the controller's)"
+    )
+    parser.add_argument("--controller", help="controller name (default: the only active one)")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
 
 

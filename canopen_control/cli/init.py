@@ -1,11 +1,12 @@
-"""`init`: the folder of a new robot, made of the EDS files of its devices, or of who is on a bus.
+"""Create the folder of a robot from the EDS files of its devices, or from the devices found on a bus.
 
-It writes bus.yml, a URDF with <ros2_control> and ros2_controllers.yaml, commented, and copies the EDS. `check` passes
-it, and `demo NAME` turns it at once on virtual drives. What the EDS does not tell is written as a guess and called one
-(`guesses` in bus.yml, which `check` names): counts per revolution, gear ratio, measures. What keeps it from being run,
-such as a drive that nothing would stop, is marked in bus.yml as a PROBLEM, and told. Before real drives: `preflight`.
+It writes bus.yml, a URDF with <ros2_control> and ros2_controllers.yaml, with comments, and copies the EDS. `check`
+accepts it, and `demo NAME` moves it at once on virtual drives. Values missing from the EDS (counts per revolution, gear
+ratio, dimensions) are filled with guesses and marked as such (`guesses` in bus.yml, which `check` names). What prevents
+a run, such as a drive that would not stop when the master dies, is marked in bus.yml as a PROBLEM, and printed. Before
+you use real drives, run `preflight`.
 
-Exit codes: 0 good, the files are written, 2 wrong usage, a file that is none, or a robot that cannot be made of it.
+Exit codes: 0 good, the files are written; 2 wrong usage, not an EDS, or no robot can be built from it.
 """
 
 from __future__ import annotations
@@ -43,38 +44,45 @@ _TELLING = ((0x6502, 0), *((index, sub) for index in (0x608F, 0x6091, 0x6092) fo
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("robot", metavar="NAME", help="of the robot, and of its folder; or the path of that")
+    parser.add_argument("robot", metavar="NAME", help="name of the robot and of its folder, or the path of the folder")
     parser.add_argument(
         "--eds",
         metavar="FILE",
         action="append",
         default=[],
-        help="EDS of the device, a file or a bundled one (repeatable: the next --node-id is its)",
+        help="EDS of the device, a file or a bundled one (repeatable; each --eds applies to the --node-id "
+        "that follows it)",
     )
     parser.add_argument(
         "--node-id", metavar="N[,N..]", action="append", default=[], help="node ids of the devices with that EDS"
     )
     parser.add_argument(
-        "--can", metavar="CHANNEL", help="instead: who is on this bus, with the EDS that fits, given or bundled"
+        "--can",
+        metavar="CHANNEL",
+        help="instead: use the devices on this channel, with the matching EDS, given or bundled",
     )
     parser.add_argument(
         "--joint",
         metavar="NAME",
         action="append",
         default=[],
-        help="name of a joint, one for each axis in order",
+        help="name of a joint, one for each axis in order (repeatable)",
     )
     parser.add_argument(
-        "--base", choices=list(BASES), default="none", help="what the drives move together (default: none)"
+        "--base", choices=list(BASES), default="none", help="base that the drives move together (default: none)"
     )
     parser.add_argument(
         "--allow-unsupervised",
         action="store_true",
-        help="also drives that nothing would stop, and outputs that nothing would switch off, when this computer dies",
+        help="accept drives that would not stop, and outputs that would stay on, when this computer dies",
     )
-    parser.add_argument("--force", action="store_true", help="write the files of a folder that is there anew")
+    parser.add_argument("--force", action="store_true", help="overwrite the files of an existing folder")
     parser.add_argument(
-        "--timeout", type=timeout_seconds, default=0.2, metavar="S", help="with --can: for each answer (default: 0.2)"
+        "--timeout",
+        type=timeout_seconds,
+        default=0.2,
+        metavar="S",
+        help="with --can: timeout of each answer in s (default: 0.2)",
     )
 
 

@@ -1,10 +1,11 @@
-"""`jog`: turn one drive by hand, with an EDS and nothing else.
+"""Turn one drive by hand, with its EDS and nothing else.
 
-On a bare bus (--can CHANNEL --eds FILE) the drive is set up as `init` would, booted, watched, enabled, moved slowly,
-and at the end stopped along its ramp and disabled; nothing is stored in it. A drive of a running robot without
-controllers is moved through that robot. Held arrow keys move it; with --for or --position it moves at once, and any
-key ends it. It stops with the key, Ctrl-C, a limit, a lost terminal, and by itself when this program is killed.
-This is no emergency stop (ISO 13850): have one in reach, and the shaft free.
+On a bare bus (--can CHANNEL --eds FILE) the drive is configured as `init` would do it, booted, supervised, enabled and
+moved slowly; at the end it is stopped along its ramp and disabled. Nothing is stored in it. A drive of a running robot
+without controllers is moved through that robot. Held arrow keys move it; with --for or --position it moves at once, and
+any key ends the motion. It stops when you release the key, at Ctrl-C, at a limit, when the terminal is lost, and by its
+own supervision when this program is killed. This is not an emergency stop (ISO 13850): have one in reach, and keep the
+shaft free.
 
 Exit codes: 0 good; 1 the drive failed or has a fault, or nothing turned; 2 wrong usage, wrong EDS or node.
 """
@@ -51,33 +52,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_session_arguments(parser)
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--velocity", metavar="X[rad/s|rpm|pps]", help="how fast (default: 1 rad/s)")
-    what.add_argument("--position", metavar="X[rad|deg|counts]", help="how far from where it is")
+    what.add_argument("--velocity", metavar="X[rad/s|rpm|pps]", help="velocity (default: 1 rad/s)")
+    what.add_argument("--position", metavar="X[rad|deg|counts]", help="distance from the current position")
     per_mille = number("torque in per mille of the rated one, -300 to 300", lambda value: abs(value) <= _TORQUE)
-    what.add_argument("--torque", metavar="PERMILLE", type=per_mille, help="of the rated torque")
-    what.add_argument("--fault-reset", action="store_true", help="reset the fault of the drive, and move nothing")
+    what.add_argument("--torque", metavar="PERMILLE", type=per_mille, help="torque, in per mille of the rated torque")
+    what.add_argument("--fault-reset", action="store_true", help="reset the fault of the drive; nothing moves")
     parser.add_argument("--for", dest="seconds", type=seconds, metavar="S", help="move at once, for S seconds")
-    parser.add_argument("--max-speed", metavar="X[rad/s|rpm|pps]", help="limit of the speed (default: 60rpm)")
-    parser.add_argument("--max-travel", metavar="X[rad|deg|turns|counts]", help="each way (default: 10turns)")
+    parser.add_argument("--max-speed", metavar="X[rad/s|rpm|pps]", help="speed limit (default: 60rpm)")
+    parser.add_argument(
+        "--max-travel", metavar="X[rad|deg|turns|counts]", help="travel limit in each direction (default: 10turns)"
+    )
     parser.add_argument(
         "--max-current",
         type=number("current in per mille above 0", lambda value: value > 0),
         default=_MAX_CURRENT,
         metavar="PERMILLE",
-        help="of the rated one: more of it ends the jog (default: 1000)",
+        help="current limit in per mille of the rated current; more ends the jog (default: 1000)",
     )
     parser.add_argument(
         "--counts",
         type=number("number of counts above 0", lambda value: value > 0),
         metavar="N",
-        help="position counts of one turn, where neither EDS nor drive tells them",
+        help="position counts per turn, if neither EDS nor drive gives them",
     )
     axis = whole_number("axis: 0 to 7", range(8))
-    parser.add_argument("--axis", type=axis, default=0, metavar="N", help="of a drive with several (default: 0)")
+    parser.add_argument(
+        "--axis", type=axis, default=0, metavar="N", help="axis number of a drive with several (default: 0)"
+    )
     parser.add_argument(
         "--allow-unsupervised",
         action="store_true",
-        help="also a drive that nothing would stop when this computer dies",
+        help="accept a drive that would not stop when this computer dies",
     )
 
 

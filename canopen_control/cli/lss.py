@@ -1,9 +1,10 @@
-"""`lss`: give node ids and bit rates to nodes on a bare bus (CiA 305).
+"""Assign node ids and bit rates to nodes on a bare bus (CiA 305).
 
-First one slave must be alone in configuration: `switch configuration` with its four identity numbers, or without them
-if it is the only slave on the bus; or `fast-scan`, which finds one without a node id. Then `node-id`, `bit-timing`,
-`store` and `inquire` speak to it, and `switch waiting` ends it. A new node id counts after `nmt reset-comm` or at the
-next power-on; `activate` changes the bit rate of all slaves in configuration, and this end has to follow.
+First exactly one slave must be in configuration mode: `switch configuration` with its four identity numbers, or without
+them if it is the only slave on the bus; or `fast-scan`, which finds one without a node id. `node-id`, `bit-timing`,
+`store` and `inquire` then address it, and `switch waiting` ends this. A new node id applies after `nmt reset-comm` or
+at the next power-on. `activate` changes the bit rate of all slaves in configuration mode; change the bit rate of this
+computer's interface too.
 
 Exit codes: 0 good; 1 no slave answered or it refused; 2 wrong usage.
 """
@@ -56,19 +57,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     switch = actions.add_parser("switch", help="switch all slaves, or the one of an identity, to a mode")
     switch.add_argument("mode", choices=[mode.name.lower() for mode in LssMode])
     inquire = actions.add_parser("inquire", help="ask the slave in configuration for its identity and node id")
-    inquire.add_argument("part", nargs="?", choices=(*PARTS, NODE_ID), help="one of them only")
+    inquire.add_argument("part", nargs="?", choices=(*PARTS, NODE_ID), help="print only this part")
     node_id = actions.add_parser("node-id", help="give the slave in configuration a node id")
-    node_id.add_argument("node_id", type=_number, metavar="N", help="1 to 127, or 255 to take it away")
+    node_id.add_argument("node_id", type=_number, metavar="N", help="1 to 127, or 255 for none")
     timing = actions.add_parser("bit-timing", help="give the slave in configuration a bit rate")
     timing.add_argument("bitrate", metavar="BITRATE", help=f"bit/s: {_rates()}, or {AUTO}")
-    store = actions.add_parser("store", help="let the slave in configuration keep node id and bit rate")
+    store = actions.add_parser("store", help="store node id and bit rate in the slave in configuration")
     activate = actions.add_parser("activate", help="let all slaves in configuration change to their new bit rate")
-    activate.add_argument("delay_ms", type=_number, metavar="DELAY_MS", help="before the change, and silent after it")
+    activate.add_argument(
+        "delay_ms", type=_number, metavar="DELAY_MS", help="delay before the change, and silence after it"
+    )
     scan = actions.add_parser("fast-scan", help="find one slave without a node id and switch it to configuration")
     find = actions.add_parser("find", help="ask whether there are slaves without a node id")
     for part in PARTS:
-        switch.add_argument(f"--{part}", type=_number, metavar="N", help="of the one slave to switch; all four")
-        scan.add_argument(f"--{part}", type=_number, metavar="N", help="known already: only confirmed, saves time")
+        switch.add_argument(
+            f"--{part}", type=_number, metavar="N", help="identity of the slave to switch; give all four"
+        )
+        scan.add_argument(
+            f"--{part}", type=_number, metavar="N", help="known part of the identity, only confirmed: saves time"
+        )
     for action in (switch, inquire, node_id, timing, store, activate, scan, find):
         action.add_argument("--can", required=True, metavar="CHANNEL", help="can0, local:NAME, ...")
     for action in (inquire, scan):

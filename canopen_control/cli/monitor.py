@@ -1,9 +1,11 @@
-"""`monitor`: a running robot, or a bare bus, as live tables in the terminal.
+"""Watch a running robot, or a bare bus, in live tables in the terminal.
 
-Attached to a running robot it shows drives, joints, cycle, events, emergencies and, while their tabs are open, the
-frames of its buses; space is STOP (ramp, disable, latched until released), e/d/f enable, disable and reset the fault of
-the selected drive, E/D/F of all. With --can it only listens to a bus and never sends: the tables are made of
-heartbeats, TPDOs and emergencies, with names of --config or --eds. STOP is no safety function (ISO 13850).
+Of a running robot it shows drives, joints, cycle, events, emergencies and, while their tabs are open, the frames of its
+buses. Space is STOP (ramp, disable, latched until released); e/d/f enable, disable and fault-reset the selected drive,
+E/D/F all of them. With --can it only listens to a bus and never sends: it builds the tables from heartbeats, TPDOs and
+emergencies, with the names of --config or --eds. STOP is not a safety function (ISO 13850).
+
+Exit codes: 0 you left it; 1 the terminal or the robot is gone; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
@@ -33,17 +35,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--name", help="the robot (default: the only one that runs)")
-    where.add_argument("--can", metavar="CHANNEL", help="only listen on this bus (can0, local:NAME, ...)")
+    where.add_argument("--can", metavar="CHANNEL", help="only listen, on this channel (can0, local:NAME, ...)")
     parser.add_argument(
-        "--config", metavar="ROBOT", help="with --can: names from this robot, a folder or a bundled one"
+        "--config", metavar="ROBOT", help="with --can: take names from this robot, a folder or a bundled one"
     )
-    parser.add_argument("--bus", metavar="NAME", help="with --config: which one, of a robot with several buses")
+    parser.add_argument("--bus", metavar="NAME", help="with --config: bus of a robot with several buses")
     parser.add_argument(
         "--eds",
         action="append",
         default=[],
         metavar="[NODE=]FILE",
-        help="with --can: names from an EDS, for one node or all; or a folder of DCF files (repeatable)",
+        help="with --can: take names from an EDS, for one node or all; or a folder of DCF files (repeatable)",
     )
 
 

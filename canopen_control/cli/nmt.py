@@ -1,8 +1,8 @@
-"""`nmt`: start, stop or reset nodes, and see whether they did.
+"""Start, stop or reset nodes, and check that they follow.
 
-NODE is one of a running robot (name or node id in bus.yml), or with --can any node of a bare bus (node id), or all. An
-NMT command has no answer: heartbeats and boot-ups show what became of it. A running robot drops a node from its process
-data when it is told to leave OPERATIONAL, and boots it again with `start`; `axis enable` then lets it move.
+NODE is a node of a running robot (name or node id in bus.yml), with --can any node of a bare bus (node id), or all. An
+NMT command has no answer: heartbeats and boot-ups show its effect. A running robot takes a node that leaves OPERATIONAL
+out of its process data, and boots it again with `start`; then `axis enable` lets it move.
 
 Exit codes: 0 confirmed, or sent to nodes without heartbeat; 1 a node shows another state; 2 wrong usage.
 """
@@ -45,7 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("command", choices=COMMAND_NAMES)
     parser.add_argument("node", metavar="NODE", help="name or node id, on a bare bus the node id; or all")
     parser.add_argument(
-        "--wait", type=timeout_seconds, metavar="S", help="for the confirmation (default: 1.5, resets 5)"
+        "--wait",
+        type=timeout_seconds,
+        metavar="S",
+        help="time to wait for the confirmation in s (default: 1.5, resets 5)",
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_target_arguments(parser)

@@ -1,8 +1,8 @@
-"""`objects`: the object dictionary of a node, with names, units, defaults, and what each object holds.
+"""List the object dictionary of a node: names, units, defaults, and current values.
 
-WHAT is an address (0x6081, 0x1018:01), a pattern (0x60*, *velocity*) or a part of a name; several mean all of them.
---live reads each object, says what it means, and marks with * what is not the default. Without it nothing is asked
-of the node, and with --eds alone there need be none.
+WHAT is an address (0x6081, 0x1018:01), a pattern (0x60*, *velocity*) or a part of a name; several select all of them.
+--live reads each object, explains its value, and marks values that differ from the default with *. Without it the node
+is not asked, and with --eds no node is needed.
 
 Exit codes: 0 good; 1 the node does not answer, or --changed found nothing; 2 wrong usage, no such object.
 """
@@ -38,10 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_session_arguments(parser)
     parser.add_argument("what", nargs="*", metavar="WHAT", help="address, pattern or part of a name (default: all)")
-    parser.add_argument("--live", action="store_true", help="read each object of the node")
-    parser.add_argument("--changed", action="store_true", help="only those that are not as by default; reads them")
+    parser.add_argument("--live", action="store_true", help="read each object from the node")
+    parser.add_argument(
+        "--changed", action="store_true", help="list only values that differ from the default; reads them"
+    )
     shape = parser.add_mutually_exclusive_group()
-    shape.add_argument("--tree", action="store_true", help="objects with their subindices below them")
+    shape.add_argument("--tree", action="store_true", help="show subindices below their objects")
     shape.add_argument("--json", action="store_true", help="print JSON")
 
 

@@ -1,4 +1,7 @@
-"""`plan`: the SDO writes that a boot gives each node, in order; against a live bus, only what differs there."""
+"""List the SDO writes of the boot sequence for each node, in order; against a live bus, only the differences.
+
+Exit codes: 0 good; 1 a node did not answer; 2 wrong usage or configuration.
+"""
 
 from __future__ import annotations
 
@@ -50,20 +53,22 @@ class ComparedPlan(PlanDocument, frozen=True):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
-    parser.add_argument("--bus", metavar="FILE", help="a bus.yml, without a robot around it")
+    parser.add_argument("--bus", metavar="FILE", help="a bus.yml without its robot")
     parser.add_argument("--node", action="append", default=[], metavar="NAME", help="only this node (repeatable)")
     parser.add_argument(
         "--against",
         action="append",
         default=[],
         metavar="[BUS=]CHANNEL",
-        help="read the nodes on this bus and show only what differs there",
+        help="read the nodes on this channel and show only the differences",
     )
-    parser.add_argument("--peer-merge", action="store_true", help="`defaults` of bus.yml win over the nodes' own keys")
     parser.add_argument(
-        "--allow-unsupervised", action="store_true", help="accept drives that nothing stops when the master dies"
+        "--peer-merge", action="store_true", help="let `defaults` of bus.yml take precedence over the nodes' own keys"
     )
-    parser.add_argument("--json", action="store_true", help="as JSON")
+    parser.add_argument(
+        "--allow-unsupervised", action="store_true", help="accept drives that do not stop when the master dies"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,10 +1,11 @@
-"""`preflight`: before a robot moves on real drives for the first time.
+"""Check a robot before it moves on real drives for the first time.
 
-Looks at the link and its bit rate, at who is there against bus.yml, at EDS revisions, errors and limits; then turns one
-joint after another slowly, each after a yes, and tries STOP. It starts no virtual drives. A pass is for these files and
-these drives: without one, `run --real` is slow (1 rad/s) unless it is told --full-speed.
+Checks the link and its bit rate, compares the devices on the bus with bus.yml, and checks EDS revisions, errors and
+limits. Then, after you confirm each one, it turns the joints slowly one by one, and tests STOP. It starts no virtual
+drives. A pass is valid for these files and these drives only; without one, `run --real` is limited to 1 rad/s unless
+you give --full-speed.
 
-Exit codes: 0 passed; 1 not; 2 wrong usage or configuration.
+Exit codes: 0 passed; 1 not passed; 2 wrong usage or configuration.
 """
 
 from __future__ import annotations
@@ -47,16 +48,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_file_arguments(parser)
     add_new_name(parser, "robot name that the pass is recorded for (default: the folder's)")
-    parser.add_argument("--yes", action="store_true", help="answer every question with yes: nobody is there to ask")
-    parser.add_argument("--no-jog", action="store_true", help="only look, move nothing; that is no pass")
+    parser.add_argument("--yes", action="store_true", help="assume yes to all questions (unattended use)")
+    parser.add_argument("--no-jog", action="store_true", help="check only, move nothing; this does not count as a pass")
     parser.add_argument(
         "--speed",
         type=number(f"speed above 0 and up to {SLOW:g} rad/s", lambda value: 0 < value <= SLOW),
         default=0.5,
         metavar="RAD/S",
-        help=f"of the jog (0.5, at most {SLOW:g})",
+        help=f"speed of the joints (default: 0.5, at most {SLOW:g})",
     )
-    parser.add_argument("--report", metavar="FILE", help="write what was found as JSON")
+    parser.add_argument("--report", metavar="FILE", help="write the findings as JSON to this file")
 
 
 @dataclass(slots=True)

@@ -1,6 +1,8 @@
-"""Record every frame of a bus, or a robot as a ROS 2 bag, until Ctrl-C or with --for for S seconds; it only listens.
+"""Record every frame of a bus, or a robot as a ROS 2 bag, until Ctrl-C or for --for seconds; it only listens.
 
-The end of the file's name says the format: .log (candump; .log.gz packed), .asc or .blf (Vector), .trc (PEAK).
+The suffix of the file chooses the format: .log (candump; .log.gz compressed), .asc or .blf (Vector), .trc (PEAK).
+
+Exit codes: 0 good; 1 the bus is gone, or the disk is full; 2 wrong usage, or no such channel or robot.
 """
 
 from __future__ import annotations
@@ -79,14 +81,17 @@ class Recorded:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("channel", nargs="?", help=argparse.SUPPRESS)  # the old form: record CHANNEL --can FILE
-    parser.add_argument("--can", metavar="CHANNEL", help="this bus (default: that of the running robot)")
+    parser.add_argument("--can", metavar="CHANNEL", help="channel to record (default: that of the running robot)")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the frames to this file: .log, .asc, .blf, .trc")
     parser.add_argument("--bag", metavar="DIR", help="write a ROS 2 bag (MCAP) of the running robot to this new folder")
     parser.add_argument(
-        "--rate", type=float, metavar="HZ", help="with --bag: samples of the state (default: as controllers publish)"
+        "--rate",
+        type=float,
+        metavar="HZ",
+        help="with --bag: samples of the state per second (default: as controllers publish)",
     )
     parser.add_argument("--name", help="the running robot (default: the only one)")
-    parser.add_argument("--bus", metavar="NAME", help="which one, of a robot with several buses")
+    parser.add_argument("--bus", metavar="NAME", help="bus of a robot with several buses")
     add_duration(parser, "end after S seconds", former="--duration", dest="duration")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 

@@ -1,11 +1,13 @@
-"""Play a recording into a bus with its own spacing, or, without --can, tell what is in it as `trace` does.
+"""Play a recording into a bus with its original timing; without --can, print it as `trace` does.
 
-Before anything is sent the bus is looked at: where a master runs or a node of the recording is alive nothing is played,
+The bus is checked before anything is sent: nothing is played if a master runs or a node of the recording is alive,
 since two senders of one identifier destroy each other's frames, and a recorded controlword moves a real motor.
 
---page shows a flight recording instead: it stands for the robot, under the name NAME_replay, so that `view`, `status
---watch` and `monitor` watch what was, until Ctrl-C. Nothing moves by it, and it is refused while a robot runs, and ends
-when one begins: STOP is to mean one robot.
+--page shows a flight recording instead: it is served as a robot with the name NAME_replay, so that `view`, `status
+--watch` and `monitor` can show it, until Ctrl-C. Nothing moves. It is refused while a robot runs and ends when one
+starts, so that STOP always refers to one robot only.
+
+Exit codes: 0 good; 1 refused, or the bus is gone; 2 wrong usage, or no such file or channel; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -56,16 +58,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
     )
-    parser.add_argument("--can", metavar="CHANNEL", help="play it into this bus (local:NAME, vcan0, can0, ...)")
+    parser.add_argument("--can", metavar="CHANNEL", help="play it into this channel (local:NAME, vcan0, can0, ...)")
     parser.add_argument(
         "--speed",
         type=number("speed from 0.001 to 1000", lambda value: 0.001 <= value <= 1000),
         default=1.0,
         metavar="X",
-        help="so many times as fast (default: 1)",
+        help="speed factor (default: 1)",
     )
-    parser.add_argument("--page", action="store_true", help="be watched as a robot; ROBOT says what it looks like")
-    parser.add_argument("--force", action="store_true", help="play even where a master or its nodes are alive")
+    parser.add_argument(
+        "--page",
+        action="store_true",
+        help="serve the recording as a robot, for view and monitor; ROBOT gives its description",
+    )
+    parser.add_argument("--force", action="store_true", help="play even if a master or its nodes are alive")
     add_network_arguments(parser)
     add_view_arguments(parser)
 

@@ -1,8 +1,10 @@
-"""One HTML page of a run or a recording: what went wrong first, states, plots, events, boot, jitter, bus load.
+"""Write one HTML page of a run or a recording: the first fault, states, plots, events, boot, jitter, bus load.
 
-FILE is a flight recording (.zip) or a recording of frames (.log, .asc, .blf, .trc; names of its objects with ROBOT or
---eds). Without FILE it is the newest flight recording of the robot --name, or of any; with --for it is the robot
-that runs, which is watched for so long. The page needs no network and no other file.
+FILE is a flight recording (.zip) or a recording of frames (.log, .asc, .blf, .trc; with object names from --config or
+--eds). Without FILE the newest flight recording is used, of the robot --name or of any robot. With --for the running
+robot is watched for S seconds. The page needs no network and no other file.
+
+Exit codes: 0 written; 1 the robot does not answer, or the disk is full; 2 wrong usage, or no recording.
 """
 
 from __future__ import annotations
@@ -37,16 +39,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("file", nargs="?", metavar="FILE", help="a flight recording, or a recording of frames")
     parser.add_argument(
-        "-o", "--output", metavar="FILE.html", help="the page (default: beside FILE, or ROBOT.html here)"
+        "-o", "--output", metavar="FILE.html", help="page to write (default: next to FILE, or ROBOT.html here)"
     )
     parser.add_argument("--list", action="store_true", help="list the flight recordings, the newest last")
     parser.add_argument("--json", action="store_true", help="print the same facts as JSON, write no page")
     add_duration(parser, "watch the running robot for S seconds", former="--duration", dest="duration", read=_watching)
     parser.add_argument("--name", help="the robot (default: the only one)")
-    parser.add_argument("--config", metavar="ROBOT", help="names in a recording of frames: from this robot's files")
+    parser.add_argument(
+        "--config", metavar="ROBOT", help="take names for a recording of frames from this robot's files"
+    )
     parser.add_argument("--bus", metavar="NAME", help="which bus of ROBOT, where it has several")
     parser.add_argument(
-        "--eds", action="append", default=[], metavar="[NODE=]FILE", help="the same, from an EDS file (repeatable)"
+        "--eds", action="append", default=[], metavar="[NODE=]FILE", help="take names from an EDS file (repeatable)"
     )
 
 

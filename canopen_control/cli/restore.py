@@ -1,16 +1,16 @@
-"""`restore`: write the parameters of a DCF file into a node, and prove that it holds them.
+"""Write the parameters of a DCF file to a node, and verify them.
 
-What the node holds is read first and only what differs is written, in an order that devices take: PDOs are invalid
-while they are changed, resolutions come before values, limits before what they bound. All is read back. What the node
-refuses is told with the reason, and then everything is put back, unless --keep says otherwise. Nothing is stored
-without --store. What the node held is kept on the disk before anything is written: after a restore that was killed
-half-way the same command goes on, and the next one says how to put back what there was.
+The node is read first and only differences are written, in an order that devices accept: PDOs are disabled while they
+are changed, resolutions are written before values, limits before the values they limit. Everything is read back. If the
+node refuses a value, the reason is printed and all previous values are written back, unless you give --keep. Nothing is
+stored without --store. The previous values are kept on the disk before anything is written: after a restore that was
+killed half-way the same command continues it, and the next one prints how to restore the previous values.
 
-Refused are another product, an axis with torque, a node that a running robot controls, and a drive that has another
-node id and another serial number than the file (--any-node). Node id and bit rate are never written, and the
+The following are refused: another product, an axis with torque, a node that a running robot controls, and a drive whose
+node id and serial number both differ from the file (--any-node). Node id and bit rate are never written, and the
 calibration of another drive only with --include-protected.
 
-Exit codes: 0 the node holds all of it; 1 it refused something, or did not answer; 2 wrong usage or wrong file.
+Exit codes: 0 the node holds all of it; 1 it refused a value, or did not answer; 2 wrong usage or wrong file.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ EXAMPLE = """canopen-control restore node3.dcf 3 --can can0 --store
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("file", metavar="FILE", help="a DCF, of `backup` or another tool")
+    parser.add_argument("file", metavar="FILE", help="a DCF of `backup` or another tool")
     add_session_arguments(parser)
-    parser.add_argument("--any-node", action="store_true", help="also a drive with another node id and serial number")
+    parser.add_argument("--any-node", action="store_true", help="accept a drive with another node id and serial number")
     add_restore_arguments(parser)
 
 

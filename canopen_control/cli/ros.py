@@ -1,9 +1,9 @@
-"""`ros`: topics, services and parameters of ROS 2, for who has no ros2cli; and the bridge of a running robot, by hand.
+"""Use topics, services and parameters of ROS 2 without ros2cli; also starts the bridge of a running robot.
 
-It sees what a ROS program on this host would: the same domain, and this host only unless
-ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise. Data is YAML, as for ros2. `bridge` hands --ros-args on to rclpy.
+It sees what a ROS program on this host sees: the same domain, and this host only unless
+ROS_AUTOMATIC_DISCOVERY_RANGE is set otherwise. Data is YAML, as for ros2. `bridge` passes --ros-args on to rclpy.
 
-Exit codes: 0 good; 1 nobody is there, or no answer; 2 wrong usage, or no ROS 2 in this Python.
+Exit codes: 0 good; 1 no publisher, subscriber or answer; 2 wrong usage, or no ROS 2 in this Python.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _add_list(topic, "topics")
     echo = topic.add_parser("echo", help="print messages")
-    hz = topic.add_parser("hz", help="how often messages come")
+    hz = topic.add_parser("hz", help="measure the rate of messages")
     for action, each in ((echo, "message"), (hz, "second: rate in Hz, times in s")):
         action.add_argument("topic", metavar="TOPIC")
         action.add_argument("type", nargs="?", metavar="TYPE", help="default: the type that is published")
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     pub = topic.add_parser("pub", help="publish a message, repeatedly")
     _add_data(pub, "topic")
     pub.add_argument("--rate", type=_positive, default=1.0, metavar="HZ", help="default: 1")
-    pub.add_argument("--once", action="store_true", help="publish once, when somebody is there to get it")
+    pub.add_argument("--once", action="store_true", help="publish once, as soon as there is a subscriber")
     pub.add_argument("--for", type=_positive, metavar="S", dest="seconds", help="end after S seconds")
     service = groups.add_parser("service", help="list, call").add_subparsers(
         dest="action", metavar="ACTION", required=True
@@ -83,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="action", metavar="ACTION", required=True
     )
     for name, text, operands in (
-        ("list", "names of a node's parameters", ()),
+        ("list", "list the names of a node's parameters", ()),
         ("get", "print the value of a parameter", ("name",)),
         ("set", "set a parameter while the node runs", ("name", "value")),
     ):
@@ -97,7 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         _add_timeout(action)
     # with another prefix every option is left alone: they are the bridge's own
     bridge = groups.add_parser(
-        "bridge", help="show a running robot to ROS; --help tells its options", add_help=False, prefix_chars="+"
+        "bridge", help="show a running robot to ROS; --help lists the options", add_help=False, prefix_chars="+"
     )
     bridge.add_argument("arguments", nargs="*", metavar="OPTIONS")
 

@@ -1,4 +1,9 @@
-"""`run`: boot a robot, run its controllers, and stop it properly."""
+"""Boot a robot, run its controllers, and stop it properly.
+
+The drives are virtual unless you name real ones. Ctrl-C ramps the joints to zero, disables the drives and ends the run.
+
+Exit codes: 0 good; 1 the boot or the run failed; 2 wrong usage or configuration.
+"""
 
 from __future__ import annotations
 
@@ -47,42 +52,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ros", action=argparse.BooleanOptionalAction, default=False, help="start the ROS 2 bridge (default: off)"
     )
-    parser.add_argument("--namespace", metavar="NS", help="with --ros: of all its ROS names and frames")
+    parser.add_argument("--namespace", metavar="NS", help="with --ros: namespace of all ROS names and frames")
     parser.add_argument(
         "--physics",
         action="store_true",
-        help="the virtual drives move the robot on a floor: weight, friction, slip (needs the extra [physics])",
+        help="let the virtual drives move the robot on a floor, with weight, friction and slip (needs the "
+        "extra [physics])",
     )
     parser.add_argument(
         "--world",
         metavar="FILE",
-        help="with physics: what is on the floor and what happens when (YAML), or the static shapes of an SDF world; "
-        "without ROBOT: run the robots in it",
+        help="with physics: file of the objects on the floor and timed events (YAML), or of static shapes (SDF world); "
+        "without ROBOT: run the robots it names",
     )
-    parser.add_argument("--say-name", action="store_true", help="begin each line with the name of the robot")
-    parser.add_argument("--view", action="store_true", help="show the robot on a page of this computer")
-    parser.add_argument("--teleop", action="store_true", help="with --view: buttons that drive while they are held")
+    parser.add_argument("--say-name", action="store_true", help="prefix each output line with the robot's name")
+    parser.add_argument("--view", action="store_true", help="serve a web page of the robot on this computer")
+    parser.add_argument("--teleop", action="store_true", help="with --view: add buttons that drive while they are held")
     _add_timing_arguments(parser)
     parser.add_argument(
-        "--full-speed", action="store_true", help="on real drives: not slow, although no pre-flight passed"
+        "--full-speed", action="store_true", help="with --real: do not limit speeds even though no preflight has passed"
     )
     parser.add_argument(
         "--no-flight-recorder",
         dest="flight_recorder",
         action="store_false",
-        help="do not keep the last minute of frames and events, which is written to a file at a fault",
+        help="do not keep the last minute of frames and events, which a fault writes to a file",
     )
     parser.add_argument(
         "--plant",
         metavar="FILE",
-        help="what hangs on the virtual drives, and the base that they move: as drive --plant",
+        help="simulated mechanics (load, base) of the virtual drives; see `drive --help`",
     )
     add_duration(parser, "stop S seconds after the robot runs", former="--duration", dest="duration")
     parser.add_argument(
         "--ros-args",
         nargs=argparse.REMAINDER,
         metavar="...",
-        help="with --ros, comes last: parameters, remappings, files for the bridge, as for any ROS program",
+        help="with --ros, as the last option: parameters, remappings and files for the bridge, as for any ROS program",
     )
 
 
@@ -90,7 +96,7 @@ def _add_timing_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--kernel-sync",
         action="store_true",
-        help="on SocketCAN: the kernel sends SYNC, on time whatever this process is doing, and the cycle follows it",
+        help="on SocketCAN: let the kernel send SYNC, on time even if this process is late; the cycle follows it",
     )
     parser.add_argument(
         "--realtime",
@@ -98,46 +104,50 @@ def _add_timing_arguments(parser: argparse.ArgumentParser) -> None:
         type=_priority,
         const=DEFAULT_PRIORITY,
         metavar="PRIORITY",
-        help=f"SCHED_FIFO (default: {DEFAULT_PRIORITY}), memory locked (else no start), processors kept awake",
+        help=f"run with SCHED_FIFO (default priority {DEFAULT_PRIORITY}), lock memory, disable CPU idle states; "
+        "fails if not permitted",
     )
-    parser.add_argument("--cpu", type=int, metavar="N", help="keep the robot's own thread on this processor")
+    parser.add_argument("--cpu", type=int, metavar="N", help="pin the robot's cycle thread to this CPU")
 
 
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what says which robot, and how it is reached."""
     add_file_arguments(parser)
     add_kind_arguments(parser)
-    parser.add_argument("--no-drives", action="store_true", help="start no virtual drives, they are there already")
+    parser.add_argument("--no-drives", action="store_true", help="start no virtual drives; they are running already")
     add_new_name(parser, "name of this robot for its clients (default: the folder's)")
 
 
 def add_file_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what says which files a robot is described by, how they are read, and which buses they mean."""
     parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
-    parser.add_argument("xacro", nargs="*", metavar="NAME:=VALUE", help="an argument of its xacro")
+    parser.add_argument("xacro", nargs="*", metavar="NAME:=VALUE", help="an argument of the robot's xacro")
     parser.add_argument("--bus", metavar="FILE", help="bus.yml, instead of the folder's")
     parser.add_argument("--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the folder's")
     parser.add_argument("--description", metavar="FILE", help="URDF or xacro, instead of the folder's")
     parser.add_argument(
         "--launch",
         metavar="FILE",
-        help="a ROS launch file, in XML or Python, read and not run: its arguments, and files that are nowhere else",
+        help="a ROS launch file (XML or Python). It is parsed, not executed: its arguments and any files "
+        "that the robot folder lacks are taken from it",
     )
     parser.add_argument(
         "--can",
         action="append",
         default=[],
         metavar="[BUS=]CHANNEL",
-        help="where the drives are: local:NAME (default), vcan0, can0, pcan:...",
+        help="channel of the drives: local:NAME (default), vcan0, can0, pcan:...",
     )
     parser.add_argument(
-        "--strict", action="store_true", help="repeated and unknown keys of ros2_controllers.yaml are errors"
+        "--strict", action="store_true", help="treat repeated and unknown keys of ros2_controllers.yaml as errors"
     )
-    parser.add_argument("--peer-merge", action="store_true", help="`defaults` of bus.yml win over the nodes' own keys")
+    parser.add_argument(
+        "--peer-merge", action="store_true", help="let `defaults` of bus.yml take precedence over the nodes' own keys"
+    )
     parser.add_argument(
         "--allow-unsupervised",
         action="store_true",
-        help="accept drives that nothing stops when this program dies, as `allow_unsupervised: true` in bus.yml does",
+        help="accept drives that do not stop when this program dies, as `allow_unsupervised: true` in bus.yml does",
     )
 
 
@@ -157,8 +167,8 @@ def find_files(args: argparse.Namespace) -> RobotFiles:
 
 def add_kind_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what kind of drives a robot has, and what it activates."""
-    parser.add_argument("--real", action="store_true", help="the drives are real: start no virtual ones")
-    parser.add_argument("--mock", action="store_true", help="no drives and no bus: mock hardware")
+    parser.add_argument("--real", action="store_true", help="use real drives; start no virtual ones")
+    parser.add_argument("--mock", action="store_true", help="use mock hardware: no drives and no bus")
     parser.add_argument(
         "--controller",
         action="append",

@@ -1,10 +1,10 @@
-"""`scan`: who is on a bus, which EDS describes each node, and what the bus.yml expects instead.
+"""List the devices on a bus, their matching EDS, and differences to bus.yml.
 
-Every node id is asked for 0x1000, 0x1018 and 0x1008; nothing is written. With --can it is a bare bus, compared to a
-robot's bus.yml with --config. Without, it is the bus of the running robot: its own nodes are asked through it, all
-other node ids straight on the bus.
+Every node id is asked for 0x1000, 0x1018 and 0x1008; nothing is written. With --can it scans a bare bus, and compares
+it with a robot's bus.yml if you give --config. Without --can it scans the bus of the running robot: the robot asks its
+own nodes, all other node ids are asked on the bus directly.
 
-Exit codes: 0 good; 1 nobody is there, or a node of the bus.yml is missing or another one; 2 wrong usage.
+Exit codes: 0 good; 1 no device answered, or a node of bus.yml is missing or is a different device; 2 wrong usage.
 """
 
 from __future__ import annotations
@@ -112,14 +112,16 @@ class ScanDocument(Document, frozen=True):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--can", metavar="CHANNEL", help="this bus (can0, local:NAME, ...)")
-    where.add_argument("--name", help="the bus of this running robot (default: the only one)")
+    where.add_argument("--can", metavar="CHANNEL", help="channel to scan (can0, local:NAME, ...)")
+    where.add_argument("--name", help="scan the bus of this running robot (default: the only one)")
     parser.add_argument(
-        "--config", metavar="ROBOT", help="compare to this bus.yml: a folder, a bundled name, a ROS package or a file"
+        "--config", metavar="ROBOT", help="compare with this bus.yml: a folder, a bundled name, a ROS package or a file"
     )
-    parser.add_argument("--eds-dir", metavar="DIR", action="append", default=[], help="EDS files to match (repeatable)")
     parser.add_argument(
-        "--timeout", type=timeout_seconds, default=0.2, metavar="S", help="for each answer (default: 0.2)"
+        "--eds-dir", metavar="DIR", action="append", default=[], help="folder of EDS files to match (repeatable)"
+    )
+    parser.add_argument(
+        "--timeout", type=timeout_seconds, default=0.2, metavar="S", help="timeout of each answer in s (default: 0.2)"
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
 

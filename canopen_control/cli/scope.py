@@ -1,13 +1,13 @@
-"""`scope`: up to eight objects over time, with triggers: on the terminal, as CSV, as a picture (PNG), as a bag (MCAP).
+"""Plot up to eight objects over time, with triggers: on the terminal, as CSV, as a picture (PNG), as a bag (MCAP).
 
-NODE:OBJECT is an object by address or by its name in the EDS, JOINT:position (velocity, effort, command) what a running
-robot tells of a joint. In a running robot what TPDOs carry comes with every cycle, other objects are polled by SDO, one
-at a time and slowly; on a bare bus (--can, --eds) all are polled. A shot begins at once, or with --trigger:
-SIGNAL:rising:LEVEL, falling, above, below, the signals counted from 1, or fault, which is the statusword of any of the
-nodes. A trigger may be waited for for days. --overlay lays an earlier shot (CSV) below the new one, --cursors tells
-dt, dv and RMS between two times. Nothing is written to a node.
+NODE:OBJECT is an object by address or by its name in the EDS; JOINT:position (velocity, effort, command) is the state
+of a joint of a running robot. In a running robot objects in TPDOs are sampled with every cycle, other objects are
+polled by SDO, one at a time and slowly. On a bare bus (--can, --eds) all objects are polled. A capture begins at once,
+or with --trigger: SIGNAL:rising:LEVEL, falling, above, below, with the signals counted from 1; or fault, which watches
+the statusword of all nodes. It can wait for a trigger for days. --overlay draws an earlier capture (CSV) underneath the
+new one, --cursors prints dt, dv and RMS between two times. Nothing is written to a node.
 
-Exit codes: 0 good; 1 no shot was taken, or the node is gone; 2 wrong usage, no such object.
+Exit codes: 0 good; 1 nothing was captured, or the node is gone; 2 wrong usage, no such object.
 """
 
 from __future__ import annotations
@@ -74,22 +74,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "signals",
         nargs="+",
         metavar="NODE:OBJECT",
-        help="such as 3:0x6064, left_drive:0x606C, left_joint:velocity",
+        help="signals such as 3:0x6064, left_drive:0x606C, left_joint:velocity",
     )
     add_session_arguments(parser, node=False)
     rate = number("rate in Hz above 0, at most 1000", lambda value: 0 < value <= _FASTEST)
-    parser.add_argument("--rate", type=rate, default=_RATE, metavar="HZ", help="of what is polled (default: 50)")
+    parser.add_argument("--rate", type=rate, default=_RATE, metavar="HZ", help="polling rate (default: 50)")
     add_duration(parser, "length of a capture (default: 5)", former="--length", dest="length", default=5.0)
-    parser.add_argument("--trigger", metavar="T", help="SIGNAL:rising|falling|above|below:LEVEL, or fault")
-    parser.add_argument("--before", type=seconds, metavar="S", help="of a shot, before the trigger (default: a fifth)")
-    shots = whole_number("number of shots: 1 or more", range(1, 1_000_000))
-    parser.add_argument("--shots", type=shots, default=1, metavar="N", help="then it ends (default: 1, single)")
-    parser.add_argument("--rolling", action="store_true", help="shot after shot, until Ctrl-C")
-    parser.add_argument("--wait", type=seconds, metavar="S", help="for a trigger; then it ends without a shot")
-    parser.add_argument("--cursors", metavar="T1,T2", help="two times of a shot in s, from its trigger or its begin")
-    parser.add_argument("--overlay", metavar="FILE.csv", help="an earlier shot, below the new one")
     parser.add_argument(
-        "-o", "--output", metavar="FILE", help="NAME.csv, NAME.png, or NAME.mcap for a bag in the folder NAME"
+        "--trigger", metavar="T", help="start of a capture: SIGNAL:rising|falling|above|below:LEVEL, or fault"
+    )
+    parser.add_argument(
+        "--before", type=seconds, metavar="S", help="part of the capture before the trigger (default: a fifth)"
+    )
+    shots = whole_number("number of shots: 1 or more", range(1, 1_000_000))
+    parser.add_argument("--shots", type=shots, default=1, metavar="N", help="number of captures (default: 1)")
+    parser.add_argument("--rolling", action="store_true", help="capture repeatedly, until Ctrl-C")
+    parser.add_argument("--wait", type=seconds, metavar="S", help="wait S seconds for a trigger, then give up")
+    parser.add_argument("--cursors", metavar="T1,T2", help="two times of a capture in s, from its trigger or its start")
+    parser.add_argument("--overlay", metavar="FILE.csv", help="an earlier capture, drawn underneath the new one")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="file to write: NAME.csv, NAME.png, or NAME.mcap for a bag in the folder NAME",
     )
 
 

@@ -1,8 +1,8 @@
-"""`sdo`: read and write objects of a node, and transfer files.
+"""Read and write objects of a node, and transfer files.
 
-The node is one of a running robot (name or node id in bus.yml), or with --can any node of a bare bus (node id). The
-object is INDEX[:SUB] in hexadecimal, or its name in the EDS: the running robot knows each node's, --eds gives another.
-`read` says what a value means as `trace` does, and reads every subindex of an object named without one.
+The node belongs to a running robot (name or node id in bus.yml); with --can it is any node of a bare bus (node id). The
+object is INDEX[:SUB] in hexadecimal, or its name in the EDS. The running robot knows the EDS of each node; --eds gives
+another one. `read` explains a value as `trace` does, and reads every subindex if you give an index only.
 
 Exit codes: 0 good; 1 the node aborted or did not answer; 2 wrong usage.
 """
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     read = actions.add_parser("read", help="read an object")
     write = actions.add_parser("write", help="write an object")
-    upload = actions.add_parser("upload", help="read an object into a file, by block transfer where the node knows it")
+    upload = actions.add_parser("upload", help="read an object into a file, by block transfer if the node supports it")
     download = actions.add_parser("download", help="write a file into an object, by block transfer if it is large")
     for action in (read, write, upload, download):
         action.add_argument("node", metavar="NODE", help="name or node id; on a bare bus the node id")

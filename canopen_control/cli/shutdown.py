@@ -1,4 +1,7 @@
-"""`shutdown`: stop the robot and end its runtime."""
+"""Stop the robot and end its runtime.
+
+Exit codes: 0 it has ended; 1 it does not answer; 2 wrong usage, or no robot runs.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""`simulate`: a whole robot in virtual time, in one process: hours in minutes, and the same seed does the same again.
+"""Run a whole robot in virtual time, in one process: hours in minutes, with the same result for the same seed.
 
-Runtime, master, buses and virtual drives are the classes of `run` and `drive`, each with a clock of its own that is a
-few ppm off and wakes late as a process does; the bus arbitrates frames and takes its time for each. A seed draws
-commands, switches and troubles (--faults); --scenario FILE says them instead:
+Runtime, master, buses and virtual drives are the classes of `run` and `drive`. Each has a clock of its own that is a
+few ppm off and wakes late, as a process does. The bus arbitrates frames and takes its time for each. The seed chooses
+commands, switches and faults (--faults). With --scenario FILE you choose them:
 
     for: 20s
     seed: 7
@@ -13,26 +13,27 @@ commands, switches and troubles (--faults); --scenario FILE says them instead:
       - {at: 5s, do: axis, name: enable}
       - {at: 6s, do: stall, target: master, for: 300ms}
 
---seeds N runs N seeds instead, each with a schedule of its own (20 s, all faults, unless said otherwise), in --jobs
-processes, or on the Dask cluster at --dask. --aim M adds M schedules that strike in states in which no fault of its
-kind has hit yet. What a breach takes is shrunk to the smallest schedule and written to
---out, as a scenario with the command that replays it and a recording of its frames, beside a summary as JUnit and HTML.
+--seeds N runs N seeds, each with a schedule of its own (20 s and all faults by default), in --jobs processes or on the
+Dask cluster at --dask. --aim M adds M schedules that inject faults in states not yet covered for that kind of fault. A
+failing schedule is reduced to a minimal one and written to --out: as a scenario with the command that replays it and a
+recording of its frames, next to a summary as JUnit and HTML.
 
---recording FILE plays what was recorded of a robot instead: its commands, and what went wrong on its buses, as a
-scenario, which --out FILE.yml keeps. It is a flight recording, or the frames of the robot's only bus (faults alone).
---record FILE.zip writes such a recording of a simulation, for `report`, `trace` and `replay --page`.
+--recording FILE plays a recording of a robot instead, with its commands and its bus faults; --out FILE.yml saves it as
+a scenario. FILE is a flight recording, or the frames of the robot's only bus (faults only). --record FILE.zip writes
+such a recording of a simulation, for `report`, `trace` and `replay --page`.
 
---physics has the virtual drives move the robot on a floor, as in a run (extra [physics]), with what --world FILE puts
-on it; --world FILE alone simulates the robots that the file names, in one world and one virtual time.
+With --physics the virtual drives move the robot on a floor, as in a run (extra [physics]); --world FILE describes what
+is on the floor. --world FILE without a robot simulates the robots that the file names, in one world.
 
---speed 1 is a run without processes, for a debugger. With --serve programs reach the robot by its socket meanwhile, as
-one that runs (status, command, view, ...), and with --ros those of ROS by its topics and /clock; it goes as fast as
-real time then unless --speed says more, and nothing is drawn unless --seed, --faults or --scenario say so.
+--speed 1 is a run without processes, for a debugger. With --serve programs reach the robot by its socket, as they reach
+a running one (status, command, view, ...). With --ros ROS programs reach it by its topics, and it publishes /clock. It
+then runs in real time unless --speed is higher, and nothing is randomised unless --seed, --faults or --scenario is
+given.
 
-Ctrl-C ends a simulation and keeps what there is. --json prints one object at the end, with the SHA-256 of every frame
-and event with its time.
+Ctrl-C ends a simulation and keeps the results so far. --json prints one object at the end, with the SHA-256 of every
+frame and event with its time.
 
-Exit codes: 0 good, 1 something happened that must not, 2 usage or configuration, 130 seeds interrupted.
+Exit codes: 0 good; 1 an invariant was violated; 2 wrong usage or configuration; 130 the seeds were interrupted.
 """
 
 from __future__ import annotations
@@ -101,31 +102,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="activate this controller (default: the first)",
     )
     parser.add_argument(
-        "--for", dest="length", type=_duration, metavar="T", help="how long, as 1h or 30s (default: 1min)"
+        "--for", dest="length", type=_duration, metavar="T", help="simulated time, such as 1h or 30s (default: 1min)"
     )
     parser.add_argument(
-        "--seed", type=_seed, metavar="N", help="draws commands, troubles, lateness, oscillators (default: 0)"
+        "--seed", type=_seed, metavar="N", help="seed of commands, faults, delays and clock errors (default: 0)"
     )
-    parser.add_argument("--scenario", metavar="FILE", help="what happens, see above, instead of what the seed draws")
-    parser.add_argument("--recording", metavar="FILE", help="what happens as it was recorded: .zip, or .log, .asc, ...")
-    parser.add_argument("--record", metavar="FILE.zip", help="write a flight recording of it")
-    parser.add_argument("--physics", action="store_true", help="the drives move the robot on a floor")
+    parser.add_argument(
+        "--scenario", metavar="FILE", help="play this scenario, see above, instead of choosing by the seed"
+    )
+    parser.add_argument("--recording", metavar="FILE", help="play this recording: .zip, or .log, .asc, ...")
+    parser.add_argument("--record", metavar="FILE.zip", help="write a flight recording of the simulation")
+    parser.add_argument("--physics", action="store_true", help="let the drives move the robot on a floor")
     parser.add_argument(
         "--world",
         metavar="FILE",
-        help="with --physics: what is on the floor, in YAML or SDF; without ROBOT: the robots in it",
+        help="with --physics: file of the objects on the floor, YAML or SDF; without ROBOT: simulate the robots it names",
     )
-    parser.add_argument("--faults", metavar="all|LIST|none", help="what goes wrong (default: none, with --seeds all)")
-    parser.add_argument("--seeds", type=_count, metavar="N", help="a campaign of N seeds, from --seed on")
+    parser.add_argument("--faults", metavar="all|LIST|none", help="faults to inject (default: none, with --seeds all)")
+    parser.add_argument("--seeds", type=_count, metavar="N", help="run a campaign of N seeds, starting with --seed")
     parser.add_argument(
-        "--aim", type=_count, metavar="N", help="with --seeds: N more, at states in which faults were not met yet"
+        "--aim",
+        type=_count,
+        metavar="N",
+        help="with --seeds: add N schedules for states in which no fault was injected yet",
     )
-    parser.add_argument("--jobs", type=_jobs, metavar="J", help="with --seeds: in J processes (default: 1)")
-    parser.add_argument("--dask", metavar="ADDRESS", help="with --seeds: on this Dask cluster, as tcp://host:8786")
+    parser.add_argument("--jobs", type=_jobs, metavar="J", help="with --seeds: number of processes (default: 1)")
+    parser.add_argument(
+        "--dask", metavar="ADDRESS", help="with --seeds: address of a Dask cluster, such as tcp://host:8786"
+    )
     parser.add_argument(
         "--out",
         metavar="FOLDER",
-        help="with --seeds: where breaches and the summary go (simulate-ROBOT); with --recording: its scenario",
+        help="with --seeds: folder of failing schedules and the summary (default: simulate-ROBOT); with "
+        "--recording: file of its scenario",
     )
     parser.add_argument("--json", action="store_true", help="print one object at the end")
     _add_served(parser)
@@ -134,19 +143,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_served(parser: argparse.ArgumentParser) -> None:
     """Declare for whom the robot runs, and how fast."""
     parser.add_argument(
-        "--speed", type=_speed, metavar="max|F", help="times real time at most (default: max, with --serve 1)"
+        "--speed",
+        type=_speed,
+        metavar="max|F",
+        help="highest speed, as a multiple of real time (default: max, with --serve 1)",
     )
     add_new_name(parser, "with --serve: name of the robot for its clients")
     parser.add_argument(
-        "--serve", action="store_true", help="let programs reach the robot by its socket, as one that runs"
+        "--serve", action="store_true", help="let programs reach the robot by its socket, as they reach a running one"
     )
-    parser.add_argument("--ros", action="store_true", help="--serve, with the ROS 2 bridge, which publishes /clock")
-    parser.add_argument("--namespace", metavar="NS", help="with --ros: of all its ROS names and frames")
+    parser.add_argument(
+        "--ros", action="store_true", help="as --serve, and start the ROS 2 bridge, which publishes /clock"
+    )
+    parser.add_argument("--namespace", metavar="NS", help="with --ros: namespace of all ROS names and frames")
     parser.add_argument(
         "--ros-args",
         nargs=argparse.REMAINDER,
         metavar="...",
-        help="with --ros, comes last: parameters, remappings, files for the bridge, as for any ROS program",
+        help="with --ros, as the last option: parameters, remappings and files for the bridge, as for any ROS program",
     )
 
 

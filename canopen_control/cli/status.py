@@ -1,4 +1,7 @@
-"""`status`: what a running robot is doing, once, as JSON, or as a live table."""
+"""Show what a running robot is doing: once, as JSON, or as a live table.
+
+Exit codes: 0 good; 1 the robot does not answer; 2 wrong usage, or no robot runs.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""`stop`: ramp every joint to zero and disable the drives; the robot keeps running. No emergency stop (ISO 13850).
+"""Ramp every joint to zero and disable the drives; the robot keeps running. Not an emergency stop (ISO 13850).
 
-`--latch` keeps everybody from moving it, this one's own next command included, until `--release`.
+With `--latch` no client, not even this one, can move the robot until `--release`.
+
+Exit codes: 0 stopped, or released; 1 the robot does not answer, or has no bus left; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
@@ -26,8 +28,10 @@ TIMEOUT_S = 20.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     how = parser.add_mutually_exclusive_group()
-    how.add_argument("--latch", action="store_true", help="nothing moves before --release, whoever commands it")
-    how.add_argument("--release", action="store_true", help="let go of a latched stop; the drives stay disabled")
+    how.add_argument(
+        "--latch", action="store_true", help="latch the stop: no client can move the robot before --release"
+    )
+    how.add_argument("--release", action="store_true", help="release a latched stop; the drives stay disabled")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
 
 

@@ -1,10 +1,12 @@
-"""`teleop`: drive a base by keyboard, with the keys of teleop_twist_keyboard.
+"""Drive a base with the keyboard, with the keys of teleop_twist_keyboard.
 
-It commands the active base controller of a running robot; where none is active, a velocity controller of two wheels,
-in rad/s of the wheels. Where the base can, keys with shift drive it sideways. With --topic it publishes to a ROS topic
-instead. It stops when no key comes: --release seconds after a held key was let go, --tap seconds after a key that was
-only tapped (a terminal cannot tell sooner), and at once with space, k or any other key, when the terminal loses the
-focus, and at its end. No emergency stop (ISO 13850).
+It commands the active base controller of a running robot; if none is active, a velocity controller of two wheels, in
+rad/s of the wheels. Keys with shift drive sideways if the base can. With --topic it publishes to a ROS topic instead.
+The base stops when no key arrives: --release seconds after a held key was released, --tap seconds after a key that was
+only tapped (a terminal cannot report it earlier), and at once with space, k or any other key, when the terminal loses
+the focus, and at the end of the program. This is not an emergency stop (ISO 13850).
+
+Exit codes: 0 you left it; 1 the robot or the terminal is gone; 2 wrong usage, or no robot or controller for it.
 """
 
 from __future__ import annotations
@@ -66,16 +68,28 @@ _speed = number("speed above 0", lambda value: value > 0)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("--speed", type=_speed, metavar="V", help="linear, m/s (default: 0.5)")
-    parser.add_argument("--turn", type=_speed, metavar="W", help="angular, rad/s (default: 1.0)")
-    parser.add_argument("--controller", metavar="NAME", help="default: the active base controller")
-    parser.add_argument("--tap", type=seconds, default=0.7, metavar="S", help="motion of a first press (default: 0.7)")
-    parser.add_argument("--release", type=seconds, default=0.25, metavar="S", help="after a held key (default: 0.25)")
+    parser.add_argument("--speed", type=_speed, metavar="V", help="linear velocity in m/s (default: 0.5)")
+    parser.add_argument("--turn", type=_speed, metavar="W", help="angular velocity in rad/s (default: 1.0)")
+    parser.add_argument("--controller", metavar="NAME", help="controller name (default: the active base controller)")
+    parser.add_argument(
+        "--tap",
+        type=seconds,
+        default=0.7,
+        metavar="S",
+        help="duration of the motion after a first press in s (default: 0.7)",
+    )
+    parser.add_argument(
+        "--release",
+        type=seconds,
+        default=0.25,
+        metavar="S",
+        help="duration of the motion after a held key in s (default: 0.25)",
+    )
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--name", help="the robot (default: the only one that runs)")
     where.add_argument("--topic", help="publish to this ROS topic instead, such as /cmd_vel")
     parser.add_argument("--stamped", action="store_true", help="with --topic: TwistStamped instead of Twist")
-    parser.add_argument("--frame-id", metavar="F", default="", help="with --stamped: its header's frame")
+    parser.add_argument("--frame-id", metavar="F", default="", help="with --stamped: frame id of the header")
 
 
 def run(args: argparse.Namespace) -> int:

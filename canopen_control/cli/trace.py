@@ -1,7 +1,10 @@
-"""What is said on a bus, in words: every frame with its sender, its service and its objects by name.
+"""Show decoded bus traffic: every frame with its sender, its service and its objects by name.
 
-Live, or from a recording. Nothing is sent. Names come from the running robot, or from a robot's files (ROBOT), or from
-EDS files; without any of them the predefined connection set is shown. Ends with Ctrl-C, --count or --for.
+The frames are live, or from a recording. Nothing is sent. Names come from the running robot, from a robot's files
+(ROBOT), or from EDS files; without any of them the predefined connection set is shown. Ends with Ctrl-C, --count or
+--for.
+
+Exit codes: 0 good; 1 the bus is gone; 2 wrong usage, or no such file, channel or robot.
 """
 
 from __future__ import annotations
@@ -42,7 +45,7 @@ CHUNK = 256  # frames of a file that are printed at once
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--can", metavar="CHANNEL", help="this bus (default: that of the running robot)")
+    where.add_argument("--can", metavar="CHANNEL", help="channel to listen to (default: that of the running robot)")
     where.add_argument(
         "--file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
     )

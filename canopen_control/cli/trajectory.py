@@ -1,13 +1,13 @@
-"""`trajectory`: play a trajectory on a joint trajectory controller, end the one under way, or record one.
+"""Play a trajectory on a joint trajectory controller, cancel the one that runs, or record one.
 
 A file is YAML or JSON in the shape of trajectory_msgs/JointTrajectory: `joint_names`, and `points` with `positions`
-and, where they are planned, `velocities` and `accelerations`, each with its `time_from_start` in seconds or as `sec`
-and `nanosec`. Waypoints are positions of the controller's joints, each of which comes to rest. When this ends before
-the trajectory does, by Ctrl-C or anything else, or is stopped (Ctrl-Z), the joints brake and are held. A recording is
-what the joints do while somebody else moves them, by hand or by a program.
+and optionally `velocities` and `accelerations`, each with its `time_from_start` in seconds or as `sec` and `nanosec`.
+Waypoints are positions of the controller's joints; the arm comes to rest at each. If this program ends before the
+trajectory does, by Ctrl-C or otherwise, or is suspended (Ctrl-Z), the joints brake and hold their position. A recording
+holds the motion of the joints while another program or a person moves them.
 
-Exit codes: 0 the end was reached; 1 it was refused or ended before, or there was nothing to record or to cancel;
-2 wrong usage, or no robot runs.
+Exit codes: 0 the end was reached; 1 refused, ended early, or nothing to record or to cancel; 2 wrong usage, or no
+robot runs.
 """
 
 from __future__ import annotations
@@ -67,20 +67,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="YAML or JSON in the shape of trajectory_msgs/JointTrajectory; wave.yaml: a sample for arm6",
     )
     play.add_argument(
-        "--waypoints", metavar="POSITIONS", help="rad or m of each joint of the controller, as in '0.4 -0.3; 0 0'"
+        "--waypoints",
+        metavar="POSITIONS",
+        help="positions in rad or m of each joint of the controller, as in '0.4 -0.3; 0 0'",
     )
-    play.add_argument("--step", type=seconds, default=2.0, metavar="S", help="from waypoint to waypoint (default: 2)")
     play.add_argument(
-        "--approach", type=seconds, metavar="S", help="take so long to the first point, from where the joints are"
+        "--step", type=seconds, default=2.0, metavar="S", help="time from waypoint to waypoint in s (default: 2)"
     )
-    record = actions.add_parser("record", help="write what the joints do, as a file that play takes, until Ctrl-C")
+    play.add_argument(
+        "--approach", type=seconds, metavar="S", help="move from the current position to the first point in S seconds"
+    )
+    record = actions.add_parser("record", help="record the motion of the joints as a file for play, until Ctrl-C")
     record.add_argument("-o", "--output", required=True, metavar="FILE", help="the YAML file to write")
-    record.add_argument("--joints", metavar="NAMES", help="these, as in joint_1,joint_2 (default: the controller's)")
-    record.add_argument("--rate", type=_rate, default=20.0, metavar="HZ", help="points in a second (default: 20)")
+    record.add_argument(
+        "--joints", metavar="NAMES", help="joints to record, as in joint_1,joint_2 (default: the controller's)"
+    )
+    record.add_argument("--rate", type=_rate, default=20.0, metavar="HZ", help="points per second (default: 20)")
     add_duration(record, "end after S seconds", former="--duration", dest="duration")
-    cancel = actions.add_parser("cancel", help="end the trajectory that is under way: the joints brake")
+    cancel = actions.add_parser("cancel", help="cancel the running trajectory: the joints brake")
     for each in (play, record, cancel):
-        each.add_argument("--controller", help="its name (default: the only one that is active)")
+        each.add_argument("--controller", help="controller name (default: the only active one)")
         each.add_argument("--name", help="the robot (default: the only one that runs)")
 
 

@@ -1,13 +1,13 @@
-"""`tune`: measure how a drive follows, identify what hangs on it, propose gains for its loops.
+"""Measure how well a drive tracks, identify its load, and propose gains for its loops.
 
---step asks for a velocity at once and measures rise, overshoot, settling and error; --bode lets a sine get faster (or
-a pseudo-random sequence, prbs) and gives gain and phase of the velocity loop; --identify pushes with a torque both ways
-and gives inertia, friction and PI gains for --crossover and --phase-margin. The drive is excited as `jog` moves it: on
-a bare bus (--can, --eds) or through a robot without controllers, within limits of speed, travel and current that you
-confirm first (--yes says so beforehand). Ctrl-C, a limit, a fault, a lost terminal end it: it stops and is disabled.
-This is no emergency stop (ISO 13850): have one in reach, and the shaft free.
+--step applies a velocity step and measures rise time, overshoot, settling and error. --bode applies a sine sweep (or a
+pseudo-random binary sequence, prbs) and prints gain and phase of the velocity loop. --identify applies a torque in both
+directions and prints inertia, friction and PI gains for --crossover and --phase-margin. The drive is moved as by `jog`,
+on a bare bus (--can, --eds) or through a robot without controllers, within limits of speed, travel and current that you
+confirm first (or with --yes). Ctrl-C, a limit, a fault or a lost terminal ends the run: the drive stops and is
+disabled. This is not an emergency stop (ISO 13850): have one in reach, and keep the shaft free.
 
-Exit codes: 0 good; 1 the run ended early, or tells nothing; 2 wrong usage, not confirmed, no such mode.
+Exit codes: 0 good; 1 the run ended early or gave no usable result; 2 wrong usage, not confirmed, no such mode.
 """
 
 from __future__ import annotations
@@ -66,10 +66,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_session_arguments(parser)
     _add_what(parser)
     positive = number("number above 0", lambda value: value > 0)
-    parser.add_argument("--for", dest="seconds", type=seconds, metavar="S", help="how long (default: 2, 8 and 8)")
-    parser.add_argument("--crossover", type=positive, default=20.0, metavar="HZ", help="of the proposal (default: 20)")
+    parser.add_argument(
+        "--for", dest="seconds", type=seconds, metavar="S", help="duration in s (default: step 2, bode 8, identify 8)"
+    )
+    parser.add_argument(
+        "--crossover",
+        type=positive,
+        default=20.0,
+        metavar="HZ",
+        help="crossover frequency of the proposal (default: 20)",
+    )
     margin = number("phase margin in degrees: 20 to 85", lambda value: 20 <= value <= 85)
-    parser.add_argument("--phase-margin", type=margin, default=60.0, metavar="DEG", help="(default: 60)")
+    parser.add_argument(
+        "--phase-margin", type=margin, default=60.0, metavar="DEG", help="phase margin of the proposal (default: 60)"
+    )
     parser.add_argument(
         "--loop-delay",
         type=positive,
@@ -77,51 +87,64 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MS",
         help="dead time of the drive's own loop (default: 0.5)",
     )
-    parser.add_argument("--apply", action="store_true", help="set the gains that --identify proposes")
+    parser.add_argument("--apply", action="store_true", help="write the gains that --identify proposes")
     parser.add_argument(
         "--gain",
         metavar="NAME=0xINDEX:SUB*SCALE",
         action="append",
         default=[],
-        help=f"which object holds a gain ({', '.join(GAIN_NAMES)}) and what 1 in it is worth (repeatable)",
+        help=f"object that holds a gain ({', '.join(GAIN_NAMES)}) and the value of 1 in it (repeatable)",
     )
-    parser.add_argument("--store", action="store_true", help="store in the drive (0x1010) what --apply or --revert set")
-    parser.add_argument("--max-speed", metavar="X[rad/s|rpm|pps]", help="limit of the speed (default: 60rpm)")
-    parser.add_argument("--max-travel", metavar="X[rad|deg|turns|counts]", help="each way (default: 10turns)")
+    parser.add_argument("--store", action="store_true", help="store the gains in the drive (0x1010)")
+    parser.add_argument("--max-speed", metavar="X[rad/s|rpm|pps]", help="speed limit (default: 60rpm)")
     parser.add_argument(
-        "--max-current", type=positive, default=_MAX_CURRENT, metavar="PERMILLE", help="(default: 1000)"
+        "--max-travel", metavar="X[rad|deg|turns|counts]", help="travel limit in each direction (default: 10turns)"
+    )
+    parser.add_argument(
+        "--max-current",
+        type=positive,
+        default=_MAX_CURRENT,
+        metavar="PERMILLE",
+        help="current limit in per mille of the rated current (default: 1000)",
     )
     period = number("period in ms: 1 to 50", lambda value: 1 <= value <= 50)
     parser.add_argument(
-        "--period", type=period, default=10.0, metavar="MS", help="of SYNC, on a bare bus (default: 10)"
+        "--period", type=period, default=10.0, metavar="MS", help="SYNC period on a bare bus (default: 10)"
     )
-    parser.add_argument("--counts", type=positive, metavar="N", help="position counts of one turn, where nobody tells")
-    axis = whole_number("axis: 0 to 7", range(8))
-    parser.add_argument("--axis", type=axis, default=0, metavar="N", help="of a drive with several (default: 0)")
-    parser.add_argument("--allow-unsupervised", action="store_true", help="as of `jog`")
-    parser.add_argument("--yes", action="store_true", help="confirm limits and excitation without being asked")
     parser.add_argument(
-        "-o", "--output", metavar="FILE", help="the record, or with --bode the response: NAME.csv or NAME.png"
+        "--counts", type=positive, metavar="N", help="position counts per turn, if neither EDS nor drive gives them"
     )
-    parser.add_argument("--json", action="store_true", help="print what was found as JSON, all else on standard error")
+    axis = whole_number("axis: 0 to 7", range(8))
+    parser.add_argument(
+        "--axis", type=axis, default=0, metavar="N", help="axis number of a drive with several (default: 0)"
+    )
+    parser.add_argument("--allow-unsupervised", action="store_true", help="same as for `jog`")
+    parser.add_argument("--yes", action="store_true", help="confirm limits and excitation in advance")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="file of the record, or with --bode of the response: NAME.csv or NAME.png",
+    )
+    parser.add_argument("--json", action="store_true", help="print the result as JSON, all else on standard error")
 
 
 def _add_what(parser: argparse.ArgumentParser) -> None:
     """Declare what is done, of which there is one."""
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--step", metavar="X[rad/s|rpm|pps]", help="ask for a velocity at once")
+    what.add_argument("--step", metavar="X[rad/s|rpm|pps]", help="apply a velocity step")
     what.add_argument(
         "--bode",
         nargs="?",
         const="chirp",
         choices=("chirp", "prbs"),
-        help="gain and phase of the velocity loop (default: chirp)",
+        help="measure gain and phase of the velocity loop (default: chirp)",
     )
     torque = number("torque in per mille of the rated one, above 0 to 300", lambda value: 0 < value <= _TORQUE)
     what.add_argument(
-        "--identify", metavar="PERMILLE", type=torque, help="push with a torque: inertia, friction, gains"
+        "--identify", metavar="PERMILLE", type=torque, help="apply a torque; identify inertia, friction and gains"
     )
-    what.add_argument("--revert", action="store_true", help="give the drive back the gains from before --apply")
+    what.add_argument("--revert", action="store_true", help="write back the gains from before --apply")
 
 
 def run(args: argparse.Namespace) -> int:

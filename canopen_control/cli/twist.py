@@ -1,4 +1,7 @@
-"""`twist`: send a velocity to a base controller, at 10 Hz until Ctrl-C, then zeros."""
+"""Send a velocity to a base controller at 10 Hz until Ctrl-C, then zeros.
+
+Exit codes: 0 sent; 1 the robot refused it, or stopped; 2 wrong usage, no robot runs, or no such controller.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +23,15 @@ EXAMPLE = """canopen-control controller switch --activate robby_base_controller 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("controller", metavar="CONTROLLER", help="its name in ros2_controllers.yaml")
-    parser.add_argument("linear", metavar="LINEAR", type=finite, help="forward, m/s")
-    parser.add_argument("angular", metavar="ANGULAR", type=finite, help="to the left, rad/s")
+    parser.add_argument("controller", metavar="CONTROLLER", help="controller name in ros2_controllers.yaml")
+    parser.add_argument("linear", metavar="LINEAR", type=finite, help="forward velocity in m/s")
+    parser.add_argument("angular", metavar="ANGULAR", type=finite, help="angular velocity to the left in rad/s")
     parser.add_argument(
-        "--lateral", type=finite, default=0.0, metavar="V", help="to the left, m/s, where the base can (default: 0)"
+        "--lateral",
+        type=finite,
+        default=0.0,
+        metavar="V",
+        help="velocity to the left in m/s, if the base can (default: 0)",
     )
     add_repeat_arguments(parser)
 

@@ -112,7 +112,7 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
         prog=f"canopen-control {verb}",
         description=_with_exit_codes(module.__doc__ or ""),
         epilog=f"example: {module.EXAMPLE}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=_HelpFormatter,
     )
     module.add_arguments(parser)
     _describe_actions(parser, module.EXAMPLE.splitlines())
@@ -122,6 +122,19 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
 def _with_exit_codes(text: str) -> str:
     """Return the description of a verb, with the exit codes of all verbs where it has none of its own."""
     return text.strip() if "Exit codes" in text else f"{text.strip()}\n\n{_EXIT_CODES}"
+
+
+class _HelpFormatter(argparse.HelpFormatter):
+    """Help whose text is as wide as the terminal; indented lines, such as examples, stay as they are."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        parts = [
+            part
+            if re.search(r"^ |^example:", part, re.MULTILINE)
+            else super(_HelpFormatter, self)._fill_text(part, width, indent)
+            for part in text.split("\n\n")
+        ]
+        return "\n\n".join(parts)
 
 
 class _VerbParser(argparse.ArgumentParser):
@@ -153,7 +166,7 @@ def _describe_actions(parser: argparse.ArgumentParser, examples: Sequence[str]) 
         for name, action in group.choices.items():
             text = action.description or texts.get(name, "")
             action.description = f"{text[:1].upper()}{text[1:]}.\n\n{codes[0] if codes else _EXIT_CODES}"
-            action.formatter_class = argparse.RawDescriptionHelpFormatter
+            action.formatter_class = _HelpFormatter
             own = [line.strip() for line in examples if _is_of(action.prog, line.strip())]
             if own:
                 action.epilog = "example: " + "\n         ".join(own)

@@ -1,8 +1,10 @@
-"""`view`: the robot on a page of this computer: 3D, plots, drives, events, and a large STOP.
+"""Serve a web page of the robot: 3D, plots, drives, events, and a large STOP.
 
-The page is for this computer alone unless --host says otherwise, and for you alone: its address ends with a token, and
-whoever has the address may use the page. --address prints it again. --teleop adds buttons that drive while they are
-held. STOP is a function of this program, no safety function (ISO 13850).
+The page is reachable from this computer only, unless you give --host, and only with its token: anyone who has the full
+address can use the page. --address prints it again. --teleop adds buttons that drive while they are held. STOP is a
+function of this program, not a safety function (ISO 13850).
+
+Exit codes: 0 after Ctrl-C; 1 the page cannot be served; 2 wrong usage, no robot runs, or the extra [view] is missing.
 """
 
 from __future__ import annotations
@@ -29,17 +31,17 @@ NICENESS = 5  # the robot goes first
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
-    parser.add_argument("--teleop", action="store_true", help="buttons that drive the robot while they are held")
+    parser.add_argument("--teleop", action="store_true", help="add buttons that drive the robot while they are held")
     parser.add_argument(
-        "--host", default="127.0.0.1", metavar="ADDRESS", help="where to listen (default: this computer alone)"
+        "--host", default="127.0.0.1", metavar="ADDRESS", help="address to listen on (default: this computer only)"
     )
     parser.add_argument(
         "--port",
         type=whole_number("port: 0 to 65535", range(65536)),
-        help="default: 8080, or the next that is free; 0: any",
+        help="port (default: 8080, or the next free one; 0: any)",
     )
     parser.add_argument(
-        "--address", action="store_true", help="print the address of a page that is served already, with its token"
+        "--address", action="store_true", help="print the address of the page that is being served, with its token"
     )
 
 

@@ -1,11 +1,12 @@
-"""`world`: the true pose in a world with physics, and what happens in it that no drive does.
+"""Show the true pose in a physics simulation, and inject payloads, pushes, blocked joints and friction.
 
-Without more words it tells where the robot really is. `payload` puts kg on a link (negative: takes them off), `push` a
-force in N along the axes of the world, `block` a joint that a drive moves, `friction` changes the grip of the floor.
+Without an action it prints the true pose of the robot. `payload` puts kg on a link (negative: takes them off), `push`
+applies a force in N along the axes of the world, `block` blocks a joint that a drive moves, `friction` changes the
+friction of the floor.
 
-A robot that a simulation plugin of ros2_control moves, without drives, can be paused too: `pause`, `step` by a number
-of cycles, `play`, and `reset` to where it began or to a key frame of its MJCF, which takes back what happened in its
-world. What was commanded before `play` or `reset` is forgotten.
+A robot that a simulation plugin of ros2_control moves, without drives, can also be paused: `pause`, `step` by a number
+of cycles, `play`, and `reset` to its start or to a key frame of its MJCF, which undoes all events in its world.
+Commands from before `play` or `reset` are dropped.
 
 Exit codes: 0 done; 1 nothing simulated runs, or refused; 2 wrong usage, no physics, or no such link or joint.
 """
@@ -56,15 +57,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "what",
         nargs="?",
         choices=sorted({**_ACTS, **SIMULATION_ACTS}),
-        help="what is to happen; without: where the robot is",
+        help="the event (default: print the pose of the robot)",
     )
-    parser.add_argument("value", nargs="?", metavar="VALUE", help="how much, which joint, how many cycles")
-    parser.add_argument("state", nargs="?", choices=["on", "off"], help="of a joint that is blocked (default: on)")
-    parser.add_argument("--on", default="", metavar="LINK", help="payload, push: the link (default: the heaviest one)")
-    parser.add_argument("--at", default="0,0,0", metavar="X,Y,Z", help="payload: where on the link, in m")
-    parser.add_argument("--for", type=finite, default=0.2, dest="seconds", metavar="S", help="push: how long")
-    parser.add_argument("--can", metavar="CHANNEL", help="the bus of the drives (default: that of the running robot)")
-    parser.add_argument("--name", help="a robot without drives (default: the only one that runs)")
+    parser.add_argument("value", nargs="?", metavar="VALUE", help="amount, joint, or number of cycles")
+    parser.add_argument("state", nargs="?", choices=["on", "off"], help="block or release the joint (default: on)")
+    parser.add_argument(
+        "--on", default="", metavar="LINK", help="with payload, push: the link (default: the heaviest one)"
+    )
+    parser.add_argument("--at", default="0,0,0", metavar="X,Y,Z", help="with payload: position on the link, in m")
+    parser.add_argument(
+        "--for", type=finite, default=0.2, dest="seconds", metavar="S", help="with push: duration in s (default: 0.2)"
+    )
+    parser.add_argument("--can", metavar="CHANNEL", help="channel of the drives (default: that of the running robot)")
+    parser.add_argument("--name", help="the robot, if it has no drives (default: the only one that runs)")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 

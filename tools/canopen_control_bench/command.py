@@ -25,27 +25,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         type=_family,
         metavar="FAMILY",
-        help="of those below, or all; or simulated: those that may run beside others, live: the rest (default: cycle)",
+        help="families below, or all; simulated: those that may run in parallel; live: the rest (default: cycle)",
     )
     parser.add_argument(
-        "--quick", action="store_true", help="short runs; judges what no busy machine changes: ratios and counts"
+        "--quick",
+        action="store_true",
+        help="short runs; judge only ratios and counts, which a busy machine does not change",
     )
-    parser.add_argument("--check", action="store_true", help="exit code 1 when a figure is not what it must be")
+    parser.add_argument("--check", action="store_true", help="exit with code 1 if a figure misses its target")
     parser.add_argument(
         "--json",
         type=Path,
         metavar="FILE",
-        help="write everything to a file, which keeps a row of each run, and show what it held before beside",
+        help="write all figures to this file, which keeps a row of each run, and show the previous figures",
     )
     parser.add_argument(
-        "--nice", type=int, metavar="N", help="niceness of all that runs here; negative: before others (needs root)"
+        "--nice", type=int, metavar="N", help="niceness of all processes; negative: higher priority (needs root)"
     )
     parser.add_argument(
         "--as-is",
         action="store_true",
-        help="let processors sleep and the kernel place processes; "
-        "else cycle, scale, services and clients keep processors awake where that is allowed; "
-        "there and in services, who is compared has one for itself",
+        help="allow CPU idle states and let the kernel place processes; by default cycle, scale, services and clients "
+        "keep CPUs awake where permitted, and the compared program has a CPU of its own there and in services",
     )
     add_duration(parser, "length of the long runs, such as the soak", former="--seconds")
 

@@ -24,24 +24,24 @@ __all__ = ["FAMILIES", "GROUPS", "Options", "Report", "module_of", "run_families
 
 #: family -> what it measures; each is a module of this room with `measure(options) -> list[Figure]`
 FAMILIES = {
-    "cycle": "two drives: CPU, lateness and wake-to-RPDO beside the canopen package and python-can",
-    "scale": "from 2 to 126 drives, at the shortest period that a bus has room for, and on several buses",
+    "cycle": "two drives: CPU, lateness and wake-to-RPDO, compared with the canopen package and python-can",
+    "scale": "from 2 to 126 drives, at the shortest period that fits a bus, and on several buses",
     "latency": "from a command to the wire, by API and ROS topic; from the wire to /joint_states",
-    "clients": "what ROS bridge, view and monitor do to the cycle",
-    "idle": "what a robot that stands takes of a processor: its runtime, its view with one browser and four",
+    "clients": "effect of ROS bridge, view and monitor on the cycle",
+    "idle": "CPU of a robot at rest: its runtime, its view with one browser and four",
     "load": "a full bus of 1 Mbit/s, received, decoded and supervised",
     "buses": "140,000 frames a second on one bus, and eight full ones: frames lost, CPU of hubs and listener",
     "motion": "trajectories: CPU of a cycle, long goals at 1 kHz, set-points of a host that is late",
-    "physics": "a robot on a floor beside the same run without; at rest, bit by bit, and its slip",
-    "simulate": "robots in virtual time beside real time, 2 and 16 drives, and their boot",
-    "memory": "what a million cycles leave behind; a cycle without a wire",
+    "physics": "a robot on a floor compared with the same run without; at rest, repeatability, slip",
+    "simulate": "robots in virtual time compared with real time, 2 and 16 drives, and their boot",
+    "memory": "memory after a million cycles; a cycle without a wire",
     "soak": "random commands and breaking drives, for a minute (--for 3600: an hour)",
     "boot": "from nothing to all drives operational, 2 and 64 of them",
     "start": "from the command line to wheels under command, and to the first /joint_states",
-    "services": "SDO and EDS beside the canopen package",
-    "drive": "one drive on a desk, on a paced bus: its first turn, what stops it, a clone, a program",
-    "bridge": "CPU of the ROS bridge beside a node that publishes alone; from a topic to the runtime",
-    "import": "how long --help and status take, beside a bare interpreter",
+    "services": "SDO and EDS compared with the canopen package",
+    "drive": "one drive on a paced bus: its first turn, its stops, a clone, a program",
+    "bridge": "CPU of the ROS bridge compared with a node that only publishes; from a topic to the runtime",
+    "import": "duration of --help and status, compared with a bare interpreter",
 }
 #: Families in which nothing that a quick run judges waits for a clock or another process: they may run beside others.
 SIMULATED = ("motion", "physics", "simulate", "memory")

@@ -51,9 +51,7 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare how long a command lasts."""
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--for", type=seconds, metavar="S", dest="seconds", help="repeat for S seconds, then send zeros")
-    how.add_argument(
-        "--once", action="store_true", help="send it once; the controller's timeout decides how long it holds"
-    )
+    how.add_argument("--once", action="store_true", help="send once; the command ends with the controller's timeout")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
 
 

@@ -55,15 +55,17 @@ class HeardBus:
 
 def add_network_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare ROBOT, --name, --bus and --eds."""
-    parser.add_argument("config", nargs="?", metavar="ROBOT", help="names from this robot: a folder or a bundled one")
+    parser.add_argument(
+        "config", nargs="?", metavar="ROBOT", help="take names from this robot: a folder or a bundled one"
+    )
     parser.add_argument("--name", help="the running robot (default: the only one)")
-    parser.add_argument("--bus", metavar="NAME", help="which one, of a robot with several buses")
+    parser.add_argument("--bus", metavar="NAME", help="bus of a robot with several buses")
     parser.add_argument(
         "--eds",
         action="append",
         default=[],
         metavar="[NODE=]FILE",
-        help="names from an EDS, for one node or all; or a folder of DCF files (repeatable)",
+        help="take names from an EDS, for one node or all; or a folder of DCF files (repeatable)",
     )
 
 

@@ -44,11 +44,11 @@ def add_restore_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="GLOB",
         action="append",
         default=[],
-        help="leave these as they are: an address as in '0x2*', or a name (repeatable)",
+        help="do not write these: an address as in '0x2*', or a name (repeatable)",
     )
-    parser.add_argument("--include-protected", action="store_true", help="write calibration of another drive too")
-    parser.add_argument("--keep", action="store_true", help="keep what the drive took, where it refuses some")
-    parser.add_argument("--store", action="store_true", help="store in the drive (0x1010), once all is proven")
+    parser.add_argument("--include-protected", action="store_true", help="also write the calibration of another drive")
+    parser.add_argument("--keep", action="store_true", help="keep the accepted values if the drive refuses others")
+    parser.add_argument("--store", action="store_true", help="store in the drive (0x1010) after verification")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 

@@ -91,7 +91,7 @@ def add_target_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare --can and --name."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--can", metavar="CHANNEL", help="straight on this bus (can0, local:NAME, ...), no robot running"
+        "--can", metavar="CHANNEL", help="channel of a bare bus (can0, local:NAME, ...), without a running robot"
     )
     where.add_argument("--name", help="the running robot (default: the only one)")
 
