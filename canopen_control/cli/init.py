@@ -162,7 +162,9 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
         else:
             devices.append(_device(Path(node.eds), node.node_id, _who(node)))
     if not devices:
-        raise ConfigError(f"no EDS fits anybody on {survey.channel}; give those of the makers: --eds FILE")
+        raise ConfigError(
+            f"no EDS matches any device on {survey.channel}; pass the manufacturers' files with --eds FILE"
+        )
     if survey.expected is None:  # no robot runs there, whose drives nobody else may ask
         ask_drives(survey.channel, devices, args.timeout)
     return devices

@@ -326,8 +326,11 @@ def _slow_down(session: Session, unclear: SlowReason) -> None:
     from canopen_control.runtime.clearance import SLOW, limit_speed
 
     others = limit_speed(session.robot, unclear.joints)
-    unbound = f"; NOT limited, since nothing tells how fast they are: {', '.join(others)}" if others else ""
-    text = f"{unclear.why}; speeds are limited to {SLOW:g} rad/s{unbound} (preflight, or --full-speed)"
+    unbound = f"; NOT limited, since their speed is unknown: {', '.join(others)}" if others else ""
+    text = (
+        f"{unclear.why}; speeds are limited to {SLOW:g} rad/s{unbound} "
+        "(run canopen-control preflight, or override with --full-speed)"
+    )
     session.robot.report(Event(session.reactor.now(), "slow", "", text, Level.WARNING))
 
 

@@ -390,8 +390,8 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
     elif line and sync and abs(1_000_000 / (rate * sync) - _whole(1_000_000 / (rate * sync))) > UNEVEN:
         cycle, syncs = 1_000_000 / sync, _whole(1_000_000 / (rate * sync))
         text = (
-            f"update_rate {rate} Hz and the SYNC of {bus.path} at {cycle:g} Hz are no whole multiples: controllers run "
-            f"with {'each SYNC' if syncs == 1 else f'one of {syncs} SYNCs'}, at {cycle / syncs:g} Hz"
+            f"update_rate {rate} Hz is not an integer fraction of the SYNC rate of {bus.path} ({cycle:g} Hz): "
+            f"controllers run {'on each SYNC' if syncs == 1 else f'on one of {syncs} SYNCs'}, at {cycle / syncs:g} Hz"
         )
         fix = f"set update_rate: {cycle / syncs:g}, or sync_period: {1_000_000 / rate / syncs:g}"
         yield Finding(control.path, line, Severity.WARNING, text, fix)

@@ -152,7 +152,7 @@ def ending(joints: Iterable[JointDrive]) -> str:
     ]
     unseen = dict.fromkeys(name for name, state in seen if state is None)
     if unseen:
-        parts.append(f"nobody sees whether {', '.join(unseen)} {'is' if len(unseen) == 1 else 'are'} disabled")
+        parts.append(f"could not confirm that {', '.join(unseen)} {'is' if len(unseen) == 1 else 'are'} disabled")
     return "; ".join(parts) or ("its drives are disabled" if seen else "")
 
 

@@ -196,7 +196,7 @@ class Session:
             moving = [each.name for each in started if each.moves_joints and not each.is_broadcaster]
             self._motion = DemoMotion(self.robot, moving[0]) if moving else None
         if self.options.duration is not None:
-            self.reactor.call_later(round(self.options.duration * 1e9), lambda: self.robot.shutdown("its time is over"))
+            self.reactor.call_later(round(self.options.duration * 1e9), lambda: self.robot.shutdown("duration elapsed"))
 
 
 def _claim(channel: str) -> int:

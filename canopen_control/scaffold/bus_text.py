@@ -84,7 +84,7 @@ def _head(robot: NewRobot) -> list[str]:
         *(f"# PROBLEM, to be solved before it can run: {text}" for text in robot.problems),
         "",
         "master:  # this computer",
-        remark(f"  node_id: {robot.master_id}", "its own, which no device may have"),
+        remark(f"  node_id: {robot.master_id}", "node id of the master; must be unique"),
         remark(
             f"  baudrate: {robot.baudrate}", "kbit/s, as the devices are set; with real CAN the interface has it too"
         ),
@@ -203,7 +203,7 @@ def _guesses(drive: DriveChoice, *keys: str) -> list[str]:
 
 def _said(axis: AxisChoice) -> str:
     if axis.told:
-        return "position counts of one turn, as EDS or drive tells; measure them"
+        return "position counts per revolution (0x608F); verify"
     return "A GUESS: position counts of one turn of the motor; neither EDS nor drive tells them"
 
 
@@ -220,7 +220,8 @@ def _writes(node: NewNode, drive: DriveChoice) -> list[str]:
                 said = f"{words}: {value:g} {'rad/s' if base == PROFILE_VELOCITY else 'rad/s^2'}"
                 lines.append(remark(f"  - {{index: 0x{index:04X}, sub_index: 0, value: {raw}}}", said))
     if len(lines) > 1:
-        lines.append("  # the EDS tells no ramps, without which a drive may not move; left out, its own hold")
+        lines.append("  # the EDS gives no ramp defaults, and some drives do not move without them; if omitted,")
+        lines.append("  # the values that the drive has stored apply")
     return ["sdo:", *lines] if lines else []
 
 

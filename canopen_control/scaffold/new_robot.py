@@ -213,8 +213,8 @@ def check_robot_name(name: str) -> None:
         better = re.sub(r"\W+", "_", name.rstrip("/").rpartition("/")[2], flags=re.ASCII).strip("_")[:_LONGEST]
         better = better if _NAME.fullmatch(better) else "my_robot"
         raise RobotConfigError(
-            f"{name!r} is no name for a robot: a letter, then letters, digits and _, {_LONGEST} at most; "
-            f"call it {better!r}"
+            f"{name!r} is not a valid robot name: use a letter followed by letters, digits or _, {_LONGEST} at most; "
+            f"such as {better!r}"
         )
 
 

@@ -40,7 +40,7 @@ class JogEnd(Enum):
     NONE = ""
     ASKED = "ended by a key"
     GONE = "the terminal is gone"
-    OVER = "its time is over"
+    OVER = "duration elapsed"
     THERE = "there"
     TRAVEL = "the travel limit is reached"
     SPEED = "the speed limit is reached"

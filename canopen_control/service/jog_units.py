@@ -79,8 +79,8 @@ class JogScale:
             return quantity.value * math.tau / self.counts
         if not self.told:
             raise ConfigError(
-                f"{quantity}: neither the EDS nor the drive tells how many counts a turn has (0x608F); say so with "
-                f"--counts N, or give counts: {'/'.join(COUNTS[quantity.kind])}"
+                f"{quantity}: neither the EDS nor the drive gives the counts per turn (0x608F); give it with "
+                f"--counts N, or use raw units: {' or '.join(COUNTS[quantity.kind])}"
             )
         return quantity.value * _KNOWN[quantity.kind][quantity.unit]
 

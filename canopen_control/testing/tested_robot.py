@@ -83,7 +83,7 @@ class TestedRobot:
         while not condition():
             if passed >= timeout:
                 said = "; ".join(event.sentence for event in self.events[-3:])
-                raise AssertionError(f"it has not come to that within {timeout:g} s; the last events: {said or 'none'}")
+                raise AssertionError(f"condition not met within {timeout:g} s; last events: {said or 'none'}")
             self.run(_STEP_S)
             passed += _STEP_S
         return passed

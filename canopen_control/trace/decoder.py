@@ -319,7 +319,7 @@ def _time(frame: CanFrame) -> _Said:
 
 
 def _unmapped(_frame: CanFrame) -> _Said:
-    return _Said("nobody said what it carries")
+    return _Said("mapping unknown")
 
 
 def _error(frame: CanFrame) -> _Said:

@@ -58,7 +58,7 @@ def _wrong(facts: ReportFacts) -> Iterator[str]:
 
 def _reaction(facts: ReportFacts) -> Iterator[str]:
     for joint, seconds in facts.stopped_after_s.items():
-        yield f"{joint} {'was not seen to stop' if seconds is None else f'stood still {seconds:.2f} s after that'}."
+        yield f"{joint} {'was not seen to stop' if seconds is None else f'came to rest {seconds:.2f} s later'}."
     if facts.last_state:
         yield f"At the end the robot was in state {facts.last_state}."
 
@@ -70,7 +70,7 @@ def _cycle(facts: ReportFacts) -> Iterator[str]:
     share = f", {cycle.missed} missed" if cycle.missed else ", none missed"
     yield (
         f"{cycle.count} cycles of {1e3 * cycle.period_s:g} ms{share}; "
-        f"the latest of the run came {1e3 * cycle.late_max_s:.2f} ms late."
+        f"the largest delay was {1e3 * cycle.late_max_s:.2f} ms."
     )
 
 
@@ -82,7 +82,7 @@ def _tracking(facts: ReportFacts) -> Iterator[str]:
         if errors:
             name = max(errors, key=lambda each: errors[each].error_max_since_enable)
             worst, rms = errors[name].error_max_since_enable, errors[name].error_rms_since_enable
-            yield f"Furthest off its set-points, by {interface}, was {name}: {worst:.2g} {unit}, RMS {rms:.2g}."
+            yield f"Largest {interface} tracking error: {name}, {worst:.2g} {unit}, RMS {rms:.2g}."
     odd = [
         f"{name} {each.repeated} and {each.skipped}" for name, each in known.items() if each.repeated or each.skipped
     ]

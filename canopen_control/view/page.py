@@ -50,7 +50,7 @@ class PanelSlot:
 
 PANELS: Final = (
     PanelSlot("banner", "side", "", BannerPanel),
-    PanelSlot("drive", "side", "Drive: hold a button", TeleopPanel),
+    PanelSlot("drive", "side", "Teleop: hold a button", TeleopPanel),
     PanelSlot("targets", "side", "Drives by their targets", TargetPanel),
     PanelSlot("trajectory", "side", "Trajectory", TrajectoryPanel),
     PanelSlot("power", "side", "Power", PowerPanel),

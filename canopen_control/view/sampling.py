@@ -69,7 +69,7 @@ def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
     ]
     errors = tuple(Line(f"{joint} error", joint, COLORS[n % len(COLORS)]) for n, joint in enumerate(shown))
     loads = tuple(Line(f"load {bus}", bus, COLORS[2 + n % 5]) for n, bus in enumerate(buses))
-    found.append(Chart("error", "Following error", "joints", errors))
+    found.append(Chart("error", "Tracking error", "joints", errors))
     found.append(Chart("cycle", "Cycle time, ms", "cycle", (Line("cycle", "between cycles", ACTUAL),), 0.0))
     found.append(Chart("work", "Work in a cycle, ms", "cycle", (Line("work", "work", COLORS[1]),), 0.0))
     return [*found, Chart("load", "Bus load, %", "cycle", loads, 0.0)] if loads else found
@@ -83,7 +83,7 @@ def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, s
 
     found = {joint: f"{joint} {interface}, {unit(joint, interface)}" for joint, interface in interfaces.items()}
     units = sorted({unit(joint, interface) for joint, interface in interfaces.items()})
-    return found | {"error": f"Following error{', ' + ' and '.join(units) if units else ''}"}
+    return found | {"error": f"Tracking error{', ' + ' and '.join(units) if units else ''}"}
 
 
 def commanded_interfaces(controllers: Sequence[ControllerReading], state: StateSample) -> dict[str, str]:

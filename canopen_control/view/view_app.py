@@ -142,13 +142,20 @@ class ViewApp:
     def stop(self) -> str | None:
         """STOP, latched; the reason if the robot cannot be reached."""
         if self._connection is None:
-            return f"Robot {self.name} is not connected: {self._lost}. Use what else stops it."
+            return (
+                f"Robot {self.name} is not connected: {self._lost}. "
+                "Use another way to stop it (emergency stop, terminal)."
+            )
         self._dead_man.forget()  # nothing may be sent after STOP
         try:
             self._connection.stop()
         except CanopenError as error:
             return str(error)
-        return f"Robot {self.name} does not answer; use what else stops it." if self._silent else None
+        return (
+            f"Robot {self.name} does not answer; use another way to stop it (emergency stop, terminal)."
+            if self._silent
+            else None
+        )
 
     async def ask(self, request: Request[Any]) -> str | None:
         """Ask the robot and wait; returns the reason if it was not done."""

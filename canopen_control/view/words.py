@@ -116,7 +116,8 @@ def lost_banner(why: str) -> Banner:
     """Say that nobody knows how the robot is."""
     return Banner(
         "not connected", BAD, f"STOP on this page does not reach the robot. {why}".strip(),
-        "What is shown here is old. Use what else stops it; the page goes on by itself when the robot is back.",
+        "What is shown here is old. Use another way to stop it (emergency stop, terminal); "
+        "the page goes on by itself when the robot is back.",
     )  # fmt: skip
 
 
@@ -169,7 +170,7 @@ def drive_table(rows: Iterable[AxisRow]) -> str:
     rows = list(rows)
     if not rows:
         return "<p class='cc-note'>No drives: this robot is simulated, or runs on mock hardware.</p>"
-    titles = "<tr><th>drive</th><th>state</th><th>mode</th><th>heard</th></tr>"
+    titles = "<tr><th>drive</th><th>state</th><th>mode</th><th>last seen</th></tr>"
     many = " cc-many" if len(rows) > _FEW else ""  # a line for each, so that the events stay in sight
     return f"<table class='cc-table{many}'>{titles}{''.join(_table_lines(rows))}</table>"
 

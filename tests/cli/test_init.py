@@ -102,7 +102,7 @@ def test_what_cannot_be_is_one_sentence_and_no_folder(what, capsys):
 
 @pytest.mark.parametrize("name", ["my robot", "a/b c", "..", "-", ""])
 def test_a_name_that_is_none_is_refused(name, capsys):
-    assert "is no name for a robot" in refused(capsys, *TMCM, "--node-id", "3", "--", name)
+    assert "is not a valid robot name" in refused(capsys, *TMCM, "--node-id", "3", "--", name)
 
 
 @pytest.mark.parametrize("path", sorted(MALFORMED.glob("4[1-4]*.eds")), ids=lambda path: path.stem)
@@ -236,7 +236,9 @@ def test_a_bus_where_nobody_is_makes_nothing(monkeypatch, capsys):
 def test_a_bus_whose_nodes_nobody_knows_makes_nothing(monkeypatch, capsys):
     found(monkeypatch, FoundNode(9, who(0x123)))
     assert main(["init", "found", "--can", "local:x"]) == 2
-    assert "no EDS fits anybody on local:x; give those of the makers: --eds FILE" in capsys.readouterr().err
+    assert (
+        "no EDS matches any device on local:x; pass the manufacturers' files with --eds FILE" in capsys.readouterr().err
+    )
 
 
 @pytest.mark.process

@@ -47,7 +47,7 @@ def test_a_velocity_for_a_time_turns_and_leaves_the_drive_off(bench, no_terminal
     assert "limits: 6.28 rad/s (60.0 rpm), 3600.0 deg each way" in said
     assert "dead-man: the drive watches this computer's heartbeat (0x1016)" in said
     assert "OPERATION ENABLED, " in said
-    assert said.endswith("its time is over: stopped and disabled\n")
+    assert said.endswith("duration elapsed: stopped and disabled\n")
 
 
 def test_a_position_is_gone_to_from_where_the_drive_is(bench, no_terminal):
@@ -93,7 +93,7 @@ def test_a_drive_whose_units_nobody_tells_is_turned_in_counts(private_folders, n
         assert 0 < bench.get(0x6064) < 500
         assert "counts a turn are not told" in capsys.readouterr().out
         assert bench.jog("--velocity", "10rpm", "--for", "1") == 2
-        assert "say so with --counts N, or give counts: pps/counts/s" in capsys.readouterr().err
+        assert "give it with --counts N, or use raw units: pps or counts/s" in capsys.readouterr().err
         assert bench.jog("--velocity", "10rpm", "--for", "0.5", "--counts", "1600") == 0
 
 

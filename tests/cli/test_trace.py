@@ -60,7 +60,7 @@ def test_json_is_one_object_for_each_frame(log, capsys):
 def test_without_names_the_predefined_connection_set_is_shown(log, capsys):
     assert main(["trace", "--file", log, "--id", "183", "--count", "1"]) == 0
     out, err = capsys.readouterr()
-    assert "node 3    TPDO1         nobody said what it carries" in out
+    assert "node 3    TPDO1         mapping unknown" in out
     assert "no names: give the robot" in err
 
 

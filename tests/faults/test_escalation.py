@@ -87,7 +87,7 @@ def test_the_last_sentence_names_the_drive_that_nobody_sees(turning):
     bench.until(lambda: not bench.joint(LEFT).node.ready)
     bench.robot.shutdown("a test")
     bench.until(lambda: bench.texts("stopped"), ms=16_000)
-    assert bench.texts("stopped") == ["robby has stopped, nobody sees whether left_drive is disabled"]
+    assert bench.texts("stopped") == ["robby has stopped, could not confirm that left_drive is disabled"]
 
 
 def test_a_drive_that_stops_in_time_is_not_escalated(turning):

@@ -230,7 +230,7 @@ def test_an_eds_full_of_doubts_is_summed_up(tmp_path):
     eds = data_path("eds", "TMCM-1270.eds").read_text(encoding="latin-1")
     (config / "TMCM-1270.eds").write_text(eds.replace("DataType=0x0007", "DataType=0x0099", 1), encoding="latin-1")
     notes = texts(check(config), Severity.NOTE)
-    assert any("doubts about this file" in note and "eds check" in note for note in notes), notes
+    assert any("1 issue in this file" in note and "eds check" in note for note in notes), notes
 
 
 def without_bus(folder, name):

@@ -73,8 +73,8 @@ def test_positions_that_are_sent_for_several_syncs_are_told(tmp_path):
 
 def test_rates_that_are_no_whole_multiples_are_told_with_both_ways_out(tmp_path):
     told = warnings(arm(tmp_path, controllers=("update_rate: 50 ", "update_rate: 20 ")))
-    (text,) = [each for each in told if "no whole multiples" in each]
-    assert "controllers run with one of 2 SYNCs, at 25 Hz; set update_rate: 25, or sync_period: 25000" in text
+    (text,) = [each for each in told if "integer fraction" in each]
+    assert "controllers run on one of 2 SYNCs, at 25 Hz; set update_rate: 25, or sync_period: 25000" in text
 
 
 def test_feedback_that_an_inhibit_time_holds_back_is_told_where_it_stands(tmp_path):

@@ -48,7 +48,7 @@ def test_what_is_no_quantity_is_refused_with_what_there_is(text, kind, why):
 def test_where_nobody_knows_what_a_turn_is_counts_are_right_and_all_else_is_refused():
     assert GUESSED.si(parse_quantity("4096pps", "velocity")) == pytest.approx(math.tau)
     for text, kind in (("1rad/s", "velocity"), ("1rpm", "velocity"), ("90deg", "position"), ("1", "position")):
-        with pytest.raises(ConfigError, match=r"how many counts a turn has \(0x608F\); say so with --counts N"):
+        with pytest.raises(ConfigError, match=r"the counts per turn \(0x608F\); give it with --counts N"):
             GUESSED.si(parse_quantity(text, kind))
 
 

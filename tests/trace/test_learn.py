@@ -72,14 +72,14 @@ def test_what_a_node_refuses_is_not_learned():
     decoder = robby_decoder()
     said(decoder, (0x603, "23001801FD010000"), (0x583, "8000180130000906"))
     assert decoder.decode(frame(0x183, "370603")).subject == "TPDO1"
-    assert decoder.decode(frame(0x1FD, "370603")).text == "nobody said what it carries"
+    assert decoder.decode(frame(0x1FD, "370603")).text == "mapping unknown"
 
 
 def test_what_was_heard_wins_over_the_description():
     decoder = robby_decoder()
     said(decoder, (0x603, "23001801FD010000"), (0x583, "6000180100000000"))
     assert decoder.decode(frame(0x1FD, "370603")).text.startswith("Statusword 0x0637")
-    assert decoder.decode(frame(0x183, "370603")).text == "nobody said what it carries"
+    assert decoder.decode(frame(0x183, "370603")).text == "mapping unknown"
 
 
 RECORDS = st.sampled_from([0x1400, 0x1401, 0x1600, 0x1601, 0x1800, 0x1A00])

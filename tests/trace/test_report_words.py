@@ -13,7 +13,7 @@ def test_the_first_lines_name_robot_drives_and_the_fault(lost_drive):
     assert "left_drive (node 3), right_drive (node 2)" in said[0]
     assert said[1].startswith("What went wrong first, 2.")
     assert "left_drive" in said[1]
-    assert any(line.startswith("right_wheel_joint stood still") for line in said)
+    assert any(line.startswith("right_wheel_joint came to rest") for line in said)
     assert "left_wheel_joint was not seen to stop." in said
     assert all(line.endswith((".", "?")) for line in said)
 
@@ -48,13 +48,13 @@ def test_hardware_that_is_made_up_is_called_that(calm_run):
 
 def test_the_joint_that_was_furthest_off_and_odd_set_points_are_told(calm_run):
     facts = facts_of(calm_run)
-    assert any(line.startswith("Furthest off its set-points, by velocity, was ") for line in summary(facts))
+    assert any(line.startswith("Largest velocity tracking error: ") for line in summary(facts))
     first, second = list(facts.joints)[:2]
     near = TrackingReading(interface="velocity", error_max_since_enable=0.1, error_rms_since_enable=0.01)
     far = TrackingReading(interface="velocity", error_max_since_enable=0.5, error_rms_since_enable=0.02, skipped=3)
     joints = {first: replace(facts.joints[first], tracking=near), second: replace(facts.joints[second], tracking=far)}
     said = summary(replace(facts, joints=joints))
-    assert f"Furthest off its set-points, by velocity, was {second}: 0.5 rad/s, RMS 0.02." in said
+    assert f"Largest velocity tracking error: {second}, 0.5 rad/s, RMS 0.02." in said
     assert f"Set-points that were repeated, and skipped, while a joint moved: {second} 0 and 3." in said
 
 

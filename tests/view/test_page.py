@@ -55,7 +55,7 @@ def test_only_news_are_told():
         return first, same, lost
 
     first, same, lost = made(context, act)
-    assert first == {"titles": {"left": "left velocity, rad/s", "error": "Following error, rad/s"},
+    assert first == {"titles": {"left": "left velocity, rad/s", "error": "Tracking error, rad/s"},
                      "lost": False, "latched": False}  # fmt: skip
     assert same == {}
     assert lost == {"lost": True, "latched": True}

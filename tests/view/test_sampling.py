@@ -53,7 +53,7 @@ def test_the_cycle_time_is_what_passed_between_samples_per_cycle():
 
 def test_titles_say_what_is_plotted_and_in_which_unit():
     assert titles({"wheel": "velocity", "slide": "position"}, frozenset({"slide"})) == {
-        "wheel": "wheel velocity, rad/s", "slide": "slide position, m", "error": "Following error, m and rad/s",
+        "wheel": "wheel velocity, rad/s", "slide": "slide position, m", "error": "Tracking error, m and rad/s",
     }  # fmt: skip
 
 

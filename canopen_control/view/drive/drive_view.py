@@ -44,7 +44,7 @@ class DriveView:
         self._key = asked.get("tab", "") if asked.get("tab") in keys else keys[0]
         self.is_open = False
         with side, ui.element("section").classes("cc-panel cc-p-switch") as switch:
-            self._switch = ui.toggle({_ROBOT: "Robot", _DRIVE: "Drive"}, value=_ROBOT, on_change=self._switched)
+            self._switch = ui.toggle({_ROBOT: "Robot", _DRIVE: "Drives"}, value=_ROBOT, on_change=self._switched)
             self._switch.props("unelevated no-caps spread toggle-color=blue-9 color=grey-3 text-color=grey-9")
         switch.move(side, 1)
         switch.visible = bool(nodes)

@@ -26,9 +26,9 @@ __all__ = ["FirmwareTab"]
 
 _KEY: Final = "firmware"
 _WHAT: Final = (
-    "The program is stopped and cleared (0x1F51), sent (0x1F50), checked (0x1F57, 0x1F56) and started. A transfer that "
-    "breaks off is begun anew; a drive without a program waits in its boot-loader for the next attempt. What has begun "
-    "cannot be ended from here: half a program is none."
+    "The program is stopped and cleared (0x1F51), sent (0x1F50), checked (0x1F57, 0x1F56) and started. An "
+    "interrupted transfer restarts; a drive without a program waits in its boot loader for the next attempt. A "
+    "download cannot be cancelled from here: a partial program is unusable."
 )
 _TOO_LONG: Final = f"{MOST_BYTES} bytes at most go through a running robot"
 

@@ -33,12 +33,12 @@ __all__ = ["ParametersTab"]
 
 _KEY: Final = "parameters"
 _BACKUP: Final = (
-    "Reads what can be read and written and is no command or live value, twice, as a DCF. Nothing is written into the "
-    "drive, so that it works while the robot runs."
+    "Saves all read/write parameters (no commands or live values) as a DCF; each is read twice. Nothing is written to "
+    "the drive, so this works while the robot runs."
 )
 _RESTORE: Final = (
-    "Only what differs is written, then all is read back; what the drive refuses is told, and all is undone. Node id, "
-    "bit rate and another drive's calibration stay."
+    "Only differences are written, then everything is read back. If the drive refuses a value, all previous "
+    "values are restored. Node id, bit rate and another drive's calibration stay."
 )
 _TOO_LONG: Final = f"A DCF of {jobs.MOST_BYTES} bytes at most is wanted"
 

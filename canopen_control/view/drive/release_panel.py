@@ -68,7 +68,7 @@ def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]
     powered = [axis.joint for axis in reading.axes if axis.state in _TORQUE]
     if powered:
         names = ", ".join(powered)
-        return f"{names} is enabled: nothing is written as a whole into a drive that may move. Disable it first.", WARN
+        return f"{names} is enabled: parameter sets cannot be written to an enabled drive. Disable it first.", WARN
     if not reading.taken_out:
         return "The robot controls this node. To write into it as a whole, take it out first.", IDLE
     state = (reading.nmt_state or "unknown").replace("_", "-").lower()

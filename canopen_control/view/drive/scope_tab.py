@@ -34,7 +34,7 @@ __all__ = ["ScopeTab"]
 
 _NONE, _FAULT = "none", Condition.FAULT.value
 _TRIGGERS: Final = {
-    _NONE: "at once",
+    _NONE: "immediate",
     Condition.RISING.value: "rises through",
     Condition.FALLING.value: "falls through",
     Condition.ABOVE.value: "is above",
@@ -56,7 +56,7 @@ class ScopeTab:
         self._overlay: NamedShot | None = None
         self._seen: tuple[ScopeRun | None, int] = (None, 0)
         with ui.element("section").classes("cc-panel"):
-            ui.html("What is looked at", sanitize=False, tag="h2")
+            ui.html("Signals", sanitize=False, tag="h2")
             self._make_wish()
             self._state = Html()
         with ui.element("section").classes("cc-panel cc-scope") as self._picture:
@@ -74,15 +74,15 @@ class ScopeTab:
         self._signals.on_value_change(lambda _event: self._list_places())
         with ui.element("div").classes("cc-row cc-wish"):
             self._length = ui.number("length, s", value=2.0, min=_LIMITS[0], max=_LIMITS[1], step=0.5).props("dense")
-            self._trigger = ui.select(_TRIGGERS, value=_NONE, label="begins when").props("dense options-dense")
+            self._trigger = ui.select(_TRIGGERS, value=_NONE, label="trigger").props("dense options-dense")
             self._trigger.on_value_change(lambda _event: self._arrange())
             self._place = ui.select([], label="signal").props("dense options-dense")
             self._level = ui.number("level", value=0.0).props("dense")
-            self._before = ui.number("before it, s", value=0.4, min=0.0, step=0.1).props("dense")
+            self._before = ui.number("before the trigger, s", value=0.4, min=0.0, step=0.1).props("dense")
         with ui.element("div").classes("cc-row cc-acts"):
             self._single = ui.button("Single", color="blue-9", on_click=lambda: self._begin(rolling=False))
             self._rolling = ui.button("Rolling", color="blue-9", on_click=lambda: self._begin(rolling=True))
-            self._end = ui.button("End it", color="blue-grey-8", on_click=self._end_it)
+            self._end = ui.button("Abort", color="blue-grey-8", on_click=self._end_it)
             for button in (self._single, self._rolling, self._end):
                 button.props("unelevated dense")
         self._arrange()

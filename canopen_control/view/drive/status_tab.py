@@ -44,13 +44,13 @@ class StatusTab:
                 self._bits = Html("cc-stale")
             bits.visible = bool(context.place.axes)
             with ui.element("section").classes("cc-panel"):
-                ui.html("Drive by its target: hold a button", sanitize=False, tag="h2")
+                ui.html("Teleop by target: hold a button", sanitize=False, tag="h2")
                 self._drives = TargetPanel(context.panel, context.node)
             with ui.element("section").classes("cc-panel"):
-                ui.html("Who moves it", sanitize=False, tag="h2")
+                ui.html("Controlled by", sanitize=False, tag="h2")
                 self._who = Html("cc-stale")
             with ui.element("section").classes("cc-panel"):
-                ui.html("Errors that the drive remembers", sanitize=False, tag="h2")
+                ui.html("Error history (0x1003)", sanitize=False, tag="h2")
                 self._errors = Html()
                 ui.button("Read again", color="blue-grey-6", on_click=self._read).props("outline dense")
             with ui.element("section").classes("cc-panel"):
@@ -100,7 +100,7 @@ def _facts(reading: NodeReading) -> Iterator[tuple[str, str]]:
     for axis in reading.axes:
         name = axis.joint if len(reading.axes) > 1 else "drive"
         yield name, f"{(axis.state or 'unknown').replace('_', ' ').lower()}, mode {axis.mode or '-'}"
-    yield "heard", "never" if reading.age is None else f"{reading.age:.2f} s ago" if reading.age >= 0.25 else "live"
+    yield "last seen", "never" if reading.age is None else f"{reading.age:.2f} s ago" if reading.age >= 0.25 else "live"
     counts = reading.sdo
     yield "SDO", f"{counts.reads} reads, {counts.writes} writes, {counts.failed} failed"
     for error in dict.fromkeys(filter(None, (reading.error, *(axis.error for axis in reading.axes)))):

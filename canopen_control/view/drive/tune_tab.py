@@ -32,7 +32,7 @@ _KEY: Final = "tune"
 _TIMEOUT_S: Final = 2.0
 _WARNING: Final = (
     "The drive moves by itself, at once and within these limits: free the shaft, lift the wheels, stand clear, have "
-    "the hardware emergency stop in reach. STOP, the button End it, a limit, a fault, and the end of this page end it."
+    "the hardware emergency stop in reach. STOP, the button Abort, a limit, a fault, and the end of this page end it."
 )
 _TESTS: Final = {
     TuneTest.STEP.name: "step: how it follows",
@@ -40,8 +40,8 @@ _TESTS: Final = {
     TuneTest.IDENTIFY.name: "identify inertia and friction",
 }
 _APPLY: Final = (
-    "Gains are set with what undoes them, proven, and in the drive until its power goes, unless they are stored. "
-    "Nothing is set while the drive is enabled."
+    "The previous gains are saved so that you can revert. New gains are verified, and are lost at power-off unless "
+    "stored. Nothing is set while the drive is enabled."
 )
 
 
@@ -95,7 +95,7 @@ class TuneTab:
     def _make_limits(self) -> None:
         with ui.element("div").classes("cc-row cc-wish"):
             self._most_speed = ui.number("speed, rad/s", value=round(math.tau, 2), min=0.1, step=0.5).props("dense")
-            self._most_turns = ui.number("each way, turns", value=10.0, min=0.01, step=1.0).props("dense")
+            self._most_turns = ui.number("max. travel each way, turns", value=10.0, min=0.01, step=1.0).props("dense")
             self._most_current = ui.number("current, per mille", value=1000.0, min=1.0, step=50.0).props("dense")
         if not self._context.panel.teleop:
             ui.html(LOOK_ONLY, sanitize=False)
@@ -106,7 +106,7 @@ class TuneTab:
     def _make_gains(self) -> None:
         ui.html(f"<p class='cc-note'>{_APPLY}</p>", sanitize=False)
         with ui.element("div").classes("cc-row cc-wish"):
-            self._counts = ui.number("0x6064 a turn", min=1.0).props("dense")
+            self._counts = ui.number("counts per revolution (0x6064)", min=1.0).props("dense")
         self._store = ui.checkbox("store in the drive (0x1010)").props("dense")
         self._no_gains = Html()
         with ui.element("div").classes("cc-row cc-acts"):
@@ -241,7 +241,7 @@ class TuneTab:
         if not self._context.panel.teleop or found is None or found.gains is None:
             return
         if not self._counts.value:
-            self._refused.show(sentence("say how many user units of 0x6064 a turn of the joint is", BAD))
+            self._refused.show(sentence("give the counts per revolution of the joint (user units of 0x6064)", BAD))
             return
         counts, stores, axis = float(self._counts.value), bool(self._store.value), found.wish.axis
         apply = partial(jobs.apply_gains, gains=found.gains, counts=counts, axis=axis, stores=stores)

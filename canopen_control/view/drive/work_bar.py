@@ -27,7 +27,7 @@ class WorkBar:
         self._words = Html()
         self._bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback rounded size=10px")
         with ui.element("div").classes("cc-row"):
-            self._end = ui.button("End it", color="red-8", on_click=self._ask_end).props("outline dense")
+            self._end = ui.button("Abort", color="red-8", on_click=self._ask_end).props("outline dense")
             self._save = ui.button("Save the file", color="blue-9", on_click=self._download).props("unelevated dense")
         self._outcome = Html()
         self.show()

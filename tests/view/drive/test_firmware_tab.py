@@ -56,7 +56,7 @@ def test_a_program_is_chosen_and_loaded(loaded):
     assert [(image, options.number, options.expected) for image, options in loaded] == [(b"image", 1, 0x1A)]
     assert "a.bin: 5 bytes" in text
     assert "program 1 of 5 bytes runs" in text
-    assert "End it" not in after  # half a program is none
+    assert "Abort" not in after  # half a program is none
 
 
 def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):

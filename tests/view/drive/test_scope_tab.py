@@ -130,7 +130,7 @@ def test_nothing_chosen_is_told_and_a_scope_goes_on_when_the_tab_is_left(began):
         tab.leave()
         goes_on = not began[0]._ending.is_set()
         tab.show(page.content())
-        user.find("End it").click()
+        user.find("Abort").click()
         return words, goes_on, began[0]._ending.is_set()
 
     words, goes_on, ended = played(act)

@@ -124,7 +124,7 @@ def test_what_was_found_is_shown_and_its_gains_are_set_with_the_units_of_a_turn(
 
     (lines, refused, first, phase), begun = played(act)
     assert "inertia &lt;1&gt;" in lines
-    assert "say how many user units" in refused
+    assert "give the counts per revolution" in refused
     assert (first, phase) == ("command", [(1.0, -5.0), (10.0, -60.0)])
     assert begun[0][1].keywords["counts"] == 65536.0
 

@@ -61,12 +61,12 @@ def test_work_that_goes_on_may_be_ended():
     work = NodeWork("parameters", "Restoring a.dcf", "groups", done=1, total=4)
 
     async def act(user, _bar):
-        user.find("End it").click()
+        user.find("Abort").click()
         await settle(lambda: work._ending.is_set())
 
     words, buttons = played(work, act)
     assert "1 of 4 groups (25 %)" in words
-    assert buttons == ["End it"]
+    assert buttons == ["Abort"]
     assert work._ending.is_set()
 
 
