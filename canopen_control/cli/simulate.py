@@ -116,7 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--world",
         metavar="FILE",
-        help="with --physics: file of the objects on the floor, YAML or SDF; without ROBOT: simulate the robots it names",
+        help="with --physics: objects on the floor, YAML or SDF; without ROBOT: simulate the robots it names",
     )
     parser.add_argument("--faults", metavar="all|LIST|none", help="faults to inject (default: none, with --seeds all)")
     parser.add_argument("--seeds", type=_count, metavar="N", help="run a campaign of N seeds, starting with --seed")
