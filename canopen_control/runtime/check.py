@@ -238,8 +238,8 @@ def _of_eds(config: BusConfig) -> Iterator[Finding]:
     for path, issues in config.eds_issues.items():
         odd = [issue for issue in issues if issue.severity is not Severity.NOTE]
         if odd:
-            issues = "1 issue" if len(odd) == 1 else f"{len(odd)} issues"
-            text = f"{issues} in this file, the first at line {odd[0].line}: {odd[0].text}"
+            count = "1 issue" if len(odd) == 1 else f"{len(odd)} issues"
+            text = f"{count} in this file, the first at line {odd[0].line}: {odd[0].text}"
             yield Finding(str(path), 0, Severity.NOTE, text, f"canopen-control eds check {path.name} lists them")
 
 
