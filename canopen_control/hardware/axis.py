@@ -38,10 +38,10 @@ class AxisLimits:
     """What the drive allows, in its own units; `deceleration` in units/s^2 is what a ramp of the master uses.
 
     `blocked` is the direction, 1 or -1, that an active limit (bit 11) closes, 0 for none. `described` is the velocity
-    limit of the description, in rad/s (m/s) of the axis, infinite where it gives none. What holds is the smaller of
-    that and of the drive's `velocity`: `most` in velocity units, `pace` in position counts per s. `held` says that a
-    target had to be slowed down since that was looked at last. `ramp_unbounded`: the drive's own ramp of PP is not
-    known to be within `described`.
+    limit of the description, or a lower one of this run, in rad/s (m/s) of the axis, infinite where there is none;
+    `words` is what it is called. What holds is the smaller of that and of the drive's `velocity`: `most` in velocity
+    units, `pace` in position counts per s. `held` says that a target had to be slowed down since that was looked at
+    last. `ramp_unbounded`: the drive's own ramp of PP is not known to be within `described`.
     """
 
     __slots__ = (
@@ -57,12 +57,14 @@ class AxisLimits:
         "torque_negative",
         "torque_positive",
         "velocity",
+        "words",
     )
 
     def __init__(self) -> None:
         self.low, self.high = INT32_MIN, INT32_MAX
         self.velocity = self.most = self.pace = float(INT32_MAX)
         self.described = math.inf
+        self.words = "the velocity limit of the description"
         self.held = self.ramp_unbounded = False
         self.torque_positive = self.torque_negative = TORQUE_MAX
         self.deceleration = math.inf
@@ -73,6 +75,11 @@ class AxisLimits:
         self.velocity = velocity
         self.most = min(velocity, self.described * abs(scale.vel_to_dev))
         self.pace = self.most * abs(scale.pos_to_dev / scale.vel_to_dev)
+
+    def lower(self, speed: float, words: str) -> None:
+        """Bound what is `described` to a lower speed, in rad/s of the axis; it holds after the next `take_velocity`."""
+        if speed < self.described:
+            self.described, self.words = speed, words
 
     def of_velocity(self, raw: int) -> int:
         """Return a velocity that the drive will take."""
@@ -108,6 +115,7 @@ class Axis:
         self.unwrap = PositionUnwrapper()
         self.limits = AxisLimits()
         self.rpm_to_dev = 60.0 / math.tau  # mode VL: 0x6042 counts revolutions of the motor per minute
+        self.turn = abs(self.scale.pos_to_dev) * math.tau  # position counts of one of the motor, else of the joint
         self.who = node.who if len(node.plan.axes) <= 1 else f"{node.who}, {joint}"
         """The node, as every message has it, and of one with several axes the joint."""
         self.misfit = math.nan  # the target that did not fit its object, nan while the last one did

@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
-from canopen_control.cia402.units import INT32_MAX, INT32_MIN, Scale, counts_per_revolution
+from canopen_control.cia402.units import INT32_MAX, INT32_MIN, Scale, counts_per_revolution, is_feed
 from canopen_control.errors import ConfigError, SdoAbort
 from canopen_control.hardware.axis import TORQUE_MAX, configured_scale
 from canopen_control.od.codec import decode, encode
@@ -38,6 +38,7 @@ _ASKED: Final = (
     (objects.SUPPORTED_HOMING_METHODS, tuple(range(1, 40))),
 )
 _PROFILE: Final = ((objects.PROFILE_VELOCITY, (0,)), (objects.PROFILE_ACCELERATION, (0,)))
+_HOMING_SPEEDS: Final = (1, 2)  # to the switch, and to the zero
 _UNLIMITED: Final = 0xFFFFFFFF
 # the values that the format itself takes where no scale is given
 _NOT_GIVEN: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 1000.0, "vel_from_dev": 0.001}
@@ -95,7 +96,7 @@ class AxisParameters:
         return frozenset(listed) if listed else None
 
     def bound_ramp(self) -> None:
-        """Keep the drive's own ramp of PP within the velocity limit of the description: 0x6081 is lowered to it.
+        """Keep the drive's own ramp of PP within the velocity limit: 0x6081 is lowered to it.
 
         Until that is done no set-point is given; once for each `load`.
         """
@@ -103,44 +104,70 @@ class AxisParameters:
         if not self.loaded or not axis.limits.ramp_unbounded or self._bounded_round == number:
             return
         self._bounded_round = number
-        if not axis.has(objects.PROFILE_VELOCITY):
-            self._settle_ramp("its EDS has no 0x6081, so its moves in PP are as fast as the drive makes them")
-            return
-        index = axis.index(objects.PROFILE_VELOCITY)
+
+        def settled(_bounded: bool, text: str) -> None:
+            if number == self._round:
+                axis.limits.ramp_unbounded = False
+                self._tell_if(text)
+
+        if axis.has(objects.PROFILE_VELOCITY):
+            self._lower(objects.PROFILE_VELOCITY, 0, settled)
+        else:
+            settled(False, "its EDS has no 0x6081, so its moves in PP are as fast as the drive makes them")
+
+    def bound_homing(self, done: Callable[[str], None]) -> None:
+        """Keep the speeds of homing (0x6099) within the velocity limit; then say "", or why they are not."""
+        axis = self._axis
+        left = [sub for sub in _HOMING_SPEEDS if axis.has(objects.HOMING_SPEEDS, sub)]
+        if axis.limits.described == math.inf:
+            left = []
+        elif not left:
+            self._tell(f"its EDS has no 0x{axis.index(objects.HOMING_SPEEDS):04X}, so it homes as fast as it does")
+
+        def settled(bounded: bool, text: str) -> None:
+            if not bounded:
+                done(text)
+                return
+            self._tell_if(text)
+            if left:
+                self._lower(objects.HOMING_SPEEDS, left.pop(0), settled)
+            else:
+                done("")
+
+        settled(True, "")
+
+    def _lower(self, base: int, subindex: int, settled: Callable[[bool, str], None]) -> None:
+        """Lower a speed of the drive's to the velocity limit; `settled` takes whether it is within, and what to tell.
+
+        A profile velocity of 0 is none; a homing speed of 0 moves nothing.
+        """
+        axis, index = self._axis, self._axis.index(base)
+        entry, words = axis.node.od[index, subindex], axis.limits.words
+        where = f"0x{index:04X}" + (f":{subindex:02X}" if subindex else "")
+        most = int(axis.limits.described * abs(axis.scale.vel_to_dev))
 
         def read(request: SdoRequest) -> None:
-            if number == self._round:
-                self._lower_ramp(request, number)
-
-        axis.node.read(index, 0, read)
-
-    def _lower_ramp(self, request: SdoRequest, number: int) -> None:
-        """Write 0x6081 where what was read is faster than the description allows."""
-        axis, index = self._axis, request.index
-        entry = axis.node.od.get(index, 0)
-        most = int(axis.limits.described * abs(axis.scale.vel_to_dev))
-        if request.error is not None or entry is None:
-            self._settle_ramp(f"0x{index:04X} was not read, so its moves in PP may be too fast: {request.error}")
-            return
-        given = int.from_bytes(request.data, "little")
-        if 0 < given <= most:
-            self._settle_ramp("")
-            return
-
-        def written(done: SdoRequest) -> None:
-            if number != self._round:
+            if request.error is not None:
+                settled(False, f"{where} was not read, so it may move faster than {words}: {request.error}")
                 return
-            if done.error is not None:
-                self._settle_ramp(f"0x{index:04X} stays {given}, faster than the description allows: {done.error}")
+            given = int.from_bytes(request.data, "little")
+            if given <= most and (given or base != objects.PROFILE_VELOCITY):
+                settled(True, "")
                 return
-            if (output := axis.output(objects.PROFILE_VELOCITY)) is not None:
-                output.know(most)
-            self._settle_ramp(f"0x{index:04X} was {given} and is {most} now, the velocity limit of the description")
 
-        axis.node.write(index, 0, encode(most, entry.data_type), written)
+            def written(done: SdoRequest) -> None:
+                if done.error is not None:
+                    settled(False, f"{where} stays {given}, faster than {words}: {done.error}")
+                    return
+                if (output := axis.output(base, subindex)) is not None:
+                    output.know(most)
+                settled(True, f"{where} was {given} and is {most} now, {words}")
 
-    def _settle_ramp(self, text: str) -> None:
-        self._axis.limits.ramp_unbounded = False
+            axis.node.write(index, subindex, encode(most, entry.data_type), written)
+
+        axis.node.read(index, subindex, read)
+
+    def _tell_if(self, text: str) -> None:
         if text:
             self._tell(text)
 
@@ -197,11 +224,22 @@ class AxisParameters:
             axis.scale = configured_scale(axis.node, axis.number)
         else:
             axis.scale = Scale.from_units(counts, eff_from_dev=units["eff_from_dev"])
-        encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
-        if encoder is not None:
-            axis.rpm_to_dev = axis.scale.vel_to_dev * encoder[1] / encoder[0] * 60.0
-        else:
-            axis.rpm_to_dev = math.copysign(60.0 / math.tau, axis.scale.vel_to_dev)
+        scale, turn = axis.scale, self._counts_of_motor()
+        axis.turn = turn or abs(scale.pos_to_dev) * math.tau
+        axis.rpm_to_dev = math.copysign(60.0 / math.tau, scale.vel_to_dev)
+        if turn is not None:
+            told = scale.pos_to_dev if scale.pos_to_dev != _NOT_GIVEN["pos_to_dev"] else scale.vel_to_dev
+            axis.rpm_to_dev = told / turn * 60.0
+
+    def _counts_of_motor(self) -> float | None:
+        """Return the position units of one turn of the motor, by the drive or by bus.yml; None where nobody says."""
+        encoder, gear = self._pair(objects.POSITION_ENCODER_RESOLUTION), self._pair(objects.GEAR_RATIO) or (1, 1)
+        feed = self._pair(objects.FEED_CONSTANT)
+        if feed is not None and is_feed(feed):
+            return feed[0] / feed[1] * gear[1] / gear[0]
+        if encoder is not None and is_feed(encoder):
+            return encoder[0] / encoder[1]
+        return self._axis.node.config.units.counts_per_revolution
 
     def _apply_limits(self) -> None:
         limits = self._axis.limits
@@ -220,9 +258,9 @@ class AxisParameters:
         """Return the smaller of 0x607F and 0x6080 (in rpm of the motor); 0 and all ones limit nothing."""
         bounds = [math.inf]
         profile, motor = self.get(objects.MAX_PROFILE_VELOCITY), self.get(objects.MAX_MOTOR_SPEED)
-        encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
+        axis = self._axis
         if profile and profile < _UNLIMITED >> 1:
             bounds.append(profile)
-        if motor and motor < _UNLIMITED >> 1 and encoder is not None:
-            bounds.append(motor / 60.0 * encoder[0] / encoder[1])
+        if motor and motor < _UNLIMITED >> 1 and self._counts_of_motor() is not None:
+            bounds.append(motor * abs(axis.scale.vel_to_dev / axis.rpm_to_dev))
         return min(bounds)

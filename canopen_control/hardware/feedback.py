@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.units import INT32_MAX, PositionUnwrapper
 from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY, StateInterface
+from canopen_control.hardware.velocity_units import doubt_unit
 
 if TYPE_CHECKING:
     from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.velocity_units import UnitDoubt
     from canopen_control.master.cycle import Input
     from canopen_control.urdf.ros2_control import ControlJoint
 
@@ -22,12 +24,6 @@ __all__ = ["STANDSTILL", "Feedback"]
 
 STANDSTILL: Final = 0.05  # rad/s (or m/s) and below count as standing
 _STILL_NS: Final = 100_000_000  # without a velocity: how long the position must not change
-_FAR: Final = 3.0  # how many times as fast as told a motion is that doubts the unit of velocities
-# Measured rpm for each that is reported: of a drive that keeps its velocity, and of one that still speeds up.
-_STEADY_MIN: Final = 0.7
-_STEADY_MAX: Final = 1.3
-_RISING_MIN: Final = 0.25
-_RISING_MAX: Final = 1.5
 _LOOK_NS: Final = 1_000_000_000
 _DOUBTS: Final = 3  # looks one after the other
 _EXTRAS: Final = ("nmt_state", "statusword", "error_code", "age", "digital_inputs")
@@ -139,37 +135,31 @@ class Feedback:
         self._jump_speed = unwrap.last_jump * 1e9 / max(stamp - self._sampled_before, 1)
         return unwrap.last_jump
 
-    def jumped_in_rpm(self, commanded: float = 0.0) -> bool:
-        """Whether the last jump was the way of a drive whose velocities are in rpm, taken for counts per second.
+    def jumped_in_unit(self, commanded: float = 0.0) -> UnitDoubt | None:
+        """Return the doubt about the unit of velocities that makes the last jump the drive's way.
 
         `commanded` is the velocity that it was sent, in rad/s: the one that it tells may lag behind.
         """
-        raw = commanded * self._axis.scale.vel_to_dev
-        return self._is_in_rpm(self._jump_speed, _RISING_MIN, _RISING_MAX, raw) or self._is_in_rpm(
-            self._jump_speed, _RISING_MIN, _RISING_MAX, self._raw_velocity
+        raw = round(commanded * self._axis.scale.vel_to_dev)
+        return self._doubt(self._jump_speed, raw, rising=True) or self._doubt(
+            self._jump_speed, self._raw_velocity, rising=True
         )
 
-    def turns_in_rpm(self, now: int) -> bool:
-        """Whether the drive moves as one does whose velocities are in rpm; asked ten times a second, told once."""
+    def turns_in_unit(self, now: int) -> UnitDoubt | None:
+        """Return the doubt that its motion raises about the unit of velocities; asked ten times a second, told once."""
         count = self._axis.unwrap.count
         moved, elapsed = count - self._looked_count, now - self._looked_at
         self._looked_count, self._looked_at = count, now
-        in_rpm = 0 < elapsed < _LOOK_NS and self._is_in_rpm(
-            moved * 1e9 / elapsed, _STEADY_MIN, _STEADY_MAX, self._raw_velocity
-        )
-        self._doubts = self._doubts + 1 if in_rpm else 0
-        return self._doubts == _DOUBTS
+        steady = 0 < elapsed < _LOOK_NS
+        doubt = self._doubt(moved * 1e9 / elapsed, self._raw_velocity) if steady else None
+        self._doubts = 0 if doubt is None else self._doubts + 1
+        return doubt if self._doubts == _DOUBTS else None
 
-    def _is_in_rpm(self, speed: float, least: float, most: float, raw: float | None) -> bool:
-        """Whether a measured speed in counts/s is `least` to `most` times a velocity of the drive, taken as rpm."""
-        scale = self._axis.scale
-        if raw is None or self._position is None:
-            return False
-        told = raw * scale.vel_from_dev
-        if abs(told) <= STANDSTILL or abs(speed) < _FAR * abs(told * scale.pos_to_dev):
-            return False
-        rpm = speed * 60.0 / (abs(scale.pos_to_dev) * math.tau * raw)
-        return least < abs(rpm) < most
+    def _doubt(self, speed: float, raw: int | None, *, rising: bool = False) -> UnitDoubt | None:
+        """Hold a measured speed in counts/s against a velocity of the drive's."""
+        if not raw or self._position is None or abs(raw * self._axis.scale.vel_from_dev) <= STANDSTILL:
+            return None
+        return doubt_unit(self._axis, speed, raw, rising=rising)
 
     def _largest_step(self, elapsed_ns: int) -> int:
         """Return what can lie between two samples: twice the way at the present velocity, and a revolution."""

@@ -12,12 +12,12 @@ import enum
 from typing import TYPE_CHECKING
 
 from canopen_control.cia402 import objects
-from canopen_control.cia402.homing import HomingDone, HomingSequence, require_method
+from canopen_control.cia402.homing import METHODS_WITHOUT_MOTION, HomingDone, HomingSequence, require_method
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.errors import DriveError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection
 
     from canopen_control.cia301.sdo_client import SdoRequest
     from canopen_control.cia402.drive import DriveMachine
@@ -30,7 +30,7 @@ __all__ = ["HomingPhase", "HomingRun", "Reference"]
 class HomingPhase(enum.Enum):
     """How far a homing has come."""
 
-    METHOD = "the method is written"
+    METHOD = "the method is written, and the speeds are bounded"
     KNOWN = "the drive is to be enabled in mode HM"
     ENABLE = "the drive is being enabled in mode HM"
     RUN = "homing"
@@ -42,7 +42,8 @@ class HomingRun:
     """A homing under way; `result` is None until it is over, then "" or the reason why it failed.
 
     `mode_before` and `was_enabled` are what the axis goes back to. Raises DriveError for a method that is not among
-    those that the drive lists, `methods` (None: it lists none).
+    those that the drive lists, `methods` (None: it lists none). `bound` keeps the speeds within the velocity limit, and
+    says in the end "" or why they are not: then there is no homing.
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class HomingRun:
         machine: DriveMachine,
         method: int | None,
         methods: Collection[int] | None,
+        bound: Callable[[Callable[[str], None]], None],
         *,
         was_enabled: bool,
         timeout_ns: int,
@@ -61,7 +63,7 @@ class HomingRun:
         self.phase = HomingPhase.METHOD
         self.mode_before, self.was_enabled = machine.mode, was_enabled
         self._machine = machine
-        self._method = method
+        self._method, self._bound = method, bound
         self._sequence = HomingSequence(timeout_ns=timeout_ns)
         index = axis.index(objects.HOMING_METHOD)
         if method is None:
@@ -115,7 +117,18 @@ class HomingRun:
             return
         if self._method is None:
             self._method = int.from_bytes(request.data[:1], "little", signed=True)
-        self.phase = HomingPhase.KNOWN
+        if self._method in METHODS_WITHOUT_MOTION:
+            self.phase = HomingPhase.KNOWN
+        else:
+            self._bound(self._speeds_bounded)
+
+    def _speeds_bounded(self, why: str) -> None:
+        if self.phase is not HomingPhase.METHOD:
+            return
+        if why:
+            self._fail(why)
+        else:
+            self.phase = HomingPhase.KNOWN
 
     def _fail(self, reason: str) -> None:
         self.phase, self.result = HomingPhase.FAILED, reason
@@ -146,7 +159,10 @@ class Reference:
             raise DriveError(f"{node.who}: homing is under way already")
         timeout = round(node.config.motion.homing_timeout_seconds * 1e9)
         methods = self._parameters.homing_methods
-        self.homing = HomingRun(self._axis, self._machine, method, methods, was_enabled=was_enabled, timeout_ns=timeout)
+        bound = self._parameters.bound_homing
+        self.homing = HomingRun(
+            self._axis, self._machine, method, methods, bound, was_enabled=was_enabled, timeout_ns=timeout
+        )
         self._last = None
 
     def end(self, run: HomingRun) -> None:

@@ -58,12 +58,6 @@ _GONE: Final = Link.GONE  # for every cycle, as _FOLLOWING
 _STALE: Final = Link.STALE
 _LIVE: Final = Link.LIVE
 
-_IN_RPM: Final = (
-    "it turns much faster than its velocity (0x606C) says, as a drive does whose velocities are in rpm and not in "
-    "counts per second; say so by 0x60A9 in its EDS (0x00B44700), or by the four scales in bus.yml "
-    "(scale_vel_to_dev: 9.549297, scale_vel_from_dev: 0.1047198)"
-)
-
 
 class JointDrive(JointParts):
     """A joint bound to one axis of one node; the interfaces are what controllers claim.
@@ -168,8 +162,8 @@ class JointDrive(JointParts):
                 text = f"its position jumped by {jump} counts; home it again"
                 command = self.targets.tracked
                 sent = command.value if command is not None and command.quantity == VELOCITY else 0.0
-                in_rpm = self.feedback.jumped_in_rpm(sent)
-                event = ("velocity_unit", _IN_RPM) if in_rpm else ("position_jump", text)
+                unit = self.feedback.jumped_in_unit(sent)
+                event = ("position_jump", text) if unit is None else ("velocity_unit", unit.text)
                 self._events.append(JointEvent(*event, stops=True))
 
     def step(self, now: int) -> bool:
@@ -231,8 +225,8 @@ class JointDrive(JointParts):
         if self._watch.turns_the_wrong_way(self.enabled):
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
             self._events.append(JointEvent("direction", text, stops=True))
-        if self.feedback.turns_in_rpm(self._now):
-            self._events.append(JointEvent("velocity_unit", _IN_RPM, stops=True))
+        if (unit := self.feedback.turns_in_unit(self._now)) is not None:
+            self._events.append(JointEvent("velocity_unit", unit.text, stops=unit.faster))
         if self.enabled:
             self.targets.hold_others()
         if (foreign := self.targets.feed_forward.refused()) is not None:

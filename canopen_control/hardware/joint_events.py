@@ -154,7 +154,7 @@ class StatusWatch:
         if not held or told:
             return None
         if limits.most < limits.velocity:
-            return f"its target is faster than the velocity limit of {self._axis.joint} in the description: slowed down"
+            return f"the target of {self._axis.joint} is faster than {limits.words}: slowed down"
         return "its target is faster than the drive's largest velocity (0x607F, 0x6080): slowed down to that"
 
     def _limit(self, target: ModeTarget | None, stops: bool) -> list[JointEvent]:

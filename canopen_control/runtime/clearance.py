@@ -168,6 +168,10 @@ def _turns(setup: RobotSetup, joint: ControlJoint) -> bool:
 def limit_speed(robot: RobotCore, joints: Collection[str], limit: float = SLOW) -> list[str]:
     """Cap the speed of joints, by whatever they are commanded; return the commands that cannot be capped."""
     cap = SpeedCap(robot.registry, joints, limit, robot.manager.limiter)
-    cap.bound(drive for drive in robot.joints.values() if drive.joint in joints)
+    geared = (each for tag in robot.setup.description.hardware for each in tag.transmissions)
+    cap.bound(
+        [drive for drive in robot.joints.values() if drive.joint in joints],
+        {each.joint: float(each.reduction) for each in geared},
+    )
     robot.manager.limiter = cap
     return cap.unlimited

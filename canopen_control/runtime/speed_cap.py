@@ -1,9 +1,9 @@
 """A cap on how fast joints move, whatever interface they are commanded by; for first contact with real drives.
 
 The law of this file: what cannot be limited is named, never passed over. A velocity is bounded where it becomes the
-drive's target. A position follows its command in steps of at most speed times cycle, from where the joint is; a drive
-that makes its own way to each step (profile position) keeps that speed on the average, not between two steps. An effort
-has no speed: it is taken away as long as the joint is faster than the cap and would be driven further that way.
+drive's target, and so are the speeds that a drive has by itself (0x6081, 0x6099). A position follows its command in
+steps of at most speed times cycle, from where the joint is. An effort has no speed: it is taken away as
+long as the joint is faster than the cap and would be driven further that way.
 """
 
 from __future__ import annotations
@@ -121,13 +121,18 @@ class SpeedCap:
         else:
             self._capped.append(_Target(command, here, speed, self._limit))
 
-    def bound(self, drives: Iterable[JointDrive]) -> None:
-        """Bound the velocity targets of drives, for as long as they live."""
+    def bound(self, drives: Iterable[JointDrive], reductions: Mapping[str, float]) -> None:
+        """Bound the velocity targets of drives, and what they do by themselves, for as long as they live.
+
+        `reductions` are the turns of the motor for one of the joint, by joint, where a transmission lies between.
+        """
         for drive in drives:
+            most = self._limit * abs(reductions.get(drive.joint, 1.0))
+            drive.axis.limits.lower(most, "the speed limit of this run")
             command = drive.commands.get(VELOCITY)
             if command is not None:
-                command.minimum = max(command.minimum, -self._limit)
-                command.maximum = min(command.maximum, self._limit)
+                command.minimum = max(command.minimum, -most)
+                command.maximum = min(command.maximum, most)
 
     def enforce(self, period: float) -> str | None:
         """Change commands that are too fast; `period` in s. Return what the other limiter tells."""

@@ -84,3 +84,17 @@ def test_late_answers_of_an_earlier_round_are_not_taken(servo):
     bench.run(500)
     assert not parameters.loaded
     assert CanFrame(0x602, bytes.fromhex("4002650000000000")) in [frame for _, frame in bench.bus.history]
+
+
+RPM = "scale_vel_to_dev: 9.549296585513721\n  scale_vel_from_dev: 0.10471975511965977\n  "
+GEARED = f"scale_pos_to_dev: {50 * 65536 / math.tau}\n  scale_pos_from_dev: {math.tau / 65536 / 50}"
+
+
+def test_the_largest_speed_of_the_motor_is_one_of_the_joint_in_the_unit_of_its_velocities(servo):
+    """0x6080 is in rpm of the motor; 0x60FF in rpm of the joint, behind a gear of 50."""
+    bench = servo("params5", extra=RPM + GEARED, sdo="- {index: 0x6080, sub_index: 0, value: 3000}")
+    bench.start()
+    axis = bench.joint(2).axis
+    assert axis.turn == 65536
+    assert axis.rpm_to_dev == pytest.approx(50 * 60 / math.tau)
+    assert axis.limits.velocity == pytest.approx(3000 / 50)

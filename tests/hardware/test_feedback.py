@@ -11,6 +11,7 @@ from canopen_control.cia301.pdo import MappedObject
 from canopen_control.cia402.units import PositionUnwrapper, Scale, wrap_int32
 from canopen_control.hardware.axis import AxisLimits
 from canopen_control.hardware.feedback import Feedback
+from canopen_control.hardware.velocity_units import doubt_unit
 from canopen_control.master.cycle import ProcessImage
 from canopen_control.od.model import DataType
 from canopen_control.urdf.declared_interface import InterfaceInfo
@@ -32,6 +33,7 @@ def make(*, velocity=True, extras=()):
         scale=Scale(COUNTS, 1 / COUNTS, COUNTS, 1 / COUNTS),
         unwrap=PositionUnwrapper(),
         limits=AxisLimits(),
+        turn=COUNTS * math.tau,
         position=image.input(2, 0x6064),
         velocity=image.input(2, 0x606C),
         effort=None,
@@ -175,22 +177,63 @@ def in_rpm(feedback, *, rpm, factor, cycles=40):
         position += rpm / 60.0 * COUNTS * math.tau * CYCLE / 1e9
         feedback.put(now, wrap_int32(round(position)), round(rpm * factor))
         if feedback.read(now):
-            jumps.append(feedback.jumped_in_rpm())
+            jumps.append(feedback.jumped_in_unit())
         if cycle % 5 == 0:
-            told.append(feedback.turns_in_rpm(now))
-    return told, jumps
+            told.append(feedback.turns_in_unit(now))
+    return [[None if each is None else each.text for each in found] for found in (told, jumps)]
 
 
 @pytest.mark.parametrize("rpm", [80, -80, 1000])
 def test_a_drive_whose_velocities_are_in_rpm_is_recognised_by_its_motion(rpm):
     feedback, _ = make()
     told, jumps = in_rpm(feedback, rpm=rpm, factor=1)
-    assert sum(told) == 1 or jumps
+    assert sum(map(bool, told)) == 1 or jumps
+    assert all("in rpm" in text for text in filter(None, [*told, *jumps]))
     assert all(jumps)
 
 
-@pytest.mark.parametrize("factor", [COUNTS * math.tau / 60.0, COUNTS * math.tau / 60.0 / 2, 10.0, 30.0])
-def test_other_velocities_are_no_rpm(factor):
+@pytest.mark.parametrize(
+    ("unit", "per_turn", "scale"),
+    [
+        ("rpm", 60, "9.549297"),
+        ("0.1 rpm", 600, "95.49297"),
+        ("deg/s", 360, "57.29578"),
+        ("0.001 rev/s", 1000, "159.1549"),
+    ],
+)
+def test_a_unit_is_named_with_its_scale(unit, per_turn, scale):
+    feedback, _ = make()
+    told, jumps = in_rpm(feedback, rpm=80, factor=per_turn / 60)
+    (text,) = filter(None, told)
+    assert not jumps
+    assert text.startswith("it turns much faster than its velocity (0x606C) says, as a drive does ")
+    assert f"velocities are in {unit} and not in counts per second" in text
+    assert f"scale_vel_to_dev: {scale}, " in text
+    assert ("0x60A9" in text) == unit.endswith("rpm")
+
+
+def test_counts_that_are_taken_for_rpm_are_named_by_a_motion_that_is_too_slow():
+    feedback, axis = make()
+    axis.scale = Scale(COUNTS, 1 / COUNTS, 9.549297, 0.1047198)
+    told, _ = in_rpm(feedback, rpm=80, factor=COUNTS * math.tau / 60.0)
+    (text,) = filter(None, told)
+    assert "turns much slower than its velocity" in text
+    assert not doubt_unit(axis, 8000.0, 8000, rising=False).faster  # a warning: nothing is faster than it was to be
+    assert "velocities are in counts per second and not in another unit" in text
+    assert "scale_vel_to_dev: 1000, scale_vel_from_dev: 0.001" in text
+
+
+def test_a_motor_behind_a_gear_is_recognised_by_its_own_turns():
+    feedback, axis = make()
+    axis.turn = COUNTS * math.tau / 5  # the motor makes five turns for one of the joint
+    told, _ = in_rpm(feedback, rpm=80, factor=5)
+    (text,) = filter(None, told)
+    assert "velocities are in rpm" in text
+    assert "scale_vel_to_dev: 47.74648, " in text
+
+
+@pytest.mark.parametrize("factor", [COUNTS * math.tau / 60.0, COUNTS * math.tau / 60.0 / 2, 30.0])
+def test_other_velocities_are_no_unit(factor):
     feedback, _ = make()
     told, jumps = in_rpm(feedback, rpm=80, factor=factor)
     assert not any(told)
@@ -203,7 +246,7 @@ def test_a_position_that_jumps_while_it_stands_is_no_unit():
     feedback.read(CYCLE)
     feedback.put(2 * CYCLE, 1_000_000, 0)
     assert feedback.read(2 * CYCLE) == 1_000_000
-    assert not feedback.jumped_in_rpm()
+    assert not feedback.jumped_in_unit()
 
 
 def test_a_drive_in_rpm_is_recognised_while_it_still_gets_faster():
@@ -216,6 +259,6 @@ def test_a_drive_in_rpm_is_recognised_while_it_still_gets_faster():
         before = rpm
         feedback.put(cycle * CYCLE, round(position), rpm)
         if feedback.read(cycle * CYCLE):
-            jumps.append(feedback.jumped_in_rpm())
+            jumps.append(feedback.jumped_in_unit())
     assert jumps
     assert all(jumps)

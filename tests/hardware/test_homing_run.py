@@ -1,11 +1,15 @@
 """One homing, and everything as it was afterwards."""
 
+import math
+
 import pytest
 from support.faultbench import FaultBench
 from support.generic import write_generic
 
 from canopen_control.errors import DriveError, NotYetEnabled
 from canopen_control.hardware.joint import Action
+
+LIMIT = 0.8  # rad/s
 
 
 @pytest.fixture
@@ -68,6 +72,39 @@ def test_a_method_that_cannot_be_written_ends_it(servo):
     assert "0x6098" in reason
     assert servo.joint(2).homing is None
     assert not servo.joint(2).homed
+
+
+@pytest.fixture
+def slow(tmp_path):
+    sdo = "- {index: 0x6099, sub_index: 1, value: 65536}\n    - {index: 0x6099, sub_index: 2, value: 8000}"
+    files = write_generic(tmp_path, velocity=LIMIT, sdo=sdo)
+    bench = FaultBench("homing", config=files, drives=(2, 3), controllers=["velocity"])
+    bench.start()
+    yield bench
+    bench.close()
+
+
+def test_the_speeds_of_homing_are_lowered_to_the_velocity_limit(slow):
+    most = int(LIMIT * 65536 / math.tau)
+    assert slow.axis(Action.HOME, "2", method=17) is None
+    assert [slow.drives[2].get(0x6099, sub) for sub in (1, 2)] == [most, 8000]
+    (told,) = slow.texts("parameters")
+    assert f"0x6099:01 was 65536 and is {most} now, the velocity limit of the description" in told
+
+
+def test_a_homing_that_does_not_move_leaves_the_speeds_alone(slow):
+    assert slow.axis(Action.HOME, "2", method=37) is None
+    assert slow.drives[2].get(0x6099, 1) == 65536
+
+
+def test_there_is_no_homing_whose_speed_cannot_be_bounded(slow):
+    run, why = slow.joint(2).reference, []
+    slow.joint(2).parameters.bound_homing = lambda done: done("0x6099:01 stays 65536, faster than the limit")
+    slow.robot.axis(Action.HOME, "2", why.append, method=17)
+    slow.until(lambda: why)
+    assert "0x6099:01 stays 65536" in why[0]
+    assert not run.known
+    assert run.homing is None
 
 
 def test_a_lost_node_ends_it(servo):

@@ -233,7 +233,7 @@ def test_a_target_that_is_slowed_down_is_told_once_for_each_occasion(servo):
     for value in (6.1, 6.2, 6.3):
         command(robby, "velocity", value, 300)
     assert len(robby.texts("held_back")) == 2  # of two joints
-    assert "faster than the velocity limit of one in the description" in robby.texts("held_back")[0]
+    assert "the target of one is faster than the velocity limit of the description" in robby.texts("held_back")[0]
     command(robby, "velocity", 0.5, 2000)
     command(robby, "velocity", 6.0, 300)
     assert len(robby.texts("held_back")) == 4

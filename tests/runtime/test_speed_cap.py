@@ -1,12 +1,14 @@
 """The cap on speed, interface by interface: what a controller wants, and what is left of it cycle by cycle."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.robots import Bench
 
+from canopen_control.hardware.axis import AxisLimits
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.runtime.clearance import limit_speed
 from canopen_control.runtime.speed_cap import SpeedCap
@@ -136,6 +138,18 @@ def test_whatever_is_commanded_the_target_moves_no_faster_than_the_cap(commands)
             assert abs(command.value - last) <= PERIOD + 1e-9
         last = command.value
         here.value += (command.value - here.value) * followed
+
+
+@pytest.mark.parametrize("reduction", [1.0, 50.0, -0.5])
+def test_a_drive_behind_a_transmission_is_capped_by_the_turns_of_its_joint(reduction):
+    registry, cap = capped(["velocity"])
+    drive = SimpleNamespace(
+        joint="joint", commands={"velocity": registry.of("velocity")}, axis=SimpleNamespace(limits=AxisLimits())
+    )
+    cap.bound([drive], {"joint": reduction})
+    command, limits = registry.of("velocity"), drive.axis.limits
+    assert (command.minimum, command.maximum) == (-abs(reduction), abs(reduction))
+    assert (limits.described, limits.words) == (abs(reduction), "the speed limit of this run")
 
 
 @pytest.mark.rest
