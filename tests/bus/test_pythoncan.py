@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import queue
 import select
 import threading
 import time
@@ -13,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.localbus import TIMEOUT_S, receive
+from support.scripted_can import ScriptedBus
 
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.error_frames import passive_frame
@@ -35,35 +35,6 @@ FRAMES = [
     CanFrame(0x703 | REMOTE_FLAG, b"\0"),
     CanFrame(0x80),
 ]
-
-
-class ScriptedBus(can.BusABC):
-    """An adapter whose receiving and sending do what a test says."""
-
-    def __init__(self):
-        self.incoming = queue.Queue()
-        self.sent = queue.Queue()
-        self.send_errors = queue.Queue()
-        self.stopped = threading.Event()
-        super().__init__(channel="scripted")
-
-    def _recv_internal(self, timeout):
-        try:
-            item = self.incoming.get(timeout=min(timeout, 0.01))
-        except queue.Empty:
-            return None, False
-        if isinstance(item, Exception):
-            raise item
-        return item, False
-
-    def send(self, msg, timeout=None):
-        if not self.send_errors.empty():
-            raise self.send_errors.get()
-        self.sent.put(msg)
-
-    def shutdown(self):
-        super().shutdown()
-        self.stopped.set()
 
 
 @pytest.fixture
