@@ -247,9 +247,10 @@ class Seen:
     aside once more after such a test, and only after some of them garbage is looked for in all of it.
     """
 
-    LOOKED_AFTER = 20
+    LOOKED_AFTER = 200
     back = False
     brought_back = 0
+    file = ""
     unfreeze = staticmethod(gc.unfreeze)
 
     @classmethod
@@ -267,6 +268,12 @@ class Seen:
 
 
 gc.unfreeze = Seen.bring_back
+
+
+def pytest_runtest_logstart(location):
+    if location[0] != Seen.file:  # what this file's first test is about to use has been imported by now
+        Seen.file = location[0]
+        gc.freeze()
 
 
 def pytest_runtest_logfinish():

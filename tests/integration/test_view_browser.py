@@ -260,12 +260,14 @@ def _what_nobody_sees_is_not_drawn(page):
     """Take the picture out of sight, move the robot in it, and bring it back."""
     place = "document.querySelector('.cc-middle canvas').parentElement.style"
     move = "x => window.dispatchEvent(new CustomEvent('cc-scene', { detail: { pose: [x, 0, 0] } }))"
+    two_frames = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
     page.page.evaluate(f"{place}.display = 'none'")
-    page.page.wait_for_timeout(300)
+    page.page.wait_for_function("() => !window.ccScene.visible()")
+    page.page.evaluate(two_frames)  # what was asked for while it was in sight is drawn in the next one
     drawn = page.page.evaluate("window.ccScene.drawn()")
     for step in range(10):
         page.page.evaluate(move, step / 10)
-    page.page.wait_for_timeout(300)
+    page.page.evaluate(two_frames)
     assert page.page.evaluate("window.ccScene.drawn()") == drawn
     page.page.evaluate(f"{place}.display = ''")
     assert eventually(lambda: page.page.evaluate("window.ccScene.drawn()") > drawn, 10)

@@ -5,7 +5,7 @@ import time
 import pytest
 
 from canopen_control.bus.channel import open_port
-from canopen_control.frame import CanFrame, pack_records
+from canopen_control.frame import RECORD_SIZE, CanFrame, pack_records
 from canopen_control.host.reactor import Reactor
 from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.trace.flight import FlightRecorder, flight_folder
@@ -13,6 +13,7 @@ from canopen_control.trace.flight_file import newest, read_flight
 
 pytestmark = pytest.mark.socketcan
 SECOND = 1_000_000_000
+KEPT_SIZE = RECORD_SIZE + 8  # of a frame with its time
 
 
 def test_frames_have_the_kernels_times_however_late_they_are_read(vcan):
@@ -28,7 +29,7 @@ def test_frames_have_the_kernels_times_however_late_they_are_read(vcan):
         after = time.time_ns()
         time.sleep(0.2)  # the recorder is busy: what it hears next is old by then
         seen = recorder._frames.size
-        assert reactor.run_until(lambda: recorder._frames.size >= seen + 2 * 40, 20 * SECOND)
+        assert reactor.run_until(lambda: recorder._frames.size >= seen + 2 * KEPT_SIZE, 20 * SECOND)
         recorder._on_event(RobotEvent(kind="fault", level="error", text="x", time=time.time(), node=None))
         recorder.finish()
         frames = read_flight(newest(flight_folder("nobody"))).frames

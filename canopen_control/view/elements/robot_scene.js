@@ -43,7 +43,7 @@ export default {
     for (const name in this.trails) this.drawTrail(name);
     if (this.latestWorld) this.setWorld(this.latestWorld);
     window.ccScene = { place: (name, ghost) => this.place(name, ghost), trail: (name) => this.trails[name].points,
-      drawn: () => this.drawn,
+      drawn: () => this.drawn, visible: () => this.visible,
       world: () => (this.world ? this.world.group.children.map((each) => each.getWorldPosition(new parts.THREE.Vector3()).toArray()) : []) };
   },
   beforeUnmount() {
