@@ -126,6 +126,7 @@ def test_without_a_robot_there_is_nothing_to_attach_to(private_folders):
         Robot.attach("robby")
 
 
+@pytest.mark.rest
 def test_readings_have_types_and_si_units(robot):
     robot.command(FORWARD, [10.0, 5.0])
     assert eventually(lambda: velocity(robot) > 9.9)
@@ -201,6 +202,7 @@ def test_events_come_as_they_happen_to_everyone_who_asked(robot):
     assert list(first) == []
 
 
+@pytest.mark.rest
 def test_many_threads_may_use_one_robot(robot):
     wrong = []
 

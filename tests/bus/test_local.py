@@ -113,6 +113,7 @@ def test_what_the_kernel_does_not_take_waits_and_follows_in_order(wire):
     assert (port.stats.lost, port.stats.queued) == (0, 0)
 
 
+@pytest.mark.rest
 def test_a_hub_that_does_not_read_costs_the_oldest_frames_and_they_are_counted(wire):
     port, hub = wire
     count = 0

@@ -61,6 +61,7 @@ def test_both_directions_mirror_exactly():
     assert [(x, -y, -heading) for x, y, heading in ccw] == cw
 
 
+@pytest.mark.rest
 @given(
     start=st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(-7, 7)),
     side=st.floats(0.3, 1.5),

@@ -56,6 +56,7 @@ def test_a_node_that_is_not_there_is_told(bus, tmp_path, capsys):
     assert "node 9: 0x1000:00: no answer" in capsys.readouterr().err
 
 
+@pytest.mark.rest
 def test_a_robot_is_made_of_a_backup_and_boots_its_values(bus, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     bus.call(lambda: bus.nodes[3].store.set(0x6081, 0, 1600))

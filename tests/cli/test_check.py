@@ -97,6 +97,7 @@ def test_a_urdf_has_no_arguments(capsys):
     assert "arm6.urdf: error: it is no xacro, so it has no arguments; leave prefix:= away" in capsys.readouterr().out
 
 
+@pytest.mark.rest
 def test_the_longest_stop_of_each_joint_is_told_and_as_json_every_reason(capsys):
     assert main(["check", "arm6"]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("stop of ")]

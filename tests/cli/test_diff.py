@@ -23,6 +23,7 @@ def backup(bus, tmp_path, capsys):
     return str(path)
 
 
+@pytest.mark.rest
 def test_a_file_and_the_node_it_is_of_are_equal_and_need_no_eds(bus, backup, capsys):
     assert main(["diff", backup, "3", *bus.options]) == 0
     assert capsys.readouterr().out.endswith("and node 3: 132 parameters, equal\n")

@@ -52,6 +52,7 @@ def test_the_facts_as_json_write_no_page(flight, capsys):
     assert not flight.with_suffix(".html").exists()
 
 
+@pytest.mark.rest
 def test_a_recording_of_frames_has_names_by_a_robots_files(flight, tmp_path, capsys):
     from canopen_control.trace.flight_file import read_flight
 

@@ -31,6 +31,7 @@ def values(bus, node_id):
     return dict(bus.nodes[node_id].store.values)
 
 
+@pytest.mark.rest
 def test_a_node_holds_its_backup_again(bus, backup, capsys):
     assert main(["restore", backup, "3", *bus.options]) == 0
     assert capsys.readouterr().out.splitlines() == [
@@ -91,6 +92,7 @@ def test_an_enabled_drive_takes_nothing(bus, backup, capsys):
     assert bus.nodes[3].nmt.state is NmtState.PRE_OPERATIONAL
 
 
+@pytest.mark.rest
 def test_a_refusal_leaves_the_drive_as_it_was_and_stores_nothing(bus, backup, capsys):
     def change():
         store = bus.nodes[3].store
@@ -110,6 +112,7 @@ def test_a_refusal_leaves_the_drive_as_it_was_and_stores_nothing(bus, backup, ca
     assert values(bus, 3)[0x6083, 0] == 0
 
 
+@pytest.mark.rest
 def test_what_a_file_gives_and_nothing_writes_is_named(bus, backup, capsys):
     text = Path(backup).read_text()
     at = text.index("[6502]") + len("[6502]")

@@ -92,6 +92,7 @@ def test_eight_channels_of_every_millisecond_and_no_cycle_missed(bench, tmp_path
     assert all(row[f"{drive.joint}:position"] for row in rows[10:])
 
 
+@pytest.mark.rest
 def test_two_shots_are_laid_over_each_other_and_measured_between_cursors(bench, tmp_path, capsys):
     first = str(tmp_path / "first.csv")
     assert scope(bench, "5:0x6064", "5:0x6083", "--for", "0.3", "-o", first) == 0

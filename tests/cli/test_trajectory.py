@@ -62,6 +62,7 @@ def test_waypoints_are_gone_to_one_after_the_other(arm, capsys):
     assert positions(arm) == pytest.approx([0.0] * 5 + [0.1], abs=1e-3)
 
 
+@pytest.mark.rest
 def test_what_the_joints_do_is_recorded_and_played_again(arm, wave, tmp_path, capsys):
     made, codes = str(tmp_path / "made.yaml"), []
 

@@ -135,6 +135,7 @@ def test_the_response_of_drive_and_bus_is_true_within_a_decibel_and_five_degrees
     assert min(max(off(late)) for late in range(5)) < 5.0
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(
     ("words", "why", "degrees"),
     [

@@ -172,6 +172,7 @@ LINES = st.lists(
 )
 
 
+@pytest.mark.rest
 @given(st.one_of(LINES.map("\n".join), st.text(max_size=40)))
 @settings(max_examples=examples(300))
 def test_any_text_gives_controllers_or_one_error(tmp_path_factory, text):

@@ -21,6 +21,7 @@ def drives(tmp_path, request):
     bench.close()
 
 
+@pytest.mark.rest
 def test_nothing_moves_before_somebody_enables_the_drive_and_a_target_comes_after_that(drives):
     assert "axis enable" in drives.target(1.0)
     drives.enable("drive_one")
@@ -32,6 +33,7 @@ def test_nothing_moves_before_somebody_enables_the_drive_and_a_target_comes_afte
     assert drives.at("position") == pytest.approx(1.0, abs=0.001)
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_no_number_is_refused_with_the_name_and_what_was_there_goes_on(drives, value):
     drives.enable("drive_one")
@@ -94,6 +96,7 @@ def test_a_target_is_forgotten_with_its_mode_however_late_it_came(drives, before
     assert drives.at("position") == pytest.approx(here, abs=0.01)
 
 
+@pytest.mark.rest
 def test_a_target_is_forgotten_with_the_mode_it_was_given_in(drives):
     drives.enable("drive_one")
     drives.mode("PV")
@@ -143,6 +146,7 @@ def test_who_disables_and_enables_does_not_wake_an_old_target(drives, mode):
     assert drives.at("position") == pytest.approx(here, abs=0.01)
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("mode", ["CSP", "IP"])
 def test_a_place_to_go_to_is_reached_along_the_profile_of_the_drive_where_the_mode_has_none(drives, mode):
     """0x6081 and 0x6083 as the drive has them; a step would ask for what no motor can do."""

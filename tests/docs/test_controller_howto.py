@@ -24,6 +24,7 @@ def dance(tmp_path, monkeypatch):
     sys.modules.pop("dance", None)
 
 
+@pytest.mark.rest
 def test_it_turns_a_wheel_of_robby(dance, tmp_path):
     assert f"type: {dance}\n" in DANCER
     config = copy_robby(tmp_path, controllers={PLACE: DANCER + PLACE})

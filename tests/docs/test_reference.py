@@ -27,6 +27,7 @@ def generate():
         sys.modules.pop(name)
 
 
+@pytest.mark.rest
 def test_every_page_is_made(generate, tmp_path):
     generate.write_pages(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == set(generate.PAGES)

@@ -114,6 +114,7 @@ def test_a_drive_that_is_silent_for_all_that_time_is_lost_when_the_process_is_ba
     bench.stopped_after()
 
 
+@pytest.mark.rest
 def test_a_second_device_is_found_after_a_stop_of_the_process_and_none_by_it(late):
     bench = late(SHORT)
     bench.block(1700)
@@ -124,6 +125,7 @@ def test_a_second_device_is_found_after_a_stop_of_the_process_and_none_by_it(lat
     assert len(bench.texts("duplicate_node")) == 1
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("node", [LEFT, RIGHT])
 def test_a_stop_for_stale_feedback_says_what_to_call(late, node):
     bench = late()

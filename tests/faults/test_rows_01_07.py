@@ -45,6 +45,7 @@ def test_row_02_a_drive_that_resets_itself_is_configured_anew_and_waits_for_an_e
     turning.goes_on()
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("fault", ["silent", "heartbeat_lost"])
 def test_row_03_a_silent_drive_is_lost_after_the_consumer_time_and_the_rest_stops(turning, fault):
     turning.switch(fault)
@@ -75,6 +76,7 @@ def test_row_03_a_drive_that_is_only_silent_is_told_to_stop(turning):
     assert turning.stopped_after(LEFT) <= after + CYCLE_MS + RAMP_MS + CYCLE_MS
 
 
+@pytest.mark.rest
 def test_row_04_heartbeats_that_come_unevenly_are_no_alarm(turning):
     turning.switch("heartbeat_jitter")
     turning.hold(10.0, 10.0, ms=10_000)

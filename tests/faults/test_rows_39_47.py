@@ -135,6 +135,7 @@ def test_row_41_a_drive_under_local_control_is_not_enabled_and_says_why(turning)
     turning.goes_on()
 
 
+@pytest.mark.rest
 def test_row_41_a_drive_that_never_sets_bit_9_is_enabled_where_bus_yml_says_so(bench, tmp_path):
     config = copy_robby(tmp_path, bus={"  velocity_mode: 3": "  ignore_remote: true\n  velocity_mode: 3"})
     robby = bench(config=config, faults=["local_control"])

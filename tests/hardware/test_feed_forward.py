@@ -92,6 +92,7 @@ def test_whatever_ends_the_motion_takes_it_away_in_the_same_cycle(arm, ends):
     assert offsets(arm) == [0] * 6
 
 
+@pytest.mark.rest
 def test_a_stream_that_stands_still_ends_it(arm):
     joint = arm.robot.joints["joint_1"]
     send(arm)
@@ -106,6 +107,7 @@ def test_a_stream_that_stands_still_ends_it(arm):
     assert joint.axis.velocity_offset.value != 0
 
 
+@pytest.mark.rest
 def test_what_another_controller_gives_is_not_sent_and_that_is_told_once(arm):
     joint = arm.robot.joints["joint_1"]
     send(arm)
@@ -117,6 +119,7 @@ def test_what_another_controller_gives_is_not_sent_and_that_is_told_once(arm):
     assert "its velocity is commanded by somebody_else and its position by arm_controller" in text
 
 
+@pytest.mark.rest
 def test_a_velocity_beyond_the_drive_is_cut_and_none_that_does_not_fit_is_sent(arm):
     joint = arm.robot.joints["joint_1"]
     send(arm)
@@ -153,6 +156,7 @@ def test_torque_feed_forward_is_zero_when_the_positions_end(tmp_path):
     bench.close()
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(
     ("asked", "mode", "why"),
     [

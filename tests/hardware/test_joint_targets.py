@@ -136,6 +136,7 @@ def test_a_stop_is_a_ramp_in_every_mode(servo, controller, key):
     robby.disabled_after()
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(("key", "mode"), [("", 8), ("position_mode: 1", 1), ("position_mode: 7", 7)])
 def test_position_by_csp_else_pp_else_ip(servo, key, mode):
     robby = servo("position", key)
@@ -149,6 +150,7 @@ def test_position_by_csp_else_pp_else_ip(servo, key, mode):
     assert not robby.found("fault")
 
 
+@pytest.mark.rest
 def test_a_position_jump_in_csp_is_made_with_the_largest_velocity(servo):
     robby = servo("position", sdo="- {index: 0x607F, sub_index: 0, value: 20000}")
     fastest = []
@@ -220,6 +222,7 @@ def test_a_position_in_other_units_than_the_velocity_is_bounded_as_well(servo):
     assert targets[-1] - targets[0] == pytest.approx(LIMIT * K * 0.98, rel=0.03)
 
 
+@pytest.mark.rest
 def test_a_pace_below_a_count_in_a_cycle_is_kept_too(servo):
     robby = servo("position", velocity=0.002)  # 20.9 counts per s
     first = robby.joint(2).axis.output(0x607A).value
@@ -227,6 +230,7 @@ def test_a_pace_below_a_count_in_a_cycle_is_kept_too(servo):
     assert robby.joint(2).axis.output(0x607A).value - first == pytest.approx(5 * 0.002 * K, abs=2)
 
 
+@pytest.mark.rest
 def test_a_target_that_is_slowed_down_is_told_once_for_each_occasion(servo):
     robby = servo("velocity", velocity=LIMIT)
     command(robby, "velocity", 6.0, 1000)

@@ -49,6 +49,7 @@ class Bench:
         return told, [repr(command.value) for command in self.commands]
 
 
+@pytest.mark.rest
 @given(
     limits,
     st.lists(st.sampled_from(QUANTITIES), min_size=1, max_size=5, unique=True),

@@ -25,7 +25,17 @@ from canopen_control.od.model import DataType
 NAME = "interop"
 CHANNEL = channel_of(NAME)
 DRIVE, SERVO, THEIRS = 3, 5, 7
-LENGTHS = [1, 4, 5, 7, 8, 889, 890, 5000, *([] if KERNEL else [50_000])]  # a guest's kernel is slow
+LENGTHS = [
+    1,
+    4,
+    5,
+    7,
+    8,
+    889,
+    890,
+    5000,
+    *([] if KERNEL else [pytest.param(50_000, marks=pytest.mark.rest)]),
+]  # a guest's kernel is slow
 
 
 def dictionary(eds, node_id):

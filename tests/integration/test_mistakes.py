@@ -87,6 +87,7 @@ FILES = {
 }
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("what", FILES)
 def test_files(stage, tmp_path, what):
     which, old, new, sentence = FILES[what]
@@ -108,6 +109,7 @@ def test_a_bus_that_nobody_answers_on(stage, tmp_path):
     stage.nobody_is_left(GONE_S)
 
 
+@pytest.mark.rest
 def test_a_drive_that_is_missing(stage, tmp_path):
     config = copy_robby(tmp_path, bus={"  sync_period: 20000": "  boot_time: 2500\n  sync_period: 20000"})
     stage.drive("lonely", 3)
@@ -117,6 +119,7 @@ def test_a_drive_that_is_missing(stage, tmp_path):
     assert stage.programs[0].running
 
 
+@pytest.mark.rest
 def test_a_drive_that_is_another_device(stage, tmp_path):
     config = copy_robby(tmp_path, bus={"  sync_period: 20000": "  boot_time: 1500\n  sync_period: 20000"})
     stage.drive("alien", 3)
@@ -125,6 +128,7 @@ def test_a_drive_that_is_another_device(stage, tmp_path):
     check(program, 1, r"node 2 \(right_drive\): boot error M: .*product code 0x1018:02 is 0x.*, expected 0x000004F6")
 
 
+@pytest.mark.rest
 def test_a_second_robot_on_the_same_channel_and_one_of_the_same_name(stage):
     first = stage.robby("busy")
     check(
@@ -150,11 +154,13 @@ def test_a_node_id_that_is_taken(stage):
     assert stage.programs[0].running
 
 
+@pytest.mark.rest
 def test_a_channel_without_an_adapter(stage):
     check(stage.call("run", "robby", "--can", "can77", "--real"), 2, "can77")
     check(stage.call("run", "robby", "--can", "nonsense:1", "--real"), 2, "no CAN interface 'nonsense:1'")
 
 
+@pytest.mark.rest
 def test_requests_that_a_robot_refuses(stage):
     stage.robby("refuses")
     for arguments, code, sentence in (

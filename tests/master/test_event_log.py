@@ -104,6 +104,7 @@ def test_the_end_tells_what_is_counted_and_not_told():
     assert len(log.take()) == 3
 
 
+@pytest.mark.rest
 def test_a_storm_of_different_ones_is_bounded():
     log = EventLog()
     for number in range(10_000):

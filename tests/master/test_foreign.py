@@ -57,6 +57,7 @@ def test_each_sign_of_a_master_is_told_within_a_second_and_once(robby, frame, wo
     assert len(told(robby)) == 1
 
 
+@pytest.mark.rest
 def test_all_that_it_sends_is_one_sentence(robby):
     say(robby, "000#8205", "000#8206")
     master_like(robby, 8.0, "080#", "203#060003", "603#4000100000000000", "701#05")

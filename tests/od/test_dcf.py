@@ -253,6 +253,7 @@ def test_any_dictionary_comes_back(od):
     assert parse_eds(eds_text(od).encode()).od.entries == od.entries
 
 
+@pytest.mark.rest
 @given(mutated(), st.none() | st.integers(1, 127))
 def test_whatever_was_read_comes_back(data, node_id):
     try:

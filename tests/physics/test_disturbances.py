@@ -111,6 +111,7 @@ def test_the_robot_begins_where_the_file_says(tmp_path):
     assert (base.x, base.y, base.heading) == pytest.approx((1.0, 2.0, 1.5708), abs=1e-4)
 
 
+@pytest.mark.rest
 def test_a_ramp_is_climbed_and_a_wall_is_not_passed(tmp_path):
     axes = driving(in_world(tmp_path, "ramps: [{at: [0.3, 0], angle: 5, length: 3}]"), speed=8.0, seconds=3.0)
     base = axes.world.describe().base

@@ -75,6 +75,7 @@ def test_the_torque_of_a_drive_is_read_on_the_bus(robot):
     assert robot.plant(2).torque == pytest.approx(500.0, rel=0.2)
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(
     "robot", [{"config": "diffbot_sim", "controllers": ["diff_drive_base_controller"]}], indirect=True
 )

@@ -61,6 +61,7 @@ def test_each_begins_where_the_file_says_and_drives_as_it_does_alone(tmp_path):
     assert pose(right)[0] == pytest.approx(1.0 - way, abs=1e-4)
 
 
+@pytest.mark.rest
 def test_one_pushes_the_other_away(tmp_path):
     left, right = both(shared(tmp_path, apart=0.4))
     left.enable()

@@ -72,6 +72,7 @@ def test_one_that_is_sent_is_judged_at_once_and_its_end_is_told_to_who_asks(arm,
     assert client.ask("gripper_end")["result"]["state"] == "succeeded"
 
 
+@pytest.mark.rest
 def test_the_end_of_its_connection_ends_it_and_the_joint_is_held(arm, client):
     client.ask("send_gripper", controller=GRIPPER, position=3.0, source="test")
     arm.run(300)
@@ -85,6 +86,7 @@ def test_the_end_of_its_connection_ends_it_and_the_joint_is_held(arm, client):
     assert position(arm) == pytest.approx(where, abs=1e-3)
 
 
+@pytest.mark.rest
 def test_a_sender_that_falls_silent_is_gone_though_its_connection_stands(arm, client):
     client.ask("send_gripper", controller=GRIPPER, position=6.0, heartbeat=0.5)
     for _ in range(4):
@@ -95,6 +97,7 @@ def test_a_sender_that_falls_silent_is_gone_though_its_connection_stands(arm, cl
     assert any("has said nothing for 0.5 s and is gone" in text for text in arm.texts("goal_aborted"))
 
 
+@pytest.mark.rest
 def test_another_client_can_cancel_it_and_own_cancels_only_ones_own(arm, client, other):
     client.ask("send_gripper", controller=GRIPPER, position=3.0)
     client.send(id=7, method="gripper_end", params={})
@@ -107,6 +110,7 @@ def test_another_client_can_cancel_it_and_own_cancels_only_ones_own(arm, client,
     assert (result["state"], result["text"]) == ("canceled", "the goal was cancelled: enough")
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [

@@ -169,6 +169,7 @@ def test_another_client_can_cancel_it(arm, client, other):
     assert "follows no trajectory; there is nothing to cancel" in str(refused)
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(
     ("wrong", "text"),
     [
@@ -242,6 +243,7 @@ def test_a_goal_that_nothing_could_follow_is_refused_by_the_same_answer(arm, cli
     assert "latched" in client.ask("scale_trajectory", controller=ARM, factor=0.5)["error"]["message"]
 
 
+@pytest.mark.rest
 def test_a_newer_goal_takes_the_place_of_one_and_only_its_own_can_be_cancelled(arm, client, other):
     assert client.ask("send_trajectory", **goal())["result"]["accepted"]
     arm.run(500)

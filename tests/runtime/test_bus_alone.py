@@ -195,6 +195,7 @@ def with_spare(folder, driver="ros2_canopen::Cia402Driver", name="spare"):
     return config
 
 
+@pytest.mark.rest
 def test_a_robot_may_have_a_drive_that_takes_targets_beside_its_joints(tmp_path):
     config = with_spare(tmp_path)
     told = [each.text for each in check(config, controllers=["velocity"]).findings if "spare" in each.text]
@@ -219,6 +220,7 @@ def test_a_robot_may_have_a_drive_that_takes_targets_beside_its_joints(tmp_path)
         robot.close()
 
 
+@pytest.mark.rest
 def test_a_drive_beside_the_others_that_need_not_be_there_stops_and_keeps_none_of_them(tmp_path):
     config = with_spare(tmp_path)
     (config / "bus.yml").write_text((config / "bus.yml").read_text() + "    required: false\n")

@@ -52,6 +52,7 @@ def test_in_a_profile_mode_the_type_is_free(tmp_path):
     assert not any("acts when it arrives" in each for each in warnings(config))
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("who", ["kernel", "other"])
 def test_a_cycle_that_comes_half_a_period_behind_the_sync_of_others_is_told(tmp_path, who):
     keys = f"sync_period: 20000\n  sync_producer: {who}\n  sync_order: last"

@@ -28,6 +28,7 @@ def setup_of(folder):
     return read_robot(find_robot(str(folder)), can=["memory:clearance"])
 
 
+@pytest.mark.rest
 def test_the_hash_is_of_what_the_files_hold_and_not_of_where_they_are(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     here, there = copy_robby(tmp_path), copy_robby(tmp_path / "elsewhere")

@@ -15,6 +15,7 @@ def axes_of(config):
     return cyclic_axes(setup.bus, setup.description)
 
 
+@pytest.mark.rest
 def test_the_joints_of_an_arm_are_in_csp_by_the_key_or_where_the_eds_lists_it(tmp_path):
     config = copy_arm(tmp_path)
     axes = axes_of(config)

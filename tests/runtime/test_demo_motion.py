@@ -14,6 +14,7 @@ def robby():
     bench.close()
 
 
+@pytest.mark.rest
 def test_it_plays_zero_ten_and_minus_ten_in_a_loop(robby):
     DemoMotion(robby.robot, FORWARD)
     seen = []
@@ -24,6 +25,7 @@ def test_it_plays_zero_ten_and_minus_ten_in_a_loop(robby):
     assert seen == [0, 10, -10, 0]
 
 
+@pytest.mark.rest
 def test_the_first_command_of_anyone_else_ends_it_for_good(robby):
     DemoMotion(robby.robot, FORWARD)
     robby.run(4000)

@@ -84,6 +84,7 @@ def test_one_that_restarts_between_two_cycles_stops_them_too(bench):
     robot.until(lambda: not robot.powered(2))
 
 
+@pytest.mark.rest
 def test_a_robot_with_drives_under_its_controllers_needs_its_io_module_likewise(tmp_path):
     config = with_io_module(tmp_path)
     bus = config / "bus.yml"

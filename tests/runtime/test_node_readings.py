@@ -44,6 +44,7 @@ def test_of_a_robot_that_stands_only_the_age_is_new():
     bench.close()
 
 
+@pytest.mark.rest
 def test_whatever_happens_they_are_what_is_read_anew():
     draw = random.Random(7)
     bench = Bench("readings_drawn")

@@ -46,6 +46,7 @@ def turned(folder, controller, node_id=NODE, *, seconds=1.0):
         bench.close()
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("what", [*SHAPES, *MAKERS])
 def test_a_drive_as_vendors_describe_theirs_is_enabled_and_turns(tmp_path, what):
     make, interface, mode = (SHAPES | MAKERS)[what]
@@ -194,6 +195,7 @@ def test_a_base_passes_strictly_and_drives_forward(tmp_path, name):
     assert plants[0] < 0 < plants[1]  # the left motor is mounted mirrored
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("number", [401, 404, 406, 410, 418, 419])
 def test_a_drive_and_a_device_beside_it_pass_strictly(tmp_path, number):
     files = [data_path("eds", name) for name in ("generic_cia402.eds", f"generic_cia{number}.eds")]
@@ -237,6 +239,7 @@ def test_what_is_no_folder_is_never_written_over(tmp_path, kind):
         new_robot(tmp_path, data_path("eds", "generic_cia402.eds"), force=True)
 
 
+@pytest.mark.rest
 def test_many_drives_on_a_slow_bus_get_a_sync_period_that_it_carries(tmp_path):
     od = SHAPES["every mode"][0]()
     object.__setattr__(od.device, "bit_rates", frozenset((50_000,)))

@@ -175,6 +175,7 @@ def test_what_waits_for_a_fault_holds_no_more_than_what_comes_before_it(before, 
     assert capture.state is ScopeState.WAITING
 
 
+@pytest.mark.rest
 def test_a_fault_after_a_day_is_caught_with_what_was_before():
     day, rate = 86_400, 20
     capture = ScopeCapture(Trigger(Condition.FAULT, (0,)), length=2.0, before=1.0)

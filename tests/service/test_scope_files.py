@@ -99,6 +99,7 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch):
         picture_of(NAMED)
 
 
+@pytest.mark.rest
 def test_a_bag_has_a_topic_for_each_signal(tmp_path):
     reader = pytest.importorskip("rosbags.rosbag2")
     both = Shot(tuple((time, (value[0], 2.0)) for time, value in SHOT.rows))

@@ -76,6 +76,7 @@ def test_programs_are_told_the_same_in_numbers():
     assert "no PI gives a crossover" in told.no_gains
 
 
+@pytest.mark.rest
 def test_a_record_is_drawn_where_a_picture_is_asked_for(tmp_path):
     report(record_of([0.0] * 14 + [1.0] * 100), STEP, SCALE, tmp_path / "step.png")
     assert (tmp_path / "step.png").read_bytes().startswith(b"\x89PNG")

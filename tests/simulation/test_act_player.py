@@ -102,6 +102,7 @@ def test_a_trajectory_goes_by_way_of_its_points():
     played.close()
 
 
+@pytest.mark.rest
 def test_a_trajectory_arrives():
     played = Played("arm6")
     played.do("activate", "arm_controller").run(0.1)

@@ -38,6 +38,7 @@ def test_the_states_that_are_aimed_at_are_states():
     }
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(
     "cell",
     [

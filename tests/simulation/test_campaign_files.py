@@ -53,6 +53,7 @@ def test_the_summary_as_a_page_tells_how_much_what_and_in_which_state(totals):
     assert "<td>axis power</td><td>OFF</td><td>ENABLE</td><td>not walked</td>" in page
 
 
+@pytest.mark.rest
 @pytest.mark.sources
 def test_a_breach_is_written_as_a_scenario_that_breaks_and_a_recording(tmp_path, monkeypatch):
     MUTANTS["reset_chains_into_enable"](monkeypatch)

@@ -17,6 +17,7 @@ def made():
     robots[-1].close()
 
 
+@pytest.mark.rest
 def test_clients_that_hang_are_no_news(made):
     judged = made()
     judged.do("silent", values=(80.0,)).do("ask", seconds=2.0).do("deaf").run(6.0)

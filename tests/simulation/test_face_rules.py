@@ -119,6 +119,7 @@ def test_an_emcy_that_nobody_tells_is_told(judged, monkeypatch):
     assert judged.told == [("event_missing", "left_drive has sent an EMCY, and no event says so")]
 
 
+@pytest.mark.rest
 @pytest.mark.sources
 def test_a_wrong_toggle_bit_that_nobody_tells_is_told(monkeypatch):
     acts = [Act(3 * S + at * MS, "frame", values=(0x702, answer)) for at, answer in ((0, 5), (50, 0x85), (100, 0x85))]

@@ -99,6 +99,7 @@ def test_a_drive_that_is_lost_stops_all_in_time(judged, kind):
     assert judged.broken == []
 
 
+@pytest.mark.rest
 def test_a_robot_that_is_killed_is_stopped_by_its_drives_and_its_start_enables(judged):
     judged.drive(5.0, 5.0, seconds=1.0).run(0.9).do("kill", seconds=2.0).run(4.0)
     judged.do("axis", name="fault-reset").run(0.3).do("axis", name="enable").run(0.5)
@@ -107,6 +108,7 @@ def test_a_robot_that_is_killed_is_stopped_by_its_drives_and_its_start_enables(j
     assert judged.speed(2) > 1000
 
 
+@pytest.mark.rest
 def test_the_seed_of_a_drive_that_moved_while_it_was_booted_breaks_nothing():
     acts = (
         Act(614 * MS, "command", "forklift_base_controller", values=(-0.019, 0.672), for_ns=12 * MS),

@@ -118,6 +118,7 @@ def test_times_of_points_grow_and_have_values(tmp_path, times):
         read_scenario_steps(path, setup_of())
 
 
+@pytest.mark.rest
 @given(st.integers(0, 500))
 def test_what_is_written_reads_as_the_same(tmp_path_factory, seed):
     acts = draw_schedule(seed, 30 * S, motions_of(setup_of()), (2, 3), known_faults())

@@ -48,6 +48,7 @@ def test_clients_of_a_process_that_was_killed_are_gone(played: Played):
     assert first[0].answers == 3
 
 
+@pytest.mark.rest
 def test_two_simulations_of_clients_are_the_same():
     digests = []
     for _ in range(2):

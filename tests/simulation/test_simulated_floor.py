@@ -66,6 +66,7 @@ def test_wheels_that_strain_against_each_other_relax(twist):
     assert heading == pytest.approx(twist[1] * 4.4, abs=0.15)
 
 
+@pytest.mark.rest
 def test_what_happens_in_the_world_happens_to_the_robot_and_is_undone_in_time():
     pushed = Act(1 * S, "world", world=PushRobot(force=(0.0, 400.0, 0.0), seconds=0.5))
     run = simulated(pushed, seconds=2.0)

@@ -25,6 +25,7 @@ def outcome(seconds=8, **how):
     return found
 
 
+@pytest.mark.rest
 def test_what_came_of_it_is_told():
     found = outcome()
     assert (found.seed, found.robot_s, found.breaches) == (SEED, 8.0, ())

@@ -25,6 +25,7 @@ def judged():
     made.close()
 
 
+@pytest.mark.rest
 def test_what_follows_its_targets_is_no_news(judged):
     judged.drive(5.0, -5.0, seconds=1.0).run(0.6).drive(-7.0, 2.0, seconds=0.5).run(3.0).do("stop").run(1.0)
     judged.do("axis", name="enable").run(0.5).drive(3.0, 3.0, seconds=0.5).run(1.0)
@@ -62,6 +63,7 @@ def test_who_was_disturbed_is_judged_again_after_the_next_enable(judged, monkeyp
     assert "the shaft of node 3" in [text.split(" turns")[0] for _, text in judged.told]
 
 
+@pytest.mark.rest
 @pytest.mark.sources
 def test_a_place_at_every_sync_is_followed_within_the_window(monkeypatch):
     made = Judged(rules, "arm6")
@@ -81,6 +83,7 @@ def test_the_controller_that_takes_values_joint_by_joint_says_where_they_go(judg
     assert ends == {FORWARD: ("left_wheel_joint/velocity", "right_wheel_joint/velocity"), BASE: ()}
 
 
+@pytest.mark.rest
 def test_the_seed_of_a_twist_for_one_cycle_breaks_nothing():
     acts = (Act(5540 * MS, "command", "mecanum_base_controller", values=(-0.074, 0.066, -0.574), for_ns=15 * MS),)
     run = SimulationRun(setup_of("mecanum"), 120, acts, motions=motions_of(setup_of("mecanum")))

@@ -76,6 +76,7 @@ def test_frames_are_heard_lost_doubled_and_sent(robot):
     robot.run(0.2)
 
 
+@pytest.mark.rest
 def test_an_arm_follows_a_trajectory():
     robot = TestedRobot(setup_of("arm6", "arm_controller"))
     robot.trajectory("arm_controller", *[0.2] * 6, seconds=0.5)

@@ -109,6 +109,7 @@ def told(story):
     return [each["samples"]["joint_state_broadcaster"] for each in states(story)]
 
 
+@pytest.mark.rest
 def test_every_update_of_the_broadcaster_is_a_joint_state_with_its_stamp(story, bag):
     messages = read(bag)["/joint_states"]
     assert len(messages) == len(told(story)) > 100
@@ -198,6 +199,7 @@ def test_the_true_pose_of_a_simulated_base_is_in_the_frame_of_its_odometry(story
     assert message.pose.orientation.z == pytest.approx(math.sqrt(0.5))
 
 
+@pytest.mark.rest
 def test_odometry_becomes_odom_tf_and_the_limited_twist(story, tmp_path):
     sample = {
         "kind": "odometry", "time": 1000.25, "x": 1.0, "y": 2.0, "heading": math.pi, "linear": 0.5, "angular": -0.25,

@@ -188,6 +188,7 @@ PIECES = st.lists(
 )
 
 
+@pytest.mark.rest
 @given(st.one_of(PIECES.map("".join), PIECES.map(lambda each: f"<robot name='r'>{''.join(each)}</robot>"), st.text()))
 @settings(max_examples=examples(300))
 def test_any_text_gives_a_description_or_the_one_error(text):

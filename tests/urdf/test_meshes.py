@@ -54,6 +54,7 @@ def test_a_package_is_found_where_ros_has_it(robot, tmp_path):
     assert find_mesh("package://other/m.stl", str(robot), environment) == share
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(
     ("uri", "words"),
     [

@@ -54,6 +54,7 @@ def test_a_battery_begins_charged_and_is_told_by_a_timer():
     assert sum(frame.can_id == 0x285 for _, frame in device.seen) == 4
 
 
+@pytest.mark.rest
 def test_a_current_takes_its_charge_and_lets_its_voltage_sag():
     device = bench(418)
     put(device, battery_current=-72.0)

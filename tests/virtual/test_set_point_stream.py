@@ -28,6 +28,7 @@ def test_an_interpolation_time_below_the_period_grinds_and_one_above_it_lags(int
     assert lag == pytest.approx(max(0, interpolation_ms - 10) / 1000 * V, abs=STEP * 0.02)
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize(
     ("controller_ms", "sync_ms", "ripple", "low", "high"),
     [(10, 8, 0.5, 0.0, 1.25), (10, 5, 1.0, 0.0, 2.0), (8, 10, 0.35, 0.8, 1.6), (5, 10, 0.0, 1.0, 1.0)],
@@ -69,6 +70,7 @@ def jittered(model, sigma_ms):
 
 
 # A gap of 0.1 ms is shorter than the 0.5 ms of the meter, which sees a part of its 5 %.
+@pytest.mark.rest
 @pytest.mark.parametrize(("sigma_ms", "ripple"), [(0.1, 0.042), (0.5, 0.16), (1.0, 0.25)])
 def test_a_sync_that_jitters_makes_the_ripple_that_real_drives_have(sigma_ms, ripple):
     held, extrapolated = (jittered(each, sigma_ms) for each in (PLAIN, dataclasses.replace(ON, recovers_sync=False)))
@@ -207,6 +209,7 @@ def test_velocity_and_torque_go_on_without_a_set_point_or_fault(mode, object_):
 # -- what is fed forward
 
 
+@pytest.mark.rest
 def test_the_velocity_offset_lessens_the_following_error_and_moves_no_demand():
     for share in (0.0, 1.0):
         bench = StreamBench(mapped=(0x607A0020, 0x60B10020), plant=lambda axis: LagPlant(time_constant=0.1))

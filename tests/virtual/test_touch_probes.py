@@ -74,6 +74,7 @@ def test_the_second_probe_is_apart_from_the_first():
     assert status(b) == 0x0001  # switching off the second forgot it, and only it
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("plant", [None, lambda axis: LagPlant()])
 @pytest.mark.parametrize("speed", [1000, -1000])
 def test_the_index_pulse_is_caught_where_it_is(plant, speed):

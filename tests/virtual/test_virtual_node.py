@@ -345,6 +345,7 @@ def test_random_frames_never_crash_it_and_move_it_only_in_operation(steps, enabl
     assert bench.drive.mover.plant.velocity == 0
 
 
+@pytest.mark.rest
 @settings(max_examples=examples(60))
 @given(st.lists(st.binary(min_size=8, max_size=8), max_size=12))
 def test_no_sdo_frame_leaves_it_unable_to_answer(requests):

@@ -263,6 +263,7 @@ LINES = st.lists(
 ).map("\n".join)
 
 
+@pytest.mark.rest
 @given(st.one_of(YAML, LINES, st.text(max_size=60)))
 @settings(max_examples=examples(500))
 def test_any_text_whatever_gives_a_value_or_the_asked_for_error(text):

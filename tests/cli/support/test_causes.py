@@ -88,6 +88,7 @@ def test_infos_are_left_out_and_other_sentences_stay_as_they_are():
 WORDS = [f"{LEFT}: {HOT}", f"{LEFT}: fault; {HOT}", f"{RIGHT}: {SILENT}", f"{BOTH}: {LEFT}: fault", "a: b; c", "c"]
 
 
+@pytest.mark.rest
 @given(st.lists(st.tuples(st.floats(0, 100), st.sampled_from("abc"), st.sampled_from(WORDS)), max_size=12))
 def test_whatever_happens_every_clause_is_told_and_no_line_twice(told):
     events = [event(at, kind, text) for at, kind, text in sorted(told)]

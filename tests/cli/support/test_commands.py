@@ -100,6 +100,7 @@ def robby(private_folders):
         yield
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("how", [["--for", "2"], ["--once"]])
 def test_a_command_that_moves_nothing_is_exit_code_1_and_the_sentence(robby, capsys, how):
     assert main(["stop"]) == 0
@@ -112,6 +113,7 @@ def test_a_command_that_moves_nothing_is_exit_code_1_and_the_sentence(robby, cap
     assert main(["command", FORWARD, "5", "5", "--for", "0.3"]) == 0
 
 
+@pytest.mark.rest
 def test_a_command_right_after_a_switch_waits_for_the_drives(robby, capsys):
     base = "robby_base_controller"
     assert main(["twist", base, "0.1", "0", "--for", "0.3"]) == 1
@@ -122,6 +124,7 @@ def test_a_command_right_after_a_switch_waits_for_the_drives(robby, capsys):
     assert main(["twist", base, "0.1", "0", "--for", "0.3"]) == 0
 
 
+@pytest.mark.rest
 def test_a_stop_in_the_middle_ends_the_command_with_the_sentence(robby, capsys):
     timer = threading.Timer(0.5, main, [["stop"]])
     timer.start()

@@ -22,6 +22,7 @@ def results(found):
     return [(step.name, step.passed) for step in found]
 
 
+@pytest.mark.rest
 def test_the_jog_measures_velocity_way_and_stop(private_folders):
     setup = read_robot(find_robot("robby"), can=["memory:jogged"])
     assert jog_interfaces(setup) == {"left_wheel_joint": "velocity", "right_wheel_joint": "velocity"}

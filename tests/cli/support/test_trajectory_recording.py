@@ -52,6 +52,7 @@ def test_it_is_full_at_as_many_points_as_a_trajectory_may_have():
     assert not recorded((0.0, 0.0), most=2).is_full
 
 
+@pytest.mark.rest
 @given(st.lists(st.tuples(st.floats(-1.0, 5.0), st.floats(-3.0, 3.0)), max_size=30))
 def test_what_is_recorded_can_be_played_whatever_came(samples):
     recording = recorded(*samples)
