@@ -48,7 +48,7 @@ printf '%s\\n' "${COMPREPLY[@]}"
 
 def test_verbs_and_options_in_bash(bash):
     assert bash("canopen-control mon") == ["monitor"]
-    assert bash("canopen-control st") == ["status", "stop"]
+    assert sorted(bash("canopen-control st")) == ["status", "stop"]
     assert set(VERBS) <= set(bash("canopen-control "))
     assert bash("canopen-control monitor --ca") == ["--can"]
     assert bash("canopen-control nonsense x") == []

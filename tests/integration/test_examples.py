@@ -112,8 +112,15 @@ def make_own_robot(stage):
     assert stage.call(*next(words for words in PAGES if words[0] == "init")).wait() == 0
 
 
-#: The folders that examples start -> how each comes to be.
-FOLDERS = {"cell": make_cell, "my_robot": make_own_robot}
+def make_hall(stage):
+    """Make a world of Gazebo with a wall."""
+    wall = "<model name='wall'><static>true</static><pose>3 0 0.5 0 0 0</pose><link name='l'><collision name='c'>"
+    wall += "<geometry><box><size>0.1 4 1</size></box></geometry></collision></link></model>"
+    (stage.place / "hall.sdf").write_text(f"<sdf version='1.9'><world name='hall'>{wall}</world></sdf>")
+
+
+#: What examples start or read -> how each comes to be.
+FOLDERS = {"cell": make_cell, "my_robot": make_own_robot, "hall.sdf": make_hall}
 
 
 def make_files(stage):
