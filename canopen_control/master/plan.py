@@ -149,23 +149,10 @@ def make_plan(given: PlanInput) -> NodePlan:
     builder = PlanBuilder(
         node, od, given.complain, given.warn, given.note, given.spare_cob_ids, given.downloads, given.remark
     )
-    _plan_sync_counter(builder, given.master)
-    _plan_services(builder, given.master)
-    if node.boot.time_cob_id is not None:
-        builder.write(TIME_COB_ID, 0, node.boot.time_cob_id, "time_cob_id")
-    _plan_downloads(builder)
-    add_feed_forward(builder, tuple(_axes(od)))
-    for kind in ("rpdo", "tpdo"):
-        plan_pdos(builder, kind)
-    _check_identity(builder)
+    _plan_communication(builder, given.master)
     profile = Profile(node.profile) if node.profile else profile_of(od)
     signals = plan_signals(builder, profile, tuple(_axes(od)))
-    sdo = list(enumerate(node.boot.sdo))
-    storing = list(itertools.takewhile(lambda each: each[1].index == STORE, reversed(sdo)))[::-1]
-    _plan_sdo_list(builder, sdo[: len(sdo) - len(storing)])
-    plan_interpolation(builder, tuple(_axes(od)), given.master.sync_period)
-    heartbeat_ms = _plan_error_control(builder, given.master)
-    _plan_sdo_list(builder, storing)  # what is stored is the whole configuration
+    heartbeat_ms = _plan_values(builder, given.master)
     guard = _guard(node.supervision) if node.supervision.guarded and not heartbeat_ms else None
     watches = _watches(builder, given.master, guarded=guard is not None)
     if not watches:
@@ -197,6 +184,31 @@ def make_plan(given: PlanInput) -> NodePlan:
         turns=_turns(node, od),
         unsupervised=_why_unsupervised(builder, given.master, watches=watches),
     )
+
+
+def _plan_communication(builder: PlanBuilder, master: MasterConfig) -> None:
+    """Plan SYNC, the services and the PDOs, and what a file for the node brings along."""
+    node, od = builder.node, builder.od
+    _plan_sync_counter(builder, master)
+    _plan_services(builder, master)
+    if node.boot.time_cob_id is not None:
+        builder.write(TIME_COB_ID, 0, node.boot.time_cob_id, "time_cob_id")
+    _plan_downloads(builder)
+    add_feed_forward(builder, tuple(_axes(od)))
+    for kind in ("rpdo", "tpdo"):
+        plan_pdos(builder, kind)
+    _check_identity(builder)
+
+
+def _plan_values(builder: PlanBuilder, master: MasterConfig) -> int:
+    """Plan the `sdo` list, supervision after it, then what stores all of it; return the heartbeat of the node in ms."""
+    sdo = list(enumerate(builder.node.boot.sdo))
+    storing = list(itertools.takewhile(lambda each: each[1].index == STORE, reversed(sdo)))[::-1]
+    _plan_sdo_list(builder, sdo[: len(sdo) - len(storing)])
+    plan_interpolation(builder, tuple(_axes(builder.od)), master.sync_period)
+    heartbeat_ms = _plan_error_control(builder, master)
+    _plan_sdo_list(builder, storing)  # what is stored is the whole configuration
+    return heartbeat_ms
 
 
 def _guard(keys: SupervisionKeys) -> tuple[int, int]:

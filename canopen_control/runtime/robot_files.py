@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NoReturn
 
 from canopen_control.bus.channel import name_and_channel
 from canopen_control.data_files import data_names, data_path
@@ -198,9 +198,7 @@ def find_robot(
 
     `arguments` are NAME:=VALUE, for xacro. A ROS launch file gives xacro more of them, and files that are nowhere else.
     """
-    if config == "" or (
-        config is None and bus is None and controllers is None and description is None and launch is None
-    ):
+    if config == "" or all(each is None for each in (config, bus, controllers, description, launch)):
         names = ", ".join(data_names("config"))
         raise RobotConfigError(f"no robot given: name a folder or a bundled robot ({names}), or its three files")
     folder = _folder(config) if config is not None else None
@@ -226,19 +224,9 @@ def find_robot(
     if alone and foreign and launched is None:
         missing.append(f"{main} is a bus without a description, so it has no arguments; leave {foreign}:= away")
     if missing or (no_bus and (more or bus is not None)):
-        if launched is not None and folder is None:
-            raise RobotConfigError("; ".join([*_not_launched(launch, files, no_bus, missing), *launched.doubts]))
-        doubts = launched.doubts if launched is not None else ()
-        nothing = control == described == Path()  # of a robot: who has one of its files may do without a bus
-        absent = no_bus if nothing or more or bus is not None else []
-        raise RobotConfigError("; ".join([*absent, *missing, *doubts]))
-    if launched is not None and not alone:
-        from canopen_control.runtime.launch_file import refuse_mistyped
-
-        refuse_mistyped(launched, words, described)
-        words = launched.arguments
-    else:  # the description may have an argument of that name, and need not
-        words = {} if alone else {f"{each}?" if each in asked.names else each: value for each, value in words.items()}
+        needed = control == described == Path() or bool(more) or bus is not None
+        _refuse_missing(launch if folder is None else None, launched, no_bus, missing, needed=needed)
+    words = {} if alone else _heeded(words, launched, asked, described)
     idle = launched.idle if launched is not None else ()
     _refuse_unheeded(idle)
     name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
@@ -262,8 +250,31 @@ def _world(asked: AskedHardware, launch: str | None, missing: list[str]) -> Path
     return None if found is None else found.resolve()
 
 
+def _heeded(words: dict[str, str], launched: Launched | None, asked: AskedHardware, described: Path) -> dict[str, str]:
+    """Return the arguments of the description, which are those that its launch file gives it where there is one."""
+    if launched is None:  # the description may have an argument of that name, and need not
+        return {f"{each}?" if each in asked.names else each: value for each, value in words.items()}
+    from canopen_control.runtime.launch_file import refuse_mistyped
+
+    refuse_mistyped(launched, words, described)
+    return launched.arguments
+
+
+def _refuse_missing(
+    launch: str | None, launched: Launched | None, no_bus: Sequence[str], missing: Sequence[str], *, needed: bool
+) -> NoReturn:
+    """Raise RobotConfigError for files that are missing, by what the `launch` file says where that alone was given.
+
+    Where a bus is not `needed`, as by who has another of the robot's files, its absence is none of the mistakes.
+    """
+    lacks = [*(no_bus if needed else ()), *missing]
+    if launched is not None and launch is not None:
+        lacks = list(_not_launched(launch, launched.files, no_bus, missing))
+    raise RobotConfigError("; ".join([*lacks, *(launched.doubts if launched is not None else ())]))
+
+
 def _not_launched(
-    launch: str | None, files: Mapping[str, Path], no_bus: Sequence[str], missing: Sequence[str]
+    launch: str, files: Mapping[str, Path], no_bus: Sequence[str], missing: Sequence[str]
 ) -> Iterator[str]:
     """Say which files a launch file, given without a folder, does not give, or gives where there is none."""
     for option, kind in (("--bus", "bus"), ("--controllers", "controllers"), ("--description", "description")):

@@ -189,31 +189,36 @@ def read_robot(
         raise RobotConfigError(f"{files.asked.real_word} contradicts --mock; leave one of them away")
     on_drives = real or physics or drives
     read = partial(_buses, files, peer_merge, allow_unsupervised)
-    buses, written, given = _read(files, name, read, reader, mock=mock, strict=strict)
-    description, control, free = _add_free_drives(files, buses, written, given, mock=mock)
-    _require_bus(files, buses, description, mock=mock, real=on_drives)
+    buses, description, control, wanted = _contents(
+        files, name, read, reader, controllers, mock=mock, strict=strict, real=on_drives
+    )
     can = files.asked.channels(can, buses)
     channels = _channels(name, buses, can)
     sync = _choose_sync(buses, channels, description, kernel_sync=kernel_sync, mock=mock)
+    notes = tuple(_told_by_files(buses, control, description, mock=mock, real=on_drives))
+    unplaced = _unplaced(buses, can)
+    found = buses, channels, description, control, wanted
     return RobotSetup(
-        name,
-        files,
-        buses,
-        channels,
-        description,
-        control,
-        (*started_controllers(files, given, written, controllers), *free),
-        mock,
-        tuple(_told_by_files(buses, control, description, mock=mock, real=on_drives)),
-        real,
-        kernel_sync,
-        physics,
-        sync,
-        drives,
-        simulate,
-        _unplaced(buses, can),
-        world,
+        name, files, *found, mock, notes, real, kernel_sync, physics, sync, drives, simulate, unplaced, world
     )
+
+
+def _contents(
+    files: RobotFiles,
+    name: str,
+    read: _ReadBuses,
+    reader: DescriptionReader | None,
+    asked: Sequence[str],
+    *,
+    mock: bool,
+    strict: bool,
+    real: bool,
+) -> tuple[dict[str, BusConfig], Description, ControllersFile, tuple[str, ...]]:
+    """Return what is in the files, with the controllers of free drives, and the names of those to activate."""
+    buses, written, given = _read(files, name, read, reader, mock=mock, strict=strict)
+    description, control, free = _add_free_drives(files, buses, written, given, mock=mock)
+    _require_bus(files, buses, description, mock=mock, real=real)
+    return buses, description, control, (*started_controllers(files, given, written, asked), *free)
 
 
 def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, ...]:
