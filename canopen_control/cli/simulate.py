@@ -52,7 +52,6 @@ from canopen_control.errors import ConfigError, nearest
 
 if TYPE_CHECKING:
     from canopen_control.cli.support.output import Progress
-    from canopen_control.runtime.core import RobotCore
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.acts import Act
     from canopen_control.simulation.scenario_steps import Scenario
@@ -199,24 +198,13 @@ def _run_one(args: argparse.Namespace) -> int:
         _watch(simulation, duration_ns, args.record, quiet=args.json)
         outcome = simulation.outcome
         failure = simulation.robot.core.failure
-        never = _why_never(simulation.robot.core, outcome.robot_s, duration_ns)
+        never = simulation.why_never(duration_ns)
     finally:
         simulation.close()
     _tell(outcome, failure, as_json=args.json)
     if never:
         print(f"canopen-control: {never}", file=sys.stderr)
     return 1 if outcome.breaches or never else 0
-
-
-def _why_never(core: RobotCore, seconds: float, duration_ns: int) -> str:
-    """Say that the robot never ran, and why where that is known; "" where it ran, or a user ended it before."""
-    from canopen_control.runtime.core import RobotState
-
-    ended = core.state is RobotState.STOPPED or seconds * 1e9 >= duration_ns
-    if core.has_run or not ended:
-        return ""
-    why = core.failure or core.hint or "its events say how far it came; give it more time: --for"
-    return f"{core.setup.name} never ran in {seconds:g} s: {why}"
 
 
 def _at_most(speed: float | None) -> float | None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.runtime.core import RobotState
 from canopen_control.simulation.aimed_schedule import AIMED_NS, aimed_schedule, cells_to_aim_at
 from canopen_control.simulation.drawn_schedule import draw_schedule
 from canopen_control.simulation.motions import motions_of
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Campaign", "SeedResult", "Totals"]
 
+_TO_RUN_NS: Final = 20_000_000_000  # after which a robot to which nothing happens does not run any more
 _AFTER_NS: Final = 3_000_000_000  # what a shrunk schedule runs on after its last act
 
 
@@ -125,6 +127,16 @@ class Campaign:
         if seed in self._aims:
             return aimed_schedule(seed, self._aims[seed], self._motions, self._nodes)
         return draw_schedule(seed, self._duration_ns, self._motions, self._nodes, self._faults)
+
+    def why_never(self) -> str:
+        """Say that the robot does not run even if nothing happens to it, and why; "" where it runs."""
+        run = SimulationRun(self._setup, 0, (), motions=self._motions)
+        most = max(self._duration_ns, _TO_RUN_NS)
+        try:
+            run.run(most, stop=lambda: run.robot.core.has_run or run.robot.core.state is RobotState.STOPPED)
+            return run.why_never(most)
+        finally:
+            run.close()
 
     def run(self, seeds: Sequence[int], jobs: int) -> Iterator[SeedResult]:
         """Yield the results of seeds as they come."""

@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.runtime.core import RobotState
 from canopen_control.simulation.act_player import ActPlayer
 from canopen_control.simulation.invariants import Invariants, user_rules
 from canopen_control.simulation.motions import motions_of
@@ -115,6 +116,15 @@ class SimulationRun:
     def breaches(self) -> tuple[str, ...]:
         """What must not be and was, in sentences."""
         return tuple(each.sentence for each in self.invariants.breaches)
+
+    def why_never(self, duration_ns: int) -> str:
+        """Say that the robot never ran, and why where that is known; "" where it ran, or a user ended it before."""
+        core, seconds = self.robot.core, self.robot_s
+        ended = core.state is RobotState.STOPPED or seconds * 1e9 >= duration_ns
+        if core.has_run or not ended:
+            return ""
+        why = core.failure or core.hint or "its events say how far it came; give it more time: --for"
+        return f"{core.setup.name} never ran in {seconds:g} s: {why}"
 
     def close(self) -> None:
         """Give everything back."""

@@ -2,6 +2,7 @@ import itertools
 import json
 
 import pytest
+from support.robots import copy_robby
 
 from canopen_control.cli.main import main
 from canopen_control.simulation.served_simulation import ServedSimulation
@@ -138,3 +139,11 @@ def test_a_robot_that_never_runs_is_exit_1_and_a_sentence(capsys, tmp_path):
     code, _, err = simulate(capsys, "robby", "--scenario", str(path))
     assert code == 1
     assert "robby never ran in 1 s" in err
+
+
+def test_seeds_of_a_robot_that_never_runs_are_one_sentence(capsys, tmp_path):
+    folder = copy_robby(tmp_path, bus={"node_id: 3": "node_id: 3\n    product_code: 7"})
+    code, out, err = simulate(capsys, str(folder), "--seeds", "3", "--for", "2s")
+    assert (code, out) == (1, "")
+    assert err.count("robby never ran in 5.1 s: node 3 (left_drive): boot error M") == 1
+    assert "product code" in err

@@ -63,12 +63,18 @@ class CampaignDocument:
 
 
 def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
-    """Run seeds, shrink what breaks, and tell; 0 good, 1 with a breach. Ctrl-C keeps what there is; then 130."""
+    """Run seeds, shrink what breaks, and tell; 0 good, 1 with a breach. Ctrl-C keeps what there is; then 130.
+
+    A robot that does not run even if nothing happens to it is told once, and no seed is run; then 1.
+    """
     if order.folder is not None:
         make_folder(order.folder)  # before the seeds, which may take hours
     began = time.perf_counter()
     campaign = Campaign(setup, order.duration_ns, order.faults)
     totals = Totals()
+    if never := campaign.why_never():
+        print(f"canopen-control: {never}", file=sys.stderr)
+        return 1
     code, problem = _run(campaign, order.seeds, order, totals)
     if order.aim and code == 0:
         further = range(order.seeds.stop, order.seeds.stop + order.aim)
