@@ -70,3 +70,40 @@ def test_microsteps_have_a_display():
     assert (bench.number(0x2000), bench.number(0x2107)) == (8, 8)
     bench.write(0x2000, 3)
     assert bench.number(0x2107) == 3
+
+
+#: What a native Lely master of node id 1 writes to node 3 at boot where its DCF has `cob_id: auto` for one PDO of each
+#: direction: supervision, then each PDO off, type, mapping emptied, filled and counted, and on with bit 30 at 0.
+LELY_BOOT = """
+23 16 10 01 F4 01 01 00
+2B 17 10 00 64 00 00 00
+23 01 14 01 03 03 00 80
+2F 01 14 02 01 00 00 00
+2F 01 16 00 00 00 00 00
+23 01 16 01 20 00 FF 60
+2F 01 16 00 01 00 00 00
+23 01 14 01 03 03 00 00
+23 01 18 01 83 02 00 80
+2F 01 18 02 01 00 00 00
+2F 01 1A 00 00 00 00 00
+23 01 1A 01 20 00 64 60
+23 01 1A 02 20 00 6C 60
+2F 01 1A 00 02 00 00 00
+23 01 18 01 83 02 00 00
+"""
+
+
+def test_what_a_lely_master_writes_at_boot_is_taken_with_bit_30_cleared():
+    bench = Bench(tmcm())
+    for line in LELY_BOOT.strip().splitlines():
+        frame = bytes.fromhex(line)
+        answers = [(each.can_id, each.data) for each in bench.put(0x603, frame)]
+        assert answers == [(0x583, b"\x60" + frame[1:4] + bytes(4))], line
+    assert bench.put(0x603, bytes.fromhex("4001180100000000"))[0].data == bytes.fromhex("4301180183020000")
+    assert bench.put(0x603, bytes.fromhex("4001140100000000"))[0].data == bytes.fromhex("4301140103030000")
+    bench.put(0x000, bytes.fromhex("0103"))
+    sent = bench.sync()
+    assert [each.data for each in sent if each.can_id == 0x283] == [bytes(8)]
+    bench.put(0x303, bytes.fromhex("F2090000"))
+    bench.sync()
+    assert bench.number(0x60FF) == 2546
