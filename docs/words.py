@@ -67,7 +67,8 @@ BUS_YML: dict[str, dict[str, str]] = {
         "allow_unsupervised": "accepts a drive that nothing would stop when the master dies",
         "reset_communication": "false: a node that runs already is kept alive instead of being reset",
         "software_version": "what 0x1F56:01 must show; 0: anything",
-        "configuration_file": "a DCF or concise DCF (`.bin`) that is written before `sdo`",
+        "configuration_file": "a DCF or concise DCF (`.bin`) that is written before `sdo`; "
+        "[which of two sources wins](../guide/ros2_canopen.md#which-of-two-sources-wins)",
         "restore_configuration": "sub-index of 0x1011 to restore defaults with, before the configuration; 0: none",
         "save_configuration": "sub-index of 0x1010 to store with, after a boot that changed something; 0: never",
         "sdo_timeout_ms": "ms that an SDO server may take for an answer",
