@@ -12,6 +12,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.cia301.pdo import INVALID_BIT, NO_RTR_BIT
+from canopen_control.cia402.objects import HOMING_SPEEDS, PROFILE_VELOCITY, axis_of
 from canopen_control.od.codec import encode
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ _CALM_NS: Final = 3000 * _MS  # since a node was disturbed: a boot goes on for a
 _RESTRICTED: Final = ((0, 0x7F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
 """First and last COB-ID of those that no PDO may have (CiA 301, table 42)."""
 _RECORDS: Final = (*range(0x1400, 0x1600), *range(0x1800, 0x1A00))
+_LOWERED: Final = (PROFILE_VELOCITY, HOMING_SPEEDS)  # to the velocity limit of the description, after the boot
 _PROCEDURES: Final = (0x1010, 0x1011)  # what is read there is no value that was written
 _WIDE: Final = 32  # bits of an object above which nobody else judges it
 
@@ -168,7 +170,8 @@ def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
         if write.index in _RECORDS and write.subindex == 1:
             planned, value = planned & ~NO_RTR_BIT, value & ~NO_RTR_BIT
             return planned == value or bool(planned & value & INVALID_BIT)
-        return planned == value
+        lowered = axis_of(write.index)[0] in _LOWERED and 0 < value < planned
+        return planned == value or lowered
     return encode(value, entry.data_type) == write.data
 
 

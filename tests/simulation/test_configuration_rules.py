@@ -1,9 +1,12 @@
 import pytest
 from support.simulated import Judged
+from support.virtualbench import tmcm
 
+from canopen_control.master.plan_builder import PlannedWrite
+from canopen_control.od.model import DataType
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
-from canopen_control.simulation.configuration_rules import ConfigurationRules
+from canopen_control.simulation.configuration_rules import ConfigurationRules, _holds
 from canopen_control.simulation.simulation_run import SimulationRun
 
 WIDE = "tools/campaigner/robots/wide"
@@ -34,6 +37,16 @@ def test_a_parameter_that_was_not_written_is_told_by_its_address(judged):
     assert judged.told == [("plan_unwritten", text)]
     judged.run(0.5)
     assert len(judged.told) == 1
+
+
+@pytest.mark.parametrize(
+    ("index", "value", "holds"), [(0x6081, 8344, True), (0x6081, 65537, False), (0x6084, 8344, False)]
+)
+def test_a_speed_may_have_been_lowered_to_a_velocity_limit(index, value, holds):
+    device = tmcm()
+    device.store.set(index, 0, value)
+    write = PlannedWrite(index, 0, (65536).to_bytes(4, "little"), "a speed", data_type=DataType.UNSIGNED32)
+    assert _holds(device, write) is holds
 
 
 def test_of_who_was_disturbed_nobody_knows_what_it_holds(judged):
