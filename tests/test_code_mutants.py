@@ -36,7 +36,7 @@ def test_each_mutant_still_applies(mutant):
 
 def test_there_are_as_many_as_the_list_has_and_most_are_shown_by_simulations():
     assert len(MUTANTS) == len(BY_NAME) == 33
-    assert sum(bool(each.runs) for each in MUTANTS) >= 30
+    assert [each.name for each in MUTANTS if not each.runs] == ["recorder_does_not_count"]
     for each in MUTANTS:
         assert each.change.room in ("bus", "cia301", "cia402", "controllers", "hardware", "master", "runtime")
         assert each.tests.startswith(f"{each.change.room}/")

@@ -1,6 +1,6 @@
 """Mistakes in the package, one at a time, that tests and simulations have to catch; and what runs a command with one.
 
-    python tools/code_mutants.py                                # list them
+    python tools/code_mutants.py                                # list them, each with what has to catch it
     python tools/code_mutants.py run NAME pytest -q tests/cia402 -m "not process"
     python tools/code_mutants.py run NAME seeds robby --seeds 40 --for 20
     python tools/code_mutants.py run NAME simulate robby --scenario FILE
@@ -708,6 +708,7 @@ def main(arguments: Sequence[str]) -> int:
         return measure(given.names, tests=given.tests or both, seeds=given.seeds or both)
     for each in MUTANTS:
         print(f"{each.name:<28}{each.does} ({each.change.module})")
+        print(f"{'':<28}tests/{each.tests}.py; {' or '.join(each.runs) or 'no simulation'}")
     return 0
 
 

@@ -69,32 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--for", dest="seconds", type=seconds, metavar="S", help="duration in s (default: step 2, bode 8, identify 8)"
     )
-    parser.add_argument(
-        "--crossover",
-        type=positive,
-        default=20.0,
-        metavar="HZ",
-        help="crossover frequency of the proposal (default: 20)",
-    )
-    margin = number("phase margin in degrees: 20 to 85", lambda value: 20 <= value <= 85)
-    parser.add_argument(
-        "--phase-margin", type=margin, default=60.0, metavar="DEG", help="phase margin of the proposal (default: 60)"
-    )
-    parser.add_argument(
-        "--loop-delay",
-        type=positive,
-        default=0.5,
-        metavar="MS",
-        help="dead time of the drive's own loop (default: 0.5)",
-    )
-    parser.add_argument("--apply", action="store_true", help="write the gains that --identify proposes")
-    parser.add_argument(
-        "--gain",
-        metavar="NAME=0xINDEX:SUB*SCALE",
-        action="append",
-        default=[],
-        help=f"object that holds a gain ({', '.join(GAIN_NAMES)}) and the value of 1 in it (repeatable)",
-    )
+    _add_proposal(parser)
     parser.add_argument("--store", action="store_true", help="store the gains in the drive (0x1010)")
     parser.add_argument("--max-speed", metavar="X[rad/s|rpm|pps]", help="speed limit (default: 60rpm)")
     parser.add_argument(
@@ -127,6 +102,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="file of the record, or with --bode of the response: NAME.csv or NAME.png",
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON, all else on standard error")
+
+
+def _add_proposal(parser: argparse.ArgumentParser) -> None:
+    """Declare what gains are proposed for, and where they are written."""
+    positive = number("number above 0", lambda value: value > 0)
+    parser.add_argument(
+        "--crossover",
+        type=positive,
+        default=20.0,
+        metavar="HZ",
+        help="crossover frequency of the proposal (default: 20)",
+    )
+    margin = number("phase margin in degrees: 20 to 85", lambda value: 20 <= value <= 85)
+    parser.add_argument(
+        "--phase-margin", type=margin, default=60.0, metavar="DEG", help="phase margin of the proposal (default: 60)"
+    )
+    parser.add_argument(
+        "--loop-delay",
+        type=positive,
+        default=0.5,
+        metavar="MS",
+        help="dead time of the drive's own loop (default: 0.5)",
+    )
+    parser.add_argument("--apply", action="store_true", help="write the gains that --identify proposes")
+    parser.add_argument(
+        "--gain",
+        metavar="NAME=0xINDEX:SUB*SCALE",
+        action="append",
+        default=[],
+        help=f"object that holds a gain ({', '.join(GAIN_NAMES)}) and the value of 1 in it (repeatable)",
+    )
 
 
 def _add_what(parser: argparse.ArgumentParser) -> None:

@@ -158,44 +158,43 @@ def test_a_drive_that_its_robot_commands_is_left_to_it(private_folders, no_termi
 
 @contextlib.contextmanager
 def jog_on_a_terminal(stage, channel, eds=TMCM):
-    """Start `jog` on a terminal of its own, which holds the key down; yield the process and that terminal's end."""
-    master, slave = pty.openpty()
+    """Start `jog` on a terminal of its own; yield the process and that terminal's end, a file that may be closed."""
+    number, slave = pty.openpty()
     words = ["jog", str(NODE_ID), "--can", channel, "--eds", str(eds), "--velocity", "650pps"]
     code = (
         "import fcntl, sys, termios\nfrom canopen_control.cli.main import main\nfcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", f"{code}sys.exit(main({words!r}))"],
-        cwd=stage.place,
-        stdin=slave,
-        stdout=slave,
-        stderr=slave,
-        start_new_session=True,
-    )
-    os.close(slave)
-    try:
-        yield process, master
-    finally:
-        process.kill()
-        process.wait(10)
-        with contextlib.suppress(OSError):
-            os.close(master)
+    with os.fdopen(number, "r+b", buffering=0) as master:
+        process = subprocess.Popen(
+            [sys.executable, "-c", f"{code}sys.exit(main({words!r}))"],
+            cwd=stage.place,
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
+        )
+        os.close(slave)
+        try:
+            yield process, master
+        finally:
+            process.kill()
+            process.wait(10)
 
 
 def held_until(master, condition, seconds=30.0):
     """Hold the arrow key down until `condition`."""
-    os.set_blocking(master, False)
+    os.set_blocking(master.fileno(), False)
     begin = time.monotonic()
     while not condition():
         assert time.monotonic() - begin < seconds
-        os.write(master, b"\x1b[C")
-        with contextlib.suppress(BlockingIOError):
-            os.read(master, 65536)
+        master.write(b"\x1b[C")  # None, and no error, while nobody reads
+        master.read(65536)
         time.sleep(0.03)
     return time.monotonic() - begin
 
 
 @pytest.mark.process
+@pytest.mark.timed
 @pytest.mark.parametrize("end", ["terminal", "SIGKILL"])
 def test_it_turns_soon_and_stops_by_itself_when_its_terminal_or_the_program_dies(stage, end):
     stage.drive("desk", NODE_ID)
@@ -205,7 +204,7 @@ def test_it_turns_soon_and_stops_by_itself_when_its_terminal_or_the_program_dies
     ):
         assert held_until(master, lambda: drive.speed > 300) < 30.0
         if end == "terminal":
-            os.close(master)
+            master.close()
         else:
             process.send_signal(signal.SIGKILL)
         assert seconds_until(lambda: drive.speed == 0, 5.0) < DEAD_MAN_S
@@ -215,6 +214,7 @@ def test_it_turns_soon_and_stops_by_itself_when_its_terminal_or_the_program_dies
 
 
 @pytest.mark.process
+@pytest.mark.timed
 def test_a_drive_that_is_guarded_alone_stops_by_itself_when_the_program_is_killed(stage, tmp_path):
     eds = write_shape(tmp_path, SHAPES["node guarding, no heartbeat"][0]())
     stage.start("drive", "--node-id", NODE_ID, "--eds", eds, "--can", "local:desk").until("ready on")

@@ -124,61 +124,34 @@ class Hash(Structure):
     _fields_ = (("version", c_uint8), ("value", c_uint8 * 32))
 
 
+def _pointers(*names: str) -> tuple[tuple[str, type[c_void_p]], ...]:
+    return tuple((name, c_void_p) for name in names)
+
+
+_HASHED: Final = _pointers("get_hash", "get_description", "get_sources", "hash", "description", "sources")
+_KINDS: Final = ("kinds", c_void_p * 3)
+
+
 class MessageSupport(Structure):
     """rosidl_message_type_support_t."""
 
-    _fields_ = (
-        ("identifier", c_void_p),
-        ("data", c_void_p),
-        ("handle", c_void_p),
-        ("get_hash", c_void_p),
-        ("get_description", c_void_p),
-        ("get_sources", c_void_p),
-        ("hash", c_void_p),
-        ("description", c_void_p),
-        ("sources", c_void_p),
-        ("kinds", c_void_p * 3),
-    )
+    _fields_ = (*_pointers("identifier", "data", "handle"), *_HASHED, _KINDS)
 
 
 class ServiceSupport(Structure):
     """rosidl_service_type_support_t."""
 
     _fields_ = (
-        ("identifier", c_void_p),
-        ("data", c_void_p),
-        ("handle", c_void_p),
-        ("request", c_void_p),
-        ("response", c_void_p),
-        ("event", c_void_p),
-        ("make_event", c_void_p),
-        ("remove_event", c_void_p),
-        ("get_hash", c_void_p),
-        ("get_description", c_void_p),
-        ("get_sources", c_void_p),
-        ("hash", c_void_p),
-        ("description", c_void_p),
-        ("sources", c_void_p),
-        ("kinds", c_void_p * 3),
+        *_pointers("identifier", "data", "handle", "request", "response", "event", "make_event", "remove_event"),
+        *_HASHED,
+        _KINDS,
     )
 
 
 class ActionSupport(Structure):
     """rosidl_action_type_support_t: rcl_action reads it as it is, so it has neither identifier nor handle."""
 
-    _fields_ = (
-        ("send_goal", c_void_p),
-        ("get_result", c_void_p),
-        ("cancel", c_void_p),
-        ("feedback", c_void_p),
-        ("status", c_void_p),
-        ("get_hash", c_void_p),
-        ("get_description", c_void_p),
-        ("get_sources", c_void_p),
-        ("hash", c_void_p),
-        ("description", c_void_p),
-        ("sources", c_void_p),
-    )
+    _fields_ = (*_pointers("send_goal", "get_result", "cancel", "feedback", "status"), *_HASHED)
 
 
 class FastCallbacks(Structure):
