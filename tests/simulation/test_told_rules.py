@@ -64,6 +64,7 @@ def test_a_latch_that_is_lost_is_told_and_one_that_nobody_asked_for(judged, kind
     assert judged.told[0][1].endswith(words)
 
 
+@pytest.mark.sources
 def test_running_is_a_lie_while_a_claimed_drive_is_off(judged, monkeypatch):
     monkeypatch.setattr(RobotCore, "state", property(lambda self: RobotState.RUNNING))
     judged.do("axis", name="disable").run(1.0)
