@@ -8,13 +8,14 @@ lock for its brake and for a blocked shaft.
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
 
-from canopen_control.errors import nearest
+from canopen_control.errors import ConfigError, nearest
 from canopen_control.physics.ground_contact import Part, stand
 from canopen_control.physics.mecanum_contact import RollerWheel
 from canopen_control.physics.motor_estimate import Described, estimated_motors
@@ -36,12 +37,20 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint_element import Joint
 
 __all__ = ["BASE_JOINT", "Body", "JointPlace", "PreparedRobot", "alone", "compiled", "give_locks", "lay_floor",
-           "placed", "prepared", "read_spec", "set_options", "solref"]  # fmt: skip
+           "placed", "prepared", "read_spec", "set_options", "settle", "solref"]  # fmt: skip
 
 BASE_JOINT: Final = "floating_base_joint"
 _FLOOR: Final = "floor"
 _LOCK: Final = "lock of "
 _SOLIMP: Final = (0.95, 0.99, 0.0005, 0.5, 2.0)
+_LOG: Final = logging.getLogger(__name__)
+_SETTLE_STEPS: Final = 300
+#: What MuJoCo counts when a state is not finite or grows without bound; it then begins anew by itself.
+_UNSTABLE: Final = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
 _ROBOT, _WORLD = 2, 1  # kinds of contact: the robot touches the world, and not itself
 _EVERY_ROBOT: Final = 0x7FFFFFFE  # of several, each of a kind of its own
 _TYRE: Final = " tyre"
@@ -308,3 +317,29 @@ def _told(axes: Mapping[str, AxisSettings], motors: Mapping[str, Motor], ground:
         told = ", ".join(f"{name} {motors[name].rated_torque:.3g} Nm" for name in guessed)
         lines.append(f"rated torques are estimated: {told}")
     return lines
+
+
+def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Let everything sink onto the floor before the first step that counts.
+
+    ConfigError where forces grow without bound: a robot is inside a solid, or its masses are far apart.
+    """
+    mujoco.set_mju_user_warning(_Warnings())
+    mujoco.mj_step(model, data, _SETTLE_STEPS)
+    if any(data.warning[kind].number for kind in _UNSTABLE):
+        raise ConfigError(
+            "the simulation is unstable from the start: a robot begins inside something solid, or a link has next to "
+            "no mass or inertia; move the start of the robot (x, y, heading) or the solid, and check the masses"
+        )
+
+
+class _Warnings:
+    """Logs the first warning of MuJoCo, which would repeat it each step and write MUJOCO_LOG.TXT into this folder."""
+
+    def __init__(self) -> None:
+        self._logged = False
+
+    def __call__(self, text: str) -> None:
+        if not self._logged:
+            self._logged = True
+            _LOG.warning("MuJoCo: %s", text)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import mujoco
 import numpy as np
 
+from canopen_control.physics.body_model import settle
 from canopen_control.physics.joint_servo import JointPlant
 from canopen_control.physics.world_shapes import patches_of, shapes_of
 
@@ -34,7 +35,6 @@ _SHAFT_NS: Final = 5_000_000  # and where encoders show them
 _LOOK: Final = 16  # steps between two looks whether all is at rest, and at the heading
 _REST_S: Final = 0.5
 _AT_REST: Final = 1e-3  # rad/s, m/s
-_SETTLE_STEPS: Final = 300
 
 
 class PhysicsWorld:
@@ -75,7 +75,7 @@ class PhysicsWorld:
         places = [place for robot in self._robots.values() for place in robot.body.joints.values()]
         for place in places:
             self.set_lock(place, True)
-        mujoco.mj_step(self.model, self.data, _SETTLE_STEPS)
+        settle(self.model, self.data)
         for place in places:
             self.set_lock(place, False)
         self.data.time = 0.0

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from canopen_control.errors import ControlError, nearest
-from canopen_control.physics.body_model import alone, prepared, read_spec
+from canopen_control.physics.body_model import alone, prepared, read_spec, settle
 from canopen_control.physics.disturbances import Disturbances
 from canopen_control.physics.joint_servo import ServoLoop
 from canopen_control.physics.lidar_scan import LidarScanner
@@ -45,7 +45,6 @@ _STEP_S: Final = 0.001
 _SCALE: Final = 1e6  # counts for each rad of an encoder without grain
 _LONGEST_NS: Final = 200_000_000  # that one cycle may ask for; more has been lost, as on a machine that slept
 _LEAD: Final = 0.2  # rad or m that a velocity may run ahead of a joint that is held up
-_SETTLE_STEPS: Final = 300
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
@@ -197,7 +196,7 @@ class SimulatedRobot:
         self._reader = SensorReader(self.model, self.data, self._sensors)
         self._seen: dict[str, float] = {}
         self.lidars: list[LidarScanner] = []
-        mujoco.mj_step(self.model, self.data, _SETTLE_STEPS)
+        settle(self.model, self.data)
         self.data.qvel[:] = 0.0
         for place in body.joints.values():
             self.data.qpos[place.qpos] = self.model.qpos0[place.qpos]

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from support.physicsbench import MS, ROBBY, Axes, S, pendulum, robby, world_of
 from support.properties import examples
 
+from canopen_control.errors import ConfigError
 from canopen_control.virtual.trajectory import ramp_to
 
 RADIUS = 0.035
@@ -31,6 +32,17 @@ def driven(folder, **look):
         axes.cruise(node, speed)
         axes.go(0.2, **look)
     return axes
+
+
+def test_a_robot_inside_something_solid_is_refused_and_nothing_is_written(tmp_path, monkeypatch, caplog):
+    monkeypatch.chdir(tmp_path)
+    box = "<geometry><box><size>1e9 1e9 1e9</size></box></geometry>"
+    model = f"<model name='m'><static>true</static><link name='l'><collision name='c'>{box}</collision></link></model>"
+    (tmp_path / "hall.sdf").write_text(f"<sdf version='1.9'><world name='hall'>{model}</world></sdf>")
+    with pytest.raises(ConfigError, match="unstable from the start: a robot begins inside something solid"):
+        robby(tmp_path, ROBBY + f"world: {tmp_path / 'hall.sdf'}\n")
+    assert len(caplog.records) == 1
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
 
 def test_a_base_drives_as_far_as_its_wheels_turn(tmp_path):
