@@ -69,6 +69,42 @@ def test_its_lifecycle_follows_the_numbers_of_transitions_from_the_states_that_i
         assert proxies.call("/lifecycle_manager/change_state", "lifecycle_msgs/srv/ChangeState", **change)["success"]
 
 
+def changed(scene, *labels):
+    for label in labels:
+        change = {"transition": {"id": 0, "label": label}}
+        assert scene.call("/lifecycle_manager/change_state", "lifecycle_msgs/srv/ChangeState", **change)["success"], (
+            label
+        )
+
+
+def test_it_is_configured_and_cleaned_up_without_being_activated(proxies):
+    changed(proxies, "configure", "cleanup")
+
+
+def test_what_is_written_while_it_is_active_is_there_when_it_is_active_again(proxies):
+    devices = ("proxy_device_1", "proxy_device_2")
+    changed(proxies, "configure", "activate")
+    for node in devices:
+        assert proxies.call(f"/{node}/sdo_write", WRITE, index=0x4000, data=100) == {"success": True}
+        assert proxies.call(f"/{node}/sdo_read", READ, index=0x4000) == {"success": True, "data": 100}
+    changed(proxies, "deactivate", "cleanup", "configure", "activate")
+    for node in devices:
+        assert proxies.call(f"/{node}/sdo_read", READ, index=0x4000) == {"success": True, "data": 100}
+    changed(proxies, "deactivate", "cleanup")
+
+
+def test_process_data_goes_out_in_a_cycle_of_the_lifecycle(proxies):
+    changed(proxies, "configure", "activate")
+    topic = "/proxy_device_1/tpdo"
+    for value in (200, 0):
+        proxies.peer.order("publish", topic=topic, of=DATA, data={"index": 0x4000, "data": value}, rate=20)
+        assert ros.eventually(
+            lambda wanted=value: proxies.call("/proxy_device_1/sdo_read", READ, index=0x4000)["data"] == wanted
+        )
+        proxies.peer.order("silence", topic=topic)
+    changed(proxies, "deactivate", "cleanup")
+
+
 @pytest.mark.parametrize("node", ["proxy_device_1", "proxy_device_2"])
 def test_objects_of_every_width_are_read_and_written(proxies, node):
     call = proxies.call
@@ -138,3 +174,31 @@ def test_a_drive_has_the_services_of_a_drive_below_its_namespace(drive):
     assert call(f"{name}/recover") == DONE
     assert call(f"{name}/disable") == DONE
     assert call(f"{name}/target", TARGET, target=0.5) == {"success": False}
+
+
+@pytest.fixture(scope="module")
+def controlled(tmp_path_factory):
+    with running(tmp_path_factory.mktemp("controlled"), "robot_control") as scene:
+        yield scene
+
+
+def test_a_drive_below_a_controller_is_read_by_its_own_service(controlled):
+    device_type = {"success": True, "data": 0x60192}
+    for node in ("joint_1", "joint_2"):
+        assert controlled.call(f"/{node}/sdo_read", READ, index=0x1000) == device_type
+
+
+def test_a_forward_controller_moves_the_drives_on_its_topic_and_its_bare_name_is_none(controlled):
+    states, numbers = "/joint_states", "std_msgs/msg/Float64MultiArray"
+    controlled.peer.order("subscribe", topic=states, of="sensor_msgs/msg/JointState")
+
+    def places():
+        told = controlled.peer.message(states)
+        return dict(zip(told["name"], told["position"], strict=True))
+
+    publish = {"of": numbers, "rate": 20}
+    controlled.peer.order("publish", topic="/forward_position_controller", data={"data": [2.0, 0.0]}, **publish)
+    topic = "/forward_position_controller/commands"
+    controlled.peer.order("publish", topic=topic, data={"data": [1.0, 0.0]}, **publish)
+    assert ros.eventually(lambda: places()["joint1"] == pytest.approx(1.0, abs=0.01)), str(controlled.robot)
+    assert places()["joint2"] == pytest.approx(0.0, abs=0.01)

@@ -43,5 +43,7 @@ def write_peer_files(folder, name):
         config.mkdir()
         shutil.copy(_DATA / f"{name}.yml", config / "bus.yml")
     (config / "simple.eds").write_text(eds_of("simple.eds", _OBJECTS, _RECORDS))
-    shutil.copy(data_path("eds", drive), config / "cia402_slave.eds")
+    text = data_path("eds", drive).read_text()
+    # the device type that their tests expect: servo drive and stepper at once, CiA 402-2
+    (config / "cia402_slave.eds").write_text(text.replace("DefaultValue=0x00020192", "DefaultValue=0x60192"))
     return config
