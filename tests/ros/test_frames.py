@@ -6,6 +6,7 @@ import time
 import pytest
 from support import ros
 from support.ros import Peer, bridge
+from support.tf_buffer import TransformBuffer, stamp_ns
 
 pytestmark = pytest.mark.ros
 URDF = """<robot name="fake"><link name="base"/><link name="camera"/><link name="wheel"/>
@@ -44,6 +45,7 @@ def test_fixed_joints_are_kept_for_who_comes_later(scene):
     (camera,) = peer.message("/tf_static")["transforms"]
     assert (camera["header"]["frame_id"], camera["child_frame_id"]) == ("two/base", "two/camera")
     assert camera["transform"]["translation"] == {"x": 0.0, "y": 0.0, "z": 0.5}
+    peer.order("unsubscribe", topic="/tf_static")
 
 
 def test_a_joint_that_moves_is_published_with_the_time_of_the_sample(scene):
@@ -91,6 +93,46 @@ def test_odometry_and_the_limited_twist_are_in_the_frames_of_the_transforms(scen
 
     assert ros.eventually(told)
     assert frames == {"odom": ("two/odom", "two/base"), "cmd_vel_out": ("two/base", None)}
+
+
+def test_every_odometry_is_found_in_the_transforms_and_so_is_each_link_at_its_time(scene):
+    robot, peer = scene
+    robot.switch(base="active", joint_state_broadcaster="active")
+    buffer, told = TransformBuffer(), []
+    peer.order("subscribe", topic="/tf_static", of=TYPE, qos="latched")
+    buffer.take(peer.message("/tf_static"), fixed=True)
+    peer.order("subscribe", topic="/two/base/odom", of="nav_msgs/msg/Odometry")
+    peer.waiting("/tf")
+    for number in range(25):
+        robot.time = 1_700_000_100.0 + number / 16
+        turned = {"x": 0.1 * number, "heading": 0.2 * number, "time": robot.time}
+        robot.samples = {"base": {**ODOMETRY, **turned}}
+        told.append(
+            peer.message("/two/base/odom", lambda message, at=robot.time: ros.stamp_of(message) == round(at, 2))
+        )
+    last = stamp_ns(told[-1]["header"])
+
+    def after_the_last():
+        for message in peer.waiting("/tf"):
+            buffer.take(message)
+        return buffer.reaches("two/wheel") > last
+
+    assert ros.eventually(after_the_last)
+    for message in told:
+        odom, base, now = message["header"]["frame_id"], message["child_frame_id"], stamp_ns(message["header"])
+        pose = message["pose"]["pose"]
+        place, turn = buffer.lookup(odom, base, now)
+        assert place == pytest.approx([pose["position"][axis] for axis in "xyz"])
+        assert turn == pytest.approx([pose["orientation"][axis] for axis in "xyzw"])
+        assert buffer.lookup(odom, "two/camera", now)[0] == pytest.approx((place[0], place[1], 0.5))
+        assert buffer.lookup(odom, "two/wheel", now)[0] == pytest.approx(place)
+        assert buffer.lookup("two/camera", "two/wheel", now)[0] == pytest.approx((0.0, 0.0, -0.5))
+    for topic in ("/tf_static", "/two/base/odom"):
+        peer.order("unsubscribe", topic=topic)
+    with pytest.raises(LookupError, match="frame odom does not exist"):
+        buffer.lookup("odom", "two/base", last)
+    with pytest.raises(LookupError, match="extrapolation"):
+        buffer.lookup("two/odom", "two/base", 4_000_000_000_000_000_000)
 
 
 @pytest.mark.parametrize(
