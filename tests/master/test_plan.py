@@ -217,6 +217,18 @@ def test_guarding_that_bus_yml_asks_for_goes_before_a_heartbeat_of_the_file(tmp_
     assert any("0x1017:00 = 0x64 from" in note for note in notes)
 
 
+@pytest.mark.parametrize(
+    ("guarded", "words"), [(True, "give it guard_time"), (False, "no node guarding (0x100C, 0x100D)")]
+)
+def test_guarding_is_advised_only_where_the_node_has_it(tmp_path, guarded, words):
+    text = data_path("eds", "generic_cia402.eds").read_text().replace("[1017]", "[5017]")
+    text = text if guarded else text.replace("[100C]", "[500C]").replace("[100D]", "[500D]")
+    (tmp_path / "silent.eds").write_text(text)
+    _, notes, _ = read_plan(tmp_path, dcf="silent.eds")
+    (told,) = [note for note in notes if "nobody notices when this node dies" in note]
+    assert words in told
+
+
 def test_what_a_device_beats_without_end_is_watched_instead_of_guarding(tmp_path):
     head, _, rest = (EDITS / "guardhb.eds").read_text().partition("[1017]\n")
     _, _, rest = rest.partition("\n\n")
