@@ -66,7 +66,7 @@ def test_without_names_the_predefined_connection_set_is_shown(log, capsys):
     assert main(["trace", "--file", log, "--id", "183", "--count", "1"]) == 0
     out, err = capsys.readouterr()
     assert "node 3    TPDO1         mapping unknown" in out
-    assert "no names: give the robot" in err
+    assert "object names are unknown: give ROBOT, --name or --eds" in err
 
 
 def test_a_file_that_breaks_off_is_shown_and_said(tmp_path, capsys):

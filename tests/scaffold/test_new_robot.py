@@ -31,7 +31,7 @@ def module(node_id):
     ],
 )
 def test_a_name_that_cannot_be_one_comes_with_one_that_can(name, better):
-    with pytest.raises(RobotConfigError, match=f"no name for a robot.*call it '{better}'"):
+    with pytest.raises(RobotConfigError, match=f"not a valid robot name.*such as '{better}'"):
         plan_robot(name, [device(2)])
 
 

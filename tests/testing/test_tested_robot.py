@@ -28,7 +28,7 @@ def test_names_that_nobody_has_are_refused_with_those_there_are(robot):
 
 
 def test_a_condition_that_never_comes_is_told_with_the_last_events(robot):
-    with pytest.raises(AssertionError, match=r"within 0\.1 s; the last events: .*runs"):
+    with pytest.raises(AssertionError, match=r"condition not met within 0\.1 s; last events: .*runs"):
         robot.until(lambda: False, timeout=0.1)
 
 
