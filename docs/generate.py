@@ -158,7 +158,7 @@ def bus_yml() -> str:
         "The format is that of ros2_canopen, read at the start. A file has the parts `options`, `master`, `defaults` "
         "and `nodes`; instead of `nodes` nodes may stand at the top, as older files have it. A node's own keys win "
         "over `defaults`. A robot folder may hold more buses in files `bus_NAME.yml`, all with one SYNC period. "
-        "`canopen-control check ROBOT` tells every mistake with its line.\n",
+        "`canopen-control check ROBOT` reports every error with its line.\n",
     ]
     for title, cls, unused in sections:
         text += [f"## {title}\n", _keys(cls, BUS_YML[title], unused)]
@@ -225,7 +225,7 @@ def controllers() -> str:
     )
     text = [
         "# Controllers and their parameters\n",
-        "Names, defaults and meaning are those of ros2_controllers. `ros2 param describe` tells them too.\n",
+        "Names, defaults and meaning are those of ros2_controllers. `ros2 param describe` prints them too.\n",
         "## The controller manager\n",
         _keys(ManagerParams, CONTROLLERS["ManagerParams"], {}),
     ]
@@ -333,7 +333,7 @@ def import_table() -> str:
                 assert isinstance(value, ast.Tuple)
                 rows.append(f"| `{key.value}` | {_ours(value.elts[0])} | {_outside(value.elts[1])} |")
     head = "# Who may import whom\n\nThe test of the layers holds this table; `errors` and `frame` are everybody's.\n\n"
-    return head + _table("| room | of ours | from outside |", rows)
+    return head + _table("| subpackage | may import | from outside |", rows)
 
 
 def _ours(node: ast.expr) -> str:
@@ -369,9 +369,9 @@ the description says `<param name="holds_load">true</param>`, because its load w
 
 _DRIVE_INTENT = """## Below it: what is wanted of the drive
 
-The chart tells the drive's state machine (`canopen_control/cia402/drive.py`) to enable, to disable, to stop. What is
+The chart commands the drive's state machine (`canopen_control/cia402/drive.py`) to enable, to disable, to stop. What is
 wanted, together with what is still on its way to the drive, is one of these intents; the table is
-`canopen_control/cia402/intent.py`. Only an enable leads to the goal ENABLED. Two orders stand beside it, and change no
+`canopen_control/cia402/intent.py`. Only an enable leads to the goal ENABLED. Two orders are independent of it, and change no
 intent: `hold` keeps a drive before OPERATION_ENABLED until its group may rise, `halt` sends bit 8 to an enabled one.
 """
 

@@ -33,7 +33,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "begins the cycle, and its RPDOs have a whole period to arrive, which is when drives act on them. A cycle that "
         "follows another's SYNC comes an eighth of a period after it, with `last` half a one. `auto`: `last` for a "
         "SYNC of the master, `first` for that of others",
-        "sync_producer": "who sends SYNC: the `master`; the `kernel`, where the channel is a SocketCAN interface, else "
+        "sync_producer": "sender of SYNC: the `master`; the `kernel`, where the channel is a SocketCAN interface, else "
         "the master; `other`, a node of the bus; `auto`: the kernel where a joint is commanded in CSP or CSV, its "
         "drive watches the master, and `sync_order` is not `last`. The cycle follows the SYNC of others",
         "heartbeat_multiplier": "as in `options`, for the nodes of this bus",
@@ -47,7 +47,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "dcf_path": "where its file is sought first",
         "vendor_id": "the vendor that 0x1018:01 must show; 0: any; absent: that of the EDS",
         "product_code": "the product that 0x1018:02 must show; 0: any; absent: that of the EDS",
-        "revision_number": "the revision that 0x1018:03 must show; 0: any; absent: one unlike the EDS is told",
+        "revision_number": "the revision that 0x1018:03 must show; 0: any; absent: a difference to the EDS is reported",
         "serial_number": "the serial number that 0x1018:04 must show; 0: any",
         "heartbeat_multiplier": "as in `options`, for this node and for what it grants the master",
         "heartbeat_consumer": "the drive watches the master (0x1016) and stops without it; absent: where it can",
@@ -76,7 +76,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "position_mode": "mode of operation for a position interface: 1 profile position, 7 interpolated, 8 cyclic",
         "velocity_mode": "for a velocity interface: 2 velocity, 3 profile velocity, 9 cyclic",
         "effort_mode": "for an effort interface: 4 profile torque, 10 cyclic",
-        "feed_forward": "what is mapped beside the target position: `velocity` 0x60B1, `effort` 0x60B2; sent where the "
+        "feed_forward": "objects mapped in addition to the target position: `velocity` 0x60B1, `effort` 0x60B2; sent where the "
         "controller of a position in CSP commands it too",
         "torque_mode": "another word for `effort_mode`",
         **_UNITS,
@@ -84,7 +84,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "counts_per_revolution": "device units per turn of the motor: instead of the four scales",
         "gear_ratio": "motor turns per turn of the joint, a number or [motor turns, joint turns]",
         "reversed": "the motor turns against the joint",
-        "guesses": "the keys whose values nobody has measured yet: `init` writes it, `check` names them",
+        "guesses": "the keys whose values have not been measured yet: `init` writes it, `check` names them",
         "homing_timeout_seconds": "s that homing may take",
         "recovery": "how far a node that comes back goes by itself: booted, or enabled again too",
         "missed_syncs": "SYNCs without its TPDOs until its feedback is stale and the robot stops; on `local:` and "
@@ -97,7 +97,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "anything else, by the EDS where it says nothing; Lifecycle: with lifecycle services in ROS",
         "profile": "the device profile (401 I/O, 402 drive, 404 measuring, 406 encoder, 410 inclinometer, 418 battery) "
         "where its file says a wrong one; absent: a drive has 0x6040 and 0x6041, else 0x1000 says it, else the objects",
-        "signals": "signals of the device in units, beside and before those of its profile",
+        "signals": "signals of the device in units, in addition to those of its profile, and before them",
         "namespace": "of its topics and services in ROS",
         "remappings": "of its topics and services in ROS",
         "channel_names": "names of the axes, for the services of each in ROS",
@@ -127,7 +127,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "offset": "units that are added",
         "unit": "the name of the unit, for people",
         "invalid": "raw numbers that stand for no value, and are shown as nan",
-        "max_rate": "units per second that an input can change by: what changes faster has jumped, is told, and is nan "
+        "max_rate": "units per second that an input can change by: a faster change is a jump, is reported, and is nan "
         "until the node's next boot",
         "safe": "of an output: its value when the master is gone (0x6207 and its like), or `keep`; absent: 0",
     },

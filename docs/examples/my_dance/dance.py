@@ -8,21 +8,21 @@ from canopen_control import CommonParams, Controller, Params, ReturnType
 
 @dataclass(frozen=True)
 class DanceParams(CommonParams):
-    """What stands in ros2_controllers.yaml: a joint, and its highest speed in rad/s."""
+    """Parameters in ros2_controllers.yaml: the joint and its maximum speed in rad/s."""
 
     joint: str = ""
     speed: float = 5.0
 
 
 class Dance(Controller):
-    """One velocity interface, commanded by a sine of the cycle's time."""
+    """Commands one velocity interface with a sine wave."""
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; mistakes are told with file and line."""
+        """Read the parameters; errors are reported with file and line."""
         self.params = params.read(DanceParams)
 
     def command_interface_names(self) -> list[str]:
-        """Return what it claims when it is activated."""
+        """Return the command interfaces to claim on activation."""
         return [f"{self.params.joint}/velocity"]
 
     def update(self, now: int, period: float) -> ReturnType:

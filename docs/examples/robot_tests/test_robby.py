@@ -22,7 +22,7 @@ def test_a_command_that_nobody_renews_runs_out(robot):
 
 
 def test_both_wheels_stop_when_the_left_drive_dies(robot, drives):
-    robot.command(FORWARD, 5.0, 5.0, seconds=5.0)
+    robot.command("robby_forward_controller", 5.0, 5.0, seconds=5.0)
     robot.run(1.0)
     drives["left_drive"].power_off()
     assert robot.until(lambda: robot.state == "fault") <= 0.6  # five heartbeats of 100 ms
