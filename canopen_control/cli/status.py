@@ -5,7 +5,9 @@ Exit codes: 0 good; 1 the robot does not answer; 2 wrong usage, or no robot runs
 
 from __future__ import annotations
 
+import os
 import sys
+import textwrap
 from typing import TYPE_CHECKING
 
 from canopen_control.cia402.modes import INTERFACE_MODES
@@ -29,6 +31,7 @@ RATE = 5.0  # Hz of the live table
 PLAIN_RATE = 1.0  # Hz where it is printed line by line
 _COLUMNS = ("node", "NMT", "CiA 402", "joint", "target", "actual rad/s", "position rad", "age ms")
 
+_EXPENDABLE = ("age ms", "NMT")  # columns that a narrow terminal hides first
 _TRACKING = ("tracking error", "max", "RMS", "max since enable", "RMS since enable", "repeated", "skipped")
 
 _ENDS = ("stopping", "stopped")
@@ -65,8 +68,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def render(state: Snapshot) -> list[str]:
-    """Return the table of one sample: a line of the robot, then a line for each axis."""
+def render(state: Snapshot, width: int | None = None) -> list[str]:
+    """Return the table of one sample, at most `width` columns wide: a line of the robot, then one for each axis."""
     cycle = state.cycle
     head = f"{state.state}, cycle {cycle.count} of {1e3 * cycle.period_s:g} ms, {cycle.missed} missed"
     table = Table(_COLUMNS)
@@ -75,14 +78,24 @@ def render(state: Snapshot) -> list[str]:
             table.add(_row(name, node, axis, state.joints.get(axis.joint)))
     for name, joint in () if state.nodes else state.joints.items():
         table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock, or simulated
+    alone = bool(state.nodes) and all(len(node.axes) <= 1 for node in state.nodes.values())  # the node names the axis
+    rows = table.lines(width, (*_EXPENDABLE, *(("joint",) if alone else ()), "position rad"))
     held = [state.hint] if state.hint else []
     active = ", ".join(state.active) or "none"
     truth = [] if state.true_pose is None else [state.true_pose.words]
-    below = [*_tracking(state), *_errors(state).values(), *_unsupervised(state), *_void_outputs(state)]
-    return [f"{head}, active: {active}", *held, *truth, *table.lines(), *below]
+    above = _wrapped([f"{head}, active: {active}", *held, *truth], width)
+    below = _wrapped([*_errors(state).values(), *_unsupervised(state), *_void_outputs(state)], width)
+    return [*above, *rows, *_tracking(state, width), *below]
 
 
-def _tracking(state: Snapshot) -> list[str]:
+def _wrapped(lines: list[str], width: int | None) -> list[str]:
+    """Return lines of at most `width` columns; what goes on in the next line is indented."""
+    if width is None:
+        return lines
+    return [part for line in lines for part in textwrap.wrap(line, width, subsequent_indent="    ")]
+
+
+def _tracking(state: Snapshot, width: int | None) -> list[str]:
     """Return how well the joints follow, as far as any has moved under command."""
     table = Table(_TRACKING)
     known = [(name, joint.tracking) for name, joint in state.joints.items() if joint.tracking is not None]
@@ -91,7 +104,7 @@ def _tracking(state: Snapshot) -> list[str]:
         errors = each.error_max, each.error_rms, each.error_max_since_enable, each.error_rms_since_enable
         numbers = [f"{error:.2g} {unit}" for error in errors]
         table.add((name, *numbers, f"{each.repeated}", f"{each.skipped}"))
-    return table.lines() if known else []
+    return table.lines(width, ("max", "RMS")) if known else []
 
 
 def _errors(state: Snapshot) -> dict[str, str]:
@@ -180,6 +193,7 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
     live = sys.stdout.isatty() and not as_json
     robot.ask(Subscribe(state_rate=PLAIN_RATE if not (live or as_json) else RATE, events=True))
     height = 0
+    size: os.terminal_size | None = None
     ended = False
     try:
         for message in robot.messages(None):
@@ -189,8 +203,10 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
             if as_json:
                 print(json_line(message), flush=True)
                 continue
-            lines = render(message)
+            former, size = size, _terminal_size() if live else None
+            lines = render(message) if size is None else _within(render(message, size.columns), size.lines - 1)
             up = f"\x1b[{height}A" if live and height else ""
+            up = "\x1b[H\x1b[2J" if former is not None and former != size else up  # resized: rows have moved
             end = "\x1b[K\n" if live else "\n"
             print(up + end.join(lines) + end + ("\x1b[J" if live else ""), end="", flush=True)
             height = len(lines)
@@ -200,3 +216,21 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
         if not ended:  # it has died, and the last sample is no longer true
             print(f"canopen-control: {error}", file=sys.stderr)
     return 0
+
+
+def _terminal_size() -> os.terminal_size:
+    try:
+        size = os.get_terminal_size(sys.stdout.fileno())
+    except (OSError, ValueError):
+        size = os.terminal_size((0, 0))
+    return size if size.columns > 0 and size.lines > 1 else os.terminal_size((80, 24))
+
+
+def _within(lines: list[str], height: int) -> list[str]:
+    """Return at most `height` lines; the last one says how many are left out."""
+    if len(lines) <= height:
+        return lines
+    return [
+        *lines[: height - 1],
+        f"... {len(lines) - height + 1} more lines: a higher terminal, or canopen-control status",
+    ]

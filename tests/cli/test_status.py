@@ -1,5 +1,7 @@
 import contextlib
 import math
+import os
+import re
 from types import SimpleNamespace
 
 import pytest
@@ -160,3 +162,73 @@ def test_how_well_joints_follow_stands_below_those_that_have_moved():
     place = next(number for number, line in enumerate(lines) if line.startswith("tracking error"))
     said = "left_wheel_joint 0.0012 rad 0.0004 rad 0.02 rad 0.001 rad 2 1"
     assert lines[place + 1].split() == said.split()
+
+
+TWO_AXES = [{"joint": f"{side}_wheel_joint", "cia402_state": "QUICK_STOP_ACTIVE"} for side in ("left", "right")]
+
+
+@pytest.mark.parametrize("axes", [TWO_AXES[:1], TWO_AXES])
+@pytest.mark.parametrize("width", [40, 80, 100, 200])
+def test_nothing_is_wider_than_the_terminal_and_hidden_columns_are_named(axes, width):
+    node = {**STATE["nodes"]["left_drive"], "axes": axes, "error": "EMCY 0x4310: the drive is too hot " * 4}
+    joints = {axis["joint"]: STATE["joints"]["left_wheel_joint"] for axis in axes}
+    wide, lines = (
+        render(sample_of({**STATE, "nodes": {"left_drive": node}, "joints": joints}), each) for each in (None, width)
+    )
+    assert max(map(len, lines)) <= width
+    shown = " ".join(lines)
+    for heading in ("node", "NMT", "CiA 402", "joint", "target", "actual rad/s", "position rad", "age ms"):
+        assert heading in shown or width == 40, heading
+    if width == 200:
+        assert [line for line in lines if "EMCY" not in line] == [line for line in wide if "EMCY" not in line]
+
+
+class Screen:
+    """A terminal of some size, as far as a redraw needs one: rows that were written, and where it writes next."""
+
+    def __init__(self, columns, lines):
+        self.columns, self.lines = columns, lines
+        self.rows, self.at = [], 0
+
+    def isatty(self):
+        return True
+
+    def fileno(self):
+        return 1
+
+    def flush(self):
+        pass
+
+    def write(self, text):
+        for up, what in re.findall(r"\x1b\[(\d+)A|([^\n\x1b]*)\n", re.sub(r"\x1b\[[KJ]", "", text)):
+            if up:
+                self.at -= int(up)
+                continue
+            for start in range(0, max(len(what), 1), self.columns):
+                self.rows[self.at : self.at + 1] = [what[start : start + self.columns]]
+                self.at += 1
+
+
+def test_a_watch_on_a_terminal_of_80_by_24_stands_where_it_stood(monkeypatch):
+    nodes = {
+        f"drive_{number}": {**STATE["nodes"]["left_drive"], "node_id": number, "error": "EMCY 0x4310 " * 9}
+        for number in range(2, 12)
+    }
+
+    class Robot:
+        def ask(self, _request):
+            return Done()
+
+        def messages(self, _timeout):
+            for _ in range(3):
+                yield sample_of({**STATE, "nodes": nodes})
+            raise RemoteError("BusClosed", "robot gone has closed the connection")
+
+    screen = Screen(80, 24)
+    monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(Robot()))
+    monkeypatch.setattr("sys.stdout", screen)
+    monkeypatch.setattr("os.get_terminal_size", lambda _descriptor: os.terminal_size((80, 24)))
+    assert main(["status", "--watch"]) == 0
+    assert len(screen.rows) == screen.at == 23
+    assert screen.rows[0].startswith("running, cycle 7")
+    assert "more lines" in screen.rows[-1]

@@ -183,13 +183,29 @@ class Table:
         """Append a row of as many cells as there are headings."""
         self._rows.append(row)
 
-    def lines(self) -> list[str]:
-        """Return the finished lines, the headings first."""
-        widths = [max(len(row[column]) for row in self._rows) for column in range(len(self._rows[0]))]
-        return [
-            "  ".join(_cell(text, width) for text, width in zip(row, widths, strict=True)).rstrip()
-            for row in self._rows
-        ]
+    def lines(self, width: int | None = None, expendable: Sequence[str] = ()) -> list[str]:
+        """Return the finished lines, the headings first.
+
+        Of a table that is wider than `width` the `expendable` columns are hidden in their order, until it fits; a last
+        line names them. What is too wide even then is cut.
+        """
+        rows, hidden = self._rows, list[str]()
+        lines = _aligned(rows)
+        for heading in expendable if width is not None else ():
+            if max(map(len, lines)) <= (width or 0):
+                break
+            hidden.append(heading)
+            keep = [column for column, text in enumerate(self._rows[0]) if text not in hidden]
+            rows = [[row[column] for column in keep] for row in self._rows]
+            lines = _aligned(rows)
+        if hidden:
+            lines.append(f"(a wider terminal shows: {', '.join(hidden)})")
+        return lines if width is None else [line[:width] for line in lines]
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return ["  ".join(_cell(text, width) for text, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _cell(text: str, width: int) -> str:
