@@ -62,6 +62,11 @@ _TABLES: Final = ("identifiers", "drive")
 _DRIVE_TAB: Final = "tab-drive"
 _OBJECT_WORDS: Final = "search objects: 0x6081, 0x60*, velocity; several with commas; empty: everything"
 _SET_WORDS: Final = "an object and its value, as in 0x6081=1000"
+_KEYS: Final = """space STOP, r release; q quit
+e d f enable, disable, fault-reset the chosen drive; E D F all drives
+1 to 5 the tabs, Tab the next table, left and right its other columns
+/ filter, Escape leaves it; p pauses the frames
+w work with the drive, u undo, x end the work"""
 _FRAME_TABS: Final = ("tab-identifiers", "tab-trace")
 _LATE_S: Final = 0.9 * PERIOD_S
 
@@ -74,6 +79,7 @@ class MonitorApp(App[None]):
     ENABLE_COMMAND_PALETTE = False
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "stop", "STOP", priority=True),
+        Binding("question_mark", "keys", "Keys"),
         Binding("q", "quit", "Quit"),
         Binding("r", "release", "Release"),
         Binding("e", "axis('enable')", "Enable"),
@@ -125,7 +131,7 @@ class MonitorApp(App[None]):
             for number, name in enumerate(_TABS, 1):
                 with TabPane(f"{number} {name}", id=f"tab-{name}"):
                     yield {"identifiers": self._frames, "drive": self._drive}.get(name) or self._logs[name]
-        yield Footer()
+        yield Footer(compact=True)
 
     def on_mount(self) -> None:
         """Begin to listen and to draw."""
@@ -245,6 +251,10 @@ class MonitorApp(App[None]):
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002 - textual's
         """Hide what a source that only listens cannot do."""
         return self.source.can_command or action not in _COMMANDS
+
+    def action_keys(self) -> None:
+        """Show every key; a narrow terminal has no room for all of them in the last line."""
+        self.notify(_KEYS, title="Keys", timeout=20, markup=False)
 
     def action_stop(self) -> None:
         """Ramp to zero, disable, and latch."""

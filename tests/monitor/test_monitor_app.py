@@ -1,5 +1,6 @@
 import asyncio
 import html
+import re
 import threading
 
 import pytest
@@ -718,3 +719,24 @@ def test_who_only_listens_does_nothing_with_a_drive():
         assert not app.query_one("#works").display
 
     on_screen(check, FakeSource(can_command=False))
+
+
+def test_every_key_is_reached_on_a_narrow_terminal_and_the_tables_show_their_other_columns():
+    async def check(app, pilot, _source):
+        await pilot.press("question_mark")
+        await pilot.pause()
+        (notice,) = app._notifications
+        assert notice.title == "Keys"
+        named = set(re.findall(r"\w+|/", notice.message))
+        keys = {"question_mark": "?", "slash": "/", "escape": "Escape"}
+        for binding in MonitorApp.BINDINGS:
+            key = keys.get(binding.key, binding.key)
+            assert key in {*named, "?", "2", "3", "4", "ctrl+c"}, key
+        drives = app.query_one("#drives")
+        assert drives.virtual_size.width > drives.size.width
+        drives.focus()
+        await pilot.press("right")
+        await pilot.pause()
+        assert drives.scroll_target_x > 0
+
+    on_screen(check, size=(60, 24))
