@@ -76,7 +76,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "position_mode": "mode of operation for a position interface: 1 profile position, 7 interpolated, 8 cyclic",
         "velocity_mode": "for a velocity interface: 2 velocity, 3 profile velocity, 9 cyclic",
         "effort_mode": "for an effort interface: 4 profile torque, 10 cyclic",
-        "feed_forward": "objects mapped in addition to the target position: `velocity` 0x60B1, `effort` 0x60B2; sent where the "
+        "feed_forward": "objects mapped with the target position: `velocity` 0x60B1, `effort` 0x60B2; sent where the "
         "controller of a position in CSP commands it too",
         "torque_mode": "another word for `effort_mode`",
         **_UNITS,

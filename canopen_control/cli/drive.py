@@ -114,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
     if args.status:
         return _tell_status(args)
     if args.json:
-        raise ConfigError("--json is for drive --status; what happens to drives that run is told in lines")
+        raise ConfigError("--json is for drive --status; running drives print their events as lines")
     if args.eds is None:
         raise ConfigError("drive needs --eds FILE: which device it is; --status asks a drive that runs already")
     from canopen_control.virtual.launch import Options, run_drives

@@ -109,7 +109,7 @@ def _from_files(args: argparse.Namespace) -> list[Device]:
         missing = "--eds FILE" if not args.eds else "--node-id N"
         bundled = ", ".join(name for name in data_names("eds") if name.lower().endswith(".eds"))
         raise ConfigError(
-            f"{missing} is missing; give both, or --can CHANNEL for who is there (bundled EDS: {bundled})"
+            f"{missing} is missing; give both, or --can CHANNEL for the devices on it (bundled EDS: {bundled})"
         )
     if len(args.eds) not in (1, len(args.node_id)):
         raise ConfigError(

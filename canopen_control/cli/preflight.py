@@ -40,7 +40,7 @@ _MARKS = {True: "ok  ", False: "FAIL", None: "note"}
 _NOT_TURNED = "; it is not turned, and stays slow with --real"
 _WARNING = (
     "The next steps turn the motors. Lift the wheels off the ground, keep hands and cables away, and have the supply "
-    "within reach: STOP is no safety function."
+    "within reach: STOP is not a safety function."
 )
 
 

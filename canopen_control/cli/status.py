@@ -135,7 +135,7 @@ def _void_outputs(state: Snapshot) -> list[str]:
     """Return which outputs are as their devices have them, though they had been commanded otherwise."""
     return [
         f"  node {node.node_id} ({name}): void since it was lost, and not restored: {', '.join(node.void_outputs)}; "
-        "command them anew"
+        "command them again"
         for name, node in state.nodes.items()
         if node.void_outputs
     ]

@@ -54,7 +54,10 @@ class FirmwareTab:
 
     def _make_form(self) -> None:
         self._upload = FileUpload(
-            "Choose the program, as its maker gives it", self._take, lambda: self._refuse(_TOO_LONG), MOST_BYTES
+            "Choose the firmware file as supplied by the manufacturer",
+            self._take,
+            lambda: self._refuse(_TOO_LONG),
+            MOST_BYTES,
         )
         self._told = Html()
         with ui.element("div").classes("cc-row"):

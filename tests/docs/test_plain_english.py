@@ -1,0 +1,85 @@
+"""Words that a native reader stumbles over stand neither in the pages nor in the help nor on the page of the robot.
+
+Only words without a right use are here, each with what is written instead; "at least" or "way" are none of them.
+"""
+
+import argparse
+import ast
+import re
+
+import pytest
+from support.documents import README, ROOT, pages
+
+from canopen_control.cli.verbs import GROUPS, VERBS, overview, parser_of
+
+#: pattern -> what is written instead
+INSTEAD = {
+    r"\banew\b": "again, from the start",
+    r"\bmakers?\b": "manufacturer",
+    r"\bmend(s|ed|ing)?\b": "repair, clear",
+    r"\bwhoever\b": "any client",
+    r"\bhangs? on it\b": "the load",
+    r"\bfor who\b": "for users who",
+    r"\bseldom\b": "rarely",
+    r"\bwaited for for\b": "wait for",
+    r"\blets? go of\b": "release",
+    r"\b(the|a) house\b": "code layout",
+    r"\bis told\b(?! (to|apart))": "is reported",
+    r"\b(is|are) no safety function": "is not a safety function",
+    r"\bas of `": "same as for",
+}
+WORDS = re.compile("|".join(INSTEAD), re.IGNORECASE)
+#: how a message of the program begins that a page quotes, and whose words are the message's
+QUOTED = re.compile(r"^`.*`$", re.MULTILINE)
+
+
+def found(text):
+    """Return what is there of the list, with its surroundings."""
+    return [text[max(0, match.start() - 40) : match.end() + 20] for match in WORDS.finditer(text)]
+
+
+@pytest.mark.parametrize(
+    "path", [pytest.param(path, id=str(path.relative_to(ROOT))) for path in {README, *pages()} if path.stem != "seeds"]
+)
+def test_the_pages_have_none_of_them(path):
+    assert found(QUOTED.sub("", path.read_text(encoding="utf-8"))) == []
+
+
+def helps(parser):
+    """Yield the help of a parser and of its actions."""
+    yield parser.format_help()
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for each in action.choices.values():
+                yield from helps(each)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_help_has_none_of_them(verb):
+    assert [word for text in helps(parser_of(verb)) for word in found(" ".join(text.split()))] == []
+
+
+def test_the_overview_has_none_of_them():
+    assert found(overview(everything=True)) == []
+    assert all(GROUPS.values())
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "canopen_control" / "view").rglob("*.py")), ids=lambda path: path.name)
+def test_the_texts_of_the_page_have_none_of_them(path):
+    text = path.read_text(encoding="utf-8")
+    if not WORDS.search(text):
+        return
+    tree = ast.parse(text)
+    shown = {
+        id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)
+    }  # docstrings are for readers of code
+    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in shown]
+    assert [word for each in texts if isinstance(each, str) and " " in each for word in found(each)] == []
+
+
+def test_a_word_of_the_list_would_be_seen():
+    assert found("a transfer is begun anew by its maker") == [
+        "a transfer is begun anew by its maker",
+        "a transfer is begun anew by its maker",
+    ]
+    assert found("LSS tells them apart; a drive is told to stand; at least one way") == []
