@@ -170,6 +170,8 @@ class DriveMachine:
     def set_mode(self, mode: int) -> None:
         """Ask for a mode of operation; OPERATION_ENABLED, and every motion, waits until 0x6061 shows it.
 
+        A drive whose 0x6061 is 0 until it is enabled is enabled without, and its motion waits.
+
         Whether the drive has it (0x6502) was asked before: `modes.require_mode`.
         """
         if self.mode_request.ask(mode):
@@ -213,7 +215,7 @@ class DriveMachine:
     def waiting(self) -> bool:
         """Whether nothing but `hold` keeps the drive from being enabled by the next controlword."""
         ready = self.state is State.SWITCHED_ON or self.state is State.QUICK_STOP_ACTIVE
-        return ready and self.goal is Goal.ENABLED and self.mode_request.confirmed
+        return ready and self.goal is Goal.ENABLED and self.mode_request.may_enable
 
     @property
     def enabled(self) -> bool:
@@ -360,7 +362,7 @@ class DriveMachine:
         self._fire(IntentTrigger.LOST)
 
     def _supervise_mode(self, display: int | None, now: int) -> None:
-        event = self.mode_request.update(display, now)
+        event = self.mode_request.update(display, self.state is State.OPERATION_ENABLED, now)
         if event is None:
             return
         self._events.append(event)
@@ -376,7 +378,7 @@ class DriveMachine:
             self._fire(IntentTrigger.LOST if event.gave_up else IntentTrigger.ARRIVED)
 
     def _choose(self) -> Command | None:
-        may_enable = self.mode_request.confirmed and not self.held
+        may_enable = self.mode_request.may_enable and not self.held
         command = self._intent.choose(self.state, self.statusword, self.standstill, may_enable)
         if self.state is State.QUICK_STOP_ACTIVE and self._intent.waits:
             self._due = _AT_ONCE  # `standstill` is no input of update

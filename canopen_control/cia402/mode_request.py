@@ -3,6 +3,9 @@
 Law of this file: a mode is one only when the drive's display shows it. What is not confirmed in time goes back to the
 last mode that was, and has failed until somebody asks again. 0 is never asked for by itself. `TABLE` says what each
 trigger leads to; what has no row changes nothing.
+
+Some drives show 0, no mode, until they are enabled (ros-industrial/ros2_canopen, issue 444). Such a drive may be
+enabled in a mode that it has not shown; nothing but its targets at rest is sent before it shows the mode, in time.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ class ModeState(Enum):
 
     NONE = "nobody asked for a mode: the drive's own is right"
     ASKED = "a mode is asked for, and 0x6061 does not show it"
+    UNSHOWN = "the drive shows no mode while it is off: it may be enabled, and has to show the mode then"
     CONFIRMED = "0x6061 shows the mode that was asked for"
     REFUSED = "the mode was not confirmed in time, and there is none to go back to"
     RETURNING = "the mode was not confirmed in time; the one before it is asked for again, and 0x6061 does not show it"
@@ -41,6 +45,7 @@ class ModeTrigger(Enum):
     ASK_AGAIN = "somebody asks for the mode that is asked for already"
     SHOWN = "0x6061 shows the mode"
     NOT_SHOWN = "0x6061 shows another mode, or nothing"
+    NONE_SHOWN = "half of the time is over, and 0x6061 of a drive that is off shows 0"
     GONE = "the drive is gone"
     OVERDUE = "the time is over, and no other mode was confirmed before"
     OVERDUE_RETURN = "the time is over, and another mode was confirmed before"
@@ -54,7 +59,8 @@ _TIMED: Final = {_T.OVERDUE: _S.REFUSED, _T.OVERDUE_RETURN: _S.RETURNING, _T.OVE
 TABLE: Final[Mapping[ModeState, Mapping[ModeTrigger, ModeState]]] = MappingProxyType(
     {
         _S.NONE: _ANEW,
-        _S.ASKED: {**_ANEW, **_TIMED, _T.SHOWN: _S.CONFIRMED},
+        _S.ASKED: {**_ANEW, **_TIMED, _T.SHOWN: _S.CONFIRMED, _T.NONE_SHOWN: _S.UNSHOWN},
+        _S.UNSHOWN: {**_ANEW, **_TIMED, _T.SHOWN: _S.CONFIRMED, _T.NONE_SHOWN: _S.UNSHOWN, _T.GONE: _S.ASKED},
         _S.CONFIRMED: {**_ANEW, _T.NOT_SHOWN: _S.ASKED, _T.GONE: _S.ASKED},
         _S.REFUSED: _ANEW,
         _S.RETURNING: {**_ANEW, _T.ASK_AGAIN: _S.ASKED, _T.OVERDUE: _S.REFUSED, _T.SHOWN: _S.RETURNED},
@@ -94,6 +100,11 @@ class ModeRequest:
         return self.state in CONFIRMED
 
     @property
+    def may_enable(self) -> bool:
+        """Whether the drive may be enabled: in the mode, or without showing any until it is enabled."""
+        return self.state in CONFIRMED or self.state is ModeState.UNSHOWN
+
+    @property
     def failed(self) -> bool:
         """Whether the last mode asked for was not confirmed in time."""
         return self.state in FAILED
@@ -113,19 +124,26 @@ class ModeRequest:
         self.deadline = _NEVER
         self._fire(ModeTrigger.GONE)
 
-    def update(self, display: int | None, now: int) -> DriveEvent | None:
-        """Take the newest 0x6061 (None: not received) and return what happened, None for nothing."""
+    def update(self, display: int | None, enabled: bool, now: int) -> DriveEvent | None:
+        """Take the newest 0x6061 (None: not received) and return what happened, None for nothing.
+
+        `enabled` is whether the drive is in OPERATION_ENABLED.
+        """
         self.display = display
         mode = self.mode
         if mode is None:
             return None
         if display == mode:
             return self._confirm(mode, now)
+        unshown = display == 0 and not enabled
         if self.deadline == _NEVER:
-            self.deadline = now + self._timeout
-            self._fire(ModeTrigger.NOT_SHOWN)
+            if not (unshown and self.state is ModeState.UNSHOWN):
+                self.deadline = now + (self._timeout // 2 if unshown else self._timeout)
+                self._fire(ModeTrigger.NOT_SHOWN)
         elif now >= self.deadline:
-            return self._time_out(mode, now)
+            if not (unshown and self._fire(ModeTrigger.NONE_SHOWN)):
+                return self._time_out(mode, now)
+            self.deadline = _NEVER
         return None
 
     def _fire(self, trigger: ModeTrigger) -> bool:

@@ -55,7 +55,7 @@ _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyTyp
         Action.HOME: lambda joint: joint.homing is None and joint.homed,
         Action.MODE: lambda joint: (
             joint.targets.pending is None
-            and joint.machine.mode_request.confirmed
+            and joint.machine.mode_request.may_enable
             and not joint.machine.mode_request.failed
         ),
     }

@@ -8,6 +8,7 @@ from support.samples import status_dict
 
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import MemoryBus
+from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError
 from canopen_control.frame import CanFrame
 from canopen_control.hardware.joint import Action
@@ -18,6 +19,7 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.virtual_drive import VirtualDrive
 
 PPS = 1600 / (2 * math.pi)  # microsteps per radian, as bus.yml configures the drives
 RAMP_S = 10 * PPS / 16000  # to 10 rad/s at the configured acceleration
@@ -412,3 +414,43 @@ def test_a_client_that_leaves_takes_no_latch_along(bench):
     for holder in (object(), None):
         robby.robot.let_go(holder)
     assert robby.robot.latch.by == "who latched it"
+
+
+def show_no_mode_while_off(monkeypatch, shown):
+    """Let virtual drives show mode 0 (0x6061) while they are off, and `shown` of their own while they are enabled."""
+    attach = VirtualDrive._attach
+
+    def attached(drive):
+        attach(drive)
+        own = drive._store.source_of(0x6061, 0)
+        drive._store.on_read(0x6061, 0, lambda: shown(own()) if drive.state is State.OPERATION_ENABLED else 0)
+
+    monkeypatch.setattr(VirtualDrive, "_attach", attached)
+
+
+@pytest.mark.sources
+def test_a_drive_that_shows_no_mode_until_it_is_enabled_is_enabled_and_moves(bench, monkeypatch):
+    show_no_mode_while_off(monkeypatch, lambda mode: mode)
+    robby, answers = bench(), []
+    robby.start()
+    assert robby.robot.state is RobotState.RUNNING
+    for _ in range(2):
+        robby.hold(10.0, 10.0, ms=1500)
+        assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.02)
+        robby.robot.axis(Action.DISABLE, "all", answers.append)
+        robby.until(lambda: robby.speed(LEFT) == 0 and robby.robot.state is RobotState.DISABLED)
+        robby.run(3000)  # longer than a mode may take: that it shows none is no news while it is off
+        robby.robot.axis(Action.ENABLE, "all", answers.append)
+        robby.until(lambda: robby.robot.state is RobotState.RUNNING)
+    assert not [event for event in robby.events if "not confirmed" in event.text]
+
+
+@pytest.mark.sources
+def test_a_drive_that_is_enabled_and_never_shows_its_mode_is_disabled_again_and_has_not_moved(bench, monkeypatch):
+    show_no_mode_while_off(monkeypatch, lambda _: 0)
+    robby = bench()
+    robby.robot.start()
+    robby.until(lambda: any("mode PV not confirmed, 0x6061 shows NONE" in event.text for event in robby.events), 15000)
+    robby.until(lambda: robby.joint(LEFT).machine.state is not State.OPERATION_ENABLED)
+    assert robby.robot.state is not RobotState.RUNNING
+    assert [robby.drives[node].get(0x6064) for node in (LEFT, RIGHT)] == [0, 0]
