@@ -8,6 +8,8 @@ import code_mutants
 import pytest
 from code_mutants import BY_NAME, MUTANTS, Change, mutated
 
+from canopen_control.cli import main as cli
+
 ROOT = Path(__file__).parents[1]
 CODE = """
 class Thing:
@@ -74,3 +76,21 @@ def test_a_command_runs_with_the_mutant():
     code += "limits = AxisLimits(); limits.velocity = 1.0; print(limits.of_velocity(5))"
     told = subprocess.run([sys.executable, "-c", code], cwd=ROOT / "tools", capture_output=True, text=True, check=True)
     assert told.stdout == "5\n"
+
+
+@pytest.mark.rest
+@pytest.mark.parametrize(
+    "command", sorted({run for each in MUTANTS for run in each.runs if run.startswith("simulate")})
+)
+def test_what_shows_mutants_breaks_no_rule_without_one(command, monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    assert cli.main(command.split()) == 0, capsys.readouterr().out
+
+
+@pytest.mark.process
+@pytest.mark.rest
+@pytest.mark.parametrize(
+    "name", ["wide_object_a_byte_off", "first_end_takes_the_second", "goes_on_after_cancel", "stop_forgets_nothing"]
+)
+def test_rules_about_goals_clients_and_wide_objects_see_their_mutant(name):
+    assert code_mutants.measure([name], tests=False, seeds=True) == 0

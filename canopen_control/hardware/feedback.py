@@ -138,9 +138,9 @@ class Feedback:
     def jumped_in_unit(self, commanded: float = 0.0) -> UnitDoubt | None:
         """Return the doubt about the unit of velocities that makes the last jump the drive's way.
 
-        `commanded` is the velocity that it was sent, in rad/s: the one that it tells may lag behind.
+        `commanded` is the velocity that it was sent, in rad/s, nan for none: the one that it tells may lag behind.
         """
-        raw = round(commanded * self._axis.scale.vel_to_dev)
+        raw = round(commanded * self._axis.scale.vel_to_dev) if math.isfinite(commanded) else None
         return self._doubt(self._jump_speed, raw, rising=True) or self._doubt(
             self._jump_speed, self._raw_velocity, rising=True
         )

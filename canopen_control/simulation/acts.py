@@ -44,9 +44,7 @@ KINDS: Final = {
     "lose": Kind("member", "loses some frames of a member, or of all", lasts=True, values=True, breaks=True),
     "double": Kind("member", "doubles some frames of a member, or of all", lasts=True, values=True, breaks=True),
     "disturb": Kind("member", "disturbs some frames, which are sent again", lasts=True, values=True, breaks=True),
-    "frame": Kind(
-        "", "puts an unexpected frame onto the bus: identifier, then bytes", values=True, breaks=True
-    ),
+    "frame": Kind("", "puts an unexpected frame onto the bus: identifier, then bytes", values=True, breaks=True),
     "command": Kind("controller", "commands values, ten times a second", lasts=True, values=True),
     "trajectory": Kind(
         "controller",

@@ -79,6 +79,7 @@ def test_a_step_that_no_motor_makes_is_a_jump_and_no_motion(jump):
     feedback.read(0)
     feedback.put(CYCLE, jump, 100)
     assert feedback.read(CYCLE) == jump
+    feedback.jumped_in_unit(math.nan)  # no velocity was sent: raises nothing
     assert feedback.states["position"].value == 0.0
     feedback.put(2 * CYCLE, jump + 500, 100)
     assert feedback.read(2 * CYCLE) == 0
