@@ -72,8 +72,8 @@ def send(arm, name, data, peer=None):
     return peer.message(name, lambda message: "accepted" in message)["accepted"]
 
 
-def result(arm, name):
-    told = arm.peer.message(name, lambda message: "status" in message)
+def result(arm, name, peer=None):
+    told = (peer or arm.peer).message(name, lambda message: "status" in message)
     return told["status"], told["error_code"], told["error_string"]
 
 
@@ -169,24 +169,22 @@ def events(arm):
 
 
 @pytest.mark.timed
-def test_a_bridge_that_is_stopped_for_long_loses_its_goal_and_goes_on_with_the_next_one(arm):
+def test_a_bridge_that_is_stopped_for_long_loses_its_goal_and_the_next_one_takes_goals(arm):
     end, bridge = near(4), arm.stage.pid_of("canopen_control.ros.bridge")
     assert send(arm, "hung", goal_to(arm, end, 9.0))
     moving(arm, "hung")
     time.sleep(3.2)  # longer than it may be silent: its heartbeats come
     assert not any("has said nothing" in each for each in events(arm))
     os.kill(bridge, signal.SIGSTOP)
-    try:
-        assert eventually(lambda: any("ros has said nothing for 3 s and is gone" in each for each in events(arm)), 5.0)
-    finally:
-        os.kill(bridge, signal.SIGCONT)
-    status, code, text = result(arm, "hung")
-    assert (status, code) == (ABORTED, -1)
-    assert text.startswith("ros has said nothing for 3 s and is gone")
+    # Its connection is silent for 3 s, or what watches it has ended it by then: the goal ends either way.
+    ends = ("ros has said nothing for 3 s and is gone", "ros is gone, and its command with it")
+    assert eventually(lambda: any(end in each for each in events(arm) for end in ends), 8.0)
     assert at_rest(arm)
+    arm.robot.until("process ros: it is started again")
     assert abs(positions(arm)[0] - end[0]) > 0.05
-    assert send(arm, "after it", goal_to(arm, near(1)))
-    assert result(arm, "after it")[0] == SUCCEEDED
+    with ros.Peer(arm.domain, "--interfaces") as late:  # others hold the server that was killed for alive a while
+        assert send(arm, "after it", goal_to(arm, near(1)), late)
+        assert result(arm, "after it", late)[0] == SUCCEEDED
 
 
 @pytest.mark.timed

@@ -84,7 +84,9 @@ class JogRun:
             raise CanopenError(f"{self._drive.joint}: {ended_words(self._sample, self._drive)}")
         if motion.ended.failed:
             return 1
-        if (text := motion.nothing_turned(self._scale.resolution)) is not None:
+        # what ended by a lost terminal may have been commanded since the last position only
+        text = None if motion.ended is JogEnd.GONE else motion.nothing_turned(self._scale.resolution)
+        if text is not None:
             raise CanopenError(f"{self._drive.joint}: {text}")
         return 0
 
