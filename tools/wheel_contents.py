@@ -26,6 +26,8 @@ NEEDED = (
     f"{PACKAGE}/data/eds/TMCM-1270.eds",
     f"{PACKAGE}/data/config/robby/bus.yml",
     f"{PACKAGE}_bench/command.py",
+    f"{PACKAGE}/ros/interfaces/callbacks_aarch64.so",  # what Fast DDS calls
+    f"{PACKAGE}/ros/interfaces/callbacks_x86_64.so",
 )
 STRANGERS = ("tests/", "tools/", "docs/", "build/")
 
@@ -85,7 +87,9 @@ def _extensions(names: Sequence[str], python: str, *, pure: bool) -> Iterator[st
 
 
 def _libraries(names: Sequence[str]) -> list[str]:
-    return [name for name in names if ".so" in PurePosixPath(name).suffixes]
+    """Return the extension modules; what Fast DDS calls (callbacks_*.so) is no module of Python's."""
+    found = map(PurePosixPath, names)
+    return [str(name) for name in found if ".so" in name.suffixes and not name.name.startswith("callbacks_")]
 
 
 def main(wheels: Sequence[str]) -> int:
