@@ -95,6 +95,13 @@ def test_odometry_and_the_limited_twist_are_in_the_frames_of_the_transforms(scen
     assert frames == {"odom": ("two/odom", "two/base"), "cmd_vel_out": ("two/base", None)}
 
 
+def reached(peer, buffer, frame):
+    """Take the transforms that have come, and return up to when a frame is known, 0 for never."""
+    for message in peer.waiting("/tf"):
+        buffer.take(message)
+    return buffer.reaches(frame)
+
+
 def test_every_odometry_is_found_in_the_transforms_and_so_is_each_link_at_its_time(scene):
     robot, peer = scene
     robot.switch(base="active", joint_state_broadcaster="active")
@@ -102,7 +109,8 @@ def test_every_odometry_is_found_in_the_transforms_and_so_is_each_link_at_its_ti
     peer.order("subscribe", topic="/tf_static", of=TYPE, qos="latched")
     buffer.take(peer.message("/tf_static"), fixed=True)
     peer.order("subscribe", topic="/two/base/odom", of="nav_msgs/msg/Odometry")
-    peer.waiting("/tf")
+    robot.time = 1_700_000_099.0  # stamps of joints are a little later: theirs begin before those of odometry
+    assert ros.eventually(lambda: reached(peer, buffer, "two/wheel") > 0)
     for number in range(25):
         robot.time = 1_700_000_100.0 + number / 16
         turned = {"x": 0.1 * number, "heading": 0.2 * number, "time": robot.time}
@@ -111,13 +119,7 @@ def test_every_odometry_is_found_in_the_transforms_and_so_is_each_link_at_its_ti
             peer.message("/two/base/odom", lambda message, at=robot.time: ros.stamp_of(message) == round(at, 2))
         )
     last = stamp_ns(told[-1]["header"])
-
-    def after_the_last():
-        for message in peer.waiting("/tf"):
-            buffer.take(message)
-        return buffer.reaches("two/wheel") > last
-
-    assert ros.eventually(after_the_last)
+    assert ros.eventually(lambda: reached(peer, buffer, "two/wheel") > last)
     for message in told:
         odom, base, now = message["header"]["frame_id"], message["child_frame_id"], stamp_ns(message["header"])
         pose = message["pose"]["pose"]
