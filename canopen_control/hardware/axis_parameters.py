@@ -228,11 +228,11 @@ class AxisParameters:
         axis.turn = turn or abs(scale.pos_to_dev) * math.tau
         axis.rpm_to_dev = math.copysign(60.0 / math.tau, scale.vel_to_dev)
         if turn is not None:
-            told = scale.pos_to_dev if scale.pos_to_dev != _NOT_GIVEN["pos_to_dev"] else scale.vel_to_dev
-            axis.rpm_to_dev = told / turn * 60.0
+            to_dev = scale.pos_to_dev if scale.pos_to_dev != _NOT_GIVEN["pos_to_dev"] else scale.vel_to_dev
+            axis.rpm_to_dev = to_dev / turn * 60.0
 
     def _counts_of_motor(self) -> float | None:
-        """Return the position units of one turn of the motor, by the drive or by bus.yml; None where nobody says."""
+        """Return the position units of one turn of the motor, by the drive or bus.yml; None where neither has them."""
         encoder, gear = self._pair(objects.POSITION_ENCODER_RESOLUTION), self._pair(objects.GEAR_RATIO) or (1, 1)
         feed = self._pair(objects.FEED_CONSTANT)
         if feed is not None and is_feed(feed):

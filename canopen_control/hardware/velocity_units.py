@@ -1,9 +1,8 @@
-"""Units of velocity that drives have, recognised by a motion that is far from what a drive tells of it.
+"""Units of velocity that drives have, recognised by a motion that is far from the velocity they report.
 
-The law of this file: a position is believed, as its counts do not depend on a unit of time. A velocity is doubted where
-the motion is three times as fast or as slow as it says, and what it is counted in is the unit of the table that fits
-the motion. Units are those of CiA 402-2 and CiA 303-2 that drives are set to, by how many of them one turn of the motor
-per second is.
+Positions are taken as right, since their counts do not depend on a unit of time. A velocity is doubted where the motion
+is three times as fast or as slow as it; the likely unit is the one of the table that fits the motion. Units are those
+of CiA 402-2 and CiA 303-2 that drives are set to, by how many of them one turn of the motor per second is.
 """
 
 from __future__ import annotations
@@ -49,8 +48,8 @@ def doubt_unit(axis: Axis, speed: float, raw: int, *, rising: bool) -> UnitDoubt
 
     `rising`: the motion is that between two samples, of a drive that may still get faster.
     """
-    told = raw * axis.scale.vel_from_dev * axis.scale.pos_to_dev
-    if not speed or not told or 1.0 / _FAR < abs(speed / told) < _FAR:
+    reported = raw * axis.scale.vel_from_dev * axis.scale.pos_to_dev
+    if not speed or not reported or 1.0 / _FAR < abs(speed / reported) < _FAR:
         return None
     least = _RISING_MIN if rising else _STEADY_MIN
     most = _RISING_MAX if rising else _STEADY_MAX
@@ -61,7 +60,7 @@ def doubt_unit(axis: Axis, speed: float, raw: int, *, rising: bool) -> UnitDoubt
             fits[abs(math.log(ratio))] = name, per_turn
     if not fits:
         return None
-    faster = abs(speed) > abs(told)
+    faster = abs(speed) > abs(reported)
     return UnitDoubt(_words(axis, [fits[each] for each in sorted(fits)], faster=faster), faster)
 
 

@@ -21,7 +21,7 @@ from urllib.parse import unquote, urlsplit
 from canopen_control.errors import ConfigError, RobotConfigError, nearest
 from canopen_control.physics.mesh_parts import MeshPart, convex_parts
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.urdf.document import read_document
+from canopen_control.urdf.document import finite_number, read_document
 from canopen_control.urdf.geometry import ORIGIN, Pose, about, from_rpy, rotate
 from canopen_control.urdf.meshes import find_mesh, read_mesh
 from canopen_control.urdf.package_search import package_folders
@@ -231,7 +231,7 @@ class _Reader:
 
     def _pose(self, path: Path, element: Element) -> Pose:
         words, quat = element.text.split(), element.attributes.get("rotation_format") == "quat_xyzw"
-        numbers = [_number(word) for word in words]
+        numbers = [finite_number(word) for word in words]
         known = [each for each in numbers if each is not None]
         if not words:
             return ORIGIN
@@ -279,7 +279,7 @@ class _Reader:
     def lengths(self, path: Path, shape: Element, tag: str, count: int = 1) -> tuple[float, ...] | None:
         """Return the numbers above 0 of a shape's element, None for what is none, which is told."""
         words = _text(shape, tag).split()
-        numbers = tuple(each for each in map(_number, words) if each is not None and each > 0.0)
+        numbers = tuple(each for each in map(finite_number, words) if each is not None and each > 0.0)
         if len(numbers) == len(words) == count:
             return numbers
         what = "a number" if count == 1 else f"{count} numbers"
@@ -292,7 +292,7 @@ class _Reader:
         scale = (1.0, 1.0, 1.0)
         if shape.child("scale") is not None:
             words = _text(shape, "scale").split()
-            numbers = [each for each in map(_number, words) if each]  # 0 is none
+            numbers = [each for each in map(finite_number, words) if each]  # 0 is none
             if len(numbers) != 3 or len(words) != 3:
                 self.mistake(path, shape.child("scale") or shape, "<scale> of <mesh> is three numbers, none of them 0")
                 return None
@@ -333,7 +333,7 @@ def _round(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
 def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
     """Return an endless plane; the one that is the floor is there already."""
     words = _text(shape, "normal").split() or ["0", "0", "1"]
-    numbers = [each for each in map(_number, words) if each is not None]
+    numbers = [each for each in map(finite_number, words) if each is not None]
     if len(numbers) != 3 or len(words) != 3 or not any(numbers):
         reader.mistake(path, shape.child("normal") or shape, "<normal> of <plane> is three numbers, not all of them 0")
         return None
@@ -376,14 +376,6 @@ def _flag(element: Element, tag: str) -> bool:
 
 def _is_yes(text: str) -> bool:
     return text.strip().lower() in _YES
-
-
-def _number(text: str) -> float | None:
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None
 
 
 def _resources(path: Path) -> Iterator[Path]:

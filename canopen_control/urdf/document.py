@@ -16,7 +16,7 @@ from canopen_control.errors import RobotConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = ["NOWHERE", "Document", "Element", "Place", "Placed", "read_document"]
+__all__ = ["NOWHERE", "Document", "Element", "Place", "Placed", "finite_number", "read_document"]
 
 T = TypeVar("T")
 
@@ -108,7 +108,7 @@ class Document:
         text = values.get(key)
         if text is None:
             return default
-        number = _number(text)
+        number = finite_number(text)
         if number is None:
             self.error(element, f"{key}={text!r} of <{element.tag}> is no number")
         return default if number is None else number
@@ -119,7 +119,7 @@ class Document:
         """Return three numbers of an attribute."""
         if element is None or attribute not in element.attributes:
             return default
-        numbers = [_number(each) for each in element.attributes[attribute].split()]
+        numbers = [finite_number(each) for each in element.attributes[attribute].split()]
         if len(numbers) != 3 or None in numbers:
             text = element.attributes[attribute]
             self.error(element, f"{attribute}={text!r} of <{element.tag}> is no three numbers")
@@ -128,7 +128,8 @@ class Document:
         return x, y, z
 
 
-def _number(text: str) -> float | None:
+def finite_number(text: str) -> float | None:
+    """Return the number that a text holds, None where it holds none or one that is not finite."""
     try:
         number = float(text)
     except ValueError:
