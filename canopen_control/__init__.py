@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from canopen_control.errors import CanopenError
     from canopen_control.frame import CanFrame, frames_of, pack_records
     from canopen_control.hardware.interfaces import CommandInterface, ReturnType, StateInterface
-    from canopen_control.od.eds import EdsFile, Issue, read_eds
+    from canopen_control.od.eds import EdsFile, read_eds
+    from canopen_control.od.issues import Issue
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.robot import Robot
     from canopen_control.rpc.messages.state import (
@@ -73,7 +74,8 @@ _NAMES_OF = {
     "errors": ("CanopenError",),
     "frame": ("CanFrame", "frames_of", "pack_records"),
     "hardware.interfaces": ("CommandInterface", "ReturnType", "StateInterface"),
-    "od.eds": ("EdsFile", "Issue", "read_eds"),
+    "od.eds": ("EdsFile", "read_eds"),
+    "od.issues": ("Issue",),
     "od.model": ("ObjectDictionary",),
     "robot": ("Robot",),
     "rpc.messages.state": (

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["data_names", "data_path", "read_limited"]
-
 _PACKAGE = Path(__file__).resolve().parent
 
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final, Literal, TypeVar
 
 from canopen_control import errors
 from canopen_control.client import RobotClient, select_robot
-from canopen_control.client.subscriptions import EventStream
+from canopen_control.client.robot_client import EventStream
 from canopen_control.errors import BusError, CanopenError, ConfigError, RemoteError, RemoteProtocolError
 from canopen_control.rpc.messages import robot as messages
 from canopen_control.rpc.messages.robot import MAX_OBJECT, SdoRead, SdoWrite

@@ -4,8 +4,6 @@ import importlib.machinery
 import importlib.util
 from typing import Final
 
-__all__ = ["COMPILED", "PURE", "__version__", "build"]
-
 __version__ = "0.3.0.dev0"
 
 COMPILED: Final = "compiled"  # the modules of the cycle are extension modules, made by mypyc of the same sources

@@ -1,7 +1,7 @@
 """The pages that are made of tables in the code, so that they cannot differ from it.
 
 Type, default and bounds of a key, the faults, the verbs and the import table are the code's; what a key means is said
-in `words.py`, what a parameter of a controller means in `canopen_control.controllers.parameter_texts`.
+in `words.py`, what a parameter of a controller means in `canopen_control.controllers.declared`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from protocol import drive_socket, hub_socket, robot_socket
 from words import BUS_YML
 
-from canopen_control.controllers.parameter_texts import TEXTS as CONTROLLERS
+from canopen_control.controllers.declared import TEXTS as CONTROLLERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -174,27 +174,24 @@ def bus_yml() -> str:
 def controllers() -> str:
     """Return the parameters of every controller."""
     from canopen_control.controllers import (
-        battery_params,
         broadcasters,
         canopen_device,
-        diff_drive_params,
-        gpio_params,
-        gripper_params,
-        mecanum_params,
-        omni_params,
-        pid_params,
-        sensor_params,
-        standard_params,
-        steering_params,
+        diff_drive,
+        gpio_command,
+        gripper,
+        mecanum,
+        omni,
+        params,
+        pid_controller,
+        steering,
         types,
     )
     from canopen_control.controllers.base_params import AxisLimits
     from canopen_control.controllers.controllers_file import ManagerParams
-    from canopen_control.controllers.params import CommonParams
-    from canopen_control.controllers.standard_params import BroadcasterParams
+    from canopen_control.controllers.params import BroadcasterParams, CommonParams
     from canopen_control.controllers.trajectory import params as trajectory
 
-    forward, diff = standard_params, diff_drive_params
+    forward, diff = params, diff_drive
     groups = (
         ("Every controller", CommonParams, ""),
         ("Forward command: all joints of one interface", forward.ForwardParams, "ForwardCommandController"),
@@ -203,24 +200,24 @@ def controllers() -> str:
         ("One joint, as in ROS 1", forward.SingleParams, "/Joint(Position|Velocity|Effort)Controller"),
         ("One drive in whatever mode it is", forward.SingleParams, "/TargetController"),
         ("Diff drive", diff.DiffDriveParams, "DiffDrive"),
-        ("Bicycle steering", steering_params.BicycleParams, "BicycleSteering"),
-        ("Tricycle steering", steering_params.TricycleParams, "TricycleSteering"),
-        ("Ackermann steering", steering_params.AckermannParams, "AckermannSteering"),
-        ("Mecanum drive", mecanum_params.MecanumParams, "MecanumDrive"),
-        ("Omni wheel drive", omni_params.OmniParams, "OmniWheelDrive"),
+        ("Bicycle steering", steering.BicycleParams, "BicycleSteering"),
+        ("Tricycle steering", steering.TricycleParams, "TricycleSteering"),
+        ("Ackermann steering", steering.AckermannParams, "AckermannSteering"),
+        ("Mecanum drive", mecanum.MecanumParams, "MecanumDrive"),
+        ("Omni wheel drive", omni.OmniParams, "OmniWheelDrive"),
         ("Joint trajectories", trajectory.TrajectoryParams, "JointTrajectory"),
-        ("PID", pid_params.PidParams, "/PidController"),
+        ("PID", pid_controller.PidParams, "/PidController"),
         ("Joint states", BroadcasterParams, "JointState(Broadcaster|Controller)"),
-        ("Outputs and inputs of `<gpio>` parts", gpio_params.GpioParams, "GpioCommand"),
+        ("Outputs and inputs of `<gpio>` parts", gpio_command.GpioParams, "GpioCommand"),
         ("One node, as ros2_canopen shows it", canopen_device.DeviceParams, "canopen_ros2_controllers"),
-        ("Gripper, commanded by position", gripper_params.GripperParams, "position_controllers/Gripper"),
-        ("Gripper, commanded by effort", gripper_params.EffortGripperParams, "effort_controllers/Gripper"),
-        ("Parallel gripper", gripper_params.ParallelGripperParams, "parallel_gripper"),
-        ("IMU", sensor_params.ImuParams, "IMUSensorBroadcaster"),
-        ("Range sensor", sensor_params.RangeParams, "RangeSensorBroadcaster"),
-        ("Force and torque", sensor_params.ForceTorqueParams, "ForceTorqueSensorBroadcaster"),
-        ("Pose", sensor_params.PoseParams, "/PoseBroadcaster"),
-        ("Batteries", battery_params.BatteryParams, "BatteryState"),
+        ("Gripper, commanded by position", gripper.GripperParams, "position_controllers/Gripper"),
+        ("Gripper, commanded by effort", gripper.EffortGripperParams, "effort_controllers/Gripper"),
+        ("Parallel gripper", gripper.ParallelGripperParams, "parallel_gripper"),
+        ("IMU", broadcasters.ImuParams, "IMUSensorBroadcaster"),
+        ("Range sensor", broadcasters.RangeParams, "RangeSensorBroadcaster"),
+        ("Force and torque", broadcasters.ForceTorqueParams, "ForceTorqueSensorBroadcaster"),
+        ("Pose", broadcasters.PoseParams, "/PoseBroadcaster"),
+        ("Batteries", broadcasters.BatteryParams, "BatteryState"),
         ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
     )
     text = [
@@ -240,21 +237,21 @@ def controllers() -> str:
                 "### Limits: `linear.x.KEY` and `angular.z.KEY`\n",
                 _keys(diff.SwitchedLimits, _parameters(diff.SwitchedLimits), {}),
             ]
-        if cls is mecanum_params.MecanumParams:
+        if cls is mecanum.MecanumParams:
             text += [
                 "### Limits: `linear.x.KEY`, `linear.y.KEY` and `angular.z.KEY`\n",
                 _keys(AxisLimits, CONTROLLERS["AxisLimits"], {}),
             ]
-        if cls is pid_params.PidParams:
+        if cls is pid_controller.PidParams:
             text += [
                 "### Each degree of freedom: `gains.DOF.KEY`\n",
-                _keys(pid_params.DofGains, CONTROLLERS["DofGains"], {}),
+                _keys(pid_controller.DofGains, CONTROLLERS["DofGains"], {}),
             ]
-        if cls is sensor_params.PoseParams:
-            part = sensor_params.PoseTransform
+        if cls is broadcasters.PoseParams:
+            part = broadcasters.PoseTransform
             text += ["### Its transform: `tf.KEY`\n", _keys(part, CONTROLLERS[part.__name__], {})]
-        if cls is battery_params.BatteryParams:
-            text += ["### Each battery: `BATTERY.KEY`\n", _keys(battery_params.Battery, CONTROLLERS["Battery"], {})]
+        if cls is broadcasters.BatteryParams:
+            text += ["### Each battery: `BATTERY.KEY`\n", _keys(broadcasters.Battery, CONTROLLERS["Battery"], {})]
         if cls is trajectory.TrajectoryParams:
             for part, title in (
                 (trajectory.JointGains, "gains"),
@@ -371,7 +368,7 @@ _DRIVE_INTENT = """## Below it: what is wanted of the drive
 
 The chart commands the drive's state machine (`canopen_control/cia402/drive.py`) to enable, to disable, to stop. What is
 wanted, together with what is still on its way to the drive, is one of these intents; the table is
-`canopen_control/cia402/intent.py`. Only an enable leads to the goal ENABLED. Two orders are independent of it and
+`canopen_control/cia402/drive.py`. Only an enable leads to the goal ENABLED. Two orders are independent of it and
 change no intent: `hold` keeps a drive before OPERATION_ENABLED until its group may rise, `halt` sends bit 8 to an
 enabled one.
 """
@@ -379,13 +376,13 @@ enabled one.
 _MODE_REQUEST = """## Below it: the mode of operation
 
 A mode is one only when 0x6061 shows it, and nothing moves before. The table is
-`canopen_control/cia402/mode_request.py`.
+`canopen_control/cia402/drive.py`.
 """
 
 
 def axis_power() -> str:
     """Return the states of an axis: the tables of its power, of what is wanted of its drive, and of its mode."""
-    from canopen_control.cia402 import intent, mode_request
+    from canopen_control.cia402 import drive
     from canopen_control.hardware.axis_power import LIMITS_NS, TABLE, AxisState, Trigger
 
     lasts = {state: f"{limit / 1e9:g} s" for state, limit in LIMITS_NS.items()}
@@ -395,22 +392,22 @@ def axis_power() -> str:
         for state, rows in TABLE.items()
         for trigger, row in rows.items()
     }
-    goals = {each: intent.GOALS[each].name for each in intent.Intent}
+    goals = {each: drive.GOALS[each].name for each in drive.Intent}
     intents = {
         (state, trigger): (after, "" if goals[state] == goals[after] else goals[after])
-        for state, rows in intent.TABLE.items()
+        for state, rows in drive.TABLE.items()
         for trigger, after in rows.items()
     }
     modes = {
-        (state, trigger): (after, "yes" if after in mode_request.CONFIRMED else "no")
-        for state, rows in mode_request.TABLE.items()
+        (state, trigger): (after, "yes" if after in drive.CONFIRMED else "no")
+        for state, rows in drive.TABLE.items()
         for trigger, after in rows.items()
     }
     parts = [_AXIS_POWER, *_chart(AxisState, Trigger, told, lasts, ("may last", "the drive is told to"))]
-    parts += [_DRIVE_INTENT, *_chart(intent.Intent, intent.IntentTrigger, intents, goals, ("goal", "new goal"))]
-    confirmed = {state: "yes" if state in mode_request.CONFIRMED else "no" for state in mode_request.ModeState}
+    parts += [_DRIVE_INTENT, *_chart(drive.Intent, drive.IntentTrigger, intents, goals, ("goal", "new goal"))]
+    confirmed = {state: "yes" if state in drive.CONFIRMED else "no" for state in drive.ModeState}
     heads = ("confirmed", "confirmed then")
-    parts += [_MODE_REQUEST, *_chart(mode_request.ModeState, mode_request.ModeTrigger, modes, confirmed, heads)]
+    parts += [_MODE_REQUEST, *_chart(drive.ModeState, drive.ModeTrigger, modes, confirmed, heads)]
     return "\n".join(parts)
 
 

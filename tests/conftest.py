@@ -95,7 +95,7 @@ REST_KINDS = ("alone", "timed", "wheel", "socketcan", "hardware")
 #: Files whose tests take long, below tests/: what they are about has quicker tests in the default run as well.
 REST_FILES = frozenset(
     {
-        "cli/support/test_preflight_steps.py",
+        "cli/test_preflight_steps.py",
         "cli/test_clone.py",
         "cli/test_init.py",
         "cli/test_jog.py",
@@ -133,7 +133,7 @@ REST_FILES = frozenset(
         "integration/test_tutorials.py",
         "integration/test_virtual_drive_and_canopen.py",
         "monitor/test_monitor_app.py",
-        "physics/test_mecanum_contact.py",
+        "physics/test_ground_contact_mecanum_contact.py",
         "ros/test_bridge.py",
         "runtime/test_setpoints_properties.py",
         "runtime/test_shared_world.py",

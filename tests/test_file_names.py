@@ -13,7 +13,6 @@ NAMED_BY_A_RULE = {
 }
 #: file -> why it may stand in several rooms
 SHARED = {
-    "interfaces.py": "of the hardware, and those that a trajectory takes of them",
     "params.py": "of all controllers, and those of a trajectory in its folder",
 }
 

@@ -1,4 +1,4 @@
-"""`canopen_control/a/b.py` is tested by `tests/a/test_b.py`.
+"""`canopen_control/a/b.py` is tested by `tests/a/test_b.py` or by parts of it, `tests/a/test_b_PART.py`.
 
 Of the bench in tools/, `tests/bench` tests what judges and compares; its families run in every `.ci/run`.
 """
@@ -31,15 +31,20 @@ def mirrored(package, folder):
 
 
 PAIRS = list(mirrored(PACKAGE, TESTS))
-OF_THE_BENCH = {test for _, test in mirrored(BENCH, TESTS / "bench")}
+BENCH_PAIRS = list(mirrored(BENCH, TESTS / "bench"))
+
+
+def modules_that_test(test):
+    """Return the test modules of a module: the one of its name, and its parts."""
+    return [*test.parent.glob(test.name), *test.parent.glob(f"{test.stem}_*.py")]
 
 
 def test_every_module_has_its_test_module():
-    assert [str(module.relative_to(ROOT)) for module, test in PAIRS if not test.exists()] == []
+    assert [str(module.relative_to(ROOT)) for module, test in PAIRS if not modules_that_test(test)] == []
 
 
 def test_every_test_module_has_its_module_or_is_about_the_whole():
-    tested = {test for _, test in PAIRS} | OF_THE_BENCH
+    tested = {each for _, test in [*PAIRS, *BENCH_PAIRS] for each in modules_that_test(test)}
     strays = [
         str(path.relative_to(TESTS))
         for path in sorted(TESTS.rglob("test_*.py"))

@@ -6,34 +6,224 @@ found to be none. Changing an interface needs root; without it the error holds t
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import itertools
 import json
 import os
+import re
 import shlex
 import shutil
+import socket
 import subprocess
+import time
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Required, TypedDict
 
+from canopen_control.bus.rawsocket import CAN_RAW_FILTER, EVERYTHING, FILTER_SIZE, NETWORK_CLASS, SOL_CAN_RAW
 from canopen_control.errors import ConfigError
+from canopen_control.frame import FRAME_BITS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     Run = Callable[[Sequence[str]], "Result"]
     """Runs a command to its end; OSError if it cannot be started."""
 
-__all__ = [
-    "CanInterface",
-    "Command",
-    "Result",
-    "bring_down",
-    "bring_up",
-    "find_can_interface",
-    "list_can_interfaces",
-    "parse_can_interfaces",
-    "run_command",
-    "up_commands",
-]
+
+# Who has CAN sockets open on an interface: which processes, what they hear, what the kernel sends for them.
+#
+# The kernel has no table of raw CAN sockets with their owners; it is put together of what it does tell. A socket says
+# its protocol (``system.sockprotoname`` of its descriptor in /proc) and, borrowed with pidfd_getfd, its interface and
+# its filters; tasks of the broadcast manager are in /proc/net/can-bcm by the socket's inode; the receive lists in
+# /proc/net/can say how many sockets there are that hear something, and so how many nobody but root could name.
+
+
+PROC = Path("/proc")
+_PIDFD_GETFD = 438  # on every architecture
+_INODE = re.compile(r"socket:\[(\d+)\]")
+_BOUND = re.compile(r"bound (\S+)")
+_TASK = re.compile(r"^tx_op: ([0-9A-Fa-f]+)\S* .*\bt2=(\d+)", re.MULTILINE)
+_MOST_SHOWN = 128  # filters; Python fetches options of 1 KiB at most
+_VERB = ("-m", "canopen_control")  # options of the interpreter may come before it
+_RAW, _BCM = "CAN_RAW", "CAN_BCM"
+_RECEIVE_LISTS = ("all", "fil", "inv", "sff", "eff")  # that of error frames names sockets that may hear nothing else
+
+
+@dataclass(frozen=True, slots=True)
+class Listener:
+    """One socket. `protocol` is the kernel's name, such as ``CAN_RAW``; `interface` is empty for all of them.
+
+    Of a socket that cannot be borrowed `interface` is None, and of one with too many or unknown filters `identifiers`.
+    Otherwise these are how many it hears, -1 for all, 0 for one that only sends. `tasks` are (identifier, period in us)
+    of what the kernel sends for it.
+    """
+
+    pid: int
+    command: str
+    protocol: str
+    interface: str | None
+    identifiers: int | None = None
+    tasks: tuple[tuple[int, int], ...] = ()
+
+
+def find_listeners(interface: str, proc: Path = PROC) -> list[Listener]:
+    """Return the CAN sockets of an interface, and those of which this user may not know the interface, by process."""
+    found = (each for pid in _processes(proc) for each in _sockets_of(pid, proc))
+    return [each for each in found if each.interface in (interface, "", None)]
+
+
+def count_hearing(interface: str, proc: Path = PROC) -> int:
+    """Return how many sockets there are that hear something of an interface."""
+    hearing = set()
+    for path in (proc / "net" / "can" / f"rcvlist_{name}" for name in _RECEIVE_LISTS):
+        with contextlib.suppress(OSError):
+            for line in path.read_text().splitlines():
+                words = line.split()
+                if len(words) == 7 and words[0] in (interface, "any"):
+                    hearing.add((words[4], words[6]))  # userdata, which is the socket or the task; ident
+    return len(hearing)
+
+
+def _processes(proc: Path) -> list[int]:
+    return sorted(int(entry.name) for entry in proc.iterdir() if entry.name.isdecimal())
+
+
+def _sockets_of(pid: int, proc: Path) -> Iterator[Listener]:
+    folder = proc / str(pid) / "fd"
+    seen = set()
+    try:
+        descriptors = sorted(folder.iterdir(), key=lambda entry: int(entry.name))
+    except OSError:
+        return  # ended, or another user's
+    for entry in descriptors:
+        with contextlib.suppress(OSError):
+            match = _INODE.fullmatch(os.readlink(entry))
+            if match is None or match[1] in seen:
+                continue
+            seen.add(match[1])
+            protocol = os.getxattr(entry, "system.sockprotoname").rstrip(b"\0").decode()
+            if protocol.startswith("CAN"):
+                yield _listener(pid, int(entry.name), match[1], protocol, proc)
+
+
+def _listener(pid: int, descriptor: int, inode: str, protocol: str, proc: Path) -> Listener:
+    command = _command(pid, proc)
+    if protocol == _BCM:
+        interface, tasks = _bcm(inode, proc)
+        return Listener(pid, command, protocol, interface, 0 if tasks else None, tasks)
+    try:
+        interface, identifiers = _borrowed(pid, descriptor, protocol)
+    except OSError:
+        interface, identifiers = None, None
+    return Listener(pid, command, protocol, interface, identifiers)
+
+
+def _command(pid: int, proc: Path) -> str:
+    """Return what a process was started as, without the interpreter of our own verbs."""
+    words = (proc / str(pid) / "cmdline").read_bytes().decode(errors="replace").split("\0")
+    words = [word for word in words if word]
+    if _VERB in itertools.pairwise(words[1:4]):
+        return " ".join(["canopen-control", *words[words.index("canopen_control") + 1 :]])
+    if len(words) > 1 and Path(words[0]).name.startswith("python") and not words[1].startswith("-"):
+        words = words[1:]
+    return " ".join([Path(words[0]).name, *words[1:]]) if words else f"process {pid}"
+
+
+def _bcm(inode: str, proc: Path) -> tuple[str | None, tuple[tuple[int, int], ...]]:
+    try:
+        text = (proc / "net" / "can-bcm" / inode).read_text()
+    except OSError:
+        return None, ()
+    bound = _BOUND.search(text)
+    tasks = tuple((int(identifier, 16), int(period)) for identifier, period in _TASK.findall(text))
+    return (None if bound is None else bound[1].replace("any", "")), tasks
+
+
+def _borrowed(pid: int, descriptor: int, protocol: str) -> tuple[str, int | None]:
+    """Return interface and number of identifiers of a socket of another process; raise OSError where it may not be."""
+    process = os.pidfd_open(pid)
+    try:
+        number = _pidfd_getfd(process, descriptor)
+    finally:
+        os.close(process)
+    with socket.socket(fileno=number) as sock:
+        interface = str(sock.getsockname()[0])
+        return interface, _identifiers(sock) if protocol == _RAW else None
+
+
+def _pidfd_getfd(process: int, descriptor: int) -> int:
+    libc = ctypes.CDLL(None, use_errno=True)
+    number = int(libc.syscall(_PIDFD_GETFD, process, descriptor, 0))
+    if number < 0:
+        error = ctypes.get_errno()
+        raise OSError(error, os.strerror(error))
+    return number
+
+
+def _identifiers(sock: socket.socket) -> int | None:
+    try:
+        filters = sock.getsockopt(SOL_CAN_RAW, CAN_RAW_FILTER, _MOST_SHOWN * FILTER_SIZE)
+    except OSError:  # there are more
+        return None
+    return -1 if filters == EVERYTHING else len(filters) // FILTER_SIZE
+
+
+# Frame rates and bus load of the kernel's CAN interfaces, from their own counters.
+#
+# A virtual interface hears what it sends and counts it both ways, so that one way is all there is. The load is that of
+# frames without stuff bits, as `runtime.robot_bus` works it out; the real one is up to a fifth higher.
+
+
+_LOOPED = ("vcan",)
+_COUNTERS = ("packets", "bytes")
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """What went over an interface; `load` is the share of its bit rate, None for one without."""
+
+    frames_per_second: float
+    load: float | None
+
+
+def measure(
+    links: Iterable[CanInterface],
+    seconds: float,
+    *,
+    sleep: Callable[[float], None] = time.sleep,
+    clock: Callable[[], float] = time.monotonic,
+    network_class: Path = NETWORK_CLASS,
+) -> dict[str, Traffic]:
+    """Return the traffic of interfaces by name, over `seconds`; one that goes away meanwhile is left out."""
+    before = {link.name: (link, _counted(link, network_class)) for link in links if link.is_up}
+    since = clock()
+    if before:
+        sleep(seconds)
+    found = {}
+    for name, (link, first) in before.items():
+        last = _counted(link, network_class)
+        if first is not None and last is not None:
+            found[name] = _traffic(link, last[0] - first[0], last[1] - first[1], clock() - since)
+    return found
+
+
+def _traffic(link: CanInterface, frames: int, size: int, seconds: float) -> Traffic:
+    bits = FRAME_BITS * frames + 8 * size
+    return Traffic(frames / seconds, bits / seconds / link.bitrate if link.bitrate else None)
+
+
+def _counted(link: CanInterface, network_class: Path) -> tuple[int, int] | None:
+    """Return frames and bytes of data since the interface is there."""
+    folder = network_class / link.name / "statistics"
+    ways = ("tx",) if link.kind in _LOOPED else ("rx", "tx")
+    try:
+        frames, size = (sum(int((folder / f"{way}_{what}").read_text()) for way in ways) for what in _COUNTERS)
+    except (OSError, ValueError):
+        return None
+    return frames, size
+
 
 QUEUE_LENGTH = 1000
 _VIRTUAL = ("vcan", "vxcan")

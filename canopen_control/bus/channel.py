@@ -26,15 +26,6 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
 
-__all__ = [
-    "SERVED",
-    "ChannelKind",
-    "ChannelSpec",
-    "may_host_virtual_drives",
-    "name_and_channel",
-    "open_port",
-    "parse_channel",
-]
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _LIKE_SOCKETCAN = re.compile(r"(can|vcan|vxcan|slcan)\d+")

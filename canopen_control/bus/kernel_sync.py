@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from canopen_control.frame import CanFrame
 
-__all__ = ["KernelSync"]
 
 _CAN_BCM = 2
 _TX_SETUP = 1

@@ -12,12 +12,21 @@ import os
 import socket
 from typing import TYPE_CHECKING, Final, NoReturn, TypeVar
 
-from canopen_control.bus.error_events import note_errors
-from canopen_control.bus.error_frames import has_error_frames
-from canopen_control.bus.hello import HELLO_SIZE, VERSION, Hello, pack_hello, parse_hello
-from canopen_control.bus.port import BusEventKind, PortStats, Records, whole_records
-from canopen_control.bus.port_parts import EventLog, SendQueue
-from canopen_control.bus.wanted import GIVES_STAMPS, TAKES_WANTED, Chunk, chunks_of, pack_wanted, pack_wish
+from canopen_control.bus.error_frames import has_error_frames, note_errors
+from canopen_control.bus.port import BusEventKind, EventLog, PortStats, Records, SendQueue, whole_records
+from canopen_control.bus.wanted import (
+    GIVES_STAMPS,
+    HELLO_SIZE,
+    TAKES_WANTED,
+    VERSION,
+    Chunk,
+    Hello,
+    chunks_of,
+    pack_hello,
+    pack_wanted,
+    pack_wish,
+    parse_hello,
+)
 from canopen_control.errors import BusClosed, BusError, BusNotOpen, CanopenError, ConfigError, RemoteError
 from canopen_control.frame import RECORD_SIZE
 from canopen_control.host.sockets import connect, list_sockets, lock, peer_pid, socket_path
@@ -28,7 +37,6 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.declare import Request
 
-__all__ = ["LocalPort", "ask_hub", "greet", "join_local", "open_local"]
 
 A = TypeVar("A")
 _RECEIVE_SIZE: Final = 65536

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 from weakref import WeakValueDictionary
 
 from canopen_control.bus import error_frames
-from canopen_control.bus.error_events import note_errors
-from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
-from canopen_control.bus.port_parts import EventLog, WakeDescriptor
+from canopen_control.bus.error_frames import note_errors
+from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, WakeDescriptor, whole_records
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     Predicate = Callable[[str, CanFrame], bool]
     """Label of the sender and the frame -> whether the knob takes it."""
 
-__all__ = ["MemoryBus", "MemoryPort", "bus_of_channel", "provide"]
 
 QUEUE_LIMIT = 65536 * RECORD_SIZE  # bytes that wait for one reader
 HISTORY_LIMIT = 65536  # calls of send that are remembered

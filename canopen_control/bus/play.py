@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Port
     from canopen_control.bus.recordings import RecordedFrame
 
-__all__ = ["Played", "play"]
 
 _NS = 1_000_000_000
 _LAST_FRAMES_S = 2.0

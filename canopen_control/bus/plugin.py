@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import can
 
 from canopen_control.bus.local import open_local
+from canopen_control.bus.port import WakeDescriptor
 from canopen_control.bus.port_abilities import Arrivals
-from canopen_control.bus.port_parts import WakeDescriptor
 from canopen_control.bus.pythoncan import message_of, record_of
 from canopen_control.errors import BusClosed, CanopenError
 from canopen_control.frame import frames_of
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canopen_control.bus.wanted import Chunk
-
-__all__ = ["LocalBus"]
 
 
 class LocalBus(can.BusABC):

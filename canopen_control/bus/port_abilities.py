@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
 
-__all__ = ["Arrivals", "Filtering", "Stamping", "UnixOffset", "set_filter"]
 
 _READINGS = 4
 

@@ -22,26 +22,25 @@ from typing import TYPE_CHECKING, Any, Final
 
 import can
 
-from canopen_control.bus.error_events import note_errors
-from canopen_control.bus.error_frames import has_error_frames
-from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.error_frames import has_error_frames, note_errors
+from canopen_control.bus.port import (
+    SEND_LIMIT,
+    BusEvent,
+    BusEventKind,
+    EventLog,
+    PortStats,
+    Records,
+    SendQueue,
+    WakeDescriptor,
+    whole_records,
+)
 from canopen_control.bus.port_abilities import UnixOffset
-from canopen_control.bus.port_parts import SEND_LIMIT, EventLog, SendQueue, WakeDescriptor
 from canopen_control.errors import BusClosed, BusError, ConfigError, InterfaceNotFound
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, RECORD, RECORD_SIZE, REMOTE_FLAG, CanFrame, frames_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-__all__ = [
-    "AdapterClock",
-    "PythonCanPort",
-    "known_interfaces",
-    "message_of",
-    "missing_package",
-    "open_python_can",
-    "record_of",
-]
 
 _POLL_S: Final = 0.05  # how soon the reader notices that the port was closed
 _RETRY_S: Final = 0.1

@@ -24,24 +24,6 @@ if TYPE_CHECKING:
     Ancillary = Sequence[tuple[int, int, bytes]]
     """What the kernel says beside a frame: level, kind, data."""
 
-__all__ = [
-    "ALL_INTERFACES",
-    "CAN_RAW",
-    "CAN_RAW_FILTER",
-    "EVERYTHING",
-    "FILTER_SIZE",
-    "NETWORK_CLASS",
-    "SOL_CAN_RAW",
-    "CanSocket",
-    "ask_stamps",
-    "bind_to",
-    "filters_of",
-    "interface_of",
-    "open_raw",
-    "overflow_of",
-    "set_filters",
-    "stamp_of",
-]
 
 CAN_RAW = 1
 SOL_CAN_RAW = 101

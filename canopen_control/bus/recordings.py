@@ -10,26 +10,307 @@ A recording that was cut (a full disk, no power) is read up to the cut, and says
 from __future__ import annotations
 
 import contextlib
+import datetime
 import gzip
 import logging
+import math
+import os
+import re
 import struct
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, NoReturn, TextIO
 
-from canopen_control.bus.candump import interface_name, line_of, read_lines
-from canopen_control.bus.trc import read_trc
+import can
+from can.io import blf
+
+from canopen_control.bus.error_frames import (
+    ACTIVE_AGAIN,
+    BUS_ERROR,
+    BUS_OFF,
+    CONTROLLER,
+    COUNTERS,
+    PASSIVE,
+    PROTOCOL,
+    RX_OVERFLOW,
+    RX_WARNING,
+    TX_WARNING,
+)
 from canopen_control.errors import ConfigError
-from canopen_control.frame import CanFrame, frames_of
+from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, frames_of
 from canopen_control.host.files import failed, make_private
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import TracebackType
 
-    import can
 
-__all__ = ["FORMATS", "RecordedFrame", "Recording", "RecordingWriter", "format_of"]
+# Reading Vector's BLF recordings within bounds: python-can's reader, which believes every length that a file claims.
+#
+# The law of this file: a header may claim gigabytes, an object may claim to be shorter than its own header (and would
+# be read again for ever), and a container may unpack to a thousand times its size. What is read is what is there, and
+# what is unpacked is bounded; anything else is said as what is wrong with the file.
+
+
+LARGEST_CONTAINER: Final = 64 << 20  # bytes; who writes makes them of 128 KiB
+_SIZE_AT: Final = 8  # of an object's length in its header
+_SIZE: Final = struct.Struct("<L")
+_SIGNATURE: Final = b"LOBJ"
+_PADDING: Final = 8  # bytes in which the next object must begin
+
+
+class BlfReader(can.BLFReader):
+    """Yields the messages of an open BLF file; EOFError where it ends too early, ValueError where it is none."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._size = os.fstat(file.fileno()).st_size
+        super().__init__(_Within(file, self._size))  # type: ignore[arg-type] # as much of a file as is needed
+
+    def __iter__(self) -> Iterator[can.Message]:  # type: ignore[override] # a generator too
+        header = blf.OBJ_HEADER_BASE_STRUCT
+        while head := self.file.read(header.size):
+            signature, _, _, length, kind = header.unpack(head)
+            if signature != _SIGNATURE or length < header.size:
+                raise ValueError("an object without its signature or its length is in it")
+            if length - header.size > self._size - self.file.tell():
+                self.file.read(self._size)  # nothing is left: who asks sees that it was cut
+                raise EOFError
+            data = self.file.read(length - header.size)
+            self.file.read(length % 4)  # padding
+            if kind == blf.LOG_CONTAINER and (content := _unpacked(data)) is not None:
+                yield from self._parse_container(content)
+        self.stop()
+
+    def _parse_container(self, data: bytes) -> Iterator[can.Message]:
+        _refuse_standstill(self._tail + data)
+        yield from super()._parse_container(data)
+
+
+class _Within:
+    """An open file whose `read` never makes room for more than there is."""
+
+    def __init__(self, file: BinaryIO, size: int) -> None:
+        self._file, self._size = file, size
+        self.tell, self.close = file.tell, file.close
+
+    def read(self, count: int) -> bytes:
+        """Return up to `count` bytes; none of a negative count."""
+        return self._file.read(max(0, min(count, self._size - self._file.tell())))
+
+
+def _unpacked(data: bytes) -> bytes | None:
+    """Return what is in a container; None for a compression that nobody knows."""
+    method, _ = blf.LOG_CONTAINER_STRUCT.unpack_from(data)
+    packed = data[blf.LOG_CONTAINER_STRUCT.size :]
+    if method == blf.NO_COMPRESSION:
+        return packed
+    if method != blf.ZLIB_DEFLATE:
+        return None
+    unpacker = zlib.decompressobj()
+    content = unpacker.decompress(packed, LARGEST_CONTAINER)
+    if unpacker.unconsumed_tail:
+        raise ValueError(f"a container unpacks to more than {LARGEST_CONTAINER >> 20} MiB")
+    return content
+
+
+def _refuse_standstill(data: bytes) -> None:
+    """Raise ValueError for an object that ends before its header does: a reader would stay there for ever."""
+    at = 0
+    while (at := data.find(_SIGNATURE, at, at + _PADDING)) >= 0 and at + _SIZE_AT + _SIZE.size <= len(data):
+        (length,) = _SIZE.unpack_from(data, at + _SIZE_AT)
+        if length < blf.OBJ_HEADER_BASE_STRUCT.size:
+            raise ValueError("an object that is shorter than its header is in it")
+        at += length
+
+
+# PEAK's trace format, read line by line in its versions 1.0 to 2.1; python-can's writer makes 2.1.
+#
+# A line is a table row: the version, or the file's own ``$COLUMNS``, says which column is what. Rows of errors become
+# error frames in the layout of linux/can/error.h: PEAK gives the kind of error, direction, place (as an SJA1000 codes
+# it), receive and transmit counter; changes of the status as bits of PCAN-Basic; or the two counters alone.
+
+
+_COLUMNS: Final = {  # N number, O offset in ms, T type, B bus, I identifier, d direction, R reserved, L length, D data
+    "1.0": "NOILD",
+    "1.1": "NOTILD",
+    "1.2": "NOBTILD",
+    "1.3": "NOBTIRLD",
+    "2.0": "NOTIdlD",
+    "2.1": "NOTBIdRLD",
+}
+_DAY_ZERO: Final = datetime.datetime(1899, 12, 30, tzinfo=datetime.UTC)
+_DATA_TYPES: Final = {"Rx", "Tx", "DT", "RR"}
+_REMOTE_TYPE: Final = "RR"
+_LONGEST_STANDARD: Final = 4  # digits of an identifier
+_BYTE: Final = re.compile(r"[0-9A-Fa-f]{2}")
+_NS_PER_US: Final = 1000
+
+# Rows of errors
+_ERROR_TYPES: Final = {"Error", "ER"}
+_STATUS_TYPES: Final = {"Warng", "ST"}
+_COUNTER_TYPE: Final = "EC"
+_STATUS_ID: Final = "FFFFFFFF"  # of version 1.0, which has no types
+_VIOLATION: Final = {1: 0x01, 2: 0x02, 4: 0x04}  # bit, form and stuff error: PEAK's and data[2] of an error frame
+_SENDING: Final = 0x80
+_STATUS: Final = (  # a bit of PCAN-Basic, class, detail of the controller
+    (0x00010, BUS_OFF, 0),
+    (0x40000, CONTROLLER, PASSIVE),
+    (0x00008, CONTROLLER, RX_WARNING | TX_WARNING),
+    (0x00004, CONTROLLER, RX_WARNING | TX_WARNING),
+    (0x00002, CONTROLLER, RX_OVERFLOW),
+)
+
+
+def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
+    """Yield time in Unix ns and frame of each row, None for one that is no frame of classic CAN.
+
+    EOFError for a last row that is cut. Without a start time the times count from 0.
+    """
+    columns, start = _COLUMNS["1.0"], 0.0
+    for line in file:
+        text = line.strip()
+        if text.startswith(";"):
+            name, _, value = text.partition("=")
+            if name == ";$FILEVERSION":
+                columns = _COLUMNS.get(value.strip(), columns)
+            elif name == ";$COLUMNS":
+                columns = value.replace(",", "").strip()
+            elif name == ";$STARTTIME":
+                start = _start(value)
+        elif text:
+            found = _parsed(text, columns)
+            if found is None and not line.endswith("\n"):
+                raise EOFError
+            yield None if found is None else (round((start + found[0] / 1000) * 1e6) * _NS_PER_US, found[1])
+
+
+def _start(days: str) -> float:
+    """Return the start in Unix seconds, 0 where it is none."""
+    try:
+        return (_DAY_ZERO + datetime.timedelta(days=float(days))).timestamp()
+    except (ValueError, OverflowError):
+        return 0.0
+
+
+def _parsed(text: str, columns: str) -> tuple[float, CanFrame] | None:
+    """Return the offset in ms and the frame of a row."""
+    words = text.split()
+    try:
+        offset = float(words[columns.index("O")])
+        kind = words[columns.index("T")] if "T" in columns else _kind_of(words, columns)
+        if kind in _DATA_TYPES:
+            frame = _data_frame(dict(zip(columns, text.split(maxsplit=len(columns) - 1), strict=False)), kind)
+        else:
+            frame = _report(kind, words, columns)
+    except (ValueError, IndexError, KeyError):
+        return None
+    return None if frame is None or not math.isfinite(offset) else (offset, frame)
+
+
+def _kind_of(words: list[str], columns: str) -> str:
+    """Return the type of a row of version 1.0, in the words of 1.1."""
+    if words[columns.index("I")] == _STATUS_ID:
+        return "Warng"
+    return "Error" if "ERROR" in words else "Rx"
+
+
+def _data_frame(row: dict[str, str], kind: str) -> CanFrame | None:
+    """Return the frame of a row; ValueError, IndexError or KeyError where it is none."""
+    identifier = row["I"]
+    can_id = int(identifier, 16) | (EXTENDED_FLAG if len(identifier) > _LONGEST_STANDARD else 0)
+    length = int(row["L"] if "L" in row else row["l"])
+    words = row.get("D", "").split()
+    if can_id & 0x1FFFFFFF > (0x1FFFFFFF if can_id & EXTENDED_FLAG else 0x7FF) or not 0 <= length <= 15:
+        return None
+    length = min(length, 8)
+    if kind == _REMOTE_TYPE or words[:1] == ["RTR"]:
+        return CanFrame(can_id | REMOTE_FLAG, bytes(length))
+    if len(words) < length:
+        raise IndexError
+    return CanFrame(can_id, bytes(int(word, 16) for word in words[:length]))
+
+
+def _report(kind: str, words: list[str], columns: str) -> CanFrame | None:
+    """Return the error frame of a row of errors; such rows may lack the columns of identifier and length."""
+    direction = next((at for at, word in enumerate(words) if word in ("Rx", "Tx")), columns.find("L"))
+    data = bytes(int(word, 16) for word in words[direction + 1 :] if _BYTE.fullmatch(word))
+    if kind in _ERROR_TYPES:
+        if "d" not in columns:  # up to 1.3 the kind of error is the identifier
+            data = bytes((int(words[columns.index("I")], 16) & 0xFF,)) + data
+        what, way, place, receive, transmit = data[:5]
+        detail = _VIOLATION.get(what, 0) | (0 if way else _SENDING)
+        classes = PROTOCOL | BUS_ERROR | COUNTERS
+        return CanFrame(ERROR_FLAG | classes, bytes((0, 0, detail, place, 0, 0, transmit, receive)))
+    if kind in _STATUS_TYPES and len(data) >= 4:
+        status = int.from_bytes(data[:4], "big")
+        classes, detail = 0, 0
+        for bit, each, more in _STATUS:
+            if status & bit:
+                classes, detail = classes | each, detail | more
+        if not status:
+            classes, detail = CONTROLLER, ACTIVE_AGAIN
+        return CanFrame(ERROR_FLAG | classes, bytes((0, detail, 0, 0, 0, 0, 0, 0))) if classes else None
+    if kind == _COUNTER_TYPE:
+        receive, transmit = data[:2]
+        return CanFrame(ERROR_FLAG | COUNTERS, bytes((0, 0, 0, 0, 0, 0, transmit, receive)))
+    return None
+
+
+# candump's log format, ``(1700000000.123456) can0 183#3706``, written and read frame by frame.
+#
+# As can-utils has it: error frames keep their classes and details and remote frames their length, which python-can's
+# own writer leaves out.
+
+
+_STANDARD_DIGITS = 3
+_NS = 1_000_000_000
+_LONGEST_NAME = 15  # IFNAMSIZ without the zero
+_LONGEST_LINE = 4096  # of any that is a frame, by far
+_LINE = re.compile(
+    r"\((?P<sign>-?)(?P<seconds>\d{1,11})\.(?P<fraction>\d{1,18})\)\s+(?P<channel>\S+)\s+"
+    r"(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?P<data>[Rr]\d?|(?:[0-9A-Fa-f]{2}\.?){0,8})(?:_[9A-Fa-f])?(?P<rest>\s+[RTrt])?\s*"
+)
+
+
+def interface_name(channel: str) -> str:
+    """Return a channel as the name of a network interface, which other programs take it for."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", channel)[:_LONGEST_NAME] or "can0"
+
+
+def line_of(time_ns: int, channel: str, frame: CanFrame) -> str:
+    """Return the line of a frame with its end; `time_ns` in Unix time is cut to microseconds."""
+    sign = "-" if time_ns < 0 else ""
+    seconds, ns = divmod(abs(time_ns), _NS)
+    # of an error frame candump writes the flag too
+    text = f"{frame.can_id:08X}#{frame.data.hex().upper()}" if frame.is_error else str(frame)
+    return f"({sign}{seconds:010d}.{ns // 1000:06d}) {channel} {text}\n"
+
+
+def parse_line(line: str) -> tuple[int, CanFrame] | None:
+    """Return time and frame of a line; None for what is none: CAN FD, or another format.
+
+    A clock that was set can make times negative. A DLC above 8 (`_9` to `_F`, can-utils 2020 and later) means 8 bytes.
+    """
+    found = _LINE.fullmatch(line)
+    if found is None:
+        return None
+    time_ns = int(found["seconds"]) * _NS + int(f"{found['fraction']:0<9}"[:9])
+    time_ns = -time_ns if found["sign"] else time_ns
+    can_id = int(found["id"], 16)
+    if len(found["id"]) > _STANDARD_DIGITS and not can_id & ERROR_FLAG:
+        can_id = can_id & ~REMOTE_FLAG | EXTENDED_FLAG
+    data = found["data"]
+    if data[:1] in ("R", "r"):
+        return time_ns, CanFrame(can_id | REMOTE_FLAG, bytes(min(int(data[1:] or 0), 8)))
+    return time_ns, CanFrame(can_id, bytes.fromhex(data.replace(".", "")))
+
+
+def read_lines(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
+    """Yield the frames of a log, None for each line that is none; empty lines do not count."""
+    while line := file.readline(_LONGEST_LINE):
+        if text := line.strip():
+            yield parse_line(text)
+
 
 _UNREADABLE = (
     EOFError,
@@ -83,7 +364,6 @@ def _asc_reader(file: Any) -> Any:  # noqa: ANN401 - python-can's readers have n
 
 
 def _blf_reader(file: Any) -> Any:  # noqa: ANN401 - as above
-    from canopen_control.bus.blf import BlfReader
 
     return BlfReader(file)
 

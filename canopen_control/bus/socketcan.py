@@ -14,11 +14,9 @@ import errno
 import time
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.error_events import note_errors
-from canopen_control.bus.error_frames import has_error_frames, overrun_frame
-from canopen_control.bus.port import BusEvent, BusEventKind, PortStats, Records, whole_records
+from canopen_control.bus.error_frames import has_error_frames, note_errors, overrun_frame
+from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, SendQueue, whole_records
 from canopen_control.bus.port_abilities import UnixOffset
-from canopen_control.bus.port_parts import EventLog, SendQueue
 from canopen_control.bus.rawsocket import (
     ALL_INTERFACES,
     EVERYTHING,
@@ -41,7 +39,6 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.rawsocket import Ancillary, CanSocket
 
-__all__ = ["SocketCanPort", "open_socketcan"]
 
 _ANCILLARY_SIZE = 64
 _BATCH = 1024  # frames a call of receive, so that a flood leaves time for others

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from canopen_control.frame import RECORD, RECORD_SIZE
 
-__all__ = ["DropRule", "WireFaults"]
-
 
 class DropRule:
     """Loses frames of `label` ("" for anybody) with identifier `can_id` (None for any).

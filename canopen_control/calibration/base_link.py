@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from canopen_control.client import RobotClient
     from canopen_control.rpc.messages.state import ControllerReading, Planar, TruePose
 
-__all__ = ["FACTORS", "BaseLink", "Driven", "WheelValues", "choose_base"]
 
 #: the parameters that a calibration changes: track, left and right radius
 FACTORS: Final = ("wheel_separation_multiplier", "left_wheel_radius_multiplier", "right_wheel_radius_multiplier")

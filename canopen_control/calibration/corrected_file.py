@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.yamlfile.node import Node
 
-__all__ = ["Change", "given_in", "write_corrected"]
 
 _ANCHORS: Final = ("wheel_separation", "wheel_radius", "left_wheel_names", "right_wheel_names")
 

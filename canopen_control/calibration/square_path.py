@@ -19,7 +19,6 @@ from canopen_control.errors import ControlError
 if TYPE_CHECKING:
     from canopen_control.calibration.umbmark import Direction
 
-__all__ = ["Pace", "SquarePath"]
 
 _CORNERS: Final = 4
 _TURN: Final = math.pi / 2

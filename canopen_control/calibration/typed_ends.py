@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from canopen_control.calibration.base_link import Driven
 
-__all__ = ["FiledEnds", "TypedEnds", "parse_end", "read_ends"]
-
 
 def parse_end(text: str) -> tuple[float, float]:
     """Return X and Y of ``0.012 -0.034``, with or without a comma; ConfigError with what to write instead."""

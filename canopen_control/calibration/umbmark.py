@@ -18,7 +18,6 @@ from canopen_control.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["Correction", "Direction", "ImplausibleEnds", "SquareRun", "WheelFactors", "correction", "relative"]
 
 Planar = tuple[float, float, float]
 _CORNER: Final = math.pi / 2

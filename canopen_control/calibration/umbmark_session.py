@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from canopen_control.calibration.base_link import Driven, WheelValues
 
-__all__ = ["EXACT", "Base", "CalibrationPlan", "Ends", "Outcome", "TrueEnds", "calibrate", "fitting_pace", "space"]
 
 EXACT: Final = 0.001  # m; an error that is nothing to correct
 _NO_BETTER: Final = 0.0002  # m; one that another pass does not lessen

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import enum
 
-__all__ = ["BUSY_CODES", "AbortCode", "abort_text"]
-
 
 class AbortCode(enum.IntEnum):
     """Why a transfer ended; `text` is the meaning in words."""

@@ -17,8 +17,6 @@ from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import MAX_NODE_ID, REMOTE_FLAG, CanFrame, remote_frame
 
-__all__ = ["GuardingEvent", "GuardingEventKind", "GuardingMaster", "GuardingSlave"]
-
 
 class GuardingEventKind(enum.Enum):
     """What guarding tells; a slave tells MISSED and RESOLVED of its master."""

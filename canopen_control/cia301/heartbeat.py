@@ -16,16 +16,6 @@ from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import MAX_NODE_ID, CanFrame
 
-__all__ = [
-    "HeartbeatConsumer",
-    "HeartbeatEvent",
-    "HeartbeatEventKind",
-    "HeartbeatProducer",
-    "consumer_entry",
-    "next_on_grid",
-    "parse_consumer_entry",
-]
-
 
 def consumer_entry(node_id: int, ms: int) -> int:
     """Return the 0x1016 value that watches `node_id` with `ms` (both 0: unused); LocalProtocolError if too large."""

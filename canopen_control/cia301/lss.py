@@ -8,19 +8,19 @@ Every LSS frame has 8 bytes: command specifier, then parameters, little-endian, 
 from __future__ import annotations
 
 import enum
-from typing import NamedTuple
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from canopen_control.frame import CanFrame
+from canopen_control.cia301.outbox import Outbox
+from canopen_control.errors import LocalProtocolError, RemoteProtocolError
+from canopen_control.frame import MAX_NODE_ID, CanFrame
 
-__all__ = [
-    "BIT_TIMINGS",
-    "UNCONFIGURED",
-    "LssCommand",
-    "LssIdentity",
-    "LssMode",
-    "bit_timing_index",
-    "lss_frame",
-]
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator
+
+    _Service: TypeAlias = Generator["_Ask", "bytes | None", "LssResult"]
+
 
 MASTER_COB_ID = 0x7E5
 SLAVE_COB_ID = 0x7E4
@@ -85,3 +85,474 @@ def lss_frame(command: int, value: int = 0, *, tail: bytes = b"", cob_id: int = 
 def bit_timing_index(bitrate: int) -> int | None:
     """Return the index in table 0 of `bitrate` in bit/s, or None."""
     return next((index for index, known in BIT_TIMINGS.items() if known == bitrate), None)
+
+
+# The LSS master: a queue of services, one at a time on the bus (CiA 305, 3.9).
+#
+# A service is a generator that asks (frames out, then an answer or silence) and returns its result. Silence is an error
+# where one slave must answer, and a result where the question was whether there is one. While scanning every question
+# waits its whole time, because the answers of several slaves are equal and a late one would answer the next question.
+
+
+LssResult: TypeAlias = int | LssIdentity | None
+PART_NAMES = LssIdentity._fields
+_REFUSALS = {1: "not supported or out of range", 2: "storing failed"}
+
+
+class _Ask(NamedTuple):
+    """Send `frames`, then wait for the command `answer` (None: for nothing); `scan`: to the end of the scan time."""
+
+    frames: list[CanFrame]
+    answer: int | None
+    scan: bool = False
+
+
+@dataclass(slots=True, eq=False)
+class LssRequest:
+    """One service: `result` when `done` without `error`; `context` is free for the owner."""
+
+    name: str
+    result: LssResult = None
+    error: RemoteProtocolError | None = None
+    done: bool = False
+    context: object = None
+
+
+@dataclass(slots=True)
+class _Job:
+    request: LssRequest
+    service: _Service
+    ask: _Ask | None = None
+    deadline_ns: int = 0
+    answer: bytes | None = None
+
+
+class LssMaster:
+    """Runs LSS services in the order of the calls; each call returns its `LssRequest`, `events` tells finished ones.
+
+    `timeout_ns` is what a slave has for an answer, `scan_timeout_ns` what all slaves have for each question of a scan.
+    Questions are asked at the next `tick`. LocalProtocolError for arguments the protocol cannot carry and when
+    `queue_limit` services wait. `stray` counts answers nobody waits for.
+    """
+
+    def __init__(
+        self, *, timeout_ns: int = 500_000_000, scan_timeout_ns: int = 20_000_000, queue_limit: int = 64
+    ) -> None:
+        self.timeout_ns = timeout_ns
+        self.scan_timeout_ns = scan_timeout_ns
+        self.queue_limit = queue_limit
+        self.stray = 0
+        self._jobs: deque[_Job] = deque()
+        self._frames: Outbox[CanFrame] = Outbox()
+        self._events: Outbox[LssRequest] = Outbox()
+
+    def switch_global(self, mode: LssMode) -> LssRequest:
+        """Switch all slaves; unconfirmed."""
+        return self._submit(f"switch all to {mode.name}", _tell(lss_frame(LssCommand.SWITCH_GLOBAL, mode)))
+
+    def switch_selective(self, identity: LssIdentity) -> LssRequest:
+        """Switch the slave of this identity to configuration."""
+        frames = [lss_frame(LssCommand.SWITCH_SELECTIVE + part, value) for part, value in enumerate(identity)]
+        return self._submit("switch one slave", _switch_selective("switch one slave", frames))
+
+    def configure_node_id(self, node_id: int) -> LssRequest:
+        """Give the slave in configuration a node id, 1 to 127, or 255: none."""
+        if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
+            msg = f"LSS: node id {node_id} is not 1 to {MAX_NODE_ID} or {UNCONFIGURED}"
+            raise LocalProtocolError(msg)
+        return self._coded(f"configure node id {node_id}", LssCommand.CONFIGURE_NODE_ID, node_id)
+
+    def configure_bit_timing(self, index: int, table: int = 0) -> LssRequest:
+        """Set the bit timing of the slave in configuration, an index of `lss.BIT_TIMINGS`."""
+        if not (0 <= index <= 0xFF and 0 <= table <= 0xFF):
+            msg = f"LSS: bit timing {index} of table {table} does not fit into a byte"
+            raise LocalProtocolError(msg)
+        return self._coded(f"configure bit timing {index}", LssCommand.CONFIGURE_BIT_TIMING, table | index << 8)
+
+    def activate_bit_timing(self, delay_ms: int) -> LssRequest:
+        """Let all slaves in configuration switch after `delay_ms` and be silent as long again; unconfirmed."""
+        if not 0 <= delay_ms <= 0xFFFF:
+            msg = f"LSS: a delay of {delay_ms} ms is not 0 to 65535"
+            raise LocalProtocolError(msg)
+        return self._submit("activate bit timing", _tell(lss_frame(LssCommand.ACTIVATE_BIT_TIMING, delay_ms)))
+
+    def store(self) -> LssRequest:
+        """Let the slave in configuration keep node id and bit timing."""
+        return self._coded("store", LssCommand.STORE, 0)
+
+    def inquire(self, part: str) -> LssRequest:
+        """Ask the slave in configuration for ``vendor``, ``product``, ``revision``, ``serial`` or ``node_id``."""
+        commands = {name: LssCommand.INQUIRE + number for number, name in enumerate(PART_NAMES)}
+        command = {**commands, "node_id": int(LssCommand.INQUIRE_NODE_ID)}.get(part)
+        if command is None:
+            msg = f"LSS: cannot inquire {part!r}; there are {', '.join(commands)} and node_id"
+            raise LocalProtocolError(msg)
+        return self._submit(f"inquire {part}", _inquire(f"inquire {part}", command))
+
+    def identify(self, low: LssIdentity, high: LssIdentity) -> LssRequest:
+        """Ask whether there are slaves of `low`'s vendor and product, revision and serial number from low to high."""
+        values = (low.vendor, low.product, low.revision, high.revision, low.serial, high.serial)
+        frames = [lss_frame(LssCommand.IDENTIFY + step, value) for step, value in enumerate(values)]
+        return self._submit("identify", _exists(frames, LssCommand.IDENTIFIED))
+
+    def identify_non_configured(self) -> LssRequest:
+        """Ask whether there are slaves without a node id."""
+        frames = [lss_frame(LssCommand.IDENTIFY_NON_CONFIGURED)]
+        return self._submit("identify non-configured", _exists(frames, LssCommand.IDENTIFIED_NON_CONFIGURED))
+
+    def fast_scan(
+        self,
+        *,
+        vendor: int | None = None,
+        product: int | None = None,
+        revision: int | None = None,
+        serial: int | None = None,
+    ) -> LssRequest:
+        """Find one slave without a node id and switch it to configuration; the result is its identity, None: none.
+
+        Parts given are only confirmed, which saves 32 questions each.
+        """
+        return self._submit("fast scan", _fast_scan((vendor, product, revision, serial)))
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Take an answer; other frames are ignored."""
+        if frame.can_id != SLAVE_COB_ID:
+            return
+        job = self._jobs[0] if self._jobs else None
+        ask = None if job is None else job.ask
+        if job is None or ask is None or len(frame.data) != 8 or frame.data[0] != ask.answer:
+            self.stray += 1
+            return
+        job.answer = frame.data
+        if not ask.scan:
+            self._advance(job, now)
+
+    def tick(self, now: int) -> None:
+        """Ask the next question, or take silence for the answer."""
+        if not self._jobs:
+            return
+        job = self._jobs[0]
+        if job.ask is None or now >= job.deadline_ns:
+            self._advance(job, now)
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do; 0 means at once."""
+        if not self._jobs:
+            return None
+        job = self._jobs[0]
+        return 0 if job.ask is None else job.deadline_ns
+
+    def frames(self) -> list[CanFrame]:
+        """Drain the questions to send."""
+        return self._frames.drain()
+
+    def events(self) -> list[LssRequest]:
+        """Drain the finished requests."""
+        return self._events.drain()
+
+    def _coded(self, name: str, command: int, value: int) -> LssRequest:
+        return self._submit(name, _coded(name, command, value))
+
+    def _submit(self, name: str, service: _Service) -> LssRequest:
+        if len(self._jobs) >= self.queue_limit:
+            msg = f"LSS: {self.queue_limit} services wait already; let the queue drain first"
+            raise LocalProtocolError(msg)
+        request = LssRequest(name)
+        self._jobs.append(_Job(request, service))
+        return request
+
+    def _advance(self, job: _Job, now: int) -> None:
+        answer, job.answer = job.answer, None
+        try:
+            ask = next(job.service) if job.ask is None else job.service.send(answer)
+            while ask.answer is None:
+                self._send(ask)
+                ask = job.service.send(None)
+        except StopIteration as stop:
+            self._finish(job, stop.value, None, now)
+        except RemoteProtocolError as error:
+            self._finish(job, None, error, now)
+        else:
+            self._send(ask)
+            job.ask = ask
+            job.deadline_ns = now + (self.scan_timeout_ns if ask.scan else self.timeout_ns)
+
+    def _send(self, ask: _Ask) -> None:
+        for frame in ask.frames:
+            self._frames.put(frame)
+
+    def _finish(self, job: _Job, result: LssResult, error: RemoteProtocolError | None, now: int) -> None:
+        self._jobs.popleft()
+        request = job.request
+        request.result, request.error, request.done = result, error, True
+        self._events.put(request)
+        self.tick(now)
+
+
+def _tell(frame: CanFrame) -> _Service:
+    yield _Ask([frame], None)
+    return None
+
+
+def _confirmed(name: str, frames: list[CanFrame], answer: int) -> Generator[_Ask, bytes | None, bytes]:
+    data = yield _Ask(frames, answer)
+    if data is None:
+        raise RemoteProtocolError(0, f"LSS {name}: no answer; is a slave there, and in configuration?")
+    return data
+
+
+def _switch_selective(name: str, frames: list[CanFrame]) -> _Service:
+    yield from _confirmed(name, frames, LssCommand.SWITCHED)
+    return None
+
+
+def _coded(name: str, command: int, value: int) -> _Service:
+    data = yield from _confirmed(name, [lss_frame(command, value)], command)
+    if data[1]:
+        reason = _REFUSALS.get(data[1], f"error {data[1]}, manufacturer's {data[2]}")
+        raise RemoteProtocolError(0, f"LSS {name}: refused, {reason}")
+    return None
+
+
+def _inquire(name: str, command: int) -> _Service:
+    data = yield from _confirmed(name, [lss_frame(command)], command)
+    return data[1] if command == LssCommand.INQUIRE_NODE_ID else int.from_bytes(data[1:5], "little")
+
+
+def _exists(frames: list[CanFrame], answer: int) -> _Service:
+    return (yield _Ask(frames, answer, scan=True)) is not None
+
+
+def _question(number: int, bit: int, part: int, following: int) -> _Ask:
+    frame = lss_frame(LssCommand.FAST_SCAN, number, tail=bytes((bit, part, following)))
+    return _Ask([frame], LssCommand.IDENTIFIED, scan=True)
+
+
+def _fast_scan(known: tuple[int | None, ...]) -> _Service:
+    if (yield _question(0, FAST_SCAN_START, 0, 0)) is None:
+        return None
+    found: list[int] = []
+    for part, given in enumerate(known):
+        number = given or 0
+        for bit in range(31, -1, -1) if given is None else ():
+            if (yield _question(number, bit, part, part)) is None:
+                number |= 1 << bit  # nobody has a 0 there
+        if (yield _question(number, 0, part, (part + 1) % 4)) is None:
+            name = PART_NAMES[part]
+            raise RemoteProtocolError(0, f"LSS fast scan: no slave confirms {name} 0x{number:08X}; scan again")
+        found.append(number)
+    return LssIdentity(*found)
+
+
+# The LSS slave: node id and bit timing of one node, set over the bus (CiA 305, 3.9).
+#
+# The law: waiting until the master switches all slaves, or this one by its identity, or this one was found by fast
+# scan; configuring then until switched back. A new node id becomes active when an unconfigured node goes back to
+# waiting, and for any other node at its next reset communication. Frames that are not 8 bytes, or that do not fit the
+# state, are ignored and counted.
+
+
+OK, REFUSED, STORE_FAILED = 0, 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class LssNodeIdAssigned:
+    """An unconfigured node has its node id: initialise with it and send the boot-up."""
+
+    node_id: int
+
+
+@dataclass(frozen=True, slots=True)
+class LssActivateBitTiming:
+    """Switch to `bitrate` (bit/s, 0: detect) `delay_ms` from now, and be silent for `delay_ms` after that."""
+
+    bitrate: int
+    delay_ms: int
+
+
+class LssSlave:
+    """One node's LSS; `node_id` is the active one (255: none), `pending_node_id` the one to come.
+
+    `store` keeps node id and bit rate (None: unchanged) and returns whether that worked; without it storing is
+    refused as not supported. `bit_timings` are the indices of table 0 that the node can do.
+    """
+
+    def __init__(
+        self,
+        identity: LssIdentity,
+        node_id: int = UNCONFIGURED,
+        *,
+        bit_timings: frozenset[int] = frozenset(BIT_TIMINGS),
+        store: Callable[[int, int | None], bool] | None = None,
+    ) -> None:
+        self.identity = identity
+        self.node_id = node_id
+        self.pending_node_id = node_id
+        self.pending_bitrate: int | None = None
+        self.bit_timings = bit_timings
+        self.store = store
+        self.mode = LssMode.WAITING
+        self.malformed = 0
+        self.ignored = 0
+        self._selected = 0  # parts of the identity matched by switch selective
+        self._identified = 0  # by identify remote slave
+        self._scanned = 0  # the part that fast scan looks at
+        self.outgoing: Outbox[CanFrame] = Outbox()
+        self._events: Outbox[LssNodeIdAssigned | LssActivateBitTiming] = Outbox()
+        self._services: dict[int, Callable[[bytes], None]] = self._table()
+
+    def reset(self) -> None:
+        """Take the pending node id and wait (reset communication)."""
+        self.node_id = self.pending_node_id
+        self.mode = LssMode.WAITING
+        self._selected = self._identified = self._scanned = 0
+
+    def receive(self, frame: CanFrame, now: int) -> None:  # noqa: ARG002 - the verb of every core
+        """Serve a frame of the LSS master; other frames are ignored."""
+        if frame.can_id != MASTER_COB_ID:
+            return
+        service = self._services.get(frame.data[0]) if len(frame.data) == 8 else None
+        if service is None:
+            self.malformed += 1
+        else:
+            service(frame.data)
+
+    def tick(self, now: int) -> None:
+        """Do nothing: this core has no timers."""
+
+    def next_deadline(self) -> None:
+        """Return None: this core has no timers."""
+
+    def frames(self) -> list[CanFrame]:
+        """Drain the answers to send."""
+        return self.outgoing.drain()
+
+    def events(self) -> list[LssNodeIdAssigned | LssActivateBitTiming]:
+        """Drain what happened, in order."""
+        return self._events.drain()
+
+    def _table(self) -> dict[int, Callable[[bytes], None]]:
+        table: dict[int, Callable[[bytes], None]] = {
+            LssCommand.SWITCH_GLOBAL: self._switch_global,
+            LssCommand.CONFIGURE_NODE_ID: self._configuring(self._configure_node_id),
+            LssCommand.CONFIGURE_BIT_TIMING: self._configuring(self._configure_bit_timing),
+            LssCommand.ACTIVATE_BIT_TIMING: self._configuring(self._activate_bit_timing),
+            LssCommand.STORE: self._configuring(self._store),
+            LssCommand.IDENTIFY_NON_CONFIGURED: self._identify_non_configured,
+            LssCommand.FAST_SCAN: self._fast_scan,
+            LssCommand.INQUIRE_NODE_ID: self._configuring(self._inquire_node_id),
+        }
+        for part in range(4):
+            table[LssCommand.SWITCH_SELECTIVE + part] = self._switch_selective
+            table[LssCommand.INQUIRE + part] = self._configuring(self._inquire)
+        for step in range(6):
+            table[LssCommand.IDENTIFY + step] = self._identify
+        return table
+
+    def _configuring(self, service: Callable[[bytes], None]) -> Callable[[bytes], None]:
+        def guarded(data: bytes) -> None:
+            if self.mode is LssMode.CONFIGURATION:
+                service(data)
+            else:
+                self.ignored += 1
+
+        return guarded
+
+    def _answer(self, command: int, value: int = 0) -> None:
+        self.outgoing.put(lss_frame(command, value, cob_id=SLAVE_COB_ID))
+
+    def _switch_global(self, data: bytes) -> None:
+        if data[1] == LssMode.CONFIGURATION:
+            self.mode = LssMode.CONFIGURATION
+        elif data[1] == LssMode.WAITING:
+            self._leave_configuration()
+        else:
+            self.ignored += 1
+
+    def _leave_configuration(self) -> None:
+        was_configuring, self.mode = self.mode is LssMode.CONFIGURATION, LssMode.WAITING
+        if was_configuring and self.node_id == UNCONFIGURED != self.pending_node_id:
+            self.node_id = self.pending_node_id
+            self._events.put(LssNodeIdAssigned(self.node_id))
+
+    def _switch_selective(self, data: bytes) -> None:
+        part = data[0] - LssCommand.SWITCH_SELECTIVE
+        if part == 0:
+            self._selected = 0
+        matches = part == self._selected and _number(data) == self.identity[part]
+        self._selected = part + 1 if matches else 0
+        if self._selected == 4:
+            self._selected = 0
+            self.mode = LssMode.CONFIGURATION
+            self._answer(LssCommand.SWITCHED)
+
+    def _configure_node_id(self, data: bytes) -> None:
+        accepted = 1 <= data[1] <= MAX_NODE_ID or data[1] == UNCONFIGURED
+        if accepted:
+            self.pending_node_id = data[1]
+        self._answer(LssCommand.CONFIGURE_NODE_ID, OK if accepted else REFUSED)
+
+    def _configure_bit_timing(self, data: bytes) -> None:
+        accepted = data[1] == 0 and data[2] in self.bit_timings
+        if accepted:
+            self.pending_bitrate = 0 if data[2] == AUTOMATIC_BIT_TIMING else BIT_TIMINGS[data[2]]
+        self._answer(LssCommand.CONFIGURE_BIT_TIMING, OK if accepted else REFUSED)
+
+    def _activate_bit_timing(self, data: bytes) -> None:
+        if self.pending_bitrate is None:
+            self.ignored += 1
+        else:
+            self._events.put(LssActivateBitTiming(self.pending_bitrate, data[1] | data[2] << 8))
+
+    def _store(self, data: bytes) -> None:
+        if self.store is None:
+            self._answer(data[0], REFUSED)
+        else:
+            self._answer(data[0], OK if self.store(self.pending_node_id, self.pending_bitrate) else STORE_FAILED)
+
+    def _inquire(self, data: bytes) -> None:
+        self._answer(data[0], self.identity[data[0] - LssCommand.INQUIRE])
+
+    def _inquire_node_id(self, data: bytes) -> None:
+        self._answer(data[0], self.node_id)
+
+    def _identify(self, data: bytes) -> None:
+        step, number = data[0] - LssCommand.IDENTIFY, _number(data)
+        vendor, product, revision, serial = self.identity
+        matches = (
+            number == vendor,
+            number == product,
+            number <= revision,
+            number >= revision,
+            number <= serial,
+            number >= serial,
+        )[step]
+        if step == 0:
+            self._identified = 0
+        self._identified = step + 1 if matches and step == self._identified else 0
+        if self._identified == 6:
+            self._identified = 0
+            self._answer(LssCommand.IDENTIFIED)
+
+    def _identify_non_configured(self, _data: bytes) -> None:
+        if self.pending_node_id == UNCONFIGURED:
+            self._answer(LssCommand.IDENTIFIED_NON_CONFIGURED)
+
+    def _fast_scan(self, data: bytes) -> None:
+        bit, part, following = data[5], data[6], data[7]
+        if self.mode is not LssMode.WAITING or self.pending_node_id != UNCONFIGURED:
+            return
+        if bit == FAST_SCAN_START:
+            self._scanned = 0
+            self._answer(LssCommand.IDENTIFIED)
+        elif bit > 31 or part > 3 or following > 3:
+            self.ignored += 1
+        elif part == self._scanned and (_number(data) ^ self.identity[part]) >> bit == 0:
+            self._scanned = following
+            if bit == 0 and following < part:
+                self.mode = LssMode.CONFIGURATION
+            self._answer(LssCommand.IDENTIFIED)
+
+
+def _number(data: bytes) -> int:
+    return int.from_bytes(data[1:5], "little")

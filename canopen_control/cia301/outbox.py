@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["Outbox", "drain_all"]
 
 T = TypeVar("T")
 

@@ -9,39 +9,21 @@ numbers, strings and domains are bytes of the mapped length.
 
 from __future__ import annotations
 
+import enum
 import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import EXTENDED_BIT, is_restricted
+from canopen_control.frame import EXTENDED_BIT, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, is_restricted
 from canopen_control.od.model import DataType
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from canopen_control.od.model import Value
 
-__all__ = [
-    "ACYCLIC_SYNCHRONOUS",
-    "DUMMY_TYPES",
-    "EVENT_MANUFACTURER",
-    "EVENT_PROFILE",
-    "INVALID_BIT",
-    "MAX_BITS",
-    "NO_RTR_BIT",
-    "RTR_EVENT",
-    "RTR_SYNCHRONOUS",
-    "MappedObject",
-    "PdoCodec",
-    "PdoParameters",
-    "dummy",
-    "is_cyclic",
-    "is_event_driven",
-    "is_reserved",
-    "mapping_entry",
-    "parse_mapping_entry",
-]
 
 MAX_BITS = 64  # a classic CAN frame
 INVALID_BIT = 1 << 31  # of a COB-ID entry
@@ -292,3 +274,339 @@ class PdoCodec:
             return LocalProtocolError(f"the mapping has {len(self.objects)} objects, not {len(values)}")
         names = ", ".join(field.name for field in self._fields)
         return LocalProtocolError(f"{list(values)!r} cannot be packed as {names}: {error}")
+
+
+# An RPDO on the device's side: when its data count (CiA 301, 7.2.2.2 and 7.5.2.35).
+#
+# Types 0 to 240 hold the newest data until the next SYNC; 254 and 255 apply it at once. Other types are no RPDO's.
+# Data shorter than the mapping are dropped and told (EMCY 0x8210); of longer data the mapped part counts and the rest
+# is told (0x8220). The event timer, where set, is a deadline: it starts with the first reception (0x8250).
+
+
+class RpdoEventKind(enum.Enum):
+    """What an RPDO tells."""
+
+    APPLY = "apply"  # write `data` to the mapped objects now
+    TOO_SHORT = "too short"
+    TOO_LONG = "too long"
+    TIMEOUT = "timeout"
+    RESOLVED = "resolved"  # the first data after a timeout
+
+
+EMCY_OF: dict[RpdoEventKind, int] = {
+    RpdoEventKind.TOO_SHORT: 0x8210,
+    RpdoEventKind.TOO_LONG: 0x8220,
+    RpdoEventKind.TIMEOUT: 0x8250,
+}
+
+
+class RpdoEvent(NamedTuple):
+    """`kind`; `data` are exactly the mapped bytes for APPLY, empty otherwise; `length` is the frame's."""
+
+    kind: RpdoEventKind
+    data: bytes = b""
+    length: int = 0
+
+
+class RpdoConsumer:
+    """One RPDO whose mapping has `length` bytes.
+
+    Deaf before `start` (OPERATIONAL) and after `stop`. `received` counts accepted frames, `short` and `long` length
+    errors, `late` synchronous data that came outside the window `window_ns` after the SYNC (0x1007; 0: no window).
+    `length_error` is what was wrong with the length of the last frame, None for nothing.
+    """
+
+    def __init__(self, parameters: PdoParameters, length: int, *, window_ns: int = 0) -> None:
+        self.length = length
+        self.window_ns = window_ns
+        self.running = False
+        self.received = self.short = self.long = self.late = 0
+        self.length_error: RpdoEventKind | None = None
+        self.happened: Outbox[RpdoEvent] = Outbox()
+        self._sync_ns: int | None = None
+        self._held: bytes | None = None
+        self._deadline_ns: int | None = None
+        self._timed_out = False
+        self._adopt(parameters)
+
+    @property
+    def holds(self) -> bool:
+        """Whether data wait for the next SYNC."""
+        return self._held is not None
+
+    @property
+    def parameters(self) -> PdoParameters:
+        """The communication record."""
+        return self._parameters
+
+    def configure(self, parameters: PdoParameters, length: int) -> None:
+        """Take a new communication record and mapping length; held data are forgotten."""
+        self.length = length
+        self._clear()
+        self._adopt(parameters)
+
+    def start(self) -> None:
+        """Begin: the node became OPERATIONAL."""
+        self._clear()
+        self.running = True
+
+    def stop(self) -> None:
+        """End: the node left OPERATIONAL; held data are forgotten. No-op when stopped."""
+        self._clear()
+        self.running = False
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Take the PDO; other frames are ignored."""
+        if frame.can_id != self._can_id or not self.running:
+            return
+        if self._deadline_ns is not None:
+            self.tick(now)  # data behind the deadline resolve a timeout, they do not hide it
+        data = self._checked(frame.data)
+        if data is None:
+            return
+        if self.window_ns and not self._immediate and self._is_late(now):
+            self.late += 1
+            return
+        self.received += 1
+        if self._timed_out or self._event_ns:
+            self._alive(now)
+        if self._immediate:
+            self.happened.put(RpdoEvent(RpdoEventKind.APPLY, data, len(frame.data)))
+        else:
+            self._held = data
+
+    def hold(self, data: bytes) -> bool:
+        """Take data that do nothing but wait for the next SYNC; False: `receive` has to look at them."""
+        usual = self._waits and self.running and len(data) == self.length
+        if not usual or self.window_ns or self._timed_out or self.length_error is not None:
+            return False
+        self.received += 1
+        self._held = data
+        return True
+
+    def sync(self, now: int) -> None:
+        """Take a SYNC: held data count now."""
+        self._sync_ns = now
+        if self._held is not None:
+            self.happened.put(RpdoEvent(RpdoEventKind.APPLY, self._held, len(self._held)))
+            self._held = None
+
+    def tick(self, now: int) -> None:
+        """Tell that the deadline passed, once."""
+        if self._deadline_ns is not None and now >= self._deadline_ns:
+            self._deadline_ns, self._timed_out = None, True
+            self.happened.put(RpdoEvent(RpdoEventKind.TIMEOUT))
+
+    def next_deadline(self) -> int | None:
+        """Return when the data are too old."""
+        return self._deadline_ns
+
+    def frames(self) -> list[CanFrame]:
+        """Return nothing: a consumer does not send."""
+        return []
+
+    def events(self) -> list[RpdoEvent]:
+        """Drain what happened, in order."""
+        return self.happened.drain()
+
+    def _adopt(self, parameters: PdoParameters) -> None:
+        self._parameters, self._event_ns = parameters, parameters.event_ns
+        self._immediate = is_event_driven(parameters.transmission_type)
+        usable = parameters.enabled and (self._immediate or parameters.transmission_type <= LAST_CYCLIC)
+        self._can_id = parameters.cob_id | (EXTENDED_FLAG if parameters.extended else 0) if usable else -1
+        self._waits = usable and not self._immediate and not self._event_ns
+
+    def _clear(self) -> None:
+        self._held = self._deadline_ns = None
+        self._timed_out = False
+        self.length_error = None
+
+    def _checked(self, data: bytes) -> bytes | None:
+        self.length_error = None
+        if len(data) < self.length:
+            self.length_error = RpdoEventKind.TOO_SHORT
+            self.short += 1
+            self.happened.put(RpdoEvent(RpdoEventKind.TOO_SHORT, length=len(data)))
+            return None
+        if len(data) > self.length:
+            self.length_error = RpdoEventKind.TOO_LONG
+            self.long += 1
+            self.happened.put(RpdoEvent(RpdoEventKind.TOO_LONG, length=len(data)))
+        return data[: self.length]
+
+    def _is_late(self, now: int) -> bool:
+        return self._sync_ns is not None and now - self._sync_ns > self.window_ns
+
+    def _alive(self, now: int) -> None:
+        if self._timed_out:
+            self._timed_out = False
+            self.happened.put(RpdoEvent(RpdoEventKind.RESOLVED))
+        if self._event_ns:
+            self._deadline_ns = now + self._event_ns
+
+
+# A TPDO on the device's side: when it is sent (CiA 301, 7.2.2.1 to 4 and 7.5.2.37).
+#
+# The law, by transmission type:
+#   0         at the next SYNC after `changed`
+#   1 to 240  at every nth SYNC; with a start value the SYNC whose counter equals it is number 1
+#   252       sampled at SYNC, sent on a remote frame
+#   253       sampled and sent on a remote frame
+#   254, 255  on `changed`, on the event timer, and once when process data starts; never closer than the inhibit time
+# The event timer runs from one transmission to the next. What changes within the inhibit time is sent once, with the
+# newest values, when it is over. The phase of types 1 to 240 is not portable: without a start value the nth SYNC is
+# the first one that sends here, others send at half of it.
+
+
+class TpdoProducer:
+    """One TPDO; `sample` returns the packed present values of its objects whenever it is asked.
+
+    Nothing is sent before `start` (the node became OPERATIONAL) and after `stop`. `sent` counts transmissions,
+    `unanswered` remote frames that found no sample or a type that does not answer.
+    """
+
+    def __init__(self, parameters: PdoParameters, sample: Callable[[], bytes]) -> None:
+        self.sample = sample
+        self.sent = 0
+        self.unanswered = 0
+        self.running = False
+        self.outgoing: Outbox[CanFrame] = Outbox()
+        self._pending = False
+        self._sampled: bytes | None = None
+        self._count = 0
+        self._started = False  # whether the SYNC of the start value was seen
+        self._inhibited_until: int | None = None
+        self._event_at: int | None = None
+        self._adopt(parameters)
+
+    @property
+    def parameters(self) -> PdoParameters:
+        """The communication record."""
+        return self._parameters
+
+    def configure(self, parameters: PdoParameters, now: int) -> None:
+        """Take a new communication record; a running PDO starts anew with it."""
+        self._adopt(parameters)
+        if not self._valid:
+            self.outgoing.clear()
+        if self.running:
+            self.start(now)
+
+    def start(self, now: int, *, shows: bool = True) -> None:
+        """Begin: the node became OPERATIONAL, or the PDO valid. Event-driven ones show their first values.
+
+        With `shows` False they do not, as those of a profile that is to be asked for events first.
+        """
+        self._clear()
+        self.running = True
+        if not self._valid or not is_event_driven(self._type):
+            return
+        if shows:
+            self._send(now)
+        elif self._event_ns:
+            self._event_at = now + self._event_ns
+
+    def stop(self) -> None:
+        """End: the node left OPERATIONAL. No-op when stopped."""
+        self._clear()
+        self.running = False
+        self.outgoing.clear()
+
+    def changed(self, now: int) -> None:
+        """Note that a mapped value changed (or a profile event happened); types that do not care ignore it."""
+        if not self._active:
+            return
+        transmission_type = self._type
+        if transmission_type == ACYCLIC_SYNCHRONOUS:
+            self._pending = True
+        elif is_event_driven(transmission_type):
+            self._pending = True
+            self.tick(now)
+
+    def sync(self, now: int, counter: int | None = None) -> None:
+        """Take a SYNC, with its counter if it has one."""
+        if not (self.running and self._valid):
+            return
+        if self._cyclic:
+            if self._is_turn(counter):
+                self._send(now)
+        elif self._type == ACYCLIC_SYNCHRONOUS:
+            if self._pending:
+                self._send(now)
+        elif self._type == RTR_SYNCHRONOUS:
+            self._sampled = self.sample()
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Answer a remote frame on the own COB-ID; other frames are ignored."""
+        if frame.can_id != self._can_id | REMOTE_FLAG or not self._active:
+            return
+        transmission_type = self._type
+        if transmission_type == RTR_EVENT and self._parameters.rtr_allowed:
+            self._send(now)
+        elif transmission_type == RTR_SYNCHRONOUS and self._parameters.rtr_allowed and self._sampled is not None:
+            self._put(self._sampled)
+        else:
+            self.unanswered += 1
+
+    def tick(self, now: int) -> None:
+        """Send what the event timer or the end of the inhibit time makes due."""
+        deadline = self.next_deadline()
+        if deadline is not None and now >= deadline:
+            self._send(now)
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do."""
+        if not (self._driven_by_events and self.running and self._valid):
+            return None
+        if self._pending:
+            return self._inhibited_until or 0
+        if self._event_at is None:
+            return None
+        return max(self._event_at, self._inhibited_until or 0)
+
+    def frames(self) -> list[CanFrame]:
+        """Drain the frames to send."""
+        return self.outgoing.drain()
+
+    def events(self) -> list[object]:
+        """Return nothing: nothing happens to a producer."""
+        return []
+
+    @property
+    def _active(self) -> bool:
+        return self.running and self._valid
+
+    def _adopt(self, parameters: PdoParameters) -> None:
+        self._parameters = parameters
+        self._can_id = parameters.cob_id | (EXTENDED_FLAG if parameters.extended else 0)
+        self._valid = parameters.enabled
+        self._type, self._event_ns = parameters.transmission_type, parameters.event_ns
+        self._inhibit_ns = parameters.inhibit_ns
+        self._cyclic, self._driven_by_events = is_cyclic(self._type), is_event_driven(self._type)
+
+    def _clear(self) -> None:
+        self._pending = self._started = False
+        self._sampled = self._inhibited_until = self._event_at = None
+        self._count = 0
+
+    def _is_turn(self, counter: int | None) -> bool:
+        if not self._started:
+            start = self._parameters.sync_start
+            self._started = counter is None or not start or counter == start
+            if not self._started:
+                return False
+        self._count += 1
+        if self._count < self._type:
+            return False
+        self._count = 0
+        return True
+
+    def _send(self, now: int) -> None:
+        self._pending = False
+        self._inhibited_until = now + self._inhibit_ns if self._inhibit_ns else None
+        self._event_at = now + self._event_ns if self._event_ns else None
+        self._put(self.sample())
+
+    def _put(self, data: bytes) -> None:
+        self.sent += 1
+        self.outgoing.put(CanFrame(self._can_id, data))

@@ -25,7 +25,6 @@ from canopen_control.frame import is_restricted
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["MappingTarget", "PdoRules"]
 
 MAX_ENTRIES = 64
 COB_ID, TRANSMISSION_TYPE, INHIBIT_TIME, COMPATIBILITY, EVENT_TIMER, SYNC_START = range(1, 7)

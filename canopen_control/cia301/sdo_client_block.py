@@ -27,11 +27,10 @@ from canopen_control.cia301.sdo_codec import (
     SEGMENT_DATA,
     SUB_COMMAND_MASK,
     crc16,
+    segment_frames,
+    segments_in_order,
 )
-from canopen_control.cia301.sdo_records import segment_frames, segments_in_order
 from canopen_control.frame import CanFrame
-
-__all__ = ["BlockDownload", "BlockUpload"]
 
 _START = bytes((BLOCK_START, 0, 0, 0, 0, 0, 0, 0))
 

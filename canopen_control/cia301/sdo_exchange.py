@@ -14,15 +14,29 @@ The law of this file:
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING, Final, Protocol
 
-from canopen_control.cia301.abort import AbortCode, abort_text
+from canopen_control.cia301.abort import BUSY_CODES, AbortCode, abort_text
 from canopen_control.cia301.sdo_client_block import BlockUpload
-from canopen_control.cia301.sdo_codec import ABORT, INITIATE_NUMBER
-from canopen_control.cia301.sdo_initiate import BLOCK_ERRORS, completed
-from canopen_control.cia301.sdo_quarantine import Quarantine
-from canopen_control.cia301.sdo_request import RetryBudget, SdoOptions, SdoRequest
-from canopen_control.errors import SdoAbort, SdoLengthError, SdoTimeout
+from canopen_control.cia301.sdo_codec import (
+    ABORT,
+    BLOCK_DOWNLOAD,
+    BLOCK_UPLOAD,
+    CRC_FLAG,
+    DOWNLOAD,
+    DOWNLOAD_ANSWER,
+    EXPEDITED_CODES,
+    EXPEDITED_LENGTHS,
+    INITIATE,
+    INITIATE_BYTES,
+    INITIATE_NUMBER,
+    MAX_BLOCK_SIZE,
+    MAX_TRANSFER_SIZE,
+    SIZED_FLAG,
+    UPLOAD,
+)
+from canopen_control.errors import LocalProtocolError, SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.frame import CanFrame
 from canopen_control.od.codec import fitted
 
@@ -32,10 +46,225 @@ if TYPE_CHECKING:
     from canopen_control.errors import CanopenError
     from canopen_control.od.model import Entry
 
-    FirstPhase = Callable[["SdoExchange", SdoRequest], tuple["Phase", bytes]]
+    FirstPhase = Callable[["SdoExchange", "SdoRequest"], tuple["Phase", bytes]]
     """Returns what a try waits for first, and its first frame."""
 
-__all__ = ["Phase", "SdoExchange"]
+
+# An SDO request as its caller holds it, the client's options, and how often is tried again.
+#
+# The law of trying again: a timeout is tried `retries` times more; a toggle error starts the transfer again at most
+# twice; "not now" to a download is asked again after pauses that grow, until `busy_ns` are over, to an upload once;
+# what block transfer could not do is done in segments, once. None of these counts against another.
+
+
+_MAX_RESTARTS: Final = 2  # after toggle errors
+_FIRST_PAUSE_NS: Final = 20_000_000  # doubles with every "not now"
+_MAX_PAUSE_NS: Final = 500_000_000
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class SdoOptions:
+    """How a client transfers; the defaults suit every server.
+
+    `block_threshold` is the length in bytes from which a write that does not choose uses block transfer;
+    `block_size` the segments per sub-block of an upload, 1 to 127; `switch_threshold` the length up to which a server
+    may answer a block upload with a plain one (0: it need not ask). `crc` and `announce_size` say what is offered,
+    `max_size` how many bytes an upload may take, and `busy_ns` how long "not now" is asked again.
+    """
+
+    block_threshold: int = 256
+    block_size: int = MAX_BLOCK_SIZE
+    switch_threshold: int = 0
+    crc: bool = True
+    announce_size: bool = True
+    max_size: int = MAX_TRANSFER_SIZE
+    busy_ns: int = 1_000_000_000
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.block_size <= MAX_BLOCK_SIZE:
+            raise LocalProtocolError(f"block_size {self.block_size}: a sub-block has 1 to {MAX_BLOCK_SIZE} segments")
+        if not 0 <= self.switch_threshold <= 0xFF:
+            raise LocalProtocolError(f"switch_threshold {self.switch_threshold}: it travels in one byte, 0 to 255")
+
+
+class SdoRequest:
+    """One upload or download, from the queue to its end.
+
+    `data` is the result of a read and the payload of a write; `error` says why it failed, None while it has not;
+    `block` whether block transfer is tried first; `context` is free for whoever asked. `elapsed_ns` counts from the
+    first frame, not from the queue; it stays 0 for one that was cancelled.
+    """
+
+    __slots__ = (
+        "block",
+        "context",
+        "data",
+        "done",
+        "elapsed_ns",
+        "error",
+        "index",
+        "is_write",
+        "subindex",
+        "timeout_ns",
+    )
+
+    error: CanopenError | None
+    context: object
+
+    def __init__(
+        self,
+        index: int,
+        subindex: int,
+        data: bytes | None,
+        timeout_ns: int,
+        block: bool = False,
+    ) -> None:
+        self.index = index
+        self.subindex = subindex
+        self.is_write = data is not None
+        self.data = data or b""
+        self.timeout_ns = timeout_ns
+        self.block = block
+        self.error = None
+        self.done = False
+        self.context = None
+        self.elapsed_ns = 0
+
+    def __repr__(self) -> str:
+        state = "open" if not self.done else "failed" if self.error else "done"
+        verb = "write" if self.is_write else "read"
+        return f"<SdoRequest {verb} 0x{self.index:04X}:{self.subindex:02X} {state}>"
+
+
+class RetryBudget:
+    """How often one request may still be tried again, and why; made with its first trouble."""
+
+    __slots__ = ("_busy_until", "_pause_ns", "_restarts", "_tries", "plain", "waited_ns")
+
+    def __init__(self, tries: int) -> None:
+        self._tries, self._restarts = tries, _MAX_RESTARTS
+        self._pause_ns = _FIRST_PAUSE_NS
+        self._busy_until: int | None = None
+        self.plain = False  # block transfer is out of the question
+        self.waited_ns = 0  # in vain
+
+    def has_try(self, code: int) -> bool:
+        """Use up a try after a timeout or a toggle error; False if `code` is none of these or none is left."""
+        if code == AbortCode.TIMED_OUT and self._tries > 0:
+            self._tries -= 1
+            return True
+        if code == AbortCode.TOGGLE_NOT_ALTERNATED and self._restarts > 0:
+            self._restarts -= 1
+            return True
+        return False
+
+    @property
+    def paused(self) -> bool:
+        """Whether it was asked again after a pause."""
+        return self._busy_until is not None
+
+    def pause(self, code: int, busy_ns: int, now: int) -> int | None:
+        """Return when to ask again what the server cannot do now; None if it is no such code, or for too long."""
+        if code not in BUSY_CODES:
+            return None
+        if self._busy_until is None:
+            self._busy_until = now + busy_ns
+        until = now + self._pause_ns
+        self._pause_ns = min(2 * self._pause_ns, _MAX_PAUSE_NS)
+        return until if until <= self._busy_until else None
+
+
+# The first frame of an SDO transfer, and answers that servers cut short (CiA 301, 7.2.4.3).
+#
+# The law: what fits four bytes goes with the initiate (expedited), everything else in segments or blocks. Some servers
+# cut their frames behind the last used byte, although CiA 301 wants eight: that is made good where no byte is missing.
+
+
+BLOCK_ERRORS: Final = frozenset(  # what segments may still do: without CRC a lost segment shows in the length
+    (
+        AbortCode.UNKNOWN_COMMAND,
+        AbortCode.INVALID_BLOCK_SIZE,
+        AbortCode.INVALID_SEQUENCE_NUMBER,
+        AbortCode.CRC_ERROR,
+        AbortCode.LENGTH_TOO_HIGH,
+        AbortCode.LENGTH_TOO_LOW,
+    ),
+)
+
+
+def initiate(request: SdoRequest, options: SdoOptions) -> bytes:
+    """Return the first frame of an expedited or segmented transfer."""
+    index, subindex, data = request.index, request.subindex, request.data
+    if not request.is_write:
+        return INITIATE.pack(UPLOAD, index, subindex)
+    length, sized = len(data), options.announce_size
+    if 1 <= length <= 4:
+        command = DOWNLOAD | (EXPEDITED_CODES[length] if sized else SIZED_FLAG)
+        return INITIATE_BYTES.pack(command, index, subindex, data)
+    return INITIATE_NUMBER.pack(DOWNLOAD | sized, index, subindex, length if sized else 0)
+
+
+def initiate_block(request: SdoRequest, options: SdoOptions) -> bytes:
+    """Return the first frame of a block transfer."""
+    crc = CRC_FLAG if options.crc else 0
+    index, subindex = request.index, request.subindex
+    if not request.is_write:
+        parameters = bytes((options.block_size, options.switch_threshold))
+        return INITIATE_BYTES.pack(BLOCK_UPLOAD | crc, index, subindex, parameters)
+    sized, length = (SIZED_FLAG, len(request.data)) if options.announce_size else (0, 0)
+    return INITIATE_NUMBER.pack(BLOCK_DOWNLOAD | crc | sized, index, subindex, length)
+
+
+def completed(data: bytes) -> bytes:
+    """Fill up a frame that was cut behind its last used byte; empty if it lacks a byte that counts."""
+    if len(data) < 4 or len(data) > 8:
+        return b""
+    used = {ABORT: 8, DOWNLOAD_ANSWER: 4}.get(data[0], 4 + EXPEDITED_LENGTHS.get(data[0], 4))
+    return data.ljust(8, b"\0") if len(data) >= used else b""
+
+
+# Objects that may not be read or written yet, because a late SDO answer about them may still come.
+#
+# The law: an answer carries command and multiplexer, nothing else, so an answer that comes late cannot be told from
+# that of the retry, nor from that of the next request for the same object. What can be told is the order: a server
+# works off its requests one after the other, and the bus keeps the order of one sender's frames. An answer to X thus
+# settles all that was asked before X: it has been answered, or never will be. If X itself is owed an answer, it settles
+# what was asked before the first X that is. Before an object in quarantine is asked for again, a mandatory object is
+# read to settle it: the device type, or else the error register.
+
+
+_PROBES: Final = (INITIATE.pack(UPLOAD, 0x1000, 0), INITIATE.pack(UPLOAD, 0x1001, 0))
+
+
+class Quarantine:
+    """The multiplexers that are owed an answer, in the order in which they were first asked for."""
+
+    __slots__ = ("owed",)
+
+    def __init__(self) -> None:
+        self.owed: dict[bytes, None] = {}  # keys alone: a set that keeps its order
+
+    def died(self, mux: bytes) -> None:
+        """Note that a request was given up."""
+        self.owed.setdefault(mux)
+
+    def answered(self, mux: bytes) -> None:
+        """Note an answer to what has been asked last."""
+        if not self.owed:
+            return
+        if mux not in self.owed:
+            self.owed.clear()
+            return
+        for earlier in list(self.owed):
+            if earlier == mux:
+                break
+            del self.owed[earlier]
+
+    def probe(self) -> bytes:
+        """Return the request that settles most: one that is owed nothing, else the one asked for last."""
+        order = list(self.owed)
+        return max(_PROBES, key=lambda probe: order.index(probe[1:4]) if probe[1:4] in self.owed else len(order))
+
 
 _PROGRAM_DATA: Final = 0x1F50
 _UNARMED: Final = 0  # the deadline of a request whose caller did not say when it is; the next tick does
@@ -47,11 +276,18 @@ class Transfer(Protocol):
     suspect: bool
 
     @property
-    def result(self) -> bytes: ...
+    def result(self) -> bytes:
+        """What was read; empty after a write."""
+
     @property
-    def progress(self) -> tuple[int, int | None]: ...
-    def receive(self, data: bytes, out: list[CanFrame]) -> int: ...
-    def nudge(self, out: list[CanFrame]) -> bool: ...
+    def progress(self) -> tuple[int, int | None]:
+        """Bytes done, and of how many where that is known."""
+
+    def receive(self, data: bytes, out: list[CanFrame]) -> int:
+        """Take an answer of the server; returns the state."""
+
+    def nudge(self, out: list[CanFrame]) -> bool:
+        """Ask again where the protocol has a way to; returns whether it has."""
 
 
 class Phase:

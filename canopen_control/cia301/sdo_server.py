@@ -12,39 +12,382 @@ The law:
 
 from __future__ import annotations
 
+import enum
 from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.cia301.abort import AbortCode, abort_text
 from canopen_control.cia301.sdo_codec import (
     ABORT,
     ANSWER_BASE,
+    BLOCK_ACK,
     BLOCK_DOWNLOAD_ANSWER,
+    BLOCK_END,
+    BLOCK_END_ANSWER,
+    BLOCK_END_ANSWER_FRAME,
+    BLOCK_END_FRAME,
+    BLOCK_START,
+    BLOCK_UPLOAD,
     BLOCK_UPLOAD_ANSWER,
+    COMMAND_MASK,
     CRC_FLAG,
     DONE,
     DOWNLOAD_ANSWER,
+    DOWNLOAD_SEGMENT_ANSWER,
     EXPEDITED_CODES,
     IGNORED,
     INITIATE,
     INITIATE_BYTES,
     INITIATE_NUMBER,
+    LAST_FLAG,
     MAX_BLOCK_SIZE,
+    MAX_NUDGES,
+    MAX_STUCK,
     MAX_TRANSFER_SIZE,
     PROGRESS,
     REQUEST_BASE,
+    SEGMENT,
+    SEGMENT_DATA,
     SIZED_FLAG,
+    SUB_COMMAND_MASK,
+    TOGGLE,
     UPLOAD,
+    UPLOAD_SEGMENT,
     UPLOAD_SIZED,
+    crc16,
+    segment_frames,
+    segments_in_order,
 )
-from canopen_control.cia301.sdo_server_block import BlockDownload, BlockUpload
-from canopen_control.cia301.sdo_server_segmented import SegmentedDownload, SegmentedUpload
 from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["ObjectStore", "SdoServer", "SdoServerAbort", "StoreFailure"]
+
+# The server's half of block transfers (CiA 301, 7.2.4.3.9 to 7.2.4.3.15).
+#
+# The law: a sub-block's segments are numbered from 1; the receiver acknowledges the last one that came in order, at the
+# end of the sub-block or, once, when the line has been silent in its middle; the sender goes on behind it with a new
+# sub-block. While segments are awaited every frame but an abort is one, whatever its first byte looks like. CRC and
+# length are checked before the store sees the object.
+
+
+class _Phase(enum.Enum):
+    """What an upload waits for; the value is the command specifier of it."""
+
+    START = BLOCK_START
+    ACK = BLOCK_ACK
+    END = BLOCK_END_ANSWER
+
+
+class BlockUpload:
+    """Sends an object in sub-blocks, of the size that the client asks for."""
+
+    __slots__ = (
+        "_answer_id",
+        "_block_size",
+        "_crc",
+        "_data",
+        "_first",
+        "_phase",
+        "_sent",
+        "_stuck",
+        "_total",
+        "index",
+        "subindex",
+    )
+
+    is_download = False
+    result = b""
+
+    def __init__(self, answer_id: int, index: int, subindex: int, data: bytes, crc: bool, block_size: int) -> None:
+        self._answer_id, self.index, self.subindex = answer_id, index, subindex
+        self._data, self._crc, self._block_size = data, crc, block_size
+        self._total = max(1, (len(data) + SEGMENT_DATA - 1) // SEGMENT_DATA)
+        self._first = 0  # segment with which the sub-block under way begins
+        self._sent = 0  # segments in it
+        self._stuck = 0
+        self._phase = _Phase.START
+
+    def takes(self, command: int) -> bool:
+        """Whether a request with this command specifier belongs to the transfer."""
+        return command & COMMAND_MASK == BLOCK_UPLOAD and command & 0x03 != 0
+
+    def receive(self, data: bytes, out: list[CanFrame]) -> int:
+        """Take one request; what another phase expects is a copy, or late."""
+        if out or data[0] != self._phase.value:
+            return IGNORED
+        if self._phase is _Phase.END:
+            return DONE
+        if self._phase is _Phase.ACK and (code := self._acknowledged(data[1], data[2])) != PROGRESS:
+            return code
+        if self._first < self._total:
+            self._phase = _Phase.ACK
+            self._send(out)
+        else:
+            self._phase = _Phase.END
+            unused = self._total * SEGMENT_DATA - len(self._data)
+            crc = crc16(self._data) if self._crc else 0
+            out.append(CanFrame(self._answer_id, BLOCK_END_FRAME.pack(BLOCK_END | unused << 2, crc)))
+        return PROGRESS
+
+    def confirm(self, out: list[CanFrame]) -> None:
+        """Send nothing: the client had the last word."""
+
+    def nudge(self, out: list[CanFrame]) -> bool:  # noqa: ARG002 - the interface of all transfers
+        """Return False: what is lost is the client's to ask for."""
+        return False
+
+    def _acknowledged(self, number: int, block_size: int) -> int:
+        if not 1 <= block_size <= MAX_BLOCK_SIZE:
+            return AbortCode.INVALID_BLOCK_SIZE
+        self._stuck = 0 if number else self._stuck + 1
+        if number > self._sent or self._stuck > MAX_STUCK:
+            return AbortCode.INVALID_SEQUENCE_NUMBER
+        self._first += number
+        self._block_size = block_size
+        return PROGRESS
+
+    def _send(self, out: list[CanFrame]) -> None:
+        self._sent = min(self._block_size, self._total - self._first)
+        out += segment_frames(self._answer_id, self._data, self._first, self._sent)
+
+
+class BlockDownload:
+    """Receives an object in sub-blocks; `size` is what the client announced, None if it did not."""
+
+    __slots__ = (
+        "_answer_id",
+        "_before",
+        "_block_size",
+        "_buffer",
+        "_complete",
+        "_crc",
+        "_in_order",
+        "_limit",
+        "_resync",
+        "_size",
+        "_stuck",
+        "index",
+        "subindex",
+    )
+
+    is_download = True
+
+    def __init__(
+        self, answer_id: int, index: int, subindex: int, size: int | None, limit: int, crc: bool, block_size: int
+    ) -> None:
+        self._answer_id, self.index, self.subindex = answer_id, index, subindex
+        self._size, self._limit, self._crc, self._block_size = size, limit, crc, block_size
+        self._buffer = bytearray()
+        self._in_order = 0  # number of the last segment in order
+        self._before = b""
+        self._resync = False  # acknowledged on silence: what is still under way from before does not count
+        self._complete = False
+        self._stuck = 0
+
+    @property
+    def result(self) -> bytes:
+        """The bytes received, without the padding of the last segment."""
+        return bytes(self._buffer)
+
+    def takes(self, command: int) -> bool:
+        """Whether a request with this command specifier belongs to the transfer."""
+        if self._complete:
+            return command & SUB_COMMAND_MASK == BLOCK_END or command == self._before[0]
+        return command != ABORT
+
+    def receive(self, data: bytes, out: list[CanFrame]) -> int:
+        """Take one segment, or the end."""
+        if out or (data == self._before and self._in_order != data[0] - 1):
+            return IGNORED
+        if self._complete:
+            return self._end(data) if data[0] & SUB_COMMAND_MASK == BLOCK_END else AbortCode.UNKNOWN_COMMAND
+        if data[0] & ~LAST_FLAG == self._in_order + 1:
+            return self._in_order_segment(data, out)
+        if self._resync:
+            return IGNORED
+        if data[0] & LAST_FLAG or data[0] == self._block_size:
+            self._stuck += 1
+            if self._stuck > MAX_STUCK:
+                return AbortCode.INVALID_SEQUENCE_NUMBER
+            self._acknowledge(out)
+        return PROGRESS
+
+    def receive_records(self, records: bytes, start: int, cob_id: int, out: list[CanFrame]) -> int:
+        """Take the run of the client's segments at byte `start` and return its length, 0 if there is none.
+
+        The segment that is acknowledged is not in it, nor one with which the object becomes too large.
+        """
+        if out or self._complete:
+            return 0
+        bounds = (self._limit,) if self._size is None else (self._limit, self._size)
+        fitting = (max(min(bounds), 1) - len(self._buffer) + SEGMENT_DATA - 1) // SEGMENT_DATA
+        unanswered = self._block_size - 1 - self._in_order
+        data = segments_in_order(records, start, cob_id, self._in_order + 1, min(fitting, unanswered))
+        if data:
+            self._buffer += data
+            self._in_order += len(data) // SEGMENT_DATA
+            self._before = bytes((self._in_order,)) + data[-SEGMENT_DATA:]
+            self._resync, self._stuck = False, 0
+        return len(data) // SEGMENT_DATA
+
+    def confirm(self, out: list[CanFrame]) -> None:
+        """Confirm the end: the store has taken the object."""
+        out.append(CanFrame(self._answer_id, BLOCK_END_ANSWER_FRAME))
+
+    def nudge(self, out: list[CanFrame]) -> bool:
+        """Acknowledge what came, because the end of the sub-block seems lost; False if there is nothing to say."""
+        if self._complete or out or (not self._in_order and not self._may_repeat()):
+            return False
+        self._acknowledge(out)
+        self._resync = True
+        return True
+
+    def _may_repeat(self) -> bool:
+        """Whether to say once more that nothing came: two of these may cross, and then only the CRC notices."""
+        self._stuck += 1
+        return self._crc and self._resync and self._stuck <= MAX_NUDGES
+
+    def _in_order_segment(self, data: bytes, out: list[CanFrame]) -> int:
+        self._before, self._resync, self._stuck = data, False, 0
+        self._in_order += 1
+        self._buffer += data[1:]
+        self._complete = data[0] & LAST_FLAG != 0
+        at_least = len(self._buffer) - SEGMENT_DATA + 1
+        if at_least > max(self._limit, 1):  # even an empty object takes one segment
+            return AbortCode.OUT_OF_MEMORY
+        if self._size is not None and at_least > max(self._size, 1):
+            return AbortCode.LENGTH_TOO_HIGH
+        if self._complete or self._in_order == self._block_size:
+            self._acknowledge(out)
+        return PROGRESS
+
+    def _acknowledge(self, out: list[CanFrame]) -> None:
+        ack = bytes((BLOCK_ACK, self._in_order, self._block_size, 0, 0, 0, 0, 0))
+        out.append(CanFrame(self._answer_id, ack))
+        self._in_order = 0
+
+    def _end(self, data: bytes) -> int:
+        unused = data[0] >> 2 & 7
+        del self._buffer[len(self._buffer) - unused :]
+        if self._crc and int.from_bytes(data[1:3], "little") != crc16(self._buffer):
+            return AbortCode.CRC_ERROR
+        length = len(self._buffer)
+        if self._size is not None and length != self._size:
+            return AbortCode.LENGTH_TOO_HIGH if length > self._size else AbortCode.LENGTH_TOO_LOW
+        return AbortCode.OUT_OF_MEMORY if length > self._limit else DONE
+
+
+# The server's half of segmented transfers (CiA 301, 7.2.4.3.4 and 7.2.4.3.7).
+#
+# The law: toggles start at 0 and alternate. The copy of the segment before, which the bus may deliver, is ignored; any
+# other frame with the wrong toggle is an error. A transfer says what it makes of a frame with PROGRESS, DONE, IGNORED
+# or the abort code to send; a download confirms its last segment only when the store has taken the object.
+
+
+_CONFIRMATIONS = {toggle: bytes((DOWNLOAD_SEGMENT_ANSWER | toggle,)) + bytes(7) for toggle in (0, TOGGLE)}
+
+
+class SegmentedUpload:
+    """Sends an object segment by segment, as the client asks for them."""
+
+    __slots__ = ("_answer_id", "_data", "_offset", "_toggle", "index", "subindex")
+
+    is_download = False
+    result = b""
+
+    def __init__(self, answer_id: int, index: int, subindex: int, data: bytes) -> None:
+        self._answer_id, self.index, self.subindex = answer_id, index, subindex
+        self._data = data
+        self._offset = 0
+        self._toggle = 0
+
+    def takes(self, command: int) -> bool:
+        """Whether a request with this command specifier belongs to the transfer."""
+        return command & COMMAND_MASK == UPLOAD_SEGMENT
+
+    def receive(self, data: bytes, out: list[CanFrame]) -> int:
+        """Answer one request for a segment."""
+        toggle = data[0] & TOGGLE
+        if out or toggle != self._toggle:
+            # All requests of one toggle look alike: behind the first one it can only be the copy of the last.
+            return IGNORED if out or self._offset else AbortCode.TOGGLE_NOT_ALTERNATED
+        chunk = self._data[self._offset : self._offset + SEGMENT_DATA]
+        self._offset += SEGMENT_DATA
+        self._toggle ^= TOGGLE
+        last = self._offset >= len(self._data)
+        command = SEGMENT | toggle | (SEGMENT_DATA - len(chunk)) << 1 | last
+        out.append(CanFrame(self._answer_id, bytes((command,)) + chunk.ljust(SEGMENT_DATA, b"\0")))
+        return DONE if last else PROGRESS
+
+    def confirm(self, out: list[CanFrame]) -> None:
+        """Send nothing: the last segment was the last word."""
+
+    def nudge(self, out: list[CanFrame]) -> bool:  # noqa: ARG002 - the interface of all transfers
+        """Return False: the client asks, the server waits."""
+        return False
+
+
+class SegmentedDownload:
+    """Receives an object segment by segment; `size` is what the client announced, None if it did not."""
+
+    __slots__ = ("_answer_id", "_before", "_buffer", "_confirmation", "_limit", "_size", "_toggle", "index", "subindex")
+
+    is_download = True
+
+    def __init__(self, answer_id: int, index: int, subindex: int, size: int | None, limit: int) -> None:
+        self._answer_id, self.index, self.subindex = answer_id, index, subindex
+        self._size, self._limit = size, limit
+        self._buffer = bytearray()
+        self._toggle = 0
+        self._before = b""
+        self._confirmation = CanFrame(answer_id, _CONFIRMATIONS[0])
+
+    @property
+    def result(self) -> bytes:
+        """The bytes received."""
+        return bytes(self._buffer)
+
+    def takes(self, command: int) -> bool:
+        """Whether a request with this command specifier belongs to the transfer."""
+        return command & COMMAND_MASK == SEGMENT
+
+    def receive(self, data: bytes, out: list[CanFrame]) -> int:
+        """Take one segment."""
+        command = data[0]
+        if out or data == self._before:
+            return IGNORED
+        if command & TOGGLE != self._toggle:
+            return AbortCode.TOGGLE_NOT_ALTERNATED
+        self._before = data
+        self._confirmation = CanFrame(self._answer_id, _CONFIRMATIONS[self._toggle])
+        self._toggle ^= TOGGLE
+        self._buffer += data[1 : 8 - (command >> 1 & 7)]
+        if (code := self._length_error(last=bool(command & 1))) != PROGRESS:
+            return code
+        if command & 1:
+            return DONE
+        out.append(self._confirmation)
+        return PROGRESS
+
+    def confirm(self, out: list[CanFrame]) -> None:
+        """Confirm the last segment."""
+        out.append(self._confirmation)
+
+    def nudge(self, out: list[CanFrame]) -> bool:  # noqa: ARG002 - the interface of all transfers
+        """Return False: a lost segment cannot be asked for again."""
+        return False
+
+    def _length_error(self, last: bool) -> int:
+        length, size = len(self._buffer), self._size
+        if length > self._limit:
+            return AbortCode.OUT_OF_MEMORY
+        if size is not None and length > size:
+            return AbortCode.LENGTH_TOO_HIGH
+        if last and size is not None and length < size:
+            return AbortCode.LENGTH_TOO_LOW
+        return PROGRESS
 
 
 class SdoServerAbort(CanopenError):

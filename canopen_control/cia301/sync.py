@@ -8,6 +8,7 @@ SYNC, without a counter, as other stacks do: the rhythm is right where the lengt
 from __future__ import annotations
 
 import enum
+import struct
 from typing import NamedTuple
 
 from canopen_control.cia301.abort import AbortCode
@@ -16,17 +17,28 @@ from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import EXTENDED_BIT, CanFrame, can_id_of, is_restricted
 
-__all__ = [
-    "PRODUCER_BIT",
-    "SyncConsumer",
-    "SyncEvent",
-    "SyncEventKind",
-    "SyncProducer",
-    "check_cob_id_sync",
-    "check_overflow",
-    "is_valid_overflow",
-    "parse_cob_id_sync",
-]
+# The TIME object (CiA 301, 7.2.6 and 7.5.2.18): milliseconds after midnight and days since 1984-01-01.
+#
+# It is read where a bus is listened to; neither master nor virtual devices send or take it.
+
+
+_WIRE = struct.Struct("<IH")
+
+
+class TimeOfDay(NamedTuple):
+    """`ms` after midnight, 0 to 86399999; `days` since 1984-01-01."""
+
+    days: int
+    ms: int
+
+
+def parse_time(data: bytes) -> TimeOfDay | None:
+    """Return the time of 6 bytes, None for another length; the upper four bits of the milliseconds are reserved."""
+    if len(data) != _WIRE.size:
+        return None
+    ms, days = _WIRE.unpack(data)
+    return TimeOfDay(days, ms & 0x0FFFFFFF)
+
 
 SYNC_COB_ID = 0x080
 PRODUCER_BIT = 1 << 30  # of 0x1005

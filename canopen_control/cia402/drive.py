@@ -18,22 +18,24 @@ Law of this file (CiA 402-2, 6.3, seen from the other end of the bus):
 
 from __future__ import annotations
 
+from enum import Enum
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.drive_goal import DISABLED_STATES, FAULT_STATES, Goal, is_stopped
-from canopen_control.cia402.drive_steps import SETTLE, FaultReset, StepTimer
 from canopen_control.cia402.events import (
     ControlChanged,
     EnableLost,
     FaultCleared,
     FaultEntered,
+    FaultResetFailed,
+    ModeConfirmed,
     ModeTimedOut,
     StateChanged,
     StatuswordUndefined,
+    TransitionTimedOut,
 )
-from canopen_control.cia402.intent import DriveIntent, Intent, IntentTrigger
-from canopen_control.cia402.mode_request import ModeRequest
 from canopen_control.cia402.state import (
+    FAULT_RESET_BIT,
     HALT_BIT,
     MODE_SPECIFIC_BITS,
     REMOTE,
@@ -42,6 +44,8 @@ from canopen_control.cia402.state import (
     State,
     controlword_of,
     decode_statusword,
+    next_command,
+    transition_of,
 )
 from canopen_control.errors import DriveError, LocalProtocolError
 
@@ -50,9 +54,578 @@ if TYPE_CHECKING:
 
     from canopen_control.cia402.events import DriveEvent
 
-__all__ = ["DriveMachine", "Goal"]  # Goal lives in drive_goal.py: whoever has a machine speaks of its goals
 
-_NEVER: Final = (1 << 62) - 1  # small enough to stay unboxed where this is compiled
+# What a drive is to become: the goals of the master's side of an axis, and when each is reached.
+#
+# Law of this file: a goal is a state to aim for with `state.next_command`. A stop is reached wherever the drive has no
+# torque any more, at the height it was to end or below; a drive in a fault counts as stopped once its reaction is over.
+
+
+FAULT_STATES = (State.FAULT_REACTION_ACTIVE, State.FAULT)
+DISABLED_STATES = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
+LADDER: Mapping[State, int] = MappingProxyType(
+    {
+        State.NOT_READY_TO_SWITCH_ON: -1,
+        State.SWITCH_ON_DISABLED: 0,
+        State.QUICK_STOP_ACTIVE: 0,  # both ways out of it lead up again
+        State.READY_TO_SWITCH_ON: 1,
+        State.SWITCHED_ON: 2,
+        State.OPERATION_ENABLED: 3,
+    }
+)
+"""How far a state is on the way to OPERATION_ENABLED; a drive that is being enabled and comes down has a reason."""
+
+
+class Goal(Enum):
+    """What the master works towards."""
+
+    DISABLED = "disabled, by the drive's own ramp"
+    ENABLED = "operation enabled"
+    QUICK_STOPPED = "stopped by a quick stop"
+    VOLTAGE_DISABLED = "without voltage at once"
+
+
+def state_of_goal(goal: Goal, disabled_state: State) -> State:
+    """Return the state to aim for; `disabled_state` is where a disabled drive ends."""
+    if goal is Goal.ENABLED:
+        return State.OPERATION_ENABLED
+    if goal is Goal.QUICK_STOPPED:
+        return State.QUICK_STOP_ACTIVE
+    return disabled_state if goal is Goal.DISABLED else State.SWITCH_ON_DISABLED
+
+
+def is_stopped(goal: Goal, disabled_state: State, state: State | None) -> bool:
+    """Whether a drive in `state` (None: unknown) has reached `goal`, one of the three that are a stop."""
+    if state is State.FAULT:
+        return True
+    if goal is Goal.QUICK_STOPPED:
+        return state in (State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED)
+    return state in DISABLED_STATES and LADDER[state] <= LADDER[state_of_goal(goal, disabled_state)]
+
+
+# The steps of the master's side of an axis: the time of each, the way out of a quick stop, the edge of a fault reset.
+#
+# Law of this file (CiA 402-2):
+#
+# - Each transition of the diagram has its time, by number. A step that asks for no transition, because the drive is to
+#   stay where it is, has none. A step whose time is over is told once and not timed again.
+# - What the drive does after a quick stop is its own affair (0x605A) and is read from its state. To be enabled it is
+#   asked at once by transition 16, which is optional; if that does not do, or if it is to be disabled, the end of the
+#   stop is waited for, since power cut before it lets the motor coast. A drive with 0x605A = 0 to 4 leaves by itself
+#   then; the others are told by transition 12, when the stop is seen done or has lasted too long.
+# - The edge of a fault reset (bit 7: 0, 1, 0; transition 15) is sent once per request, in FAULT only, since a drive
+#   still
+#   in its fault reaction would not see it. Bit 7 falls again when the fault is gone, or when the time is over and the
+#   cause is still there.
+
+
+_NEVER: Final = (1 << 62) - 1
+SETTLE = -1
+"""In place of a transition number: the time after which a command that was overtaken no longer arrives."""
+
+
+def transition_number(state: State | None, command: Command | None) -> int | None:
+    """Return the number of the transition that `command` asks for in `state`, None where it asks for none."""
+    transition = transition_of(state, command) if state is not None and command is not None else None
+    return None if transition is None else transition.number
+
+
+class StepTimer:
+    """The timer of the present step: `command` is what is being sent, `deadline` is `_NEVER` for none."""
+
+    def __init__(self, timeout_ns: int, timeouts: Mapping[int, int]) -> None:
+        self.command: Command | None = None
+        self.deadline = _NEVER
+        self._timeout = timeout_ns
+        self._timeouts = dict(timeouts)
+        self._armed = False
+
+    def rearm(self) -> None:
+        """Begin a new step with the next command, even if it is the same: something else is wanted of it."""
+        self._armed = False
+
+    def enter(self) -> None:
+        """Begin a new step with the next command, because the drive is in another state."""
+        self._armed = False
+        self.deadline = _NEVER
+
+    def must_arm(self, command: Command | None) -> bool:
+        """Whether `command` begins a new step."""
+        return not self._armed or command is not self.command
+
+    def arm(self, command: Command | None, number: int | None, now: int) -> None:
+        """Begin the step `command`; `number` is that of its transition, None for no time."""
+        self._armed, self.command = True, command
+        self.deadline = _NEVER if number is None else now + self._timeouts.get(number, self._timeout)
+
+    def timed_out(
+        self, state: State | None, goal: State, statusword: int | None, gave_up: bool, now: int
+    ) -> TransitionTimedOut:
+        """Return the event of a step whose time is over; without a transition `goal` is what was wanted."""
+        command = self.command
+        transition = transition_of(state, command) if state is not None and command is not None else None
+        wanted, number = (transition.target, transition.number) if transition is not None else (goal, None)
+        return TransitionTimedOut(now, state, wanted, command, number, statusword, gave_up)
+
+
+class StopStage(Enum):
+    """What is tried; each when the one before did not do."""
+
+    ENABLE = "transition 16"
+    WAIT = "for the end of the stop"
+    DISABLE = "transition 12"
+
+
+class QuickStopExit:
+    """The stage reached since the drive was first seen in its quick stop, or since the goal changed."""
+
+    def __init__(self) -> None:
+        self.stage = StopStage.ENABLE
+        self._moved = False
+
+    def restart(self) -> None:
+        """Begin again, for another goal."""
+        self.stage = StopStage.ENABLE
+
+    def enter(self) -> None:
+        """Begin again, for another stop."""
+        self.stage = StopStage.ENABLE
+        self._moved = False
+
+    def advance(self) -> None:
+        """Give up the stage: its time is over."""
+        self.stage = StopStage.WAIT if self.stage is StopStage.ENABLE else StopStage.DISABLE
+
+    def look(self, statusword: int) -> None:
+        """Take a statusword of the drive in its stop."""
+        if not statusword & TARGET_REACHED:
+            self._moved = True
+
+    def command(self, enable: bool, statusword: int, standstill: bool, may_enable: bool) -> Command:
+        """Return what to send: `enable` is wanted, `may_enable` at once, the motor is known to stand (`standstill`)."""
+        if self.stage is StopStage.ENABLE and enable:
+            return Command.ENABLE_OPERATION if may_enable else Command.QUICK_STOP
+        if self.stage is not StopStage.DISABLE:
+            # Bit 10 tells the end of the stop only if it was seen 0 in it: before, it may be an old target's.
+            over = standstill or (self._moved and bool(statusword & TARGET_REACHED))
+            self.stage = StopStage.DISABLE if over else StopStage.WAIT
+        return Command.DISABLE_VOLTAGE if self.stage is StopStage.DISABLE else Command.QUICK_STOP
+
+
+class ResetPhase(Enum):
+    """How far a fault reset is."""
+
+    IDLE = "nobody asked for one"
+    ASKED = "bit 7 is to be sent 0 first"
+    LOW = "bit 7 was sent 0 and is to be raised"
+    HIGH = "bit 7 is 1"
+
+
+class FaultReset:
+    """The sequence of one reset; `deadline` is when it has failed."""
+
+    def __init__(self, timeout_ns: int) -> None:
+        self.phase = ResetPhase.IDLE
+        self.deadline = _NEVER
+        self._timeout = timeout_ns
+
+    @property
+    def active(self) -> bool:
+        """Whether one was asked for and is not at its end."""
+        return self.phase is not ResetPhase.IDLE
+
+    @property
+    def bit(self) -> int:
+        """Bit 7 of the controlword for this cycle, 0 or 0x80."""
+        return FAULT_RESET_BIT if self.phase is ResetPhase.HIGH else 0
+
+    @property
+    def rising(self) -> bool:
+        """Whether the next update will raise bit 7 without anything else having to happen."""
+        return self.phase is ResetPhase.LOW
+
+    def start(self) -> None:
+        """Ask for a reset; nothing while one is under way."""
+        if self.phase is ResetPhase.IDLE:
+            self.phase, self.deadline = ResetPhase.ASKED, _NEVER
+
+    def cancel(self) -> None:
+        """End it, because the fault is gone, or the drive: bit 7 is 0 again."""
+        self.phase, self.deadline = ResetPhase.IDLE, _NEVER
+
+    def update(self, state: State, statusword: int, now: int) -> DriveEvent | None:
+        """Go on by one cycle, for a drive in one of its two fault states."""
+        if self.deadline == _NEVER:
+            self.deadline = now + self._timeout
+        if now >= self.deadline:
+            self.cancel()
+            return FaultResetFailed(now, statusword)
+        if state is State.FAULT:
+            self.phase = ResetPhase.LOW if self.phase is ResetPhase.ASKED else ResetPhase.HIGH
+        return None
+
+
+# What is wanted of a drive: the intent, the table of what changes it, and the command of the present step.
+#
+# Law of this file: an `Intent` is a goal together with what is still on its way to the drive; `INTENT_TABLE` says what
+# each trigger makes of it, and what has no row changes nothing. Only ENABLE and OVERTAKE lead to the goal ENABLED; a
+# fault, and an enable that ended without a command, lead away from it. Another goal begins another step.
+
+
+_FALLS: Final = 2  # on the way up: a command still on its way may cause one, a drive that keeps falling has a reason
+# What an enable waits for before it can command anything.
+_AUTOMATIC: Final = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}
+
+
+class Intent(Enum):
+    """What the master works towards, and what is on its way to the drive; the value says what it means."""
+
+    DISABLED = "disabled, by the drive's own ramp"
+    DISABLED_AFTER_STOP = "disabled; a quick stop goes on until the drive has left OPERATION_ENABLED"
+    ENABLED = "operation enabled"
+    OVERTAKING = "operation enabled; a command that the enable has overtaken, and that would end it, may still arrive"
+    QUICK_STOPPING = "stopped by a quick stop, which is sent until the drive has left OPERATION_ENABLED"
+    QUICK_STOPPED = "stopped by a quick stop"
+    VOLTAGE_DISABLED = "without voltage at once"
+
+
+class IntentTrigger(Enum):
+    """What changes an intent; the value says when."""
+
+    ENABLE = "somebody enables it"
+    OVERTAKE = "somebody enables it in OPERATION_ENABLED, and something else than to stay there was sent last"
+    DISABLE = "somebody disables it"
+    QUICK_STOP = "somebody quick stops it"
+    QUICK_STOP_ENABLED = "somebody quick stops it in OPERATION_ENABLED"
+    DISABLE_VOLTAGE = "somebody cuts its voltage"
+    LEFT = "the drive is seen in another state than OPERATION_ENABLED"
+    ARRIVED = "what was on its way to the drive has arrived, or its time is over"
+    LOST = "a fault, or an enable that ended without a command"
+
+
+_I, _DriveTransition = Intent, IntentTrigger
+_END: Final = {_DriveTransition.DISABLE_VOLTAGE: _I.VOLTAGE_DISABLED, _DriveTransition.LOST: _I.DISABLED}
+_ENABLE: Final = {_DriveTransition.ENABLE: _I.ENABLED, _DriveTransition.OVERTAKE: _I.OVERTAKING}
+_STOP: Final = {_DriveTransition.QUICK_STOP: _I.QUICK_STOPPED, _DriveTransition.QUICK_STOP_ENABLED: _I.QUICK_STOPPING}
+_ENABLED: Final = {**_END, **_STOP, _DriveTransition.DISABLE: _I.DISABLED}
+
+INTENT_TABLE: Final[Mapping[Intent, Mapping[IntentTrigger, Intent]]] = MappingProxyType(
+    {
+        _I.DISABLED: {**_END, **_ENABLE, **_STOP},
+        _I.DISABLED_AFTER_STOP: {
+            **_END,
+            **_ENABLE,
+            **_STOP,
+            _DriveTransition.LEFT: _I.DISABLED,
+            _DriveTransition.ARRIVED: _I.DISABLED,
+        },
+        _I.ENABLED: _ENABLED,
+        _I.OVERTAKING: {**_ENABLED, _DriveTransition.ARRIVED: _I.ENABLED},
+        _I.QUICK_STOPPING: {
+            **_END,
+            **_ENABLE,
+            _DriveTransition.DISABLE: _I.DISABLED_AFTER_STOP,
+            _DriveTransition.LEFT: _I.QUICK_STOPPED,
+            _DriveTransition.ARRIVED: _I.QUICK_STOPPED,
+        },
+        _I.QUICK_STOPPED: {**_END, **_ENABLE, _DriveTransition.DISABLE: _I.DISABLED},
+        _I.VOLTAGE_DISABLED: {**_END, **_ENABLE},  # whatever else is said, the voltage stays away
+    }
+)
+"""Intent and trigger to the next intent; a trigger without a row changes nothing."""
+
+GOALS: Final[Mapping[Intent, Goal]] = MappingProxyType(
+    {
+        _I.DISABLED: Goal.DISABLED,
+        _I.DISABLED_AFTER_STOP: Goal.DISABLED,
+        _I.ENABLED: Goal.ENABLED,
+        _I.OVERTAKING: Goal.ENABLED,
+        _I.QUICK_STOPPING: Goal.QUICK_STOPPED,
+        _I.QUICK_STOPPED: Goal.QUICK_STOPPED,
+        _I.VOLTAGE_DISABLED: Goal.VOLTAGE_DISABLED,
+    }
+)
+"""The goal of each intent."""
+
+SENT_FIRST: Final[Mapping[Intent, Command]] = MappingProxyType(
+    {
+        _I.DISABLED_AFTER_STOP: Command.QUICK_STOP,
+        _I.QUICK_STOPPING: Command.QUICK_STOP,
+        _I.VOLTAGE_DISABLED: Command.DISABLE_VOLTAGE,
+    }
+)
+"""What an intent sends whatever the state, a fault apart; the others go step by step, by `state.next_command`."""
+
+
+class DriveIntent:
+    """What is wanted of one drive, and the step that it is at; `disabled_state` is where a disabled drive ends."""
+
+    def __init__(self, step: StepTimer, disabled_state: State) -> None:
+        self.step = step
+        self.disabled_state = disabled_state
+        self.state = Intent.DISABLED
+        self.goal = Goal.DISABLED
+        self._falls = 0
+        self._stop_exit = QuickStopExit()
+
+    @property
+    def waits(self) -> bool:
+        """Whether the end of a quick stop is waited for, which may be seen without a new statusword."""
+        return self._stop_exit.stage is StopStage.WAIT
+
+    def fire(self, trigger: IntentTrigger) -> bool:
+        """Take the row of a trigger; returns whether the goal is another one now."""
+        state = INTENT_TABLE[self.state].get(trigger)
+        if state is None:
+            return False
+        self.state, goal = state, GOALS[state]
+        if goal is self.goal:
+            return False
+        self.goal = goal
+        self._falls = 0
+        self.step.rearm()
+        self._stop_exit.restart()
+        return True
+
+    def entered(self, drive: State | None) -> None:
+        """Begin another step, because the drive is in another state."""
+        self.step.enter()
+        self._stop_exit.enter()
+        if drive is not State.OPERATION_ENABLED:
+            self.fire(IntentTrigger.LEFT)
+
+    def stopping(self, statusword: int) -> None:
+        """Take a statusword of the drive in its quick stop."""
+        self._stop_exit.look(statusword)
+
+    def fell(self, previous: State, drive: State) -> bool:
+        """Take a change from one state to another; returns whether a drive that was to be enabled has lost it."""
+        if self.goal is not Goal.ENABLED or LADDER[drive] >= LADDER[previous]:
+            return False
+        self._falls += 1
+        if (previous is State.OPERATION_ENABLED and self.state is Intent.ENABLED) or self._falls > _FALLS:
+            return True
+        self.fire(IntentTrigger.ARRIVED)
+        return False
+
+    def timed_out(self, drive: State | None, statusword: int | None, now: int) -> TransitionTimedOut | None:
+        """End a step whose time is over; returns what is to be told, None where something else is tried."""
+        self.step.deadline = _NEVER
+        if self.state is Intent.OVERTAKING:
+            self.fire(IntentTrigger.ARRIVED)  # what could have ended the enable did not
+            return None
+        stage = self._stop_exit.stage if self._is_leaving_quick_stop(drive) else None
+        if stage is StopStage.ENABLE or stage is StopStage.WAIT:
+            self._stop_exit.advance()  # to another command, so to another step
+        if stage is StopStage.ENABLE:
+            return None  # transition 16 is optional: not worth a word
+        gave_up = self.goal is Goal.ENABLED and stage is not StopStage.WAIT
+        return self.step.timed_out(drive, state_of_goal(self.goal, self.disabled_state), statusword, gave_up, now)
+
+    def choose(self, drive: State | None, statusword: int | None, standstill: bool, may_enable: bool) -> Command | None:
+        """Return the command for a drive seen in a state, None for one that no command moves.
+
+        `may_enable`: its mode is confirmed and nobody holds it; `standstill`: the motor is known to stand.
+        """
+        if drive is None or drive in FAULT_STATES:
+            return None
+        if (sent := SENT_FIRST.get(self.state)) is not None:
+            return sent
+        enable = self.goal is Goal.ENABLED
+        if self._is_leaving_quick_stop(drive):
+            return self._stop_exit.command(enable, statusword or 0, standstill, may_enable)
+        if drive is State.SWITCHED_ON and enable and not may_enable:
+            return Command.SWITCH_ON  # stay: the mode comes first
+        return next_command(drive, state_of_goal(self.goal, self.disabled_state))
+
+    def begin(self, command: Command | None, drive: State | None, now: int) -> None:
+        """Time the step of `command`, if it is another one."""
+        if self.step.must_arm(command):
+            self.step.arm(command, self._step_number(command, drive), now)
+
+    def _is_leaving_quick_stop(self, drive: State | None) -> bool:
+        return drive is State.QUICK_STOP_ACTIVE and self.goal in (Goal.ENABLED, Goal.DISABLED)
+
+    def _step_number(self, command: Command | None, drive: State | None) -> int | None:
+        """Return the transition that the step asks for, or that it waits for; None for a drive that is to stay."""
+        if drive in _AUTOMATIC:
+            return _AUTOMATIC[drive] if self.goal is Goal.ENABLED else None
+        if drive is State.OPERATION_ENABLED and self.state is Intent.OVERTAKING:
+            return SETTLE
+        if drive is State.QUICK_STOP_ACTIVE and self._stop_exit.stage is StopStage.WAIT:
+            return 12
+        return transition_number(drive, command)
+
+
+# A mode of operation that was asked for, until 0x6061 confirms it (CiA 402-2, 6.4).
+#
+# Law of this file: a mode is one only when the drive's display shows it. What is not confirmed in time goes back to the
+# last mode that was, and has failed until somebody asks again. 0 is never asked for by itself. `MODE_TABLE` says what
+# each trigger leads to; what has no row changes nothing.
+#
+# Some drives show 0, no mode, until they are enabled (ros-industrial/ros2_canopen, issue 444). Such a drive may be
+# enabled in a mode that it has not shown; nothing but its targets at rest is sent before it shows the mode, in time.
+
+
+class ModeState(Enum):
+    """How far a request for a mode is; the value says what it means."""
+
+    NONE = "nobody asked for a mode: the drive's own is right"
+    ASKED = "a mode is asked for, and 0x6061 does not show it"
+    UNSHOWN = "the drive shows no mode while it is off: it may be enabled, and has to show the mode then"
+    CONFIRMED = "0x6061 shows the mode that was asked for"
+    REFUSED = "the mode was not confirmed in time, and there is none to go back to"
+    RETURNING = "the mode was not confirmed in time; the one before it is asked for again, and 0x6061 does not show it"
+    RETURNED = "the mode was not confirmed in time; 0x6061 shows the one before it"
+
+
+class ModeTrigger(Enum):
+    """What makes the table take a row; the value says when."""
+
+    ASK = "somebody asks for another mode"
+    ASK_AGAIN = "somebody asks for the mode that is asked for already"
+    SHOWN = "0x6061 shows the mode"
+    NOT_SHOWN = "0x6061 shows another mode, or nothing"
+    NONE_SHOWN = "half of the time is over, and 0x6061 of a drive that is off shows 0"
+    GONE = "the drive is gone"
+    OVERDUE = "the time is over, and no other mode was confirmed before"
+    OVERDUE_RETURN = "the time is over, and another mode was confirmed before"
+    OVERDUE_STAYED = "the time is over, and 0x6061 shows the mode that was confirmed before"
+
+
+_S, _ModeTransition = ModeState, ModeTrigger
+_ANEW: Final = {_ModeTransition.ASK: _S.ASKED}
+_TIMED: Final = {
+    _ModeTransition.OVERDUE: _S.REFUSED,
+    _ModeTransition.OVERDUE_RETURN: _S.RETURNING,
+    _ModeTransition.OVERDUE_STAYED: _S.RETURNED,
+}
+
+MODE_TABLE: Final[Mapping[ModeState, Mapping[ModeTrigger, ModeState]]] = MappingProxyType(
+    {
+        _S.NONE: _ANEW,
+        _S.ASKED: {**_ANEW, **_TIMED, _ModeTransition.SHOWN: _S.CONFIRMED, _ModeTransition.NONE_SHOWN: _S.UNSHOWN},
+        _S.UNSHOWN: {
+            **_ANEW,
+            **_TIMED,
+            _ModeTransition.SHOWN: _S.CONFIRMED,
+            _ModeTransition.NONE_SHOWN: _S.UNSHOWN,
+            _ModeTransition.GONE: _S.ASKED,
+        },
+        _S.CONFIRMED: {**_ANEW, _ModeTransition.NOT_SHOWN: _S.ASKED, _ModeTransition.GONE: _S.ASKED},
+        _S.REFUSED: _ANEW,
+        _S.RETURNING: {
+            **_ANEW,
+            _ModeTransition.ASK_AGAIN: _S.ASKED,
+            _ModeTransition.OVERDUE: _S.REFUSED,
+            _ModeTransition.SHOWN: _S.RETURNED,
+        },
+        _S.RETURNED: {
+            **_ANEW,
+            _ModeTransition.ASK_AGAIN: _S.CONFIRMED,
+            _ModeTransition.NOT_SHOWN: _S.RETURNING,
+            _ModeTransition.GONE: _S.RETURNING,
+        },
+    }
+)
+"""State and trigger to the next state; a trigger without a row changes nothing."""
+
+CONFIRMED: Final = (_S.NONE, _S.CONFIRMED, _S.RETURNED)
+"""The states in which the drive is in the mode that it shall have."""
+FAILED: Final = (_S.REFUSED, _S.RETURNING, _S.RETURNED)
+"""The states after a mode that was not confirmed; they end when somebody asks again."""
+
+
+class ModeRequest:
+    """What to write to 0x6060, and whether 0x6061 shows it.
+
+    `mode` is None as long as none is asked for; `deadline` is when an unconfirmed one has failed, `_NEVER` for none.
+    """
+
+    def __init__(self, timeout_ns: int) -> None:
+        self.state = ModeState.NONE
+        self.mode: int | None = None
+        self.display: int | None = None
+        self.deadline = _NEVER
+        self._timeout = timeout_ns
+        self._last_confirmed: int | None = None
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether 0x6061 shows `mode`, or none was asked for."""
+        return self.state in CONFIRMED
+
+    @property
+    def may_enable(self) -> bool:
+        """Whether the drive may be enabled: in the mode, or without showing any until it is enabled."""
+        return self.state in CONFIRMED or self.state is ModeState.UNSHOWN
+
+    @property
+    def failed(self) -> bool:
+        """Whether the last mode asked for was not confirmed in time."""
+        return self.state in FAILED
+
+    def ask(self, mode: int) -> bool:
+        """Ask for `mode` and return whether that is anything new."""
+        if mode == self.mode:
+            self._fire(ModeTrigger.ASK_AGAIN)
+            return False
+        self.mode, self.deadline = mode, _NEVER
+        self._fire(ModeTrigger.ASK)
+        return True
+
+    def forget_display(self) -> None:
+        """Forget what a drive that is gone showed; what it shall do stays."""
+        self.display = None
+        self.deadline = _NEVER
+        self._fire(ModeTrigger.GONE)
+
+    def update(self, display: int | None, enabled: bool, now: int) -> DriveEvent | None:
+        """Take the newest 0x6061 (None: not received) and return what happened, None for nothing.
+
+        `enabled` is whether the drive is in OPERATION_ENABLED.
+        """
+        self.display = display
+        mode = self.mode
+        if mode is None:
+            return None
+        if display == mode:
+            return self._confirm(mode, now)
+        unshown = display == 0 and not enabled
+        if self.deadline == _NEVER:
+            if not (unshown and self.state is ModeState.UNSHOWN):
+                self.deadline = now + (self._timeout // 2 if unshown else self._timeout)
+                self._fire(ModeTrigger.NOT_SHOWN)
+        elif now >= self.deadline:
+            if not (unshown and self._fire(ModeTrigger.NONE_SHOWN)):
+                return self._time_out(mode, now)
+            self.deadline = _NEVER
+        return None
+
+    def _fire(self, trigger: ModeTrigger) -> bool:
+        """Take the row of a trigger; returns whether there is one."""
+        state = MODE_TABLE[self.state].get(trigger)
+        if state is not None:
+            self.state = state
+        return state is not None
+
+    def _confirm(self, mode: int, now: int) -> DriveEvent | None:
+        self.deadline = _NEVER
+        if not self._fire(ModeTrigger.SHOWN):
+            return None
+        self._last_confirmed = mode
+        return ModeConfirmed(now, mode)
+
+    def _time_out(self, mode: int, now: int) -> DriveEvent:
+        back = self._last_confirmed if self._last_confirmed != mode else None
+        self.mode, self.deadline = back, _NEVER
+        if back is None:
+            self._fire(ModeTrigger.OVERDUE)
+        else:
+            self._fire(ModeTrigger.OVERDUE_STAYED if back == self.display else ModeTrigger.OVERDUE_RETURN)
+        return ModeTimedOut(now, mode, self.display, back)
+
+
 _AT_ONCE: Final = -1
 _WATCHED: Final = 0x6F | REMOTE | TARGET_REACHED  # a change of other bits of the statusword changes nothing here
 _SECOND: Final = 1_000_000_000

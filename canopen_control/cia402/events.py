@@ -15,20 +15,6 @@ from canopen_control.cia402.state import REMOTE, VOLTAGE_ENABLED, State
 if TYPE_CHECKING:
     from canopen_control.cia402.state import Command
 
-__all__ = [
-    "ControlChanged",
-    "DriveEvent",
-    "EnableLost",
-    "FaultCleared",
-    "FaultEntered",
-    "FaultResetFailed",
-    "ModeConfirmed",
-    "ModeTimedOut",
-    "StateChanged",
-    "StatuswordUndefined",
-    "TransitionTimedOut",
-]
-
 
 def _word(statusword: int | None) -> str:
     return "no statusword" if statusword is None else f"statusword 0x{statusword:04X}"

@@ -21,17 +21,6 @@ from canopen_control.errors import DriveError
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-__all__ = [
-    "METHODS",
-    "METHODS_WITHOUT_MOTION",
-    "HomingDone",
-    "HomingEvent",
-    "HomingFailed",
-    "HomingSequence",
-    "HomingStatus",
-    "homing_status",
-    "require_method",
-]
 
 _NEVER = 1 << 63
 _SECOND = 1_000_000_000

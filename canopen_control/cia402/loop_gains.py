@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import ObjectDictionary
 
-__all__ = ["GainObject", "LoopGain", "gain_objects", "gain_places"]
-
 
 class LoopGain(enum.Enum):
     """A gain of a position P over a velocity PI, with its unit."""

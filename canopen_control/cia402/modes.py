@@ -17,18 +17,6 @@ from canopen_control.errors import UnsupportedMode
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = [
-    "INTERFACE_MODES",
-    "MODE_BITS",
-    "TARGET_OBJECTS",
-    "ModeBits",
-    "OperationMode",
-    "mode_for_interface",
-    "mode_name",
-    "require_mode",
-    "supported_modes",
-]
-
 
 class OperationMode(IntEnum):
     """The modes with a number in the profile; negative numbers are the manufacturer's and stay plain ints."""

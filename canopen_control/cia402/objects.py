@@ -7,22 +7,15 @@ are the same for all axes.
 
 from __future__ import annotations
 
+from enum import Enum
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+from canopen_control.cia402.state import Command, State
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping
 
-__all__ = [
-    "AXES",
-    "MOTION",
-    "NAMES",
-    "axis_count",
-    "axis_index",
-    "axis_of",
-    "is_drive_profile",
-    "object_name",
-]
 
 AXES = 8
 _AXIS_STRIDE = 0x800
@@ -198,3 +191,74 @@ def object_name(index: int) -> str | None:
 def is_drive_profile(device_type: int) -> bool:
     """Whether object 0x1000 names CiA 402, as a single drive or as a device of several."""
     return device_type & 0xFFFF == _DRIVE_PROFILE
+
+
+# The option codes 0x605A to 0x605E and 0x6007: how a drive stops, and the state it is in afterwards.
+#
+# Law of this file: a code is a row of a table (CiA 402-2, 6.3.5 and 6.2.5). Negative codes are the manufacturer's, and
+# no row means reserved; the drive's own default stands in `DEFAULTS`. A master never decides by an option code what
+# state a drive is in: it looks at the statusword. The tables are for those who are the drive, or explain one.
+
+
+class Reaction(Enum):
+    """How the motor is brought to rest."""
+
+    DISABLE = "drive function off, the motor coasts"
+    SLOW_DOWN_RAMP = "slow-down ramp"
+    QUICK_STOP_RAMP = "quick-stop ramp"
+    CURRENT_LIMIT = "at the current limit"
+    VOLTAGE_LIMIT = "at the voltage limit"
+
+
+class Option(NamedTuple):
+    """One code's meaning: how the drive stops, and the state it is in when it stands."""
+
+    reaction: Reaction
+    final_state: State
+
+
+_RAMPS = (Reaction.SLOW_DOWN_RAMP, Reaction.QUICK_STOP_RAMP, Reaction.CURRENT_LIMIT, Reaction.VOLTAGE_LIMIT)
+
+
+def _ramps(first: int, final_state: State) -> dict[int, Option]:
+    return {code: Option(reaction, final_state) for code, reaction in enumerate(_RAMPS, first)}
+
+
+def _two(final_state: State) -> dict[int, Option]:
+    return {0: Option(Reaction.DISABLE, final_state), 1: Option(Reaction.SLOW_DOWN_RAMP, final_state)}
+
+
+OPTION_CODES: Mapping[int, Mapping[int, Option]] = MappingProxyType(
+    {
+        QUICK_STOP_OPTION: {
+            0: Option(Reaction.DISABLE, State.SWITCH_ON_DISABLED),
+            **_ramps(1, State.SWITCH_ON_DISABLED),
+            **_ramps(5, State.QUICK_STOP_ACTIVE),
+        },
+        SHUTDOWN_OPTION: _two(State.READY_TO_SWITCH_ON),
+        DISABLE_OPERATION_OPTION: _two(State.SWITCHED_ON),
+        HALT_OPTION: _ramps(1, State.OPERATION_ENABLED),
+        FAULT_REACTION_OPTION: {
+            0: Option(Reaction.DISABLE, State.FAULT),
+            **_ramps(1, State.FAULT),
+        },
+    }
+)
+"""Index of the option code object to its codes."""
+
+ABORT_CONNECTION: Mapping[int, Command | State | None] = MappingProxyType(
+    {0: None, 1: State.FAULT, 2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
+)
+"""0x6007, when the connection is lost: nothing, a fault, or a command as if it had been received."""
+
+DEFAULTS: Mapping[int, int] = MappingProxyType(
+    {
+        ABORT_CONNECTION_OPTION: 1,
+        QUICK_STOP_OPTION: 2,
+        SHUTDOWN_OPTION: 0,
+        DISABLE_OPERATION_OPTION: 1,
+        HALT_OPTION: 1,
+        FAULT_REACTION_OPTION: 2,
+    }
+)
+"""The profile's default of each option code; it is also what an absent object means."""

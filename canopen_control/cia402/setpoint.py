@@ -19,17 +19,6 @@ from typing import NamedTuple
 from canopen_control.cia402.state import TARGET_REACHED
 from canopen_control.errors import LocalProtocolError
 
-__all__ = [
-    "FollowingError",
-    "SetPoint",
-    "SetPointEvent",
-    "SetPointFailed",
-    "SetPointHandshake",
-    "SetPointPhase",
-    "SetPointReached",
-    "SetPointTaken",
-]
-
 _NEVER = 1 << 63
 _SECOND = 1_000_000_000
 _NEW_SET_POINT = 1 << 4

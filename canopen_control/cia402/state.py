@@ -20,27 +20,6 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = [
-    "FAULT_RESET_BIT",
-    "HALT_BIT",
-    "INTERNAL_LIMIT",
-    "MODE_SPECIFIC_BITS",
-    "POWERED_STATES",
-    "REMOTE",
-    "STATUSWORD_MASKS",
-    "TARGET_REACHED",
-    "TRANSITIONS",
-    "VOLTAGE_ENABLED",
-    "WARNING",
-    "Command",
-    "State",
-    "Transition",
-    "command_of",
-    "controlword_of",
-    "decode_statusword",
-    "next_command",
-    "transition_of",
-]
 
 # Statusword bits that are no part of the state (CiA 402-2, table 30).
 VOLTAGE_ENABLED = 1 << 4

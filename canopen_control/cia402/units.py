@@ -14,21 +14,6 @@ from typing import Final
 
 from canopen_control.errors import ConfigError
 
-__all__ = [
-    "INT16_MAX",
-    "INT16_MIN",
-    "INT32_MAX",
-    "INT32_MIN",
-    "PositionUnwrapper",
-    "Scale",
-    "counts_per_revolution",
-    "is_feed",
-    "rpm_of_unit",
-    "to_object",
-    "told_counts",
-    "wrap_int32",
-]
-
 INT16_MIN, INT16_MAX = -(1 << 15), (1 << 15) - 1
 INT32_MIN, INT32_MAX = -(1 << 31), (1 << 31) - 1
 _SPAN: Final = 1 << 32

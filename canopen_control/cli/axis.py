@@ -13,7 +13,6 @@ from canopen_control.rpc.messages.robot import AxisRequest
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["add_arguments", "run"]
 
 EXAMPLE = "canopen-control axis enable all"
 ACTIONS = ("enable", "disable", "halt", "quick-stop", "fault-reset", "home", "mode")

@@ -14,20 +14,17 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.cli.support.open_session import add_session_arguments, open_session, reached, read_all
 from canopen_control.cli.support.output import json_text
-from canopen_control.cli.support.parameter_sides import read_all
-from canopen_control.cli.support.restoring import reached
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.files import write_whole
 from canopen_control.rpc.messages.declare import Document
 from canopen_control.service.parameter_set import backup_file_text
-from canopen_control.service.restore_journal import unfinished_words
+from canopen_control.service.restore import unfinished_words
 
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control backup left_drive -o left_drive.dcf
          canopen-control backup 3 -o node3.dcf --can can0 --eds TMCM-1270.eds"""

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     import argparse
     from types import ModuleType
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = "canopen-control bench cycle --json cycle.json"
 _PACKAGE = "canopen_control_bench"  # comes with the wheel; a checkout has it in tools/

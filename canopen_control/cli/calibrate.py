@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from canopen_control.calibration.base_link import BaseLink
     from canopen_control.calibration.umbmark_session import CalibrationPlan, Ends, Outcome
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control calibrate robby
          canopen-control calibrate robby --side 2 --runs 5 -o robby_calibrated.yaml"""

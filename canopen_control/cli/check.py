@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from canopen_control.runtime.check import CheckReport
     from canopen_control.runtime.stop_times import StopTime
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = "canopen-control check robby"
 
@@ -157,7 +156,7 @@ def _budget(budget: Budget) -> BudgetDocument:
 
 
 def _lines(name: str, report: CheckReport) -> list[str]:
-    from canopen_control.runtime.check_data import Severity
+    from canopen_control.od.issues import Severity
 
     lines = [str(finding) for finding in report.findings]
     lines += [_budget_line(bus, budget) for bus, budget in report.budgets.items()]

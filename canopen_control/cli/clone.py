@@ -12,15 +12,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.open_session import add_session_arguments, open_session
-from canopen_control.cli.support.parameter_sides import like_file, read_all
-from canopen_control.cli.support.restoring import add_restore_arguments, restore_into
+from canopen_control.cli.support.open_session import (
+    add_restore_arguments,
+    add_session_arguments,
+    like_file,
+    open_session,
+    read_all,
+    restore_into,
+)
 from canopen_control.errors import ConfigError
 
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control clone 3 4 --can can0 --eds TMCM-1270.eds --store"""
 

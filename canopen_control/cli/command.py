@@ -24,7 +24,6 @@ from canopen_control.rpc.messages.robot import CommandByName, CommandController
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["add_arguments", "run"]
 
 EXAMPLE = """canopen-control command robby_forward_controller 10 10 --for 3
          canopen-control command io_controller io/lamp=1 --once"""

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["EXAMPLE", "SHELLS", "add_arguments", "run"]
 
 EXAMPLE = 'canopen-control completion bash  # as in eval "$(canopen-control completion bash)"'
 SHELLS = ("bash", "zsh", "fish")

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import InterfaceReading
     from canopen_control.rpc.messages.state import ControllerReading
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control controller list
          canopen-control controller types

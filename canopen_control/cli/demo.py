@@ -15,7 +15,6 @@ from canopen_control.cli.run import run_robot
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["add_arguments", "run"]
 
 EXAMPLE = "canopen-control demo --ros"
 ROBOT: Final = "robby"

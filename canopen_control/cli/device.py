@@ -14,9 +14,9 @@ Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, 
 
 from __future__ import annotations
 
-from canopen_control.cli.drive import add_arguments, run
+from canopen_control.cli import drive
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
+add_arguments, run = drive.add_arguments, drive.run
 
 EXAMPLE = """canopen-control device --node-id 5 --eds generic_cia401.eds --can local:robby
          canopen-control device --node-id 5 --can local:robby --status"""

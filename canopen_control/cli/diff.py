@@ -12,19 +12,17 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.open_session import add_session_arguments
+from canopen_control.cli.support.open_session import add_session_arguments, sides
 from canopen_control.cli.support.output import Table, json_text
-from canopen_control.cli.support.parameter_sides import sides
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.service.parameter_diff import differences
+from canopen_control.service.parameter_set import differences
 
 if TYPE_CHECKING:
     import argparse
 
-    from canopen_control.cli.support.parameter_sides import Side
-    from canopen_control.service.parameter_diff import ParameterDifference
+    from canopen_control.cli.support.open_session import Side
+    from canopen_control.service.parameter_set import ParameterDifference
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control diff left_drive right_drive
          canopen-control diff node3.dcf 3 --can can0"""

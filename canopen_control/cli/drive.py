@@ -35,7 +35,6 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.support.arguments import whole
-from canopen_control.cli.support.drive_state import state_lines
 from canopen_control.cli.support.output import json_line
 from canopen_control.client.drive_client import DriveClient
 from canopen_control.data_files import data_path
@@ -44,9 +43,60 @@ from canopen_control.rpc.messages.drive import GetDriveState
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
-__all__ = ["EXAMPLE", "add_arguments", "parse_node_ids", "run"]
+    from canopen_control.rpc.messages.drive import AxisState, DriveState, SetPointQuality, SignalState, Spread
+
+
+# What a running virtual drive is doing, as lines for people: states, motion, faults, quality of its set-points.
+
+
+def state_lines(state: DriveState) -> Iterator[str]:
+    """Yield what a node is doing, a line for it and some for each axis."""
+    errors = "".join(f", error 0x{code:04X}" for code in state.errors)
+    faults = f"; faults that are on: {', '.join(state.faults)}" if state.faults else ""
+    yield f"node {state.node_id}, {state.name}: {state.nmt_state}{errors}{faults}"
+    for axis in state.axes:
+        yield _axis_line(axis)
+        if axis.set_points is not None:
+            yield from (f"    {line}" for line in quality_lines(axis.set_points))
+    for output, word in ((False, "inputs"), (True, "outputs")):
+        shown = [_signal(each) for each in state.signals if each.output is output]
+        if shown:
+            yield f"  {word}: {', '.join(shown)}"
+
+
+def _signal(signal: SignalState) -> str:
+    return f"{signal.name} {signal.value:g}{f' {signal.unit}' if signal.unit else ''}"
+
+
+def _axis_line(axis: AxisState) -> str:
+    where = f"position {axis.position}, velocity {axis.velocity}"
+    return f"  axis {axis.axis}: {axis.state}, {axis.mode}, {where}, torque {axis.plant.torque / 10:.0f} %"
+
+
+def quality_lines(quality: SetPointQuality) -> Iterator[str]:
+    """Yield how the set-points of a cyclic mode came, and what they made of the motion."""
+    yield (
+        f"set-points: {quality.taken} taken, {quality.missed} missed, {quality.doubled} doubled, "
+        f"{quality.overwritten} overwritten"
+    )
+    if quality.velocity is not None:
+        yield f"velocity demand: {_spread(quality.velocity)}, ripple {_percent(quality.velocity_ripple)}"
+    if quality.acceleration is not None:
+        ripple = _percent(quality.acceleration_ripple)
+        yield f"acceleration ripple: {quality.acceleration:.4g} units/s^2, in relation to the velocity {ripple}"
+    if quality.phase_us is not None:
+        yield f"RPDO after SYNC: {_spread(quality.phase_us)} us"
+
+
+def _spread(spread: Spread) -> str:
+    return f"{spread.mean:.6g} ({spread.min:.6g} to {spread.max:.6g})"
+
+
+def _percent(ratio: float | None) -> str:
+    return "-" if ratio is None else f"{100 * ratio:.1f} %"
+
 
 EXAMPLE = """canopen-control drive --node-id 3 --eds TMCM-1270.eds --can local:robby --fault heartbeat_lost@5s
          canopen-control drive --node-id 3 --can local:robby --status"""
@@ -117,7 +167,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("--json is for drive --status; running drives print their events as lines")
     if args.eds is None:
         raise ConfigError("drive needs --eds FILE: which device it is; --status asks a drive that runs already")
-    from canopen_control.virtual.launch import Options, run_drives
+    from canopen_control.virtual.process import Options, run_drives
 
     node_ids = parse_node_ids(args.node_id)
     eds, others = _eds_files(args.eds, node_ids)
@@ -131,7 +181,7 @@ def _run_buses(args: argparse.Namespace) -> int:
     given = [name for name in ("node_id", "can", "eds", "status", *_FILES) if getattr(args, name)]
     if given:
         raise ConfigError(f"--buses: its file says everything; leave --{given[0].replace('_', '-')} away")
-    from canopen_control.virtual.bus_group import run_group
+    from canopen_control.virtual.process import run_group
 
     return run_group(Path(args.buses), _say)
 

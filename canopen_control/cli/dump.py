@@ -18,8 +18,7 @@ from canopen_control.cli.support.open_session import add_session_arguments, open
 from canopen_control.errors import CanopenError
 from canopen_control.host.files import write_whole
 from canopen_control.od.dcf import dcf_text
-from canopen_control.service.object_rows import rows_of
-from canopen_control.service.object_selection import select_objects
+from canopen_control.service.object_rows import rows_of, select_objects
 
 if TYPE_CHECKING:
     import argparse
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from canopen_control.service.node_session import NodeSession
     from canopen_control.service.object_rows import LiveObject
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control dump left_drive "0x60*"
          canopen-control dump left_drive "0x1*" --format csv -o left_drive.csv

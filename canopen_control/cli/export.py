@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from canopen_control.trace.decoder import DecodedFrame
     from canopen_control.trace.network_description import NetworkDescription
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control export dbc robby -o robby.dbc
          canopen-control export csv run.log robby -o run.csv
@@ -62,8 +61,8 @@ def _dbc(args: argparse.Namespace) -> int:
 
 
 def _csv(args: argparse.Namespace) -> int:
-    from canopen_control.cli.support.frame_source import network_for, open_frames, tell_gaps
-    from canopen_control.trace.csv_export import write_long, write_wide
+    from canopen_control.cli.support.heard_bus import network_for, open_frames, tell_gaps
+    from canopen_control.trace.frame_lines import write_long, write_wide
 
     recording = open_frames(args.file, args.bus)
     network = network_for(args, recording)

@@ -15,7 +15,7 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
-from canopen_control.cli.support.node_names import KnownNode, ask_nodes, find_node
+from canopen_control.cli.support.completion_words import KnownNode, ask_nodes, find_node
 from canopen_control.cli.support.output import json_text
 from canopen_control.client.drive_client import DriveClient, signal_values
 from canopen_control.errors import CanopenError, ConfigError, RemoteError
@@ -26,7 +26,6 @@ from canopen_control.virtual.fault_table import FAULTS, find_fault
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control fault list
          canopen-control fault left_drive heartbeat_lost on

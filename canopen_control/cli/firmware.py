@@ -22,15 +22,23 @@ from canopen_control.cli.support.open_session import add_session_arguments, open
 from canopen_control.cli.support.output import Progress, json_text, watched
 from canopen_control.errors import CanopenError, ConfigError, DriveError
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.service.guarded_restore import quiet_node
-from canopen_control.service.program_download import DownloadProgress, ProgramDate, ProgramOptions, refuse_no_program
-from canopen_control.service.program_session import boot_check, download, interrupted_words, is_loader, refuse_stranger
-from canopen_control.service.read_parameters import device_identity
+from canopen_control.service.parameter_set import device_identity
+from canopen_control.service.program_download import (
+    DownloadProgress,
+    ProgramDate,
+    ProgramOptions,
+    boot_check,
+    download,
+    interrupted_words,
+    is_loader,
+    refuse_no_program,
+    refuse_stranger,
+)
+from canopen_control.service.restore import quiet_node
 
 if TYPE_CHECKING:
     from canopen_control.service.node_session import NodeSession
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control firmware 3 drive-1.4.bin --can can0
          canopen-control firmware 3 drive-1.4.bin --can can0 --eds drive.eds --expect 0x1A2B3C4D

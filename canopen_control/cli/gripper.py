@@ -19,7 +19,6 @@ from canopen_control.rpc.messages.gripper import MoveGripper
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = "canopen-control gripper 0.04 --max-effort 20"
 

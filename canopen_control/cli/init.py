@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from canopen_control.scaffold.new_robot import Device, NewNode
     from canopen_control.scaffold.robot_folder import Written
 
-__all__ = ["EXAMPLE", "add_arguments", "ask_drives", "run"]
 
 EXAMPLE = """canopen-control init my_robot --eds generic_cia402.eds --node-id 2,3 --base diff
          canopen-control init turntable --eds TMCM-1270.eds --node-id 5 --joint table_joint

@@ -21,12 +21,17 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cli.support.arguments import number, seconds, whole_number
 from canopen_control.cli.support.jog_robot import choose_jog, dead_man_words, own_robot
 from canopen_control.cli.support.jog_run import JogRun, reset_fault
-from canopen_control.cli.support.one_drive import axis_of, look_at_drive, running_drive, tell_event, with_counts
-from canopen_control.cli.support.open_session import add_session_arguments
+from canopen_control.cli.support.open_session import (
+    add_session_arguments,
+    axis_of,
+    look_at_drive,
+    running_drive,
+    tell_event,
+    with_counts,
+)
 from canopen_control.cli.support.target import parse_node_id, robot_on
 from canopen_control.errors import ConfigError
-from canopen_control.service.jog_motion import JogKind, JogLimits
-from canopen_control.service.jog_units import JogScale, Quantity, parse_quantity
+from canopen_control.service.jog_motion import JogKind, JogLimits, JogScale, Quantity, parse_quantity
 
 if TYPE_CHECKING:
     import argparse
@@ -36,7 +41,6 @@ if TYPE_CHECKING:
     from canopen_control.scaffold.new_robot import NewRobot
     from canopen_control.service.driven_axis import JogDrive
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control jog 5 --can can0 --eds my_drive.eds
          canopen-control jog 5 --can can0 --eds my_drive.eds --velocity 20rpm --for 3

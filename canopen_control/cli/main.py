@@ -21,7 +21,6 @@ from canopen_control.version import __version__, build
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["main"]
 
 #: verbs that only ask who runs: no code but ours runs in them
 _ASKING = frozenset(

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from canopen_control.monitor.sources import Source
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control monitor
          canopen-control monitor --can can0 --config robby

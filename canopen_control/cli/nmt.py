@@ -28,7 +28,6 @@ from canopen_control.rpc.messages.state import NodeReading
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control nmt preop left_drive
          canopen-control nmt reset-node all --can can0"""

@@ -18,15 +18,13 @@ from canopen_control.cli.support.open_session import add_session_arguments, open
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import find_eds, parse_node_id
 from canopen_control.od.eds import read_eds
-from canopen_control.service.object_rows import LiveObject, rows_of
-from canopen_control.service.object_selection import select_objects
+from canopen_control.service.object_rows import LiveObject, rows_of, select_objects
 
 if TYPE_CHECKING:
     import argparse
 
     from canopen_control.od.model import ObjectDictionary
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control objects left_drive "0x60*" --live
          canopen-control objects left_drive velocity

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from canopen_control.master.plan import NodePlan
     from canopen_control.master.plan_builder import PlannedWrite
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = "canopen-control plan robby --against can0"
 
@@ -152,7 +151,7 @@ def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, 
 def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], str | None]:
     """Return the writes that the node needs, and why it could not be read."""
     from canopen_control.errors import BusError, CanopenError, SdoAbort
-    from canopen_control.master.compare import groups, needed, reads_of
+    from canopen_control.master.boot_config import groups, needed, reads_of
 
     held: dict[tuple[int, int], bytes | None] = {}
     for address in [(0x1000, 0), *(each for group in groups(plan.writes) for each in reads_of(group))]:

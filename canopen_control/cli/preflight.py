@@ -11,28 +11,347 @@ Exit codes: 0 passed; 1 not passed; 2 wrong usage or configuration.
 from __future__ import annotations
 
 import json
+import math
 import sys
+import tempfile
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from canopen_control.bus.can_interfaces import find_can_interface
+from canopen_control.bus.channel import ChannelKind, parse_channel
 from canopen_control.cli.run import add_file_arguments, find_files
 from canopen_control.cli.support.arguments import add_new_name, number
-from canopen_control.cli.support.preflight_jog import Jog, jog_interfaces
-from canopen_control.cli.support.preflight_steps import Step, link_steps, node_steps
-from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.cli.support.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
+from canopen_control.errors import CanopenError, ConfigError, SdoAbort, SdoTimeout
 from canopen_control.host.files import write_whole
 from canopen_control.host.sockets import check_name
+from canopen_control.master.direct import DirectBus
+from canopen_control.od.codec import fitted
+from canopen_control.robot import Robot
+from canopen_control.runtime.background import BackgroundRobot
 from canopen_control.runtime.clearance import SLOW, config_hash, keep_pass, read_serials
+from canopen_control.runtime.run_session import RunOptions
+from canopen_control.runtime.setup import read_robot
+from canopen_control.urdf.joint_element import POSITION, VELOCITY
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
+    from canopen_control.master.config import BusConfig
+    from canopen_control.od.model import ObjectDictionary
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+# The steps of a pre-flight that only look: link, bit rate, who is there, EDS revisions, errors, limits.
+#
+# The law of this file: nothing is written to a drive, and every step ends in a sentence with what it was judged by.
+
+
+_ALL_NODES = range(1, 128)
+_ANSWER_S = 0.2
+_STATE: dict[tuple[int, int], str] = {
+    (0x607D, 1): "lower position limit",
+    (0x607D, 2): "upper position limit",
+    (0x607F, 0): "greatest profile velocity",
+    (0x6080, 0): "greatest motor speed",
+    (0x6079, 0): "supply voltage",
+}
+_ERRORS: dict[tuple[int, int], str] = {(0x1001, 0): "error register", (0x603F, 0): "error code"}
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What a step came to; `passed` is None for what is only told."""
+
+    name: str
+    passed: bool | None
+    text: str
+
+
+# -- the link
+
+
+def link_steps(channel: str, baudrate: int) -> list[Step]:
+    """Compare state and bit rate of a channel to the bus.yml's (`baudrate`, kbit/s)."""
+    spec = parse_channel(channel)
+    if spec.kind is not ChannelKind.SOCKETCAN:
+        return [Step("link", None, f"{channel}: no interface of the kernel, its bit rate cannot be looked at")]
+    link = find_can_interface(spec.name)
+    if link is None or not link.is_up:
+        what = "is not there" if link is None else "is down"
+        typed = f"canopen-control bus up {spec.name} --bitrate {baudrate * 1000}"
+        return [Step("link", False, f"{channel} {what}; type: {typed}")]
+    steps = [Step("link", link.state in (None, "ERROR-ACTIVE"), f"{channel} is up{_state_of(link.state)}")]
+    if link.bitrate is None:
+        return [*steps, Step("bit rate", None, f"{channel} is a {link.kind} interface and has none")]
+    fits = link.bitrate == baudrate * 1000
+    return [*steps, Step("bit rate", fits, f"{link.bitrate} bit/s, bus.yml says {baudrate * 1000}")]
+
+
+def _state_of(state: str | None) -> str:
+    return f" and {state}" if state else ""
+
+
+# -- who is there
+
+
+def node_steps(bus: BusConfig, channel: str) -> Iterator[Step]:
+    """Ask all node ids who they are, compare to bus.yml and EDS files; read errors and limits of the robot's own."""
+    with DirectBus.open(channel, label="pre-flight", timeout_s=_ANSWER_S, retries=1) as direct:
+        answers = direct.read_many((node_id, 0x1000, 0) for node_id in _ALL_NODES)
+        there = {node_id for (node_id, _, _), answer in answers.items() if not isinstance(answer, SdoTimeout)}
+        for node in bus.nodes.values():
+            if node.node_id in there:
+                yield from _known_node(direct, bus, node.name, node.node_id)
+            else:
+                text = (
+                    f"node {node.node_id} ({node.name}) does not answer; is it powered, its node id and bit rate set?"
+                )
+                yield Step("node", False, text)
+        for node_id in sorted(there - {node.node_id for node in bus.nodes.values()}):
+            yield Step("node", None, f"node {node_id} answers and is not in bus.yml")
+
+
+def _known_node(direct: DirectBus, bus: BusConfig, name: str, node_id: int) -> Iterator[Step]:
+    addresses = [*(address for address, _ in FIELDS.values()), NAME]
+    answers = direct.read_many((node_id, *address) for address in addresses)
+    identity = identity_of({(index, sub): answer for (_, index, sub), answer in answers.items()})
+    title = f"node {node_id} ({name})"
+    wrong = differences(identity, asdict(bus.plans[name].identity))
+    who = f"{identity.device_name or 'a node without a name'}, serial number {identity.serial_number or 'none'}"
+    yield Step("node", not wrong, f"{title}: {'; '.join(wrong) or who}")
+    known, refused = read_known([bus.eds_paths[name]])
+    eds, remark = match_eds(identity, known)
+    if refused or not known:
+        yield Step(
+            "EDS", None, f"{title}: {bus.eds_paths[name].name} names no product, so that nothing can be compared"
+        )
+    elif eds is None:
+        yield Step("EDS", False, f"{title}: {bus.eds_paths[name].name} is for another product")
+    else:
+        yield Step(
+            "EDS", None if remark else True, f"{title}: {eds.path.name}{_remark(remark, identity.revision_number)}"
+        )
+    yield from _readings(direct, bus.dictionaries[name], node_id, title)
+
+
+def _remark(remark: str, revision: int | None) -> str:
+    return f" {remark}, the drive has 0x{revision or 0:08X}" if remark else " and revision fit"
+
+
+def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str) -> Iterator[Step]:
+    """Read what tells of errors, which must be none, and of limits, which are only told."""
+    wanted = [address for address in (*_ERRORS, *_STATE) if address in od]
+    values: dict[tuple[int, int], int] = {}
+    for address in wanted:
+        try:
+            data = direct.read(node_id, *address)
+        except SdoAbort:
+            continue
+        entry = od[address]
+        if (whole := fitted(data, entry.data_type)) is None:
+            where = f"0x{address[0]:04X}:{address[1]:02X} {entry.name}"
+            yield Step("EDS", False, f"{title}: {where} answered {len(data)} bytes, which is no {entry.data_type.name}")
+            continue
+        values[address] = int.from_bytes(whole, "little", signed=entry.data_type.signed)
+    errors = {_ERRORS[address]: value for address, value in values.items() if address in _ERRORS}
+    told = ", ".join(f"{name} 0x{value:02X}" for name, value in errors.items())
+    yield Step("errors", not any(errors.values()), f"{title}: {told or 'tells of none'}")
+    limits = ", ".join(f"{_STATE[address]} {value}" for address, value in values.items() if address in _STATE)
+    if limits:
+        yield Step("limits", None, f"{title}: {limits} (device units)")
+
+
+# The jog of a pre-flight: each joint turned slowly, all of them stopped, and what was seen held against what was told.
+#
+# The law of this file: one joint moves at a time, slowly and only after a yes, until all are turned for STOP; a joint
+# with a velocity is commanded that, one with a position only is led by small steps of it, within its limits; one with
+# neither is not turned, and said to be so. Every step ends in a sentence with the numbers it was judged by.
+
+
+TOLERANCE = 0.2  # of the speed that was commanded
+STANDSTILL = 0.05  # rad/s
+_TIMEOUT_S = 5.0
+_STOP_S = 5.0
+_LOOK_S = 0.02
+_FORWARD = "forward_command_controller/ForwardCommandController"
+_CYCLES = 25  # of a jog at speed, so that one cycle more or less does not matter
+_RUN_UP_S = 0.3
+_SPARE_S = 1.0  # of a jog, until it is at its speed and to stop again
+
+
+def jog_interfaces(setup: RobotSetup) -> dict[str, str | None]:
+    """Return what each joint is turned by, in the order of the description: velocity, position, or None: not at all."""
+    parts = (part for tag in setup.description.hardware for part in tag.joints)
+    return {
+        part.name: next((each for each in (VELOCITY, POSITION) if each in part.command_interfaces), None)
+        for part in parts
+    }
+
+
+class Jog:
+    """The robot with a controller for each interface of its `joints`; `with` boots and stops it, enabled.
+
+    `turned` are the joints that turned as they should.
+    """
+
+    def __init__(self, setup: RobotSetup, speed: float) -> None:
+        self._interfaces = {joint: name for joint, name in jog_interfaces(setup).items() if name is not None}
+        self.joints, self.speed = list(self._interfaces), speed
+        self.turned: list[str] = []
+        self._folder = tempfile.TemporaryDirectory(prefix="preflight-")
+        path = Path(self._folder.name) / "ros2_controllers.yaml"
+        groups = self._groups()
+        path.write_text(_controllers(groups, setup.controllers.update_rate))
+        files = replace(setup.files, controllers=path)
+        channels = [f"{name}={channel}" for name, channel in setup.channels.items()]
+        names = [_controller(name) for name in groups]
+        self._setup = read_robot(files, name=setup.name, can=channels, controllers=names, real=True)
+        self._robot = Robot(setup.name, BackgroundRobot(self._setup, RunOptions(drives=False)))
+        self._hold_s = max(1.0, _CYCLES * self._setup.cycle_ns / 1e9)
+        self._look_s = max(_LOOK_S, self._setup.cycle_ns / 1e9)
+        self._targets: dict[str, float] = {}  # of the joints that are led by their position
+        self._commanded = 0.0  # when, by the monotonic clock
+
+    def __enter__(self) -> Jog:
+        try:
+            self._robot.start()
+            self._targets = {joint: self._of(joint)["position"] for joint in self._groups().get(POSITION, [])}
+        except BaseException:
+            self._robot.shutdown()
+            self._folder.cleanup()
+            raise
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._robot.shutdown()
+        self._folder.cleanup()
+
+    def no_room(self, joint: str) -> str | None:
+        """Say why there is no way for a jog of this joint, None if there is."""
+        if self._interfaces[joint] != POSITION:
+            return None
+        here, needed = self._of(joint)["position"], self.speed * (self._hold_s + _SPARE_S)
+        room = self._setup.description.joints[joint].limits.upper - here
+        if room >= needed:
+            return None
+        return f"it is at {here:.3f}, {room:.3f} before its limit, and a jog at {self.speed:g} rad/s needs {needed:.3f}"
+
+    def turn(self, joint: str) -> Step:
+        """Turn one joint at the speed, and compare what it shows of velocity and of position."""
+        low, high = self.speed * (1 - TOLERANCE), self.speed * (1 + TOLERANCE)
+        speeds, start = {joint: self.speed}, self._positions()
+        if not self._until(speeds, lambda: self._is_fast(joint, start)):
+            seen = self._of(joint)["velocity"]
+            self._rest()
+            return Step("jog", False, f"{joint}: {seen:.3f} rad/s at a command of {self.speed:g}{_hint(seen)}")
+        begin, since = self._positions(), time.monotonic()
+        self._until(speeds, lambda: time.monotonic() - since >= self._hold_s)
+        end, took = self._positions(), time.monotonic() - since
+        self._rest()
+        ways = {each: end[each] - begin[each] for each in self.joints}
+        others = [each for each in self.joints if each != joint and abs(ways[each]) > TOLERANCE * self.speed]
+        text = f"{joint}: {ways[joint]:.3f} rad in {took:.2f} s at a command of {self.speed:g} rad/s"
+        text += _hint(ways[joint])
+        if others:
+            text += f"; {', '.join(others)} turned as well"
+        passed = low <= ways[joint] / took <= high and not others
+        self.turned += [joint] if passed else []
+        return Step("jog", passed, text)
+
+    def stop(self) -> Step:
+        """Turn all joints that turned, press STOP, and see how long it takes until nothing moves under power.
+
+        Those that are led by their position go back where they came from.
+        """
+        speeds = {joint: self.speed * (-1 if joint in self._targets else 1) for joint in self.turned}
+        start = self._positions()
+        if not self._until(speeds, lambda: all(self._is_fast(joint, start) for joint in speeds)):
+            return Step("STOP", False, "the joints do not turn, so that nothing can be stopped")
+        since = time.monotonic()
+        try:
+            self._robot.stop()
+        except CanopenError as error:
+            return Step("STOP", False, str(error))
+        took = time.monotonic() - since
+        left = {joint: self._of(joint)["velocity"] for joint in self.joints}
+        still = all(abs(velocity) <= STANDSTILL for velocity in left.values())
+        told = ", ".join(f"{joint} {velocity:.3f} rad/s" for joint, velocity in left.items())
+        return Step("STOP", still and took <= _STOP_S, f"drives disabled {took:.2f} s after STOP: {told}")
+
+    def _is_fast(self, joint: str, start: Mapping[str, float]) -> bool:
+        """Whether a joint has the speed of the jog; one that is led by its position, whether it is well under way."""
+        seen = self._of(joint)
+        if joint in self._targets:
+            return abs(seen["position"] - start[joint]) >= self.speed * _RUN_UP_S
+        return abs(seen["velocity"] - self.speed) <= self.speed * TOLERANCE
+
+    def _groups(self) -> dict[str, list[str]]:
+        """Return the joints by what they are turned by."""
+        groups: dict[str, list[str]] = {}
+        for joint, interface in self._interfaces.items():
+            groups.setdefault(interface, []).append(joint)
+        return groups
+
+    def _of(self, joint: str) -> dict[str, float]:
+        seen = self._robot.joints()[joint]
+        known = {"position": seen.position, "velocity": seen.velocity}
+        return {key: math.nan if value is None else value for key, value in known.items()}
+
+    def _positions(self) -> dict[str, float]:
+        return {joint: self._of(joint)["position"] for joint in self.joints}
+
+    def _until(self, speeds: Mapping[str, float], condition: Callable[[], bool]) -> bool:
+        """Command these joints, and no other, until `condition` or until the time is over."""
+        deadline = time.monotonic() + _TIMEOUT_S + self._hold_s
+        self._commanded = time.monotonic()
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self._command(speeds)
+            time.sleep(self._look_s)
+        return True
+
+    def _command(self, speeds: Mapping[str, float]) -> None:
+        now = time.monotonic()
+        passed, self._commanded = now - self._commanded, now
+        for joint in self._targets:
+            self._targets[joint] += speeds.get(joint, 0.0) * passed
+        for interface, joints in self._groups().items():
+            values = [self._targets.get(joint, speeds.get(joint, 0.0)) for joint in joints]
+            self._robot.command(_controller(interface), values)
+
+    def _rest(self) -> None:
+        self._until({}, lambda: max(abs(self._of(joint)["velocity"]) for joint in self.joints) <= STANDSTILL)
+
+
+def _hint(seen: float) -> str:
+    if math.isnan(seen):
+        return "; it shows no velocity: is 0x606C mapped?"
+    return "; it turns the other way: look at the sign of its scale" if seen < -STANDSTILL else ""
+
+
+def _controller(interface: str) -> str:
+    return f"preflight_{interface}"
+
+
+def _controllers(groups: Mapping[str, list[str]], rate: int) -> str:
+    """Return a ros2_controllers.yaml with one forward controller for each group."""
+    head = (
+        f"controller_manager:\n  ros__parameters:\n    update_rate: {rate}\n"
+        "    joint_state_broadcaster:\n      type: joint_state_broadcaster/JointStateBroadcaster\n"
+    )
+    types = [f"    {_controller(name)}:\n      type: {_FORWARD}\n" for name in groups]
+    own = [
+        f"{_controller(name)}:\n  ros__parameters:\n    joints: [{', '.join(joints)}]\n"
+        f"    interface_name: {name}\n    command_timeout: 0.5\n"
+        for name, joints in groups.items()
+    ]
+    return head + "".join(types + own)
+
 
 EXAMPLE = "canopen-control preflight robby --can can0"
 

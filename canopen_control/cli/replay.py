@@ -32,11 +32,10 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.play import Played
     from canopen_control.bus.recordings import RecordedFrame
-    from canopen_control.cli.support.frame_source import Source
+    from canopen_control.cli.support.heard_bus import Source
     from canopen_control.host.reactor import Reactor
     from canopen_control.rpc.messages.robot import Description
 
-__all__ = ["EXAMPLE", "add_arguments", "node_ids_in", "run"]
 
 EXAMPLE = """canopen-control replay run.log robby
          canopen-control replay run.log --can local:bench
@@ -82,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         return _be_watched(args)
     if args.can is None:
         return show_file(args, args.file)
-    from canopen_control.cli.support.frame_source import open_frames
+    from canopen_control.cli.support.heard_bus import open_frames
 
     recording = open_frames(args.file, args.bus)
     channel = str(parse_channel(args.can))
@@ -154,7 +153,7 @@ def _tell_a_new_bus(channel: str) -> None:
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     """Play it and say what was played, also when Ctrl-C ends it."""
     from canopen_control.bus.play import Played, play
-    from canopen_control.cli.support.frame_source import tell_gaps
+    from canopen_control.cli.support.heard_bus import tell_gaps
 
     port, played, ended = open_port(channel, label=LABEL), Played(), False
     progress = Progress(f"playing into {channel}, Ctrl-C ends it", "frames")

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from canopen_control.trace.flight_file import FlightFile
     from canopen_control.trace.network_description import NetworkDescription
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control report
          canopen-control report --list

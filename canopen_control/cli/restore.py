@@ -17,16 +17,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.open_session import add_session_arguments, open_session
-from canopen_control.cli.support.parameter_sides import backup_file, like_file
-from canopen_control.cli.support.restoring import add_restore_arguments, restore_into
-from canopen_control.service.guarded_restore import refuse_other_drive
+from canopen_control.cli.support.open_session import (
+    add_restore_arguments,
+    add_session_arguments,
+    backup_file,
+    like_file,
+    open_session,
+    restore_into,
+)
+from canopen_control.service.restore import refuse_other_drive
 
 if TYPE_CHECKING:
     import argparse
 
-
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control restore node3.dcf 3 --can can0 --store
          canopen-control restore node3.dcf 3 --can can0 --protect '0x2*' --protect 'Home offset'"""

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable
 
-__all__ = ["EXAMPLE", "FoundNode", "ScanResult", "add_arguments", "match_files", "run", "survey_channel"]
 
 EXAMPLE = """canopen-control scan --can can0 --config robby
          canopen-control scan --can can0 --eds-dir ~/eds

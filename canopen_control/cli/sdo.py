@@ -21,7 +21,7 @@ from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoAb
 from canopen_control.od.address import find_object, parts_of
 from canopen_control.od.codec import decode
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.service.object_values import TYPE_NAMES, parse_type, parse_value, show
+from canopen_control.service.object_rows import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.trace.network_description import NodeDescription
 from canopen_control.trace.values import NodeWords, decoded
 
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from canopen_control.od.address import ObjectAddress
     from canopen_control.od.model import DataType, ObjectDictionary
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control sdo read left_drive 0x6041
          canopen-control sdo write 3 "Profile velocity" 1600

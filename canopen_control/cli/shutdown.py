@@ -14,7 +14,6 @@ from canopen_control.rpc.messages.robot import Shutdown, Subscribe
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["add_arguments", "run"]
 
 EXAMPLE = "canopen-control shutdown"
 TIMEOUT_S = 30.0

@@ -43,21 +43,69 @@ import contextlib
 import gc
 import math
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.run import add_file_arguments, bridge_arguments, find_files, names_robot, world_of
 from canopen_control.cli.support.arguments import add_new_name, number, whole_number
+from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import ConfigError, nearest
+from canopen_control.runtime.shared_world import read_shared
+from canopen_control.simulation.shared_simulation import SharedSimulation
 
 if TYPE_CHECKING:
-    from canopen_control.cli.support.output import Progress
+    from collections.abc import Sequence
+
+    from canopen_control.master.event_log import Event
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.acts import Act
     from canopen_control.simulation.scenario_steps import Scenario
     from canopen_control.simulation.simulation_run import Outcome, SimulationRun
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
+
+# `simulate --world FILE` without a robot: those that the file names, in one virtual time, and what came of each.
+
+
+_OF_ONE: Final = ("scenario", "recording", "record", "seeds", "jobs", "dask", "aim", "out")
+_OF_FILE: Final = ("can", "controller")
+
+
+def simulate_world(args: argparse.Namespace, duration_ns: int, faults: Sequence[str]) -> int:
+    """Simulate the robots of a file; 0 good, 1 with a breach. Ctrl-C ends it and keeps what there is."""
+    for option in _OF_ONE:
+        if getattr(args, option) is not None:
+            raise ConfigError(f"--{option} is of one robot; --world FILE alone simulates those that the file names")
+    for option in _OF_FILE:
+        if getattr(args, option):
+            raise ConfigError(f"--{option} is of one robot; the file of a world says it of each")
+    world = Path(args.world)
+    setups = [robot.setup for robot in read_shared(world)]
+    simulation = SharedSimulation(setups, world, args.seed or 0, duration_ns, faults)
+    progress = Progress("robot time", "s", stream=sys.stderr)
+    try:
+        for name, run in simulation.runs.items():
+            run.robot.on_event = None if args.json else partial(_say_world, name, progress)
+        with contextlib.suppress(KeyboardInterrupt), progress:
+            simulation.run(lambda robot_s: progress.at(int(robot_s), int(duration_ns / 1e9) or None), args.speed)
+        outcome = simulation.outcome
+    finally:
+        simulation.close()
+    if args.json:
+        print(json_line(outcome))
+        return 1 if outcome.breaches else 0
+    for name, each in outcome.robots.items():
+        print(f"{name}: seed {each.seed}, {each.frames} frames, {each.events} events, sha256 {each.sha256}")
+    print(f"{outcome.robot_s:g} s of {len(outcome.robots)} robots in {outcome.real_s:.1f} s, sha256 {outcome.sha256}")
+    for breach in outcome.breaches:
+        print(f"breach: {breach}")
+    return 1 if outcome.breaches else 0
+
+
+def _say_world(name: str, progress: Progress, event: Event) -> None:
+    progress.end()
+    print(f"{event.time / 1e9 - 1.0:9.3f} {name}: {event.sentence}")
+
 
 EXAMPLE = """canopen-control simulate robby --for 3 --seed 7
          canopen-control simulate robby --for 3 --faults heartbeat_lost,silent --json
@@ -233,7 +281,6 @@ def _serve(simulation: SimulationRun, bridge: tuple[str, ...] | None) -> None:
 
 def _run_world(args: argparse.Namespace) -> int:
     """Run the robots of a world."""
-    from canopen_control.cli.support.simulation_world import simulate_world
     from canopen_control.simulation.drawn_schedule import known_faults
 
     for option, given in (("--serve", args.serve), ("--ros", args.ros)):

@@ -15,7 +15,6 @@ from canopen_control.rpc.messages.robot import GetStatus, Release, Stop
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["add_arguments", "run"]
 
 EXAMPLE = "canopen-control stop"
 NEXT = "to go on: canopen-control axis enable all"

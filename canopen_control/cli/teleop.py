@@ -17,7 +17,7 @@ import time
 from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.cli.support.arguments import number, seconds
-from canopen_control.cli.support.keyboard import Keyboard
+from canopen_control.cli.support.jog_run import Keyboard
 from canopen_control.client import RobotClient
 from canopen_control.client.teleop_keys import HELP, SIDEWAYS_HELP, KeyDecoder, Teleop, Velocities
 from canopen_control.errors import ConfigError, RemoteError
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.declare import Done, Request
     from canopen_control.rpc.messages.state import ControllerReading
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control teleop
          canopen-control teleop --speed 0.2 --turn 0.5

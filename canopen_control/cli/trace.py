@@ -17,8 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import add_duration, whole_number
-from canopen_control.cli.support.frame_source import network_for, open_frames, tell_gaps
-from canopen_control.cli.support.heard_bus import add_network_arguments, heard_bus
+from canopen_control.cli.support.heard_bus import add_network_arguments, heard_bus, network_for, open_frames, tell_gaps
 from canopen_control.cli.support.output import json_line
 from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.filters import Filter, node_ids_of, parse_ids, parse_services
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     from canopen_control.bus.recordings import RecordedFrame
     from canopen_control.trace.network_description import NetworkDescription
 
-__all__ = ["EXAMPLE", "add_arguments", "add_view_arguments", "run", "show", "show_file"]
 
 EXAMPLE = """canopen-control trace
          canopen-control trace --events

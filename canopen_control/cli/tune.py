@@ -23,21 +23,25 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cli.support.arguments import number, seconds, whole_number
 from canopen_control.cli.support.jog_robot import dead_man_words, own_robot
 from canopen_control.cli.support.jog_run import SIGNALS
-from canopen_control.cli.support.one_drive import axis_of, look_at_drive, running_drive, tell_event, with_counts
-from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.cli.support.open_session import (
+    add_session_arguments,
+    axis_of,
+    look_at_drive,
+    open_session,
+    running_drive,
+    tell_event,
+    with_counts,
+)
 from canopen_control.cli.support.output import json_text
 from canopen_control.cli.support.target import parse_node_id, robot_on
 from canopen_control.cli.support.tune_choice import choose_tuned
 from canopen_control.errors import ConfigError
 from canopen_control.host.signals import on_signals
-from canopen_control.service.jog_motion import JogKind, JogLimits
-from canopen_control.service.jog_units import JogScale, parse_quantity
-from canopen_control.service.scope_files import refuse_without_pictures
+from canopen_control.service.jog_motion import JogKind, JogLimits, JogScale, parse_quantity
+from canopen_control.service.scope_capture import refuse_without_pictures
 from canopen_control.service.tune_gains import GAIN_NAMES, GainPlace, applied, parse_gain, reverted, settable_gains
-from canopen_control.service.tune_motion import PEAK_S
 from canopen_control.service.tune_report import CSV, PICTURE, findings, identified, proposed, report
-from canopen_control.service.tune_request import TuneRequest, TuneTest
-from canopen_control.service.tune_run import TuneRun, torque_index_of
+from canopen_control.service.tune_run import PEAK_S, TuneRequest, TuneRun, TuneTest, torque_index_of
 
 if TYPE_CHECKING:
     import argparse
@@ -45,7 +49,6 @@ if TYPE_CHECKING:
 
     from canopen_control.service.driven_axis import JogDrive
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control tune 5 --can can0 --eds my_drive.eds --step 30rpm
          canopen-control tune 5 --can can0 --eds my_drive.eds --identify 150 --crossover 20 --phase-margin 60 --apply

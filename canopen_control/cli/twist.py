@@ -14,7 +14,6 @@ from canopen_control.rpc.messages.robot import TwistController
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["add_arguments", "run"]
 
 EXAMPLE = """canopen-control controller switch --activate robby_base_controller --deactivate robby_forward_controller
          canopen-control twist robby_base_controller 0.2 0.5 --for 3

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["GROUPS", "MOST_USED", "VERBS", "overview", "parser_of"]
 
 XACRO = "xacro"  # where a verb's arguments hold NAME:=VALUE
 _EXIT_CODES = "Exit codes: 0 good; 1 it failed, or nothing was done; 2 wrong usage or configuration."

@@ -20,7 +20,6 @@ from canopen_control.view import require_view
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["EXAMPLE", "add_arguments", "run"]
 
 EXAMPLE = """canopen-control view
          canopen-control view --teleop --port 9000

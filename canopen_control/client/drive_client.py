@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.world_shape import WorldShape
 
-__all__ = ["DriveClient", "shapes_of_world", "signal_values"]
 
 _SHAPES_S: Final = 1.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from typing import TYPE_CHECKING, Final
 
@@ -10,23 +11,93 @@ from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.lineclient import LineClient
 from canopen_control.host.sockets import check_name, list_sockets, socket_path
 from canopen_control.rpc.client import Client
-from canopen_control.rpc.messages.robot import (
-    ROBOT,
-    RobotHello,
-    RobotPush,
-    SdoPiece,
-    SdoWrite,
-    TrajectoryData,
-    TrajectoryHeartbeat,
-)
+from canopen_control.rpc.messages.robot import ROBOT, STREAM_RATE, RobotHello, RobotPush, SdoPiece, SdoWrite, Subscribe
+from canopen_control.rpc.messages.state import RobotEvent
+from canopen_control.rpc.messages.trajectory import TrajectoryData, TrajectoryHeartbeat
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
+    from types import TracebackType
     from typing import Self
 
     from canopen_control.rpc.messages.samples import TrajectoryPoint
+    from canopen_control.rpc.messages.state import ControllerReading, CycleTimes
 
-__all__ = ["HEARTBEAT_S", "RobotClient", "find_robots", "select_robot"]
+
+# What a robot pushes to its subscribers: its events one after the other, and how often its state has to be asked for.
+#
+# Of samples of the state ROS and bags ask for so many that every publication of a controller is in them.
+
+
+_ENDED: Final = "stopped"  # the last event of a robot that was ended
+
+
+class EventStream:
+    """Iterates over events until none has come for `timeout` seconds (None: for ever), or the robot was ended.
+
+    RemoteError when the robot has died instead. It closes itself at its end; who leaves earlier calls `close`, or
+    uses it in a `with` block.
+    """
+
+    def __init__(self, client: RobotClient, timeout: float | None = None) -> None:
+        self._client = client
+        self._messages = client.messages(timeout)
+        self._over = False
+        client.ask(Subscribe(events=True))
+
+    def __enter__(self) -> EventStream:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self.close()
+
+    def __iter__(self) -> EventStream:
+        return self
+
+    def __next__(self) -> RobotEvent:
+        """Wait for the next event."""
+        if self._over:
+            raise StopIteration
+        try:
+            for message in self._messages:
+                if isinstance(message, RobotEvent):
+                    self._over = message.kind == _ENDED
+                    return message
+        except RemoteError:
+            self.close()
+            raise
+        self.close()
+        raise StopIteration
+
+    def close(self) -> None:
+        """End it; a second call does nothing."""
+        self._over = True
+        self._client.close()
+
+
+_NEARLY = 1e-6
+
+
+def stream_rate(cycle: CycleTimes, wanted: float = 0.0) -> float:
+    """Return the rate in Hz that a subscription gets: what is wanted, 0 for every cycle and at most STREAM_RATE.
+
+    A sample comes after a whole number of cycles.
+    """
+    hz = 1.0 / cycle.period_s if cycle.period_s > 0.0 else STREAM_RATE
+    every = round(hz / wanted) if wanted else math.ceil(hz / STREAM_RATE - _NEARLY)
+    return hz / max(1, every)
+
+
+def outpaced(controllers: Iterable[ControllerReading], rate: float) -> str | None:
+    """Say which controllers publish more often than the state is asked for; None if every publication comes."""
+    fast = [each for each in controllers if each.publish_rate > rate * (1.0 + _NEARLY)]
+    names = ", ".join(f"{each.name} ({each.publish_rate:g} Hz)" for each in fast)
+    return (
+        f"{names}: published more often than the state comes, {rate:g} Hz; what is between is left out"
+        if fast
+        else None
+    )
+
 
 HEARTBEAT_S: Final = 2.0
 """What who plays a trajectory promises as its `heartbeat`: silent for longer he is gone, and the joints brake."""

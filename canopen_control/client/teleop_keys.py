@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-__all__ = ["HELP", "MOTIONS", "SIDEWAYS", "SIDEWAYS_HELP", "SPEEDS", "KeyDecoder", "Teleop", "Velocities"]
-
 HELP: Final = """\
    u    i    o        forward, in curves      q/z  both speeds up/down by 10 %
    j    k    l        turn, k or space stops  w/x  only linear up/down

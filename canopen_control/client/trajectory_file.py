@@ -15,7 +15,6 @@ from canopen_control.yamlfile.reader import read, read_text
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["parse_trajectory", "read_trajectory", "read_waypoints", "write_trajectory"]
 
 _MOST: Final = 1e9  # no joint and no clock of ours goes there: what is beyond, or no number, is a slip of the pen
 

@@ -22,7 +22,8 @@ from mypy_extensions import mypyc_attr
 from canopen_control.controllers.command_life import MOVING, CommandLife
 from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import ControlError
-from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
+from canopen_control.hardware.interfaces import OK, ReturnType
+from canopen_control.urdf.joint_element import POSITION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -32,23 +33,62 @@ if TYPE_CHECKING:
     from canopen_control.controllers.trajectory.goal import Goal
     from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
-    from canopen_control.rpc.messages.samples import ControllerSample, Sample
+    from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
     from canopen_control.rpc.messages.trajectory import TrajectoryAt
     from canopen_control.urdf.joint_element import Joint
 
-__all__ = [
-    "ALL_STATES",
-    "CommonParams",
-    "Controller",
-    "ControllerEvent",
-    "ControllerState",
-    "Geometry",
-    "WheelBase",
-    "is_moving",
-    "not_enabled",
-    "twist_axes_of",
-    "zero_targets",
-]
+
+# A copy of chosen states as of one moment: the layout of everything that a broadcaster tells.
+
+
+def finite(value: float) -> float | None:
+    """Return a value, None for one that is not known."""
+    return value if math.isfinite(value) else None
+
+
+class StateCopy:
+    """The values of states by joint and name, each as it was at the last `take`.
+
+    `layout` says by joint and name where a value is read, None for a constant 0.0.
+    """
+
+    def __init__(self, layout: Mapping[str, Mapping[str, StateInterface | None]]) -> None:
+        places = [(joint, name, source) for joint, names in layout.items() for name, source in names.items()]
+        self._places = [(joint, name) for joint, name, _ in places]
+        self._values = [0.0] * len(places)
+        self._sources = [(index, source) for index, (_, _, source) in enumerate(places) if source is not None]
+        self._joints = list(layout)
+        self.take()
+
+    @property
+    def joints(self) -> list[str]:
+        """Its joints in order."""
+        return list(self._joints)
+
+    def take(self) -> None:
+        """Copy what the states are now; nothing is allocated."""
+        values = self._values
+        for index, source in self._sources:
+            values[index] = source.value
+
+    def by_joint(self) -> dict[str, Values]:
+        """Return the copy; None is what is not known."""
+        found: dict[str, Values] = {joint: {} for joint in self._joints}
+        for (joint, name), value in zip(self._places, self._values, strict=True):
+            found[joint][name] = finite(value)
+        return found
+
+
+# The timeout of a controller's command: who gave it, when, and how long it counts.
+#
+# The law of the file: a velocity or effort command that nobody renews ends by itself, after the time-out of the YAML
+# or, where that names none, after `DEFAULT_LIFE_S`; a time-out of 0 that is written is for ever, as upstream's default.
+# A position is a place to stay at and has no end.
+
+
+"""The kind of the event that tells of commands without an end."""
+"""The interfaces whose targets keep something moving."""
+
 
 ALL_STATES: Final = "*"
 """As the only state interface name: every state interface of the robot."""

@@ -14,7 +14,6 @@ from canopen_control.yamlfile.convert import setting
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["AxisLimits", "BaseParams", "PrefixedParams", "Six", "refuse", "tf_prefix"]
 
 NAN: Final = math.nan
 Six = tuple[float, float, float, float, float, float]

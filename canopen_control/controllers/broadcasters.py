@@ -8,27 +8,551 @@ no news for `stale_after` is STALE, an error code is a fault, all else as everyw
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
 from canopen_control.cia301.nmt import NmtState, state_of_byte
 from canopen_control.cia402.state import decode_statusword
-from canopen_control.controllers.base import ALL_STATES, Controller
+from canopen_control.controllers.base import ALL_STATES, Controller, StateCopy, finite
 from canopen_control.controllers.params import CommonParams
-from canopen_control.controllers.state_copy import StateCopy
-from canopen_control.errors import ControlError
-from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, ReturnType
+from canopen_control.errors import ControlError, RobotConfigError, nearest
+from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, ReturnType
 from canopen_control.rpc.messages.health import judge, stale
-from canopen_control.rpc.messages.samples import DiagnosticsSample, GpioSample, JointDiagnosis
-from canopen_control.yamlfile.convert import setting
+from canopen_control.rpc.messages.samples import (
+    BatteriesSample,
+    BatteryReading,
+    DiagnosticsSample,
+    GpioSample,
+    ImuSample,
+    JointDiagnosis,
+    PoseSample,
+    RangeSample,
+    WrenchSample,
+)
+from canopen_control.yamlfile.convert import derived, setting
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.health import Verdict
     from canopen_control.rpc.messages.samples import Sample, Values
 
-__all__ = ["DiagnosticsBroadcaster", "GpioBroadcaster"]
+
+# The parameters of battery_state_broadcaster/BatteryStateBroadcaster.
+#
+# Keys, defaults and meaning are those of ros2_controllers; `state_joints` is what `batteries` was called before.
+
+
+QUANTITIES: Final = (
+    "battery_voltage",
+    "battery_temperature",
+    "battery_current",
+    "battery_charge",
+    "battery_percentage",
+    "battery_power_supply_status",
+    "battery_power_supply_health",
+    "battery_present",
+)
+"""What may be measured of a battery: V, degC, A, Ah, 0 to 100, and enums of sensor_msgs/BatteryState."""
+_RENAMES: Final = {"state_joints": "batteries"}
+
+
+@dataclass(frozen=True)
+class Battery:
+    """What is known of one battery: V and Ah, an enum of sensor_msgs/BatteryState, nan and "" where nothing is."""
+
+    minimum_voltage: float = setting(math.nan, nan=True)
+    maximum_voltage: float = setting(math.nan, nan=True)
+    capacity: float = setting(math.nan, nan=True)
+    design_capacity: float = setting(math.nan, nan=True)
+    power_supply_technology: int = setting(0, low=0, high=8)
+    location: str = ""
+    serial_number: str = ""
+
+
+@dataclass(frozen=True)
+class BatteryParams(CommonParams):
+    """Parameters of the broadcaster; `interfaces` by "<battery>.battery_temperature", `own` by battery."""
+
+    batteries: tuple[str, ...] = ()
+    interfaces: dict[str, bool] = setting(key="interfaces", section=True, factory=dict)  # noqa: RUF009 - makes a field
+    sensor_name: str = ""
+    design_capacity: float = setting(math.nan, nan=True)
+    power_supply_technology: int = setting(0, low=0, high=8)
+    own: tuple[Battery, ...] = derived(())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The batteries, also the one that is given as a sensor."""
+        return (self.sensor_name,) if self.sensor_name else self.batteries
+
+    def measured(self, battery: str) -> list[str]:
+        """Return the state interface of each of QUANTITIES of a battery, "" for those that are not read."""
+        if self.sensor_name:
+            return [f"{battery}/voltage", *[""] * (len(QUANTITIES) - 1)]
+        first, *others = QUANTITIES
+        wanted = [self.interfaces.get(f"{battery}.{each}", False) for each in others]
+        names = [f"{battery}/{each}" if is_wanted else "" for each, is_wanted in zip(others, wanted, strict=True)]
+        return [f"{battery}/{first}", *names]
+
+    def mistakes(self) -> Iterator[str]:
+        """Yield what cannot be."""
+        if bool(self.sensor_name) == bool(self.batteries):
+            both = "both 'sensor_name' and 'batteries'" if self.batteries else "no 'batteries'"
+            yield f"{both}; give it under ros__parameters: batteries: [main_battery]"
+        if len(set(self.batteries)) != len(self.batteries):
+            yield f"batteries names one twice: {', '.join(self.batteries)}; name each once"
+        known = [f"{battery}.{each}" for battery in self.batteries for each in QUANTITIES[1:]]
+        yield from (f"interfaces.{each}{nearest(each, known)}" for each in self.interfaces if each not in known)
+        for name, each in zip(self.names, self.own, strict=True):
+            if each.minimum_voltage >= each.maximum_voltage:
+                yield f"{name}: minimum_voltage is {each.minimum_voltage:g}; give less than maximum_voltage"
+
+
+def read_params(params: Params, name: str) -> BatteryParams:
+    """Return the parameters of controller `name`; raise RobotConfigError with everything that is wrong in them."""
+    nodes = [params.flat.get(key) for key in ("batteries", "state_joints")]
+    batteries = tuple(dict.fromkeys(each.text for node in nodes if node is not None for each in node.elements()))
+    found = params.read(_with_batteries(batteries), _RENAMES)
+    own = tuple(getattr(found, f"battery_{batteries.index(each)}") for each in found.batteries)
+    if found.sensor_name:
+        own = (Battery(design_capacity=found.design_capacity, power_supply_technology=found.power_supply_technology),)
+    given = dataclasses.replace(found, own=own)
+    if mistakes := list(given.mistakes()):
+        raise RobotConfigError(f"{name}: {'; '.join(mistakes)}")
+    return given
+
+
+def _with_batteries(batteries: tuple[str, ...]) -> type[BatteryParams]:
+    """Return the class of the parameters with those of each battery, which stand below its name."""
+    fields: list[tuple[str, Any, Any]] = [
+        (f"battery_{index}", Battery, setting(Battery(), key=battery, section=True))
+        for index, battery in enumerate(batteries)
+    ]
+    return cast(
+        "type[BatteryParams]", dataclasses.make_dataclass("BatteryParams", fields, bases=(BatteryParams,), frozen=True)
+    )
+
+
+# The parameters of the broadcasters of sensors: IMU, range, force and torque, pose.
+#
+# Keys, defaults and meaning are those of ros2_controllers (jazzy).
+
+
+AXES: Final = ("force.x", "force.y", "force.z", "torque.x", "torque.y", "torque.z")
+POSE: Final = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw"))
+_UNKNOWN: Final = (0.0,) * 9
+_COVARIANCE: Final = 9
+
+
+@dataclass(frozen=True)
+class SensorParams(CommonParams):
+    """Parameters of each: `sensor_name` is a <sensor> of the description, `frame_id` where its values are measured."""
+
+    sensor_name: str = ""
+    frame_id: str = ""
+
+    def mistakes(self) -> Iterator[str]:
+        """Yield what cannot be."""
+        if not self.sensor_name:
+            yield "no 'sensor_name'; give it under ros__parameters: sensor_name: imu"
+        if not self.frame_id:
+            yield "no 'frame_id'; give it under ros__parameters: frame_id: imu_link"
+
+    def check(self, name: str) -> None:
+        """Raise RobotConfigError with everything that cannot be; `name` is the controller's."""
+        refuse_all(name, self.mistakes())
+
+
+@dataclass(frozen=True)
+class ImuParams(SensorParams):
+    """Parameters of imu_sensor_broadcaster/IMUSensorBroadcaster; covariances row by row about x, y, z."""
+
+    static_covariance_orientation: tuple[float, ...] = _UNKNOWN
+    static_covariance_angular_velocity: tuple[float, ...] = _UNKNOWN
+    static_covariance_linear_acceleration: tuple[float, ...] = _UNKNOWN
+
+    def mistakes(self) -> Iterator[str]:
+        """Yield what cannot be."""
+        yield from super().mistakes()
+        for what in ("orientation", "angular_velocity", "linear_acceleration"):
+            given = getattr(self, f"static_covariance_{what}")
+            if len(given) != _COVARIANCE or not all(map(math.isfinite, given)):
+                yield f"static_covariance_{what} has {len(given)} numbers; give nine finite ones, row by row"
+
+
+@dataclass(frozen=True)
+class RangeParams(SensorParams):
+    """Parameters of range_sensor_broadcaster/RangeSensorBroadcaster; rad and m, the variance in m^2."""
+
+    radiation_type: int = setting(0, low=0, high=1)
+    field_of_view: float = setting(0.52, low=0.0, high=2 * math.pi)
+    min_range: float = 0.52
+    max_range: float = 4.0
+    variance: float = setting(0.0, low=0.0, high=1e9)
+
+
+@dataclass(frozen=True)
+class ForceTorqueParams(SensorParams):
+    """Parameters of force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster, by "force.x" to "torque.z".
+
+    The interfaces are those of `sensor_name`, or each by its own name; those that are not named are not known. N and
+    Nm are published as (value + offset) * multiplier.
+    """
+
+    interface_names: dict[str, str] = setting(key="interface_names", section=True, factory=dict)  # noqa: RUF009 - makes a field
+    offset: dict[str, float] = setting(key="offset", section=True, factory=dict)  # noqa: RUF009 - makes a field
+    multiplier: dict[str, float] = setting(key="multiplier", section=True, factory=dict)  # noqa: RUF009 - makes a field
+
+    @property
+    def names(self) -> list[str]:
+        """The six state interfaces in the order of `AXES`, "" for one that is not there."""
+        if self.sensor_name:
+            return [f"{self.sensor_name}/{axis}" for axis in AXES]
+        return [self.interface_names.get(axis, "") for axis in AXES]
+
+    def mistakes(self) -> Iterator[str]:
+        """Yield what cannot be."""
+        named = any(self.interface_names.values())
+        if bool(self.sensor_name) == named:
+            both = "both 'sensor_name' and interface_names" if named else "neither 'sensor_name' nor interface_names"
+            yield f"{both}; give sensor_name for all six, or some of interface_names.force.x to torque.z"
+        if not self.frame_id:
+            yield "no 'frame_id'; give it under ros__parameters: frame_id: tool0"
+        for key, given in (
+            ("interface_names", self.interface_names),
+            ("offset", self.offset),
+            ("multiplier", self.multiplier),
+        ):
+            yield from (f"{key}.{each}{nearest(each, AXES)}" for each in given if each not in AXES)
+        for key, numbers in (("offset", self.offset), ("multiplier", self.multiplier)):
+            yield from (f"{key}.{axis} is {each}; give a finite number" for axis, each in numbers.items()
+                        if not math.isfinite(each))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PoseTransform:
+    """Whether a pose is a transform too, and to which frame; that of its name unless another is given."""
+
+    enable: bool = True
+    child_frame_id: str = ""
+    publish_rate: float = setting(0.0, low=0.0)
+
+
+@dataclass(frozen=True)
+class PoseParams(CommonParams):
+    """Parameters of pose_broadcaster/PoseBroadcaster: the state interfaces of `pose_name`, or each by its own name."""
+
+    frame_id: str = ""
+    pose_name: str = ""
+    interface_names: dict[str, str] = setting(key="interface_names", section=True, factory=dict)  # noqa: RUF009 - makes a field
+    tf: PoseTransform = setting(PoseTransform(), key="tf", section=True)  # noqa: RUF009 - makes a field
+
+    @property
+    def names(self) -> list[str]:
+        """The seven state interfaces in the order of `POSE`."""
+        if self.pose_name:
+            return [f"{self.pose_name}/{each}" for each in POSE]
+        return [self.interface_names[each] for each in POSE]
+
+    @property
+    def child_frame_id(self) -> str | None:
+        """The frame whose transform a pose is, None where it is none."""
+        return (self.tf.child_frame_id or self.pose_name or None) if self.tf.enable else None
+
+    def mistakes(self) -> Iterator[str]:
+        """Yield what cannot be."""
+        named = any(self.interface_names.values())
+        if bool(self.pose_name) == named:
+            both = "both 'pose_name' and interface_names" if named else "neither 'pose_name' nor interface_names"
+            yield f"{both}; give pose_name for all seven, or interface_names.position.x to orientation.w"
+        elif named and (missing := [each for each in POSE if not self.interface_names.get(each)]):
+            yield f"interface_names.{missing[0]} is missing; a pose has all of position.x to orientation.w"
+        if not self.frame_id:
+            yield "no 'frame_id'; give it under ros__parameters: frame_id: map"
+        yield from (f"interface_names.{each}{nearest(each, POSE)}" for each in self.interface_names if each not in POSE)
+
+    def check(self, name: str) -> None:
+        """Raise RobotConfigError with everything that cannot be; `name` is the controller's."""
+        refuse_all(name, self.mistakes())
+
+
+def refuse_all(name: str, mistakes: Iterator[str]) -> None:
+    """Raise RobotConfigError with all sentences, if there is one; `name` is the controller's."""
+    if found := list(mistakes):
+        raise RobotConfigError(f"{name}: {'; '.join(found)}")
+
+
+# Broadcasters of sensors: IMU, range, force and torque, pose, over the state interfaces of a <sensor> of any hardware.
+#
+# The law of the file (ros2_controllers, Jazzy): the names of the interfaces are fixed (`orientation.x`, `range`,
+# `force.x` ...), and a broadcaster is not activated before all that it reads are there; a force-torque broadcaster
+# whose interfaces are named one by one tells nothing (nan) of the others. A value is what the interface is at the
+# update, nan while the hardware does not know it.
+
+
+_IMU: Final = (
+    *(f"orientation.{axis}" for axis in "xyzw"),
+    *(f"angular_velocity.{axis}" for axis in "xyz"),
+    *(f"linear_acceleration.{axis}" for axis in "xyz"),
+)
+
+
+class SensorBroadcaster(Controller):
+    """Copies state interfaces by their places; "" is one that is not there."""
+
+    is_broadcaster: ClassVar[bool] = True
+    moves_joints: ClassVar[bool] = False
+
+    def __init__(self, name: str, type_name: str = "") -> None:
+        super().__init__(name, type_name)
+        self._names: list[str] = []
+        self._sources: list[tuple[int, StateInterface]] = []
+        self._values: list[float] = []
+
+    def state_interface_names(self) -> list[str]:
+        """Return all that it reads."""
+        return [each for each in self._names if each]
+
+    def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
+        """Take the interfaces, and publish what they are."""
+        super().on_activate(commands, states, now)
+        by_name = {each.name: each for each in states}
+        self._values = [math.nan] * len(self._names)
+        self._sources = [(place, by_name[each]) for place, each in enumerate(self._names) if each]
+        self.update(now, 0.0)
+
+    def update(self, now: int, period: float) -> ReturnType:
+        """Copy the states: a publication."""
+        del period
+        for place, source in self._sources:
+            self._values[place] = source.value
+        self.stamp = now
+        return OK
+
+    def _set_up(self, given: SensorParams | PoseParams, names: list[str]) -> None:
+        """Take checked parameters."""
+        given.check(self.name)
+        self.update_rate, self.frame_id, self._names = given.update_rate, given.frame_id, names
+
+    def _known(self, first: int, last: int) -> tuple[float | None, ...]:
+        """Return some of the values at the last update, None for what is not known."""
+        return tuple(finite(each) for each in self._values[first:last])
+
+
+class IMUSensorBroadcaster(SensorBroadcaster):
+    """Tells orientation, angular velocity and linear acceleration of an IMU."""
+
+    tells: ClassVar[type[Sample] | None] = ImuSample
+
+    def __init__(self, name: str, type_name: str = "") -> None:
+        super().__init__(name, type_name)
+        self.params = ImuParams()
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        self.params = params.read(ImuParams)
+        self._set_up(self.params, [f"{self.params.sensor_name}/{each}" for each in _IMU])
+
+    def sample(self, wall_offset_ns: int) -> ImuSample:
+        """Return what was measured at the last update."""
+        given = self.params
+        return ImuSample(
+            time=self.published(wall_offset_ns),
+            frame_id=self.frame_id,
+            orientation=self._known(0, 4),
+            angular_velocity=self._known(4, 7),
+            linear_acceleration=self._known(7, 10),
+            orientation_covariance=list(given.static_covariance_orientation),
+            angular_velocity_covariance=list(given.static_covariance_angular_velocity),
+            linear_acceleration_covariance=list(given.static_covariance_linear_acceleration),
+        )
+
+
+class RangeSensorBroadcaster(SensorBroadcaster):
+    """Tells the distance that one sensor measures."""
+
+    tells: ClassVar[type[Sample] | None] = RangeSample
+
+    def __init__(self, name: str, type_name: str = "") -> None:
+        super().__init__(name, type_name)
+        self.params = RangeParams()
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        self.params = params.read(RangeParams)
+        self._set_up(self.params, [f"{self.params.sensor_name}/range"])
+
+    def sample(self, wall_offset_ns: int) -> RangeSample:
+        """Return what was measured at the last update."""
+        given = self.params
+        return RangeSample(
+            time=self.published(wall_offset_ns),
+            frame_id=self.frame_id,
+            range=finite(self._values[0]),
+            radiation_type=given.radiation_type,
+            field_of_view=given.field_of_view,
+            min_range=given.min_range,
+            max_range=given.max_range,
+            variance=given.variance,
+        )
+
+
+class ForceTorqueSensorBroadcaster(SensorBroadcaster):
+    """Tells forces and torques along and about three axes."""
+
+    tells: ClassVar[type[Sample] | None] = WrenchSample
+
+    def __init__(self, name: str, type_name: str = "") -> None:
+        super().__init__(name, type_name)
+        self._scales: list[tuple[float, float]] = []
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        given = params.read(ForceTorqueParams)
+        self._set_up(given, given.names)
+        self._scales = [(given.offset.get(axis, 0.0), given.multiplier.get(axis, 1.0)) for axis in AXES]
+
+    def update(self, now: int, period: float) -> ReturnType:
+        """Copy the states, with offset and multiplier: a publication."""
+        super().update(now, period)
+        for place, source in self._sources:
+            offset, factor = self._scales[place]
+            self._values[place] = (source.value + offset) * factor
+        return OK
+
+    def sample(self, wall_offset_ns: int) -> WrenchSample:
+        """Return what was measured at the last update."""
+        return WrenchSample(
+            time=self.published(wall_offset_ns),
+            frame_id=self.frame_id,
+            force=self._known(0, 3),
+            torque=self._known(3, 6),
+        )
+
+
+class PoseBroadcaster(SensorBroadcaster):
+    """Tells a position and an orientation, and the transform that they are."""
+
+    tells: ClassVar[type[Sample] | None] = PoseSample
+
+    def __init__(self, name: str, type_name: str = "") -> None:
+        super().__init__(name, type_name)
+        self.params = PoseParams()
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        self.params = given = params.read(PoseParams)
+        given.check(self.name)
+        self._set_up(given, given.names)
+        if given.tf.publish_rate:
+            self.tell(
+                "parameter", "tf.publish_rate has no effect: a transform goes out at every update; set update_rate"
+            )
+
+    def sample(self, wall_offset_ns: int) -> PoseSample:
+        """Return what was measured at the last update."""
+        return PoseSample(
+            time=self.published(wall_offset_ns),
+            frame_id=self.frame_id,
+            position=self._known(0, 3),
+            orientation=self._known(3, 7),
+            child_frame_id=self.params.child_frame_id,
+        )
+
+
+# BatteryStateBroadcaster: the batteries of a robot, each by itself and all of them as one.
+#
+# The law of the file (battery_state_broadcaster): the voltage of each battery is read, and what `interfaces` names
+# besides; without a percentage it is that of the voltage between `minimum_voltage` and `maximum_voltage`; a battery is
+# present that has a voltage. Of all of them voltage, current, temperature and percentage are the mean of those that are
+# known, charge and capacities the sum, status and health the highest. Ours: a percentage is published from 0 to 1, as
+# sensor_msgs defines it; upstream publishes 0 to 100.
+
+
+class BatteryStateBroadcaster(SensorBroadcaster):
+    """Tells the batteries."""
+
+    tells: ClassVar[type[Sample] | None] = BatteriesSample
+
+    def __init__(self, name: str, type_name: str = "") -> None:
+        super().__init__(name, type_name)
+        self.params = BatteryParams()
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; RobotConfigError with everything that is wrong in them."""
+        self.params = given = read_params(params, self.name)
+        self.update_rate = given.update_rate
+        self._names = [each for battery in given.names for each in given.measured(battery)]
+
+    def sample(self, wall_offset_ns: int) -> BatteriesSample:
+        """Return what was measured at the last update."""
+        size = len(QUANTITIES)
+        batteries = [
+            _reading(name, own, self._known(place * size, (place + 1) * size))
+            for place, (name, own) in enumerate(zip(self.params.names, self.params.own, strict=True))
+        ]
+        return BatteriesSample(time=self.published(wall_offset_ns), batteries=batteries, together=_together(batteries))
+
+
+def _reading(name: str, own: Battery, values: Sequence[float | None]) -> BatteryReading:
+    """Return what is known of a battery; `values` are those of QUANTITIES."""
+    voltage, temperature, current, charge, percentage, status, health, present = values
+    if percentage is None and voltage is not None:  # nan without its bounds
+        percentage = finite(100.0 * (voltage - own.minimum_voltage) / (own.maximum_voltage - own.minimum_voltage))
+    return BatteryReading(
+        name=name,
+        voltage=voltage,
+        temperature=temperature,
+        current=current,
+        charge=charge,
+        capacity=finite(own.capacity),
+        design_capacity=finite(own.design_capacity),
+        percentage=None if percentage is None else percentage / 100.0,
+        power_supply_status=int(status or 0),
+        power_supply_health=int(health or 0),
+        power_supply_technology=own.power_supply_technology,
+        present=bool(voltage) if present is None else bool(present),
+        location=own.location,
+        serial_number=own.serial_number,
+    )
+
+
+def _together(batteries: Sequence[BatteryReading]) -> BatteryReading:
+    """Return all batteries as one."""
+    technologies = {each.power_supply_technology for each in batteries}
+    return BatteryReading(
+        name="",
+        voltage=_mean([each.voltage for each in batteries]),
+        temperature=_mean([each.temperature for each in batteries]),
+        current=_mean([each.current for each in batteries]),
+        charge=_sum([each.charge for each in batteries]),
+        capacity=_sum([each.capacity for each in batteries]),
+        design_capacity=_sum([each.design_capacity for each in batteries]),
+        percentage=_mean([each.percentage for each in batteries]),
+        power_supply_status=max(each.power_supply_status for each in batteries),
+        power_supply_health=max(each.power_supply_health for each in batteries),
+        power_supply_technology=technologies.pop() if len(technologies) == 1 else 0,
+        present=any(each.present for each in batteries),
+        location=", ".join(each.location for each in batteries if each.location),
+        serial_number=", ".join(each.serial_number for each in batteries if each.serial_number),
+    )
+
+
+def _sum(values: Sequence[float | None]) -> float | None:
+    """Return the sum of what is known, None where nothing is."""
+    known = [each for each in values if each is not None]
+    return math.fsum(known) if known else None
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    """Return the mean of what is known, None where nothing is."""
+    known = [each for each in values if each is not None]
+    return math.fsum(known) / len(known) if known else None
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from canopen_control.errors import RobotConfigError
 if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
 
-__all__ = ["CanopenProxyController", "Cia402DeviceController", "DeviceParams"]
 
 PROXY: Final = "canopen_ros2_controllers/CanopenProxyController"
 DEVICE: Final = "canopen_ros2_controllers/Cia402DeviceController"

@@ -10,12 +10,11 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, VELOCITY
+from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["DEFAULT_LIFE_S", "ENDLESS", "MOVING", "CommandLife", "GoalState", "endless", "life_ns"]
 
 DEFAULT_LIFE_S: Final = 2.0
 ENDLESS: Final = "endless_command"

@@ -8,23 +8,287 @@ Before the first command nothing is written; once the timeout has passed since t
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import ControllerState, WheelBase
-from canopen_control.controllers.diff_drive_params import DiffDriveParams, read_params
+from canopen_control.controllers.base_params import AxisLimits, PrefixedParams, refuse
 from canopen_control.controllers.mobile_base import MobileBase
-from canopen_control.controllers.odometry import Odometry
+from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose, RollingMean
 from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.interfaces import VELOCITY
+from canopen_control.urdf.joint_element import VELOCITY
+from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
+    from canopen_control.controllers.base import Geometry
+    from canopen_control.controllers.limiter import Limits
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import OdometrySample
 
-__all__ = ["DiffDriveController", "wheel_velocities"]
+
+# The parameters of the diff drive controller, in the words of every ROS distribution.
+#
+# The law of the file: jazzy's names are ours; noetic's and humble's are translated and each is named once. Limits that
+# are given are applied unless `has_*_limits` is false, as jazzy does and noetic and humble did not: a limit somebody
+# wrote down is kept. `min_acceleration`, which jazzy declares and never reads, is `max_acceleration_reverse`, its exact
+# equivalent.
+
+
+NAN: Final = math.nan
+
+
+@dataclass(frozen=True)
+class SwitchedLimits(AxisLimits):
+    """The limits of `linear.x` or `angular.z`; nan is none, and so is a group whose `has_` is false."""
+
+    has_velocity_limits: bool = True
+    has_acceleration_limits: bool = True
+    has_jerk_limits: bool = True
+
+    @property
+    def freezes(self) -> bool:
+        """Whether the limit of jerk counts and keeps the axis from ever changing its speed."""
+        return self.has_jerk_limits and super().freezes
+
+    def limits(self) -> Limits:
+        """Return what the limiter is given."""
+        found = super().limits()
+        if not self.has_velocity_limits:
+            found = replace(found, min_velocity=NAN, max_velocity=NAN)
+        if not self.has_acceleration_limits:
+            found = replace(
+                found,
+                max_acceleration_reverse=NAN,
+                max_acceleration=NAN,
+                max_deceleration=NAN,
+                max_deceleration_reverse=NAN,
+            )
+        return found if self.has_jerk_limits else replace(found, min_jerk=NAN, max_jerk=NAN)
+
+
+@dataclass(frozen=True)
+class DiffDriveParams(PrefixedParams):
+    """Parameters of diff_drive_controller/DiffDriveController: m, s, Hz, rad."""
+
+    left_wheel_names: tuple[str, ...] | str = ()
+    right_wheel_names: tuple[str, ...] | str = ()
+    wheel_separation: float = setting(0.0, low=0.0)
+    wheel_radius: float = setting(0.0, low=0.0)
+    wheel_separation_multiplier: float = 1.0
+    left_wheel_radius_multiplier: float = 1.0
+    right_wheel_radius_multiplier: float = 1.0
+    wheel_radius_multiplier: float = NAN
+    open_loop: bool = False
+    position_feedback: bool = True
+    cmd_vel_timeout: float = setting(0.5, low=0.0, high=1e9)
+    publish_limited_velocity: bool = False
+    velocity_rolling_window_size: int = setting(10, low=1, high=100_000)
+    publish_rate: float = setting(50.0, low=1e-3)
+    linear: SwitchedLimits = setting(SwitchedLimits(), key="linear.x", section=True)  # noqa: RUF009 - it is a field
+    angular: SwitchedLimits = setting(SwitchedLimits(), key="angular.z", section=True)  # noqa: RUF009 - it is a field
+
+    @property
+    def left(self) -> tuple[str, ...]:
+        """The wheels of the left side."""
+        return (self.left_wheel_names,) if isinstance(self.left_wheel_names, str) else self.left_wheel_names
+
+    @property
+    def right(self) -> tuple[str, ...]:
+        """The wheels of the right side."""
+        return (self.right_wheel_names,) if isinstance(self.right_wheel_names, str) else self.right_wheel_names
+
+    @property
+    def separation(self) -> float:
+        """The distance of the wheels that counts, in m."""
+        return self.wheel_separation * self.wheel_separation_multiplier
+
+    @property
+    def left_radius(self) -> float:
+        """The radius of the left wheels that counts, in m."""
+        return self.wheel_radius * self.left_wheel_radius_multiplier
+
+    @property
+    def right_radius(self) -> float:
+        """The radius of the right wheels that counts, in m."""
+        return self.wheel_radius * self.right_wheel_radius_multiplier
+
+    @property
+    def frozen(self) -> tuple[str, ...]:
+        """The axes that a jerk limit of 0 keeps from ever changing their speed."""
+        axes = {"linear.x": self.linear, "angular.z": self.angular}
+        return tuple(name for name, each in axes.items() if each.freezes)
+
+
+RENAMES: Final = {
+    "left_wheel": "left_wheel_names",
+    "right_wheel": "right_wheel_names",
+    "publish_cmd": "publish_limited_velocity",
+    "linear.x.min_acceleration": "linear.x.max_acceleration_reverse",
+    "angular.z.min_acceleration": "angular.z.max_acceleration_reverse",
+    "use_stamped_vel": "",  # Twist and TwistStamped are both taken
+    "wheels_per_side": "",  # upstream overwrites it with the length of the lists
+    "estimate_velocity_from_position": "position_feedback",
+    "allow_multiple_cmd_vel_publishers": "",
+    "publish_wheel_joint_controller_state": "",
+}
+"""Keys of noetic and humble to jazzy's; "" for what has no effect."""
+
+
+def _silent(_text: str) -> None:
+    """Tell nobody."""
+
+
+def read_params(
+    params: Params, geometry: Geometry | None = None, tell: Callable[[str], None] = _silent
+) -> DiffDriveParams:
+    """Return checked parameters; RobotConfigError with every mistake. What is legal and odd is a warning.
+
+    Wheel sizes that are not given are those of the description's `geometry` (as noetic does); `tell` is told of each.
+    """
+    given = _completed(params.read(DiffDriveParams, RENAMES), geometry, tell)
+    if not math.isnan(given.wheel_radius_multiplier):  # noetic: it overrides the sides' own
+        both = given.wheel_radius_multiplier
+        given = replace(given, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
+    refuse(params.name, _checks(given))
+    params.taken = given
+    return given
+
+
+def _completed(given: DiffDriveParams, geometry: Geometry | None, tell: Callable[[str], None]) -> DiffDriveParams:
+    if geometry is None:
+        return given
+    if given.wheel_separation <= 0.0 and (separation := geometry.separation(given.left, given.right)):
+        tell(f"wheel_separation is not given, the description's is taken: {separation:g} m")
+        given = replace(given, wheel_separation=separation)
+    if given.wheel_radius <= 0.0 and (radius := geometry.radius((*given.left, *given.right))):
+        tell(f"wheel_radius is not given, the description's is taken: {radius:g} m")
+        given = replace(given, wheel_radius=radius)
+    return given
+
+
+def _checks(given: DiffDriveParams) -> list[tuple[bool, str]]:
+    left, right = given.left, given.right
+    both = sorted({*left} & {*right})
+    positive = (given.separation > 0.0, given.left_radius > 0.0, given.right_radius > 0.0)
+    return [
+        (not left, "no left_wheel_names; give the joints of the left wheels"),
+        (not right, "no right_wheel_names; give the joints of the right wheels"),
+        (
+            bool(left and right) and len(left) != len(right),
+            f"{len(left)} left wheels and {len(right)} right ones; give as many of each",
+        ),
+        (bool(both), f"{', '.join(both)} is a wheel of both sides"),
+        (given.wheel_separation <= 0.0, "wheel_separation is missing or 0; give the distance of the wheels in m"),
+        (given.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"),
+        (
+            given.wheel_separation > 0.0 and given.wheel_radius > 0.0 and not all(positive),
+            "a multiplier of wheel_separation or wheel_radius is not above 0",
+        ),
+    ]
+
+
+# Where a differential drive robot is, from what its wheels did.
+#
+# The law of the file (ros2_controllers jazzy): a step is the exact arc of the two wheels' ways (`planar_pose`), and one
+# shorter than `MIN_DT` is put off to the next; `linear` and `angular` are means over the last steps. Ours: the first
+# sample after `stop` is the baseline, so that neither the wheels' angle at start nor the time before it moves the robot
+# (upstream jumps by both).
+
+
+NS: Final = 1_000_000_000
+
+
+class Odometry(PlanarPose):
+    """The pose `x`, `y` (m), `heading` (rad), and `linear` (m/s), `angular` (rad/s).
+
+    `separation` and the radii, in m, are those after their multipliers; `window` is how many steps are averaged.
+    """
+
+    def __init__(self, separation: float, left_radius: float, right_radius: float, window: int = 10) -> None:
+        super().__init__()
+        self._separation, self._left_radius, self._right_radius = separation, left_radius, right_radius
+        self._linear, self._angular = RollingMean(window), RollingMean(window)
+        self.started = False
+        self._time = 0
+        self._left = self._right = 0.0
+
+    @property
+    def linear(self) -> float:
+        """The velocity along the robot, in m/s."""
+        return self._linear.mean
+
+    @property
+    def angular(self) -> float:
+        """The velocity of its heading, in rad/s."""
+        return self._angular.mean
+
+    def resize(self, separation: float, left_radius: float, right_radius: float) -> None:
+        """Count with other wheels from now on, all in m; the pose stays."""
+        self._left *= left_radius / self._left_radius
+        self._right *= right_radius / self._right_radius
+        self._separation, self._left_radius, self._right_radius = separation, left_radius, right_radius
+
+    def begin(self, left: float, right: float, now: int) -> None:
+        """Take the wheels' angles (rad) at `now` (ns) as the baseline; the pose stays."""
+        self._left, self._right, self._time = left * self._left_radius, right * self._right_radius, now
+        self.started = True
+
+    def stop(self) -> None:
+        """Count nothing that happens until the next sample, which becomes the baseline."""
+        self.started = False
+
+    def set_pose(self, x: float, y: float, heading: float) -> None:
+        """Be somewhere else, in m and rad; the averages start anew."""
+        super().set_pose(x, y, heading)
+        self._linear.clear()
+        self._angular.clear()
+
+    def update_position(self, left: float, right: float, now: int) -> bool:
+        """Follow the wheels' angles in rad; return whether the step counted."""
+        if not self.started:
+            self.begin(left, right, now)
+            return False
+        dt = (now - self._time) / NS
+        if dt < MIN_DT:
+            return False
+        way_left, way_right = left * self._left_radius, right * self._right_radius
+        step_left, step_right = way_left - self._left, way_right - self._right
+        self._left, self._right = way_left, way_right
+        return self._step(step_left, step_right, dt, now)
+
+    def update_velocity(self, left: float, right: float, now: int) -> bool:
+        """Follow the wheels' velocities in rad/s; return whether the step counted."""
+        if not self.started:
+            self.begin(0.0, 0.0, now)
+            return False
+        dt = (now - self._time) / NS
+        if dt < MIN_DT:
+            return False
+        return self._step(left * self._left_radius * dt, right * self._right_radius * dt, dt, now)
+
+    def update_open_loop(self, linear: float, angular: float, now: int) -> bool:
+        """Believe the command, in m/s and rad/s; return whether the step counted."""
+        if not self.started:
+            self.begin(0.0, 0.0, now)
+            return False
+        dt = (now - self._time) / NS
+        self._time = now
+        for window, value in ((self._linear, linear), (self._angular, angular)):
+            window.clear()
+            window.add(value)
+        self.drive(linear * dt, angular * dt)
+        return True
+
+    def _step(self, left: float, right: float, dt: float, now: int) -> bool:
+        linear, angular = (left + right) * 0.5, (right - left) / self._separation
+        self.drive(linear, angular)
+        self._time = now
+        self._linear.add(linear / dt)
+        self._angular.add(angular / dt)
+        return True
 
 
 def wheel_velocities(

@@ -15,8 +15,6 @@ from canopen_control.controllers.command_life import GoalState
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["GripperGoal", "Progress", "Way"]
-
 
 class GripperGoal:
     """A position in rad or m, with the most effort in Nm or N and the most velocity; None are the parameters'.

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.mobile_base import MobileBase
-from canopen_control.hardware.interfaces import VELOCITY
+from canopen_control.urdf.joint_element import VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.controllers.planar_pose import HolonomicPose
 
-__all__ = ["HOLONOMIC", "HolonomicBase"]
 
 HOLONOMIC: Final = ("linear.x", "linear.y", "angular.z")
 """The axes of its twists: forward, to the left, around."""

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from canopen_control.controllers.base import ALL_STATES, Controller
-from canopen_control.controllers.standard_params import RENAMES, BroadcasterParams
-from canopen_control.controllers.state_copy import StateCopy
+from canopen_control.controllers.base import ALL_STATES, Controller, StateCopy
+from canopen_control.controllers.params import RENAMES, BroadcasterParams
 from canopen_control.errors import ControlError
-from canopen_control.hardware.interfaces import EFFORT, OK, POSITION, VELOCITY, ReturnType
+from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.rpc.messages.samples import JointStatesSample
+from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     Layout = dict[str, dict[str, StateInterface | None]]
 
-__all__ = ["JointStateBroadcaster"]
 
 _KINDS: Final = (POSITION, VELOCITY, EFFORT)
 

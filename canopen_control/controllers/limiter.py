@@ -13,8 +13,6 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["Limits", "RateLimiter"]
-
 NAN: Final = math.nan
 
 

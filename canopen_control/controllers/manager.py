@@ -14,12 +14,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled, twist_axes_of
-from canopen_control.controllers.chain import joints_of
 from canopen_control.controllers.declared import checked, declared_by, given_in
 from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.params import Params
-from canopen_control.controllers.running import RunningControllers
-from canopen_control.controllers.switcher import Switched, Switcher
+from canopen_control.controllers.switcher import RunningControllers, Switched, Switcher, joints_of
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ControlError, NotEnabled, NotYetEnabled, UnknownName, nearest
 from canopen_control.rpc.messages.samples import kind_of
@@ -40,8 +38,6 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint_element import Joint
 
     AnyGoal = Goal | JointTrajectory | GripperGoal
-
-__all__ = ["ControllerEvent", "ControllerManager", "Switched"]
 
 
 # within the class `list` is the method of ros2_control's name

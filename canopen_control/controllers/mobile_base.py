@@ -20,12 +20,12 @@ from mypy_extensions import mypyc_attr
 from canopen_control.controllers.base import Controller, ControllerState, zero_targets
 from canopen_control.controllers.base_params import BaseParams
 from canopen_control.controllers.command_life import ENDLESS, endless
-from canopen_control.controllers.limited_twist import LimitedTwist, fill
-from canopen_control.controllers.odometry_publication import OdometryPublication
+from canopen_control.controllers.limiter import Limits, RateLimiter
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose
-from canopen_control.errors import ControlError
-from canopen_control.hardware.interfaces import ERROR, OK, POSITION, VELOCITY, CommandInterface, ReturnType
+from canopen_control.errors import ControlError, RobotConfigError
+from canopen_control.hardware.interfaces import ERROR, OK, CommandInterface, ReturnType
 from canopen_control.rpc.messages.samples import OdometrySample
+from canopen_control.urdf.joint_element import POSITION, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,9 +34,130 @@ if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import StateInterface
     from canopen_control.rpc.messages.samples import Sample
 
-__all__ = ["BASELINE", "ONE_UPDATE", "TOO_SHORT", "MobileBase"]
+
+# A twist and its limits: what is wanted of each axis, and what the limiters leave of it against the last two steps.
+
+
+_FREE: Final = RateLimiter(Limits())
+
+
+class LimitedTwist:
+    """Of each axis what is `wanted`, nan without a twist, and `limited`; in m/s and rad/s."""
+
+    def __init__(self, axes: Sequence[str]) -> None:
+        self._axes = tuple(axes)
+        count = len(self._axes)
+        self.wanted, self.limited = [math.nan] * count, [0.0] * count
+        self._previous, self._before = [0.0] * count, [0.0] * count
+        self._limiters = [_FREE] * count
+
+    def set_limits(self, controller: str, limits: Sequence[AxisLimits]) -> None:
+        """Limit each axis from now on; RobotConfigError, and nothing changed, where a minimum is above its maximum."""
+        axes = zip(self._axes, limits, strict=True)
+        self._limiters = [_limiter(controller, axis, each.limits()) for axis, each in axes]
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a twist."""
+        return not math.isnan(sum(self.wanted))
+
+    @property
+    def stands(self) -> bool:
+        """Whether the limits have left nothing that moves."""
+        return not any(self.limited)
+
+    def limit(self, period: float) -> None:
+        """Limit what is wanted against the last two steps; `period` in s."""
+        limited, wanted, previous, before = self.limited, self.wanted, self._previous, self._before
+        for index, limiter in enumerate(self._limiters):
+            limited[index] = limiter.limit(wanted[index], previous[index], before[index], period)
+
+    def step(self) -> None:
+        """Let the limited twist be the one before the next."""
+        self._before[:] = self._previous
+        self._previous[:] = self.limited
+
+    def forget(self) -> None:
+        """Have no twist, and stand still before the next."""
+        fill(self.wanted, math.nan)
+        fill(self._previous, 0.0)
+        fill(self._before, 0.0)
+
+
+def _limiter(controller: str, axis: str, limits: Limits) -> RateLimiter:
+    try:
+        return RateLimiter(limits)
+    except ValueError as error:
+        raise RobotConfigError(f"{controller}: {axis}: {error}: a minimum is above its maximum") from error
+
+
+def fill(values: list[float], value: float) -> None:
+    """Make all of them this value."""
+    for index in range(len(values)):
+        values[index] = value
+
+
+# What a base publishes of its odometry, and when: the copy that all who look see until the next one.
+
 
 NS: Final = 1_000_000_000
+_AT_ONCE: Final = -1  # before any cycle
+
+
+class OdometryPublication:
+    """Pose, velocity and limited twist as of the last publication; `count` is how many there were."""
+
+    def __init__(self, axes: int) -> None:
+        self.count = 0
+        self._x = self._y = self._heading = 0.0
+        self._linear = self._lateral = self._angular = 0.0
+        self._limited = [0.0] * axes
+        self._period = 0
+        self._due = _AT_ONCE
+
+    def set_rate(self, rate: float) -> None:
+        """Publish at `rate` in Hz, 0 for at every update; the first one is at once."""
+        self._period = round(NS / rate) if rate else 0
+        self._due = _AT_ONCE
+
+    def is_due(self, now: int) -> bool:
+        """Count one that is due; the next is due at the next step of the period on a fixed grid, without a burst."""
+        due, period = self._due, self._period
+        if now <= due:
+            return False
+        self._due = (now if due == _AT_ONCE else max(due, now - period)) + period
+        self.count += 1
+        return True
+
+    def take(self, pose: PlanarPose, velocities: tuple[float, float, float], limited: list[float]) -> None:
+        """Put down what is so now; `velocities` forward, to the left and turning."""
+        self._x, self._y, self._heading = pose.x, pose.y, pose.heading
+        self._linear, self._lateral, self._angular = velocities
+        for index in range(len(limited)):
+            self._limited[index] = limited[index]
+
+    def sample(self, time: float, given: BaseParams, limited: bool) -> OdometrySample | None:
+        """Return it, stamped with `time` in Unix seconds and in the frames of the parameters; None before the first."""
+        if not self.count:
+            return None
+        frame, child = given.frame_ids()
+        return OdometrySample(
+            time=time,
+            x=self._x,
+            y=self._y,
+            heading=self._heading,
+            linear=self._linear,
+            lateral=self._lateral,
+            angular=self._angular,
+            frame_id=frame,
+            child_frame_id=child,
+            pose_covariance=list(given.pose_covariance_diagonal),
+            twist_covariance=list(given.twist_covariance_diagonal),
+            enable_odom_tf=given.enable_odom_tf,
+            limited=(self._limited[0], self._limited[-1]) if limited else None,
+        )
+
+
 BASELINE: Final = -1.0
 """What `elapsed` returns for the first step."""
 TOO_SHORT: Final = 0.0

@@ -7,19 +7,130 @@ odometry starts at the first sample, and feedback is waited for, see `mobile_bas
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import WheelBase
+from canopen_control.controllers.base_params import PrefixedParams, Six, refuse
 from canopen_control.controllers.holonomic_base import HolonomicBase
-from canopen_control.controllers.omni_kinematics import LEAST_WHEELS, OmniKinematics
-from canopen_control.controllers.omni_params import OmniParams, read_params
-from canopen_control.hardware.interfaces import VELOCITY
+from canopen_control.controllers.planar_pose import HolonomicPose
+from canopen_control.urdf.joint_element import VELOCITY
+from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from canopen_control.controllers.params import Params
     from canopen_control.rpc.messages.samples import OdometrySample
 
-__all__ = ["OmniWheelDriveController"]
+
+# Kinematics of a base on three or more omni wheels around its middle, and its odometry.
+#
+# The law of the file (ros2_controllers jazzy): wheel i of n stands at the angle 2 pi i / n + `offset` and rolls along
+# the circle. What the wheels say of three velocities is fitted by least squares, which for wheels at even angles are
+# sums. Units: m, rad, s.
+
+
+LEAST_WHEELS: Final = 3
+_LEAST_DT: Final = 1e-6  # s between two positions
+
+
+class OmniKinematics(HolonomicPose):
+    """The pose, and `forward`, `left` (m/s) and `angular` (rad/s); `wheels` are its commands in rad/s."""
+
+    def __init__(self, count: int, robot_radius: float, wheel_radius: float, offset: float = 0.0) -> None:
+        super().__init__(count)
+        if count < LEAST_WHEELS:
+            raise ValueError(f"{count} wheels do not tell three velocities; there are {LEAST_WHEELS} or more")
+        angles = [math.tau * index / count + offset for index in range(count)]
+        self._sines, self._cosines = [math.sin(each) for each in angles], [math.cos(each) for each in angles]
+        self._robot_radius, self._wheel_radius = robot_radius, wheel_radius
+        self._positions = [0.0] * count
+        self._speeds = [0.0] * count
+
+    def begin(self, positions: Sequence[float]) -> None:
+        """Take the wheels' positions, in rad, as where they start from."""
+        for index in range(len(self.wheels)):
+            self._positions[index] = positions[index]
+
+    def update_position(self, positions: Sequence[float], dt: float) -> bool:
+        """Follow the wheels' positions in rad; `dt` in s. Return False for a step too short to be one."""
+        if abs(dt) < _LEAST_DT:
+            return False
+        for index in range(len(self.wheels)):
+            self._speeds[index] = (positions[index] - self._positions[index]) / dt
+            self._positions[index] = positions[index]
+        return self.update_velocity(self._speeds, dt)
+
+    def update_velocity(self, speeds: Sequence[float], dt: float) -> bool:
+        """Follow the wheels' speeds in rad/s; it counts however short or backward the step is."""
+        forward = left = turn = 0.0
+        for index in range(len(self.wheels)):
+            speed = speeds[index] * self._wheel_radius
+            forward += self._sines[index] * speed
+            left -= self._cosines[index] * speed
+            turn -= speed
+        count = len(self.wheels)
+        return self.update_open_loop(2.0 / count * forward, 2.0 / count * left, turn / (count * self._robot_radius), dt)
+
+    def update_open_loop(self, forward: float, left: float, angular: float, dt: float) -> bool:
+        """Believe a command, in m/s and rad/s."""
+        self.forward, self.left, self.angular = forward, left, angular
+        self.shift(forward * dt, left * dt, angular * dt)
+        return True
+
+    def command(self, forward: float, left: float, angular: float) -> None:
+        """Make `wheels` of a twist."""
+        turn = self._robot_radius * angular
+        for index in range(len(self.wheels)):
+            along = self._sines[index] * forward - self._cosines[index] * left
+            self.wheels[index] = (along - turn) / self._wheel_radius
+
+
+# The parameters of the omni wheel drive controller, in jazzy's words.
+
+
+_NONE: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class OmniParams(PrefixedParams):
+    """Parameters of omni_wheel_drive_controller/OmniWheelDriveController: m, s, rad."""
+
+    pose_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.pose")  # noqa: RUF009 - it is a field
+    twist_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.twist")  # noqa: RUF009 - it is a field
+    wheel_names: tuple[str, ...] = ()
+    wheel_offset: float | None = None
+    robot_radius: float = setting(0.0, low=0.0)
+    wheel_radius: float = setting(0.0, low=0.0)
+    open_loop: bool = False
+    position_feedback: bool = True
+    cmd_vel_timeout: float = setting(0.5, low=0.0, high=1e9)
+
+    def mistakes(self) -> Iterator[tuple[bool, str]]:
+        """Say what is wrong, each with whether it is."""
+        names = self.wheel_names
+        yield (
+            len(names) < LEAST_WHEELS,
+            f"wheel_names has {len(names)} joints; give {LEAST_WHEELS} or more, around the base against the clock",
+        )
+        both = sorted({each for each in names if names.count(each) > 1})
+        yield bool(both), f"wheel_names names one twice: {', '.join(both)}; name each once"
+        missing = "wheel_offset is missing; give the angle of the first wheel, seen from the middle, in rad"
+        yield self.wheel_offset is None, missing
+        yield (
+            self.robot_radius <= 0.0,
+            "robot_radius is missing or 0; give the distance of the wheels from the middle in m",
+        )
+        yield self.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"
+
+
+def read_params(params: Params) -> OmniParams:
+    """Return checked parameters; RobotConfigError with every mistake."""
+    given = params.read(OmniParams)
+    refuse(params.name, given.mistakes())
+    return given
 
 
 class OmniWheelDriveController(HolonomicBase):

@@ -12,8 +12,6 @@ import sys
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["AntiWindup", "Gains", "Pid"]
-
 _EPSILON: Final = sys.float_info.epsilon
 
 

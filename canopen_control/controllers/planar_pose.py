@@ -11,8 +11,6 @@ from typing import Final
 
 from mypy_extensions import mypyc_attr
 
-__all__ = ["MIN_DT", "STRAIGHT", "HolonomicPose", "PlanarPose", "RollingMean", "quotient"]
-
 MIN_DT: Final = 1e-4
 """Steps shorter than this, in s, tell no velocity: it would be noise."""
 STRAIGHT: Final = 1e-6

@@ -9,21 +9,486 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.base import ALL_STATES, ControllerEvent, ControllerState, zero_targets
-from canopen_control.controllers.chain import users_of
-from canopen_control.controllers.claims import Plan, make_plan
-from canopen_control.errors import ControlError
+from canopen_control.controllers.base import ALL_STATES, ControllerEvent, ControllerState, is_moving, zero_targets
+from canopen_control.errors import ControlError, InterfaceConflict, UnknownName, nearest
+from canopen_control.hardware.interfaces import OK, LifecycleState
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from canopen_control.controllers.base import Controller
-    from canopen_control.controllers.running import RunningControllers
-    from canopen_control.hardware.interfaces import InterfaceRegistry, StateInterface
+    from canopen_control.hardware.interfaces import (
+        CommandInterface,
+        HardwareComponent,
+        InterfaceRegistry,
+        StateInterface,
+    )
+    from canopen_control.rpc.messages.samples import ControllerSample
 
-__all__ = ["Switched", "Switcher"]
+
+# An active controller's place in the cycle: when it is due, what it moves, and whether that follows.
+#
+# The law of the file (ros2_control jazzy): who runs slower than the cycle runs in the one nearest to its period. Ours,
+# and safer: a command is forgotten in the cycle in which what it moves is no longer enabled.
+
+
+NS: Final = 1_000_000_000
+NOT_DUE: Final = -1.0
+_NEVER: Final = -1
+
+Ends = tuple["CommandInterface", ...]
+
+
+class Rate:
+    """Divides cycles: `hz` steps in a second, 0 for one in every cycle."""
+
+    __slots__ = ("hz", "last")
+
+    def __init__(self, hz: int) -> None:
+        self.hz, self.last = hz, _NEVER
+
+    def step(self, now: int, period: float) -> float:
+        """Return the time since the last step in s if this cycle is nearer to the next one than the cycle after it.
+
+        NOT_DUE else. `now` in ns, `period` of the cycles in s.
+        """
+        if not self.hz:
+            return period
+        if self.last == _NEVER:
+            self.last = now - NS // self.hz
+        elapsed = (now - self.last) / NS
+        if abs(elapsed * self.hz - 1.0) > abs((elapsed + period) * self.hz - 1.0):
+            return NOT_DUE
+        self.last = now
+        return elapsed
+
+
+class Part:
+    """Interfaces of the hardware that follow commands together or not at all; `enabled` as of the last cycle."""
+
+    __slots__ = ("enabled", "ends")
+
+    def __init__(self, ends: Ends) -> None:
+        self.ends = ends
+        self.enabled = self.follows()
+
+    def follows(self) -> bool:
+        """Whether all follow commands now, but those that a user has set aside."""
+        following = not self.ends
+        for each in self.ends:
+            if each.enabled:
+                following = True
+            elif not each.set_aside:
+                return False
+        return following
+
+
+class Slot:
+    """An active controller, its rate, and the parts of the hardware that it moves, by others too."""
+
+    __slots__ = ("controller", "parts", "rate")
+
+    def __init__(self, controller: Controller, hz: int, parts: Sequence[Ends]) -> None:
+        self.controller, self.rate = controller, Rate(hz)
+        self.parts = [Part(each) for each in parts]
+
+    @property
+    def only_tells(self) -> bool:
+        """Whether it runs once the commands of the cycle are on their way."""
+        return self.controller.is_broadcaster and not self.controller.commands
+
+    @property
+    def follows(self) -> bool:
+        """Whether a part of what it moves follows commands as a whole, or it moves nothing."""
+        return not self.parts or any(part.follows() for part in self.parts)
+
+    @property
+    def disabled(self) -> list[CommandInterface]:
+        """Those of what it moves that follow no commands."""
+        return [each for part in self.parts for each in part.ends if not each.enabled]
+
+    def take_over(self, before: Slot, were_enabled: set[CommandInterface]) -> None:
+        """Go on where it was before others were switched: with its rhythm, and what was enabled in the last cycle."""
+        self.rate.last = before.rate.last
+        for part in self.parts:
+            part.enabled = part.enabled or were_enabled.issuperset(part.ends)
+
+    def forget(self, now: int, some: Ends | None = None, why: str = "") -> None:
+        """Have its command forgotten, or that of some interfaces; `why` is a clause."""
+        if some is not None:
+            self.controller.forget_some(some, now)
+            return
+        self.controller.life.end(why)
+        self.controller.forget(now)
+
+
+# Who commands whom among controllers, and the order in which they must run.
+#
+# The law of the file: a controller that claims another's reference interface runs before it, so that a command passes
+# the whole chain within one cycle; who reads what another exports starts after it, too; a chain stops as a whole.
+
+
+def _followers(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
+    """Return whom a controller commands."""
+    wanted = set(controller.command_interface_names())
+    return [each for each in among if any(reference.name in wanted for reference in each.reference_interfaces())]
+
+
+def _below(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
+    """Return whom a controller commands, and whose exported states it reads."""
+    read = set(controller.state_interface_names())
+    commanded = _followers(controller, among)
+    return [each for each in among if each in commanded or any(one.name in read for one in each.exported_states())]
+
+
+def joints_of(controller: Controller, among: Sequence[Controller]) -> list[str]:
+    """Return the joints that a controller commands, itself or by way of those of `among` that it commands."""
+    chain = [controller]
+    for each in chain:  # grows
+        chain += [further for further in _followers(each, among) if further not in chain]
+    references = {reference.name for each in chain for reference in each.reference_interfaces()}
+    names = [name for each in chain for name in each.command_interface_names() if name not in references]
+    return list(dict.fromkeys(name.rpartition("/")[0] for name in names))
+
+
+def in_order(controllers: Sequence[Controller]) -> list[Controller]:
+    """Return the controllers with each before those it commands, otherwise in the order given."""
+    done: list[Controller] = []
+
+    def add(controller: Controller, on_the_way: tuple[Controller, ...]) -> None:
+        for each in controllers:
+            if each not in on_the_way and controller in _below(each, controllers):
+                add(each, (*on_the_way, controller))
+        if controller not in done:
+            done.append(controller)
+
+    for controller in controllers:
+        add(controller, (controller,))
+    return done
+
+
+def ends_of(controller: Controller, among: Iterable[Controller]) -> tuple[CommandInterface, ...]:
+    """Return the hardware's command interfaces that an active controller moves, be it through those it commands."""
+    below = {reference.name: each for each in among for reference in each.reference_interfaces()}
+    found: dict[str, CommandInterface] = {}
+    asked: list[Controller] = []
+    todo = [controller]
+    while todo:
+        asked.append(each := todo.pop())
+        for command in each.commands:
+            follower = below.get(command.name)
+            if follower is None:
+                found[command.name] = command
+            elif follower not in asked:
+                todo.append(follower)
+    return tuple(found.values())
+
+
+def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list[Controller]:
+    """Return the failed ones and everybody chained to them, above or below, that is active, in running order."""
+    group = [each for each in failed if each in active]
+    grew = True
+    while grew:
+        further = [
+            each
+            for each in active
+            if each not in group and any(each in _below(one, active) or one in _below(each, active) for one in group)
+        ]
+        group += further
+        grew = bool(further)
+    return in_order(group)
+
+
+# What a switch request would do, checked as a whole before anything changes.
+#
+# The law of the file (ros2_control jazzy, switch_controller): an unknown name, an activation of what is active or not
+# configured, a deactivation of what is not active refuses a strict request and is dropped from a best-effort one; a
+# command interface that is missing, owned by somebody who stays, wanted twice, or whose component is not ACTIVE refuses
+# both. A swap is one request: what the leaving controllers release is free for the entering ones. A chain is never
+# torn: whoever commands a controller that leaves must leave too.
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Who stops and who starts, in order, and what each hardware component is asked: (component, start, stop)."""
+
+    activate: tuple[Controller, ...]
+    deactivate: tuple[Controller, ...]
+    switches: tuple[tuple[HardwareComponent, tuple[str, ...], tuple[str, ...]], ...]
+
+
+def make_plan(
+    controllers: Mapping[str, Controller],
+    registry: InterfaceRegistry,
+    activate: Sequence[str],
+    deactivate: Sequence[str],
+    *,
+    strict: bool,
+) -> Plan:
+    """Return what to do, or raise ControlError, InterfaceConflict or UnknownInterface with nothing changed."""
+    leaving = _possible(controllers, deactivate, (ControllerState.ACTIVE,), "deactivate", strict=strict)
+    allowed = (ControllerState.INACTIVE,)
+    again = [name for name in activate if name in controllers and controllers[name] in leaving]
+    entering = _possible(
+        controllers, [name for name in activate if name not in again], allowed, "activate", strict=strict
+    )
+    entering += [controllers[name] for name in again]
+    _check_chains(controllers, registry, entering, leaving)
+    _check_claims(registry, entering, leaving)
+    # the commanded start first and stop last, so that a reference always has somebody behind it
+    start, stop = tuple(reversed(in_order(entering[::-1]))), tuple(in_order(leaving))
+    return Plan(start, stop, _switches(registry, start, stop))
+
+
+def _possible(
+    controllers: Mapping[str, Controller],
+    names: Sequence[str],
+    states: tuple[ControllerState, ...],
+    verb: str,
+    *,
+    strict: bool,
+) -> list[Controller]:
+    found: list[Controller] = []
+    for name in dict.fromkeys(names):
+        controller = controllers.get(name)
+        if controller is not None and controller.state in states:
+            found.append(controller)
+        elif strict and controller is None:
+            raise UnknownName(
+                f"cannot {verb} {name!r}: no controller of this name is loaded{nearest(name, controllers)}"
+            )
+        elif strict and controller is not None:
+            raise ControlError(f"cannot {verb} {name}: it is {controller.state.value}")
+    return found
+
+
+def _check_chains(
+    controllers: Mapping[str, Controller],
+    registry: InterfaceRegistry,
+    entering: list[Controller],
+    leaving: list[Controller],
+) -> None:
+    stay = [each for each in controllers.values() if each.state is ControllerState.ACTIVE and each not in leaving]
+    then = [*stay, *entering]
+    available = {reference.name for each in then for reference in each.reference_interfaces()}
+    known = {state.name for each in then for state in each.exported_states()}
+    for controller in then:
+        verb = "deactivate" if controller in stay else "activate"
+        for name in controller.command_interface_names():
+            if registry.component_of(name) is None and name not in available:
+                raise _torn(controller.name, "commands", name, verb)
+        for name in controller.state_interface_names():
+            if registry.is_exported_state(name) and name not in known:
+                raise _torn(controller.name, "reads", name, verb)
+
+
+def _torn(controller: str, uses: str, name: str, verb: str) -> ControlError:
+    with_it = f"{verb} {controller} and {name.partition('/')[0]} together"
+    return ControlError(f"{controller} {uses} {name}, whose controller would not be active; {with_it}")
+
+
+def _check_claims(registry: InterfaceRegistry, entering: list[Controller], leaving: list[Controller]) -> None:
+    free = {each.name for each in leaving}
+    wanted: dict[str, str] = {}
+    for controller in entering:
+        for name in controller.command_interface_names():
+            interface = registry.command(name)
+            _check_component(registry.component_of(name), interface, controller)
+            if interface.owner is not None and interface.owner not in free:
+                raise InterfaceConflict(name, interface.owner)
+            if name in wanted:
+                raise InterfaceConflict(name, wanted[name])
+            wanted[name] = controller.name
+        for name in controller.state_interface_names():
+            if name != ALL_STATES:
+                registry.state(name)
+
+
+def _check_component(component: HardwareComponent | None, interface: CommandInterface, controller: Controller) -> None:
+    if component is not None and component.state is not LifecycleState.ACTIVE:
+        raise ControlError(
+            f"cannot activate {controller.name}: {interface.name} belongs to hardware {component.name!r}, "
+            f"which is {component.state.value}; it must be active"
+        )
+
+
+def _switches(
+    registry: InterfaceRegistry, entering: Sequence[Controller], leaving: Sequence[Controller]
+) -> tuple[tuple[HardwareComponent, tuple[str, ...], tuple[str, ...]], ...]:
+    result = []
+    for component in registry.components:
+        own = {each.name for each in component.command_interfaces}
+        start = tuple(name for each in entering for name in each.command_interface_names() if name in own)
+        stop = tuple(name for each in leaving for name in each.command_interface_names() if name in own)
+        if start or stop:
+            result.append((component, start, stop))
+    return tuple(result)
+
+
+# The controllers that are active: their part of the cycle, their commands, and what they tell.
+#
+# The law of the file: `update` and `broadcast` run over lists made at the last switch and never raise; whoever fails is
+# named in `failed`, for the manager to stop. A controller that another one commands runs after it.
+
+
+_EVERY_CYCLE: Final = 0.99  # a period of the manager that differs by less is the cycle's
+
+Failures = list[tuple["Controller", str]]
+Samples = dict[str, "ControllerSample"]
+
+
+class RunningControllers:
+    """The active controllers in running order; `update_rate` in Hz is the most they run at, `cycle` in s the cycle's.
+
+    What happens is added to `events`; `divide` parts what an independent controller moves into what stops together.
+    """
+
+    def __init__(self, update_rate: int, cycle: float, events: list[ControllerEvent]) -> None:
+        self.update_rate = update_rate
+        self.failed: Failures = []
+        self.divide: Callable[[Ends], Sequence[Ends]] = lambda ends: (ends,)
+        self.now = 0
+        self._events = events
+        every = 0 if update_rate * cycle >= _EVERY_CYCLE else update_rate
+        self._period = max(cycle, 1.0 / update_rate)
+        self._commanding_rate, self._telling_rate = Rate(every), Rate(every)
+        self._order: list[Slot] = []
+        self._commanding: list[Slot] = []
+        self._telling: list[Slot] = []
+
+    def arrange(self, controllers: Collection[Controller], active: Sequence[Controller]) -> None:
+        """Have these of all `controllers` run from the next cycle on; those that did go on."""
+        before = {slot.controller.name: slot for slot in self._order}
+        were_enabled = {each for slot in self._order for part in slot.parts if part.enabled for each in part.ends}
+        self._order = []
+        for controller in in_order(active):
+            rate = controller.update_rate if controller.update_rate < self.update_rate else 0
+            ends = ends_of(controller, controllers)
+            slot = Slot(controller, rate, self.divide(ends) if controller.independent else (ends,))
+            if controller.name in before:
+                slot.take_over(before[controller.name], were_enabled)
+            self._order.append(slot)
+        self._commanding = [slot for slot in self._order if not slot.only_tells]
+        self._telling = [slot for slot in self._order if slot.only_tells]
+
+    @property
+    def controllers(self) -> tuple[Controller, ...]:
+        """They, in the order they run."""
+        return tuple(slot.controller for slot in self._order)
+
+    def samples(self, wall_offset_ns: int) -> Samples:
+        """Return what they have published last, by name; who cannot tell it has failed."""
+        found: Samples = {}
+        for controller in self.controllers:
+            try:
+                sample = controller.sample(wall_offset_ns)
+            except Exception as error:  # noqa: BLE001 - no controller ends the robot, whatever it raises
+                self._fail_once(controller, f"sample raised {type(error).__name__}: {error}")
+                continue
+            if sample is None:
+                continue
+            if type(sample) is controller.tells:
+                found[controller.name] = sample
+            else:
+                self._fail_once(controller, f"sample returned {type(sample).__name__}, which is not what it `tells`")
+        return found
+
+    # --------------------------------------------------------------------------------------------------- the cycle
+
+    def update(self, now: int, period: float) -> float:
+        """Run those that command, if the manager is due in this cycle; `now` in ns, `period` of the cycle in s.
+
+        Return the time since they last ran in s, negative if it is not due.
+        """
+        self.now = now
+        for slot in self._commanding:
+            for part in slot.parts:
+                if part.follows() is not part.enabled:
+                    self._power_changed(slot, part, now)
+        rate = self._commanding_rate
+        elapsed = rate.step(now, period) if rate.hz else period
+        if elapsed >= 0.0:
+            self._run(self._commanding, now, elapsed)
+        return elapsed
+
+    def broadcast(self, now: int, period: float) -> None:
+        """Run those that only tell, once the commands of the cycle are on their way."""
+        rate = self._telling_rate
+        elapsed = rate.step(now, period) if rate.hz else period
+        if elapsed >= 0.0:
+            self._run(self._telling, now, elapsed)
+
+    def _run(self, slots: Sequence[Slot], now: int, period: float) -> None:
+        for slot in slots:
+            elapsed = period if not slot.rate.hz else slot.rate.step(now, self._period)
+            if elapsed < 0.0:
+                continue
+            try:
+                result = slot.controller.update(now, elapsed)
+            except Exception as error:  # noqa: BLE001 - no controller ends the cycle, whatever it raises
+                self.failed.append((slot.controller, f"update raised {type(error).__name__}: {error}"))
+                continue
+            if result is not OK:
+                self.failed.append((slot.controller, "update reported an error"))
+
+    def _power_changed(self, slot: Slot, part: Part, now: int) -> None:
+        """Forget a command in the cycle in which one of the drives that it moves is no longer enabled."""
+        if part.enabled:
+            off = [each for each in part.ends if not each.enabled]
+            self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, slot.controller.explain(off))
+        part.enabled = not part.enabled
+
+    # ------------------------------------------------------------------------------------------------ their commands
+
+    @property
+    def holders(self) -> set[object]:
+        """With whom commands end that are in force."""
+        return {slot.controller.life.holder for slot in self._commanding} - {None}
+
+    def slot_of(self, controller: Controller) -> Slot | None:
+        """Return the place of a controller, None if it is not active."""
+        return next((slot for slot in self._order if slot.controller is controller), None)
+
+    def let_go(self, holder: object, why: str = "is gone") -> None:
+        """End the commands that a commander gave who is gone, unless somebody else has commanded since.
+
+        `why` says of him what makes him count as gone.
+        """
+        for slot in self._commanding:
+            controller = slot.controller
+            if controller.life.holder is holder:
+                source, moving = controller.life.source, is_moving(controller.commands)
+                self._forget(slot, self.now, why=f"{source} {why}")
+                if moving:
+                    text = f"{controller.name}: {source} {why}, and its command with it; {controller.standing}"
+                    self._events.append(ControllerEvent("commander_gone", controller.name, text))
+
+    def set_aside(self, joints: Iterable[str], now: int) -> None:
+        """Let joints that a user has taken out alone forget their commands, while the others of a controller go on."""
+        names = frozenset(joints)
+        for slot in self._commanding:
+            ends = tuple(each for part in slot.parts for each in part.ends if each.joint in names)
+            if ends and slot.controller.independent:
+                for each in ends:
+                    each.set_aside = True
+                self._forget(slot, now, ends)
+
+    def forget(self, now: int, why: str) -> None:
+        """Let every one forget its command; `why` is a clause that says who or what takes it back."""
+        for slot in self._commanding:
+            self._forget(slot, now, why=why)
+
+    def _forget(self, slot: Slot, now: int, some: Ends | None = None, why: str = "") -> None:
+        try:
+            slot.forget(now, some, why)
+        except Exception as error:  # noqa: BLE001 - no controller ends the cycle, whatever it raises
+            self.failed.append((slot.controller, f"forget raised {type(error).__name__}: {error}"))
+
+    def _fail_once(self, controller: Controller, reason: str) -> None:
+        if all(each is not controller for each, _ in self.failed):
+            self.failed.append((controller, reason))
 
 
 @dataclass(frozen=True, slots=True)

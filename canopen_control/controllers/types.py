@@ -12,8 +12,6 @@ from typing import Final
 from canopen_control.controllers.base import Controller
 from canopen_control.errors import ControlError, nearest
 
-__all__ = ["GROUP", "TYPES", "is_broadcaster", "make_controller", "moves_joints"]
-
 GROUP: Final = "canopen_control.controllers"
 
 _HERE: Final = "canopen_control.controllers"
@@ -44,14 +42,14 @@ TYPES: Final = {
     "position_controllers/GripperActionController": f"{_HERE}.gripper:PositionGripperActionController",
     "effort_controllers/GripperActionController": f"{_HERE}.gripper:EffortGripperActionController",
     "parallel_gripper_action_controller/GripperActionController": f"{_HERE}.gripper:ParallelGripperActionController",
-    "imu_sensor_broadcaster/IMUSensorBroadcaster": f"{_HERE}.sensor_broadcasters:IMUSensorBroadcaster",
-    "range_sensor_broadcaster/RangeSensorBroadcaster": f"{_HERE}.sensor_broadcasters:RangeSensorBroadcaster",
+    "imu_sensor_broadcaster/IMUSensorBroadcaster": f"{_HERE}.broadcasters:IMUSensorBroadcaster",
+    "range_sensor_broadcaster/RangeSensorBroadcaster": f"{_HERE}.broadcasters:RangeSensorBroadcaster",
     "force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster": (
-        f"{_HERE}.sensor_broadcasters:ForceTorqueSensorBroadcaster"
+        f"{_HERE}.broadcasters:ForceTorqueSensorBroadcaster"
     ),
-    "pose_broadcaster/PoseBroadcaster": f"{_HERE}.sensor_broadcasters:PoseBroadcaster",
-    "battery_state_broadcaster/BatteryStateBroadcaster": f"{_HERE}.battery_broadcaster:BatteryStateBroadcaster",
-    "canopen_control/TargetController": f"{_HERE}.drive_target:TargetController",
+    "pose_broadcaster/PoseBroadcaster": f"{_HERE}.broadcasters:PoseBroadcaster",
+    "battery_state_broadcaster/BatteryStateBroadcaster": f"{_HERE}.broadcasters:BatteryStateBroadcaster",
+    "canopen_control/TargetController": f"{_HERE}.forward_command:TargetController",
     "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",
     "canopen_control/DiagnosticsBroadcaster": f"{_HERE}.broadcasters:DiagnosticsBroadcaster",
 }

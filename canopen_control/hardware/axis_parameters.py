@@ -19,10 +19,9 @@ from canopen_control.od.codec import decode, encode
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.hardware.axis import Axis
 
-__all__ = ["AxisParameters"]
 
 _ASKED: Final = (
     (objects.SUPPORTED_DRIVE_MODES, (0,)),

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from canopen_control.cia402.drive import DriveMachine
     from canopen_control.hardware.interfaces import CommandInterface
 
-__all__ = ["LIMITS_NS", "TABLE", "UP", "Action", "AxisPower", "AxisState", "Order", "Row", "Trigger"]
 
 _SECOND: Final = 1_000_000_000
 _NEVER: Final = (1 << 62) - 1  # small enough to stay unboxed where this is compiled

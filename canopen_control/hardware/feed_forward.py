@@ -13,7 +13,7 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.units import INT16_MAX, INT16_MIN, INT32_MAX, INT32_MIN, to_object
-from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY
+from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from canopen_control.hardware.axis import Axis
     from canopen_control.hardware.interfaces import CommandInterface
 
-__all__ = ["FEED_FORWARD", "FeedForward"]
 
 FEED_FORWARD: Final = (VELOCITY, EFFORT)
 """The command interfaces that a position can have beside it."""

@@ -19,12 +19,10 @@ from canopen_control.errors import DriveError
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.cia402.drive import DriveMachine
     from canopen_control.hardware.axis import Axis
     from canopen_control.hardware.axis_parameters import AxisParameters
-
-__all__ = ["HomingPhase", "HomingRun", "Reference"]
 
 
 class HomingPhase(enum.Enum):

@@ -12,23 +12,22 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from canopen_control.cia301.emcy_codes import error_text
+from canopen_control.cia301.emcy import error_text
 from canopen_control.cia402 import events, objects
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import INTERNAL_LIMIT, WARNING
-from canopen_control.hardware.interfaces import POSITION
 from canopen_control.master.event_log import Level
+from canopen_control.urdf.joint_element import POSITION
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.cia402.events import DriveEvent
     from canopen_control.hardware.axis import Axis
     from canopen_control.hardware.joint_targets import ModeTarget
     from canopen_control.master.cycle import Output
 
-__all__ = ["FaultReason", "JointEvent", "StatusWatch", "joint_event_of"]
 
 WRONG_LOOKS: Final = 5  # of a tenth of a second each
 _QUIET_LOOKS: Final = 10

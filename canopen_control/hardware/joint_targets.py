@@ -25,17 +25,11 @@ from canopen_control.cia402.units import INT16_MAX, INT16_MIN, INT32_MAX, INT32_
 from canopen_control.errors import ControlError, DriveError
 from canopen_control.hardware.axis import HELD
 from canopen_control.hardware.feed_forward import FeedForward
-from canopen_control.hardware.interfaces import (
-    DIGITAL_OUTPUTS,
-    EFFORT,
-    POSITION,
-    TARGET,
-    VELOCITY,
-    CommandInterface,
-)
+from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, CommandInterface
 from canopen_control.hardware.mode_choice import choose_mode, listed_modes, require_mapped, require_targets
 from canopen_control.hardware.place_ramp import PlaceRamp
 from canopen_control.hardware.tracking import Tracking
+from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -47,7 +41,6 @@ if TYPE_CHECKING:
     from canopen_control.master.cycle import Output
     from canopen_control.urdf.ros2_control import ControlJoint
 
-__all__ = ["TARGET_CLASSES", "JointTargets", "ModeTarget", "VelocityTarget", "stop_slope"]
 
 UINT32_MAX: Final = (1 << 32) - 1
 _NAN: Final = math.nan

@@ -13,9 +13,6 @@ from __future__ import annotations
 import math
 from typing import Final
 
-__all__ = ["PlaceRamp"]
-
-
 _LEAST: Final = 1  # count in a cycle: slower than this is not told to the drive
 
 

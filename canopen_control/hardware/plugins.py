@@ -7,20 +7,395 @@ one line that users change to go from simulation to hardware. `--mock` and `--re
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import RobotConfigError, nearest
-from canopen_control.hardware import mock, simulation, system
-from canopen_control.hardware.transmitted_system import TransmittedSystem
+from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface, nearest
+from canopen_control.hardware import simulation, system
+from canopen_control.hardware.interfaces import (
+    ERROR,
+    OK,
+    CommandInterface,
+    Lifecycle,
+    LifecycleState,
+    ReturnType,
+    StateInterface,
+)
+from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from canopen_control.hardware.interfaces import HardwareComponent
     from canopen_control.hardware.simulation import Engine
+    from canopen_control.rpc.messages.drive import WorldAct
+    from canopen_control.rpc.messages.simulation import LaserScanReading
     from canopen_control.urdf.description import Description
-    from canopen_control.urdf.ros2_control import Ros2ControlSystem
+    from canopen_control.urdf.joint_element import Mimic
+    from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem, Transmission
 
-__all__ = ["KNOWN", "Kind", "kind_of", "made_up", "transmitted"]
+
+# GenericSystem: a hardware component without hardware, as ros2_control's mock_components/GenericSystem.
+#
+# The law of the file: `read` mirrors every command into the state of the same name; a nan command changes nothing, an
+# infinite one is an ERROR. With `calculate_dynamics` the claimed interface of a joint is integrated instead (velocity
+# into position, acceleration into velocity and position, a position differentiated). States start at their
+# initial_value, else 0.0, positions plus `position_state_following_offset`. Ours, and safer: a released velocity or
+# acceleration stands still.
+
+
+PLUGINS: Final[tuple[str, ...]] = ("mock_components/GenericSystem", "fake_components/GenericSystem")
+"""The plugin names it stands in for; the second is the older one."""
+
+_MODES: Final = frozenset({POSITION, VELOCITY, ACCELERATION})
+
+
+class _Joint:
+    """A joint, sensor or GPIO: its interfaces by name, the pairs to mirror, and what is claimed of it."""
+
+    __slots__ = ("commands", "follows", "initial", "mimic", "mirrored", "mode", "name", "states")
+
+    def __init__(self, part: ControlJoint, *, commanded_states: bool = False) -> None:
+        names = dict(part.command_interfaces)
+        if commanded_states:
+            names.update(part.state_interfaces)
+        self.name, self.mimic, self.mode = part.name, part.mimic, POSITION
+        self.commands = {
+            name: CommandInterface(part.name, name, minimum=each.minimum, maximum=each.maximum)
+            for name, each in names.items()
+        }
+        self.states = {name: StateInterface(part.name, name) for name in part.state_interfaces}
+        self.initial = {name: each.initial_value for name, each in part.state_interfaces.items()}
+        for name, each in part.command_interfaces.items():
+            if name in self.initial and math.isnan(self.initial[name]):
+                self.initial[name] = each.initial_value
+        self.mirrored = [(each, self.states[name], 0.0) for name, each in self.commands.items() if name in self.states]
+        self.follows: tuple[_Joint, Mimic] | None = None
+
+    def reset(self, offset: float) -> None:
+        """Set the states to what they start with; `offset` is added to the position."""
+        for name, state in self.states.items():
+            initial = self.initial[name]
+            state.value = (0.0 if math.isnan(initial) else initial) + (offset if name == POSITION else 0.0)
+
+    def stop(self, interface: str) -> None:
+        """Stand still: what was commanded there is no more."""
+        if interface in (VELOCITY, ACCELERATION):
+            self.set(VELOCITY, 0.0)
+            self.set(ACCELERATION, 0.0)
+
+    def get(self, name: str) -> float:
+        """Return a state, 0.0 if the joint has none of the name or does not know it."""
+        state = self.states.get(name)
+        return 0.0 if state is None or math.isnan(state.value) else state.value
+
+    def set(self, name: str, value: float) -> None:
+        """Set a state, if the joint has it."""
+        state = self.states.get(name)
+        if state is not None:
+            state.value = value
+
+
+class GenericSystem(Lifecycle):
+    """One <ros2_control> tag without hardware; see the module."""
+
+    def __init__(self, description: Ros2ControlSystem) -> None:
+        super().__init__()
+        self.name = description.name
+        parameters = description.parameters
+        self._dynamics = _true(parameters, "calculate_dynamics")
+        self._disabled = _true(parameters, "disable_commands")
+        self._offset = _offset(parameters)
+        sensors = _true(parameters, "mock_sensor_commands") or _true(parameters, "fake_sensor_commands")
+        gpios = _true(parameters, "mock_gpio_commands") or _true(parameters, "fake_gpio_commands")
+        self._joints = {each.name: _Joint(each) for each in description.joints}
+        extras = [_Joint(each, commanded_states=sensors) for each in description.sensors]
+        extras += [_Joint(each, commanded_states=gpios) for each in description.gpios]
+        self._parts: list[_Joint] = [*self._joints.values(), *extras]
+        self._moving: list[_Joint] = [each for each in self._joints.values() if each.commands]
+        for joint in self._joints.values():
+            if joint.mimic is not None and joint.mimic.joint in self._joints:
+                joint.follows = (self._joints[joint.mimic.joint], joint.mimic)
+        self._following = [(each, *each.follows) for each in self._joints.values() if each.follows is not None]
+        self._plain = self._mirrors()
+        self.state_interfaces: Sequence[StateInterface] = [one for each in self._parts for one in each.states.values()]
+        self.command_interfaces: Sequence[CommandInterface] = [
+            one for each in self._parts for one in each.commands.values()
+        ]
+        self._owners = {one.name: each for each in self._parts for one in each.commands.values()}
+
+    def _begin(self) -> None:
+        for each in self._parts:
+            each.reset(self._offset if each.name in self._joints else 0.0)
+
+    def _rest(self) -> None:
+        for joint in self._moving:
+            joint.stop(joint.mode)
+
+    def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        """Refuse, with dynamics, two of position, velocity and acceleration at one joint."""
+        for name in (*start, *stop):
+            self._owner(name)
+        if not self._dynamics:
+            return
+        wanted: dict[str, str] = {}
+        for name in start:
+            joint, _, interface = name.rpartition("/")
+            if interface in _MODES and wanted.setdefault(joint, name) != name:
+                raise ControlError(f"joint {joint}: {wanted[joint]} and {name} cannot be commanded together")
+
+    def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        """Stand still where something is released, integrate what is claimed."""
+        for name in stop:
+            self._owner(name).stop(name.rpartition("/")[2])
+        for name in start:
+            interface = name.rpartition("/")[2]
+            if interface in _MODES:
+                self._owner(name).mode = interface
+
+    def read(self, now: int, period: float) -> ReturnType:
+        """Make the states follow the commands; `period` in s."""
+        del now
+        if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE) or self._disabled:
+            return OK
+        for each in self.command_interfaces:
+            if math.isinf(each.value):
+                return ERROR
+        if self.state is LifecycleState.ACTIVE and self._dynamics:
+            for joint in self._moving:
+                _STEPS[joint.mode](joint, period, self._offset)
+        for command, state, offset in self._plain:
+            if not math.isnan(command.value):
+                state.value = command.value + offset
+        for joint, leader, mimic in self._following:
+            joint.set(POSITION, mimic.multiplier * leader.get(POSITION) + mimic.offset)
+            joint.set(VELOCITY, mimic.multiplier * leader.get(VELOCITY))
+            joint.set(ACCELERATION, mimic.multiplier * leader.get(ACCELERATION))
+        return OK
+
+    def write(self, now: int, period: float) -> ReturnType:
+        """Do nothing: there is nobody to send to."""
+        del now, period
+        return OK
+
+    def _mirrors(self) -> list[tuple[CommandInterface, StateInterface, float]]:
+        """Return what is copied as it is: everything, or with dynamics all that is not integrated."""
+        pairs: list[tuple[CommandInterface, StateInterface, float]] = []
+        for each in self._parts:
+            integrated = _MODES if self._dynamics and each.name in self._joints else frozenset[str]()
+            offset = self._offset if each.name in self._joints else 0.0
+            pairs += [
+                (command, state, offset if state.interface == POSITION else 0.0)
+                for command, state, _ in each.mirrored
+                if state.interface not in integrated
+            ]
+        return pairs
+
+    def _owner(self, name: str) -> _Joint:
+        joint = self._owners.get(name)
+        if joint is None:
+            raise UnknownInterface(name, tuple(self._owners))
+        return joint
+
+
+def _by_position(joint: _Joint, period: float, offset: float) -> None:
+    target = joint.commands.get(POSITION)
+    if target is None or math.isnan(target.value) or period <= 0.0:
+        return
+    position = target.value + offset
+    velocity = (position - joint.get(POSITION)) / period
+    joint.set(ACCELERATION, (velocity - joint.get(VELOCITY)) / period)
+    joint.set(VELOCITY, velocity)
+    joint.set(POSITION, position)
+
+
+def _by_velocity(joint: _Joint, period: float, _offset: float) -> None:
+    target = joint.commands.get(VELOCITY)
+    if target is None or math.isnan(target.value) or period <= 0.0:
+        return
+    joint.set(ACCELERATION, (target.value - joint.get(VELOCITY)) / period)
+    joint.set(VELOCITY, target.value)
+    joint.set(POSITION, joint.get(POSITION) + target.value * period)
+
+
+def _by_acceleration(joint: _Joint, period: float, _offset: float) -> None:
+    target = joint.commands.get(ACCELERATION)
+    if target is None or math.isnan(target.value):
+        return
+    velocity = joint.get(VELOCITY) + target.value * period
+    joint.set(ACCELERATION, target.value)
+    joint.set(VELOCITY, velocity)
+    joint.set(POSITION, joint.get(POSITION) + velocity * period)
+
+
+_STEPS: Final = {POSITION: _by_position, VELOCITY: _by_velocity, ACCELERATION: _by_acceleration}
+
+
+def _true(parameters: Mapping[str, str], name: str) -> bool:
+    return parameters.get(name, "").strip().lower() in ("true", "1")
+
+
+def _offset(parameters: Mapping[str, str]) -> float:
+    text = parameters.get("position_state_following_offset", parameters.get("state_following_offset", "")).strip()
+    try:
+        return float(text or 0.0)
+    except ValueError as error:
+        raise ControlError(f"position_state_following_offset is {text!r}; it is a number of rad or m") from error
+
+
+# A hardware component seen through its transmissions: the values of joints instead of those of motor shafts.
+#
+# The law of the file (ROS 1 transmission_interface, ros2_control SimpleTransmission): joint position = actuator
+# position / reduction + offset, joint velocity = actuator velocity / reduction, joint effort = actuator effort *
+# reduction, and commands the other way round. A negative reduction turns the direction. Transmissions apply to real and
+# virtual drives; mock hardware and the simulation are joints already.
+
+
+class _State:
+    """A state on both sides: joint = actuator * factor + offset."""
+
+    __slots__ = ("factor", "inner", "offset", "outer")
+
+    def __init__(self, inner: StateInterface, transmission: Transmission) -> None:
+        self.outer, self.inner = StateInterface(inner.joint, inner.interface), inner
+        self.factor, self.offset = _ratio(inner.interface, transmission)
+
+
+class _Command:
+    """A command on both sides, in the same way; its bounds, given for the joint, are turned for the actuator too."""
+
+    __slots__ = ("factor", "inner", "offset", "outer")
+
+    def __init__(self, inner: CommandInterface, transmission: Transmission) -> None:
+        self.outer, self.inner = _seen(inner), inner
+        self.factor, self.offset = _ratio(inner.interface, transmission)
+        self.outer.enabled = inner.enabled
+        ends = [(each - self.offset) / self.factor for each in (inner.minimum, inner.maximum)]
+        inner.minimum, inner.maximum = min(ends), max(ends)
+
+    def follow(self) -> None:
+        """Say whether the hardware follows commands: who commands it forgets what counts no more."""
+        outer, enabled = self.outer, self.inner.enabled
+        if outer.enabled is not enabled:
+            outer.enabled = enabled
+            if enabled:
+                outer.set_aside = False
+
+
+def _ratio(interface: str, transmission: Transmission) -> tuple[float, float]:
+    factor = float(transmission.reduction ** _POWERS.get(interface, 0))
+    return factor, transmission.offset if interface == POSITION else 0.0
+
+
+_POWERS: Final = {POSITION: -1, VELOCITY: -1, ACCELERATION: -1, EFFORT: 1}
+"""The power of the reduction that makes a joint's value of an actuator's."""
+
+
+class TransmittedSystem:
+    """A component seen through its transmissions: the same interfaces by name, with the joints' values.
+
+    What no transmission turns is the component's own.
+    """
+
+    def __init__(self, component: HardwareComponent, transmissions: Sequence[Transmission]) -> None:
+        self.component = component
+        self.name = component.name
+        by_joint = {each.joint: each for each in transmissions if not each.trivial}
+        self._states = [
+            _State(each, by_joint[each.joint]) for each in component.state_interfaces if each.joint in by_joint
+        ]
+        self._commands = [
+            _Command(each, by_joint[each.joint]) for each in component.command_interfaces if each.joint in by_joint
+        ]
+        states = {each.inner.name: each.outer for each in self._states}
+        commands = {each.inner.name: each.outer for each in self._commands}
+        self.state_interfaces: Sequence[StateInterface] = [
+            states.get(each.name, each) for each in component.state_interfaces
+        ]
+        self.command_interfaces: Sequence[CommandInterface] = [
+            commands.get(each.name, each) for each in component.command_interfaces
+        ]
+
+    @property
+    def state(self) -> LifecycleState:
+        """The component's."""
+        return self.component.state
+
+    @property
+    def simulated_ns(self) -> int | None:
+        """The component's."""
+        return self.component.simulated_ns
+
+    def configure(self) -> None:
+        """Configure the component."""
+        self.component.configure()
+
+    def activate(self) -> None:
+        """Activate the component."""
+        self.component.activate()
+
+    def deactivate(self) -> None:
+        """Deactivate the component."""
+        self.component.deactivate()
+
+    def cleanup(self) -> None:
+        """Clean the component up."""
+        self.component.cleanup()
+
+    def shutdown(self) -> None:
+        """Shut the component down."""
+        self.component.shutdown()
+
+    def reset(self, keyframe: str) -> None:
+        """Reset the component."""
+        self.component.reset(keyframe)
+
+    @property
+    def changeable(self) -> bool:
+        """See the component."""
+        return self.component.changeable
+
+    def act(self, what: WorldAct) -> None:
+        """Let it happen in the component's world."""
+        self.component.act(what)
+
+    def scan(self) -> Sequence[LaserScanReading]:
+        """Return the component's."""
+        return self.component.scan()
+
+    def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        """Ask the component."""
+        self.component.prepare_command_mode_switch(start, stop)
+
+    def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
+        """Switch the component."""
+        self.component.perform_command_mode_switch(start, stop)
+
+    def read(self, now: int, period: float) -> ReturnType:
+        """Read the component and turn its actuators' states into the joints'."""
+        result = self.component.read(now, period)
+        for each in self._states:
+            each.outer.value = each.inner.value * each.factor + each.offset
+        self._follow()
+        return result
+
+    def write(self, now: int, period: float) -> ReturnType:
+        """Turn the joints' commands into the actuators' and write the component."""
+        for each in self._commands:
+            each.inner.value = (each.outer.value - each.offset) / each.factor
+        result = self.component.write(now, period)
+        self._follow()
+        return result
+
+    def _follow(self) -> None:
+        for each in self._commands:
+            each.follow()
+
+
+def _seen(inner: CommandInterface) -> CommandInterface:
+    """Return the joint's side of an actuator's command interface, with the bounds that were given for the joint."""
+    return CommandInterface(inner.joint, inner.interface, inner.value, minimum=inner.minimum, maximum=inner.maximum)
 
 
 class Kind(enum.Enum):
@@ -33,7 +408,7 @@ class Kind(enum.Enum):
 
 KNOWN: Final = {
     **dict.fromkeys(system.PLUGINS, Kind.CANOPEN),
-    **dict.fromkeys(mock.PLUGINS, Kind.MOCK),
+    **dict.fromkeys(PLUGINS, Kind.MOCK),
     **dict.fromkeys(simulation.PLUGINS, Kind.SIMULATION),
 }
 """Plugin name to kind."""
@@ -57,9 +432,9 @@ def made_up(
     """Return the component of a tag that needs no bus. A tag that is mocked by option moves its joints."""
     if kind is Kind.SIMULATION:
         return simulation.SimulatedSystem(tag, description.joints, engine=engine)
-    if tag.plugin not in mock.PLUGINS:
+    if tag.plugin not in PLUGINS:
         tag = replace(tag, parameters={"calculate_dynamics": "true", **tag.parameters})
-    return mock.GenericSystem(tag)
+    return GenericSystem(tag)
 
 
 def transmitted(component: HardwareComponent, tag: Ros2ControlSystem) -> HardwareComponent:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from canopen_control.hardware.axis_power import AxisPower
 
-__all__ = ["Base", "StopGroup", "regroup"]
-
 
 class Member(Protocol):
     """What a group has to know of a joint."""

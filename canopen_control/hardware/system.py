@@ -11,12 +11,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.objects import AXES
-from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface, nearest
+from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface, nearest
+from canopen_control.hardware.axis_power import STOPPED
 from canopen_control.hardware.device_parts import DeviceParts, is_measured
-from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, TARGET, ReturnType
+from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, TARGET, Lifecycle, ReturnType
 from canopen_control.hardware.joint import JointDrive
-from canopen_control.hardware.lifecycle import Lifecycle
-from canopen_control.hardware.recovery import Recovery, enable_together
 from canopen_control.hardware.stop_group import StopGroup
 from canopen_control.master.event_log import Event, Level
 
@@ -29,7 +28,65 @@ if TYPE_CHECKING:
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
-__all__ = ["PLUGINS", "CanopenSystem"]
+
+# Enables a group again whose stop was caused by a node that is here again, where bus.yml says so.
+#
+# The law of this file: only joints that were enabled when the stop came, only after a lost node whose `recovery` is
+# `enable`, and only when every joint of the group can go: nodes ready, parameters read, no fault, standing still. A
+# user's word in between (a stop, a disable, a quick stop) ends the matter.
+
+
+def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Event], None]) -> None:
+    """Enable joints, and tell why one cannot be; those of its group then stay off as well, since none moves alone."""
+    refused: list[JointDrive] = []
+    for joint in joints:
+        joint.resume = False
+        try:
+            joint.enable()
+        except DriveError as error:
+            refused.append(joint)
+            report(Event(now, "not_enabled", joint.node.name, str(error), Level.ERROR))
+    for cause in refused:
+        others = [joint for joint in joints if joint.group is cause.group and joint.wanted]
+        for joint in others:
+            joint.stop(now)
+        if others:
+            names = ", ".join(joint.joint for joint in others)
+            text = f"{names} stay disabled with {cause.joint} ({cause.node.name})"
+            report(Event(now, "not_enabled", cause.node.name, text, Level.ERROR))
+
+
+class Recovery:
+    """Watches the joints that wait to be enabled again."""
+
+    def __init__(self, joints: Sequence[JointDrive], report: Callable[[Event], None]) -> None:
+        self._joints, self._report = joints, report
+
+    def step(self, now: int) -> None:
+        """Enable what waits and can go; a few times a second is enough."""
+        waiting = [joint for joint in self._joints if joint.resume]
+        for joint in waiting:
+            if joint.resume and all(_can_go(other) for other in joint.group.joints if other.resume):
+                self._resume([other for other in joint.group.joints if other.resume], now)
+
+    def _resume(self, joints: Sequence[JointDrive], now: int) -> None:
+        names = ", ".join(joint.joint for joint in joints)
+        text = f"enabling {names} again, as bus.yml says (recovery: enable)"
+        self._report(Event(now, "recovered", joints[0].node.name, text, Level.WARNING))
+        enable_together(joints, now, self._report)
+
+
+def _can_go(joint: JointDrive) -> bool:
+    return (
+        joint.power.state in STOPPED
+        and joint.node.ready
+        and joint.parameters.loaded
+        and joint.state is not None
+        and not joint.machine.fault
+        and joint.machine.reached
+        and joint.standing
+    )
+
 
 _SUPERVISE_NS: Final = 100_000_000
 

@@ -11,8 +11,6 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-__all__ = ["Tracking", "TrackingFigures"]
-
 WINDOW_S: Final = 5.0
 """The figures are of the newest window, which is not full, and the one before it."""
 _PAUSE: Final = 3  # so many equal set-points at most are a repetition, more of them a standstill

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["LIFELINE", "MODULE", "READY", "clean_environment", "lean_python"]
 
 LIFELINE: Final = "CANOPEN_CONTROL_LIFELINE"
 READY: Final = "CANOPEN_CONTROL_READY"

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from typing import BinaryIO
 
-__all__ = ["FULL", "LogFile", "failed", "make_private", "state_dir", "telling", "write_whole"]
 
 #: what ends a writing that had begun: no room, no more allowed, a broken disk
 FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO))

@@ -12,8 +12,6 @@ from typing import Final
 
 from canopen_control.host.environment import LIFELINE, READY
 
-__all__ = ["READY_WORD", "LivenessReport", "lifeline_fd", "report_failure", "report_ready"]
-
 READY_WORD: Final = b"ready"
 
 

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
-__all__ = ["LineClient"]
 
 _CHUNK: Final = 1 << 16
 

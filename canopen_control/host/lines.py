@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import Final
 
-__all__ = ["MAX_LINE", "MAX_REQUEST", "MAX_VALUES", "LineBuffer", "too_many_values"]
-
 MAX_LINE: Final = 1 << 20
 MAX_REQUEST: Final = 1 << 16
 MAX_VALUES: Final = 4096  # of a request: the time to decode one is in its values, not in its bytes

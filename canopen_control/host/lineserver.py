@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from canopen_control.host.reactor import Reactor, Timer
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.host.timer import Timer
 
-__all__ = ["MAX_KEPT", "Connection", "LineServer"]
 
 MAX_KEPT: Final = 64
 _MAX_CONNECTIONS: Final = 72

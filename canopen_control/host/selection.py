@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["MarkedSelector", "open_asker"]
 
 _FIRST: Final = 1 << 30  # no file has such a number
 _READABLE: Final = getattr(select, "EPOLLIN", 1)

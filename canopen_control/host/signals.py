@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-__all__ = ["interrupt", "on_signals"]
-
 
 @contextlib.contextmanager
 def on_signals(numbers: Iterable[signal.Signals], call: Callable[[], object]) -> Iterator[None]:

@@ -32,25 +32,6 @@ from canopen_control.errors import CanopenError, ConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = [
-    "KINDS",
-    "SocketInUse",
-    "SocketKind",
-    "check_name",
-    "claim",
-    "close_listener",
-    "connect",
-    "drive_name",
-    "list_sockets",
-    "listen",
-    "lock",
-    "open_lock",
-    "peer_pid",
-    "private_folder",
-    "runtime_dir",
-    "same_user",
-    "socket_path",
-]
 
 SocketKind = Literal["bus", "busctl", "drive", "robot"]
 KINDS: Final[Mapping[SocketKind, int]] = {"bus": 32, "busctl": 32, "drive": 36, "robot": 32}

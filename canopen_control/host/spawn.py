@@ -25,24 +25,14 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.errors import CanopenError
 from canopen_control.host.environment import LIFELINE, READY, clean_environment
 from canopen_control.host.files import LogFile, state_dir
-from canopen_control.host.lifeline import READY_WORD, lifeline_fd, report_failure, report_ready
+from canopen_control.host.lifeline import READY_WORD
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from canopen_control.host.reactor import Reactor, Timer
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.host.timer import Timer
 
-__all__ = [
-    "Child",
-    "clean_environment",
-    "end_children",
-    "lifeline_fd",
-    "report_failure",
-    "report_ready",
-    "spawn",
-    "spawn_detached",
-    "state_dir",
-]
 
 _POLL_NS: Final = 50_000_000  # where there is no pidfd
 _ROTATE_NS: Final = 5_000_000_000

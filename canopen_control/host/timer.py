@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Final, Protocol
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Alarm", "Clock", "ManualClock", "MonotonicClock", "Rhythm", "Timer", "TimerQueue", "open_alarm"]
 
 _COMPACT_ABOVE: Final = 64  # dead timers that are not worth a sweep
 _SECOND_NS: Final = 1_000_000_000

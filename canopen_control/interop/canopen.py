@@ -18,7 +18,6 @@ from canopen_control.od.model import SCALAR_CODES, DataType, ObjectCode
 if TYPE_CHECKING:
     from canopen_control.od.model import DeviceInfo, Entry, ObjectDictionary, Value
 
-__all__ = ["to_canopen"]
 
 _TIMES = (DataType.TIME_OF_DAY, DataType.TIME_DIFFERENCE)
 _DEVICE_FIELDS = {  # theirs: ours

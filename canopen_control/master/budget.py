@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.timing import duration_ns, worst_case_bits
+from canopen_control.bus.arbitration import duration_ns, worst_case_bits
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID
 from canopen_control.cia301.sync import SYNC_COB_ID
 from canopen_control.frame import FRAME_BITS
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from canopen_control.master.keys import NodeConfig
     from canopen_control.master.plan_builder import PdoLayout
 
-__all__ = ["HIGH", "Budget", "Share", "bits_of", "budget_of"]
 
 HIGH = 0.70  # of the bit rate
 _ON_REMOTE = (252, 253)

@@ -8,53 +8,283 @@ themselves, and what this package adds to them, are in `keys.py`.
 
 from __future__ import annotations
 
+import difflib
 import itertools
+import os
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cia301.sync import SYNC_COB_ID
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError, ConfigError, nearest
 from canopen_control.frame import Service, cob_id
 from canopen_control.master.keys import (
     MISNAMED_MASTER,
+    MISNAMED_NODE,
     MISNAMED_OPTIONS,
     MISNAMED_ROOT,
+    SCALES,
     UNUSED_MASTER,
     UNUSED_NODE,
+    BootKeys,
     MasterConfig,
+    MotionKeys,
     NodeConfig,
     Options,
-    PdoConfig,
-    PdoObject,
-    SdoEntry,
+    SupervisionKeys,
+    UnitKeys,
+    named_scale,
 )
-from canopen_control.master.named_files import NotFound, Sources
-from canopen_control.master.node_config import node_config, tolerated, with_defaults
 from canopen_control.master.plan import NodePlan, PlanInput, make_plan
-from canopen_control.od.concise import concise_of
+from canopen_control.od.dcf import concise_of, decode_concise
+from canopen_control.od.eds import read_eds
 from canopen_control.od.model import BIT_RATES
 from canopen_control.yamlfile.convert import convert, keys_of
 from canopen_control.yamlfile.node import Node
 from canopen_control.yamlfile.reader import tree
 
 if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from canopen_control.od.eds import EdsFile
     from canopen_control.od.issues import Issue
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.yamlfile.problems import Problems
 
-__all__ = [
-    "BusConfig",
-    "MasterConfig",
-    "NodeConfig",
-    "Options",
-    "PdoConfig",
-    "PdoObject",
-    "SdoEntry",
-    "inspect_bus",
-    "read_bus",
-]
+
+# One node of a bus.yml: `defaults` merged below it, its keys converted and checked against each other.
+
+
+_TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the drive's own
+
+
+def tolerated(
+    section: Node, known: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str]
+) -> set[str]:
+    """Judge the keys of a section that are not `known`; return those that the conversion is not to look at.
+
+    A key that looks like a known one, or is listed in `misnamed`, is an error. Any other is a warning: ros2_canopen
+    reads the keys it has and no others, so files with such keys are in use.
+    """
+    found = set(unused)
+    for key, place in section.keys().items():
+        if key in known or key in unused:
+            continue
+        found.add(key)
+        if meant := _meant(key, section, known, misnamed):
+            place.error(f"unknown key {key!r}; write {meant}")
+        elif close := difflib.get_close_matches(key, [*known, *unused], 1, 0.6):
+            place.error(f"unknown key {key!r}, did you mean {close[0]!r}?")
+        else:
+            place.warning(f"unknown key {key!r}: it has no effect, here as in ros2_canopen; remove it")
+    return found
+
+
+_PDO_KEY: Final = re.compile(r"(?i)([rt]pdo)_?(\d+)")
+_MODES: Final = {1: "position", 7: "position", 8: "position", 2: "velocity", 3: "velocity", 9: "velocity"} | {
+    4: "effort",
+    10: "effort",
+}
+
+
+def _meant(key: str, section: Node, known: Collection[str], misnamed: Mapping[str, str]) -> str:
+    """Return what is to be written in place of a key, "" where that is not known."""
+    if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() in known:
+        return f"`{pdo[2]}:` under `{pdo[1].lower()}:`"
+    meant, place = misnamed.get(key, ""), section.get(key)
+    number = place.value if place is not None else None
+    if "velocity_mode" in meant and type(number) is int and number in _MODES:
+        return f"`{_MODES[number]}_mode: {number}` ({OperationMode(number).name})"
+    return meant
+
+
+def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: bool) -> Node:
+    """Merge `defaults` below a node as asked for, and say where the other way would give another value."""
+    if defaults is None:
+        return node
+    ours, theirs = node.over(defaults), _peer_merged(node, defaults)
+    for key, place in node.keys().items():
+        if (default := defaults.get(key)) is None or default.value == node.value:
+            continue
+        here, there = _plain(ours, key), _plain(theirs, key)
+        if here == there:
+            continue
+        if peer_merge:
+            place.warning(f"{name} has {key}: {_brief(here)}, but --peer-merge takes {_brief(there)} of `defaults`")
+        else:
+            place.warning(
+                f"the node's own {key} counts; ros2_canopen takes {_brief(there)} of `defaults` (--peer-merge)"
+            )
+    return theirs if peer_merge else ours
+
+
+def _peer_merged(node: Node, defaults: Node) -> Node:
+    """Return the node with the keys of `defaults` in place of its own, as ros2_canopen's generator merges."""
+    if node.kind not in ("mapping", "null") or defaults.kind != "mapping":
+        return node.over(defaults)
+    pairs = {key.text: (key, value) for key, value in [*node.pairs(), *defaults.pairs()]}
+    return Node.mapping(Node("mapping", node.line, node.column, node.where, node.problems), pairs)
+
+
+def _plain(node: Node, key: str) -> Any:  # noqa: ANN401 - what stands there
+    value = node.get(key)
+    return None if value is None else value.value
+
+
+def _brief(value: object) -> str:
+    return "another" if isinstance(value, dict | list) else repr(value)
+
+
+def node_config(name: str, node: Node, master: MasterConfig, options: Options) -> NodeConfig | None:
+    """Convert and check the keys of one node; None where they cannot be used."""
+    ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE)
+    keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)
+    if keys is None:
+        return None
+    for number in keys.motion.transition_timeouts_ms:
+        if number not in _TRANSITIONS:
+            place = node.get("transition_timeouts_ms") or node
+            place.error(f"no transition {number}; CiA 402 numbers them 0 to {_TRANSITIONS[-1]}")
+    return replace(
+        keys,
+        supervision=_supervision(keys.supervision, master, options),
+        units=_units(keys.units, node),
+        motion=replace(keys.motion, effort_mode=_effort_mode(keys.motion, node)),
+        name=name,
+        line=node.line,
+        required=_required(keys.boot, node),
+    )
+
+
+def _supervision(keys: SupervisionKeys, master: MasterConfig, options: Options) -> SupervisionKeys:
+    return replace(
+        keys,
+        multiplier=keys.heartbeat_multiplier or master.heartbeat_multiplier or options.heartbeat_multiplier,
+        life_factor=keys.life_time_factor or keys.retry_factor or options.retry_factor,
+    )
+
+
+def _required(keys: BootKeys, node: Node) -> bool:
+    """Whether the robot waits for the node: `required`, else `mandatory`, else whether it is booted at all."""
+    place = node.get("required") or node
+    if None not in (keys.required, keys.mandatory) and keys.required != keys.mandatory:
+        place.error("`required` and `mandatory` mean the same and differ; keep one")
+    if not keys.wanted and (keys.required or keys.mandatory):
+        place.error("a node with `boot: false` is never started, so nothing can wait for it")
+    wanted = keys.mandatory if keys.required is None else keys.required
+    return keys.wanted if wanted is None else wanted
+
+
+def _effort_mode(keys: MotionKeys, node: Node) -> int | None:
+    if None not in (keys.effort_mode, keys.torque_mode) and keys.effort_mode != keys.torque_mode:
+        (node.get("torque_mode") or node).error("`torque_mode` and `effort_mode` mean the same and differ; keep one")
+    return keys.torque_mode if keys.effort_mode is None else keys.effort_mode
+
+
+def _units(keys: UnitKeys, node: Node) -> UnitKeys:
+    """Turn units by name into the scales; or check the scales as they are given."""
+    named = [key for key in ("counts_per_revolution", "gear_ratio", "reversed") if node.get(key) is not None]
+    scales = [key for key in SCALES if node.get(key) is not None]
+    if not named:
+        _check_scales(keys, node)
+        return keys
+    place = node.keys()[named[0]]
+    if scales:
+        place.error(f"{', '.join(named)} and {', '.join(scales)} say the same twice; keep one way")
+    elif keys.counts_per_revolution is None:
+        place.error(f"{named[0]} needs counts_per_revolution, the position counts of one turn of the motor")
+    else:
+        try:
+            return keys.with_scale(named_scale(keys.counts_per_revolution, keys.gear_ratio, bool(keys.reversed)))
+        except ValueError as error:
+            (node.get("gear_ratio") or node).error(str(error))
+    return keys
+
+
+def _check_scales(keys: UnitKeys, node: Node) -> None:
+    """Refuse scales that move nothing; warn where one way and back do not cancel: command and feedback would differ."""
+    for key in SCALES:
+        if not 1e-15 < abs(getattr(keys, key)) < 1e15:
+            (node.get(key) or node).error(f"{key} {getattr(keys, key)!r} cannot be used: finite and not 0 is wanted")
+            return
+    for what in ("pos", "vel"):
+        given = node.get(f"scale_{what}_to_dev") or node.get(f"scale_{what}_from_dev")
+        product = getattr(keys, f"scale_{what}_to_dev") * getattr(keys, f"scale_{what}_from_dev")
+        if given is not None and abs(product - 1) > 0.01:
+            given.warning(
+                f"scale_{what}_to_dev times scale_{what}_from_dev is {product:.6g}, not 1: "
+                "what is commanded and what comes back would differ"
+            )
+
+
+# Finds the files that a bus.yml names (EDS, DCF, configuration files), and reads each once.
+#
+# A file is sought in the node's dcf_path, the file's, beside bus.yml and among the bundled ones, in
+# this order; `@BUS_CONFIG_PATH@` is the folder of bus.yml, `$NAMES` are those of the environment. One EDS serves all
+# nodes that name it.
+
+
+BUS_FOLDER = "@BUS_CONFIG_PATH@"  # replaced by the other stack's build; here the folder of the file itself
+_TEXT_FILES = (".dcf", ".eds")
+
+
+class NotFound(ConfigError):
+    """A file is in none of the places; the message names them."""
+
+
+class Sources:
+    """The files of one bus.yml in `folder`; `issues` is what was odd about each EDS that was read."""
+
+    def __init__(self, folder: Path, dcf_path: str = "") -> None:
+        self._folder, self._dcf_path = folder, dcf_path
+        self._files: dict[Path, EdsFile] = {}
+        self._dictionaries: dict[tuple[Path, int | None], ObjectDictionary] = {}
+        self.issues: dict[Path, list[Issue]] = {}
+
+    def expanded(self, text: str) -> str:
+        """Return the text with the folder of bus.yml and the environment's variables put in."""
+        return os.path.expandvars(text.replace(BUS_FOLDER, str(self._folder)))
+
+    def find(self, name: str, dcf_path: str = "") -> Path:
+        """Return the path of a file; raises NotFound with the places and with variables that are not set."""
+        wanted = Path(self.expanded(name)).expanduser()
+        folders = [Path(self.expanded(text)).expanduser() for text in (dcf_path, self._dcf_path) if text]
+        places = [folder / wanted for folder in [*folders, self._folder]]
+        places.append(data_path("eds", wanted.name))
+        for place in places:
+            if place.is_file():
+                return place
+        sought = ", ".join(dict.fromkeys(str(place.parent) for place in places))
+        unset = "; a variable of the environment is not set" if "$" in sought or "$" in str(wanted) else ""
+        raise NotFound(f"no file {name!r}; sought in {sought}{unset}")
+
+    def dictionary(self, path: Path, node_id: int | None) -> ObjectDictionary:
+        """Return the dictionary of an EDS or DCF for a node; None stands for the file's own node id. EdsError."""
+        if (path, node_id) not in self._dictionaries:
+            if path not in self._files:
+                self._files[path] = read_eds(path)
+                self.issues[path] = self._files[path].issues
+            od = self._files[path].od
+            self._dictionaries[path, node_id] = od if node_id is None else od.for_node(node_id)
+        return self._dictionaries[path, node_id]
+
+    def downloads(self, name: str, dcf_path: str, node_id: int) -> tuple[tuple[int, int, bytes], ...]:
+        """Return what a concise DCF (.bin) or the ParameterValues of a DCF download: (index, subindex, data).
+
+        Those of a DCF come by rising address, which is no order for PDO parameters. ValueError, EdsError, NotFound.
+        """
+        path = self.find(name, dcf_path)
+        if path.suffix.lower() in _TEXT_FILES:
+            return tuple(concise_of(self.dictionary(path, node_id)))
+        try:
+            return tuple(decode_concise(path.read_bytes()))
+        except OSError as error:
+            raise ValueError(f"cannot be read: {error.strerror}") from error
+
 
 _SECTIONS = ("options", "master", "defaults", "nodes")
 _TIME_COB_ID = 0x100  # predefined (CiA 301, 7.5.2.18)

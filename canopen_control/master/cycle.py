@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from canopen_control.master.plan_builder import PdoLayout
     from canopen_control.od.model import Value
 
-__all__ = ["Input", "Output", "ProcessImage", "ReceivedPdo", "SentPdo"]
 
 _HEAD: Final = "<IB3x"  # of a record, see `canopen_control.frame`
 _NEVER: Final = -1

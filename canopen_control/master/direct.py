@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.port import BusEventKind
-from canopen_control.cia301.lss_master import LssMaster
+from canopen_control.cia301.lss import LssMaster
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtMaster, NmtState, NmtUnconfirmed, state_of_byte
 from canopen_control.cia301.sdo_client import SdoClient
-from canopen_control.cia301.sdo_records import SHORTEST_RUN, deliver
+from canopen_control.cia301.sdo_codec import SHORTEST_RUN, deliver
 from canopen_control.errors import BusClosed, BusError, BusOff, CanopenError, SdoStopped, SdoTimeout
 from canopen_control.frame import BROADCAST, MAX_NODE_ID, RECORD, RECORD_SIZE, CanFrame, pack_records
 
@@ -26,11 +26,10 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from canopen_control.bus.port import Port
-    from canopen_control.cia301.lss_master import LssRequest, LssResult
+    from canopen_control.cia301.lss import LssRequest, LssResult
     from canopen_control.cia301.nmt import NmtCommand, NmtConfirmed
-    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.cia301.sdo_exchange import SdoRequest
 
-__all__ = ["PARALLEL", "Core", "DirectBus"]
 
 _BOOT_UP = b"\0"
 FLUSH_S = 1.0  # what the last frames have to leave before the port is closed

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import EventDetails
 
-__all__ = ["FEW", "FIRST_WINDOW_NS", "WIDEST_WINDOW_NS", "Event", "EventLog", "Level"]
 
 FIRST_WINDOW_NS: Final = 2_000_000_000
 WIDEST_WINDOW_NS: Final = 64_000_000_000

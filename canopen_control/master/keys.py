@@ -19,31 +19,6 @@ from canopen_control.od.model import BIT_RATES
 from canopen_control.profiles.device_signal import TYPES
 from canopen_control.yamlfile.convert import derived, part, setting
 
-__all__ = [
-    "MISNAMED_MASTER",
-    "MISNAMED_NODE",
-    "MISNAMED_OPTIONS",
-    "MISNAMED_ROOT",
-    "SCALES",
-    "UNUSED_MASTER",
-    "UNUSED_NODE",
-    "AxisUnits",
-    "BootKeys",
-    "IdentityKeys",
-    "MasterConfig",
-    "MotionKeys",
-    "NodeConfig",
-    "Options",
-    "PdoConfig",
-    "PdoObject",
-    "RosKeys",
-    "SdoEntry",
-    "SignalKeys",
-    "SupervisionKeys",
-    "UnitKeys",
-    "named_scale",
-]
-
 DEFAULT_HEARTBEAT_MS = 100  # where bus.yml asks for none: a dead partner is always noticed
 DEFAULT_BOOT_MS = 5000
 SCALES = ("scale_pos_to_dev", "scale_pos_from_dev", "scale_vel_to_dev", "scale_vel_from_dev")

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
     from canopen_control.cia301.pdo import MappedObject
     from canopen_control.master.config import BusConfig
-    from canopen_control.master.plan import NodePlan, PdoLayout
+    from canopen_control.master.plan import NodePlan
+    from canopen_control.master.plan_builder import PdoLayout
     from canopen_control.rpc.messages.layout import Direction
 
-__all__ = ["LinearAxes", "layout_of"]
 
 LinearAxes = frozenset[tuple[str, int]]
 """Node and axis of each prismatic joint."""

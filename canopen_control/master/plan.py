@@ -33,11 +33,21 @@ from canopen_control.cia402.objects import (
 )
 from canopen_control.frame import Service, cob_id, is_restricted
 from canopen_control.master.keys import UnitKeys
-from canopen_control.master.plan_builder import STORED, PdoLayout, PlanBuilder, PlannedWrite
-from canopen_control.master.plan_feed_forward import add_feed_forward
-from canopen_control.master.plan_interpolation import plan_interpolation
-from canopen_control.master.plan_pdos import is_pdo_record, plan_downloaded_pdos, plan_pdos
-from canopen_control.master.plan_signals import plan_signals, warn_of_unwatched_outputs
+from canopen_control.master.plan_builder import (
+    STORED,
+    PdoLayout,
+    PlanBuilder,
+    PlannedWrite,
+    add_feed_forward,
+    plan_interpolation,
+)
+from canopen_control.master.plan_pdos import (
+    is_pdo_record,
+    plan_downloaded_pdos,
+    plan_pdos,
+    plan_signals,
+    warn_of_unwatched_outputs,
+)
 from canopen_control.od.codec import encode
 from canopen_control.profiles.device_type import Profile, profile_of
 
@@ -49,7 +59,6 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.profiles.device_signal import Signal
 
-__all__ = ["CONSUMER", "Identity", "NodePlan", "PdoLayout", "PlanInput", "PlannedWrite", "make_plan"]
 
 CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR = 0x1016, 0x1017, 0x100C, 0x100D, 0x1029
 TIME_COB_ID, SYNC_OVERFLOW, SYNC_PERIOD, SYNC, EMCY = 0x1012, 0x1019, 0x1006, 0x1005, 0x1014

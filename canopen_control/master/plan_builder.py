@@ -9,21 +9,183 @@ procedure) is always written.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from fractions import Fraction
+from typing import TYPE_CHECKING, Final
 
-from canopen_control.od.codec import encode
-from canopen_control.od.limits import outside_limits
+from canopen_control.cia301.pdo import MAX_BITS
+from canopen_control.cia402.objects import INTERPOLATION_TIME_PERIOD, TARGET_POSITION, TORQUE_OFFSET, VELOCITY_OFFSET
+from canopen_control.master.keys import PdoConfig, PdoObject
+from canopen_control.od.codec import encode, outside_limits
 from canopen_control.od.model import DataType
 from canopen_control.od.pdos import pdo_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from canopen_control.cia301.pdo import MappedObject
     from canopen_control.master.keys import NodeConfig
     from canopen_control.od.model import ObjectDictionary, Value
 
-__all__ = ["STORED", "PdoLayout", "PlanBuilder", "PlannedWrite"]
+
+# Maps velocity and torque offset (0x60B1, 0x60B2) into the RPDOs of a node whose `feed_forward` asks for them.
+#
+# The law of this file: bus.yml's own mapping stays as it is; an offset is put behind it, first where the target
+# position is, else into another RPDO of bus.yml that has room, else into one of the first four that nobody uses, with
+# the transmission of the target position. What cannot be mapped is told, and done without.
+
+
+_OFFSETS: Final = {"velocity": VELOCITY_OFFSET, "effort": TORQUE_OFFSET}
+_PREDEFINED: Final = range(1, 5)
+_COMMUNICATION, _MAPPING = 0x1400, 0x1600
+
+RpdoKeys = dict[int, PdoConfig]
+
+
+def add_feed_forward(builder: PlanBuilder, axes: Sequence[int]) -> None:
+    """Put the offsets that are asked for into the node's RPDOs, for each axis by the offset of its objects."""
+    wanted = [(name, _OFFSETS[name] + offset, offset) for name in builder.node.motion.feed_forward for offset in axes]
+    for name, index, offset in wanted:
+        rpdos = builder.node.boot.rpdo
+        if any(index in _mapped(builder, number, pdo) for number, pdo in rpdos.items() if pdo.enabled):
+            continue
+        text = _why_not(builder, index) or _add_feed_forward(builder, index, TARGET_POSITION + offset)
+        if text:
+            builder.warn("feed_forward", f"{text}; done without feed-forward of {name}")
+
+
+def _why_not(builder: PlanBuilder, index: int) -> str:
+    entry = builder.od.get(index, 0)
+    if entry is None:
+        return f"0x{index:04X} is not in {builder.file}"
+    if not entry.rpdo_mappable or entry.data_type.bits is None:
+        return f"0x{index:04X} {entry.name} cannot be mapped into an RPDO"
+    return "" if builder.node.boot.rpdo else f"no RPDO stands in bus.yml; map 0x{index:04X} together with what is used"
+
+
+def _add_feed_forward(builder: PlanBuilder, index: int, target: int) -> str:
+    """Map an object into the first RPDO that has room; return what is wrong where none has."""
+    rpdos = builder.node.boot.rpdo
+    mine = [number for number, pdo in rpdos.items() if pdo.enabled and pdo.mapping is not None]
+    mine.sort(key=lambda number: target not in _mapped(builder, number, rpdos[number]))
+    for number in mine:
+        pdo = rpdos[number]
+        if pdo.mapping is not None and _has_room(builder, number, pdo.mapping, index):
+            return _put(builder, number, replace(pdo, mapping=[*pdo.mapping, PdoObject(index)]))
+    beside = next((rpdos[number] for number in mine if target in _mapped(builder, number, rpdos[number])), PdoConfig())
+    for number in _PREDEFINED:
+        used = number in rpdos and rpdos[number].enabled
+        if not used and _has_room(builder, number, [], index):
+            return _put(builder, number, PdoConfig(transmission=beside.transmission, mapping=[PdoObject(index)]))
+    return f"no RPDO of {builder.file} has room for 0x{index:04X}"
+
+
+def _put(builder: PlanBuilder, number: int, pdo: PdoConfig) -> str:
+    boot = builder.node.boot
+    builder.node = replace(builder.node, boot=replace(boot, rpdo={**boot.rpdo, number: pdo}))
+    return ""
+
+
+def _has_room(builder: PlanBuilder, number: int, mapping: Sequence[PdoObject], index: int) -> bool:
+    od = builder.od
+    entries = [od.get(each.index, each.sub_index) for each in (*mapping, PdoObject(index))]
+    bits = sum((entry.data_type.bits or 0) if entry is not None else MAX_BITS for entry in entries)
+    last_slot = (_MAPPING + number - 1, len(entries))
+    return bits <= MAX_BITS and (_COMMUNICATION + number - 1, 1) in od and last_slot in od
+
+
+def _mapped(builder: PlanBuilder, number: int, pdo: PdoConfig) -> list[int]:
+    """Return the indices that an RPDO of bus.yml carries."""
+    if pdo.mapping is not None:
+        return [each.index for each in pdo.mapping]
+    slots = range(1, (builder.default(_MAPPING + number - 1, 0) or 0) + 1)
+    return [(builder.default(_MAPPING + number - 1, slot) or 0) >> 16 for slot in slots]
+
+
+# The interpolation time period (0x60C2) of a plan: the SYNC period exactly, in 1 to 255 units of a power of ten.
+#
+# The law of this file (CiA 402-2): a drive in CSP moves from one set-point to the next within this time. Shorter than
+# the SYNC period, it stops in between; longer, it is interrupted. Where bus.yml says another time that is written, and
+# warned of; what the drive cannot be told exactly, or does not take, is told too.
+
+
+_MOST: Final = 0xFF
+_EXPONENTS: Final = range(-9, 2)
+
+
+def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us: int) -> None:
+    """Plan it for each axis, given by the offset of its objects."""
+    if not sync_period_us:
+        return
+    for offset in axes:
+        index = INTERPOLATION_TIME_PERIOD + offset
+        if (index, 1) not in builder.od:
+            continue
+        if builder.asked_for(index):
+            _compare(builder, index, sync_period_us)
+        else:
+            _add_interpolation(builder, index, sync_period_us)
+
+
+def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
+    """Warn of another time than SYNC's; what is not written is as in the EDS."""
+    value, exponent = builder.asked_value(index, 1), builder.asked_value(index, 2)
+    value = builder.default(index, 1) if value is None else value
+    exponent = builder.signed_default(index, 2) if exponent is None else exponent
+    if value is None or exponent is None or exponent not in _EXPONENTS:
+        return
+    if value * Fraction(10) ** exponent != Fraction(sync_period_us, 1_000_000):
+        number = next((n for n, entry in enumerate(builder.node.boot.sdo) if entry.index == index), None)
+        builder.warn(
+            "dcf" if number is None else f"sdo[{number}]",
+            f"0x{index:04X} is {value} * 10^{exponent} s, SYNC comes every {sync_period_us / 1e6:g} s: "
+            "positions would be interpolated over the wrong time; leave 0x60C2 out, the boot writes it",
+        )
+
+
+def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
+    """Add the SYNC period, in the drive's own unit where that cannot be written (it is `ro` in one EDS out of six)."""
+    value, exponent = _interpolation(sync_period_us)
+    reason = "interpolation over the SYNC period"
+    if not builder.can_write(index, 2):
+        fixed = builder.signed_default(index, 2)
+        fitting = None if fixed is None else _in_unit(sync_period_us, fixed)
+        if fitting is None:
+            unit = "an unknown unit" if fixed is None else f"10^{fixed} s"
+            builder.warn(
+                "dcf",
+                f"0x{index:04X}:02, the unit of the interpolation period, cannot be written, and {sync_period_us} us "
+                f"cannot be told in {unit}; done without ({reason})",
+            )
+            return
+        value = fitting
+    elif value * Fraction(10) ** exponent != Fraction(sync_period_us, 1_000_000):
+        builder.warn(
+            "dcf",
+            f"0x{index:04X} holds 1 to {_MOST} units of a power of ten, and {sync_period_us} us is none: "
+            f"{value} * 10^{exponent} s is written, and positions tick; take another sync_period",
+        )
+    builder.write(index, 1, value, "dcf", reason, optional=True)
+    if builder.can_write(index, 1) and builder.can_write(index, 2):
+        builder.write(index, 2, exponent, "dcf", reason, optional=True)
+
+
+def _in_unit(period_us: int, exponent: int) -> int | None:
+    """Return a period as a whole number of 10^exponent seconds, None where it is none of one byte."""
+    if exponent not in _EXPONENTS:
+        return None
+    value, rest = divmod(period_us * 1000, 10 ** (exponent + 9))
+    return value if not rest and 0 < value <= _MOST else None
+
+
+def _interpolation(period_us: int) -> tuple[int, int]:
+    """Return value and power of ten of a period in seconds, the value in one byte."""
+    value, exponent = period_us, -6
+    while value % 10 == 0 or value > _MOST:
+        value, exponent = (value // 10 if value % 10 == 0 else round(value / 10)), exponent + 1
+        if exponent == -3 and value <= _MOST:
+            break
+    return value, exponent
+
 
 STORED = "as in the EDS, but the device may have stored something else"
 """The reason of a write that changes nothing where the device is as its file says."""

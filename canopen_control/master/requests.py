@@ -19,21 +19,6 @@ if TYPE_CHECKING:
     from canopen_control.master.plan_builder import PdoLayout
     from canopen_control.od.model import Value
 
-__all__ = [
-    "LETTERS",
-    "Answer",
-    "AwaitBootUp",
-    "AwaitHeartbeat",
-    "AwaitState",
-    "BootTransfers",
-    "Command",
-    "Read",
-    "Request",
-    "Step",
-    "Write",
-    "boot_error",
-    "reason_of",
-]
 
 #: the error status of CiA 302-2, table 14; T is ours
 LETTERS = {

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from canopen_control.master.cycle import ReceivedPdo
 
-__all__ = ["DuplicateWatch", "EmcyGate", "PdoWatch"]
 
 _SECOND: Final = 1_000_000_000
 _EMCY_PER_SECOND: Final = 10

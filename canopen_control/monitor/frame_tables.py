@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from canopen_control.trace.decoder import DecodedFrame
     from canopen_control.trace.network_description import NetworkDescription
 
-__all__ = ["FrameTable", "LoadMeter", "TraceLog", "parse_filter"]
 
 KEPT: Final = 2000  # decoded frames that a changed filter can still show
 _IDENTIFIERS: Final = 4096  # rows; a bus with more has a fault of its own

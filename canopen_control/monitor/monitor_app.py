@@ -12,42 +12,258 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import contextvars
+import os
 import re
 import threading
 import time
 from collections import deque
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
+from rich.cells import cell_len
 from rich.text import Text
 from textual.app import App
 from textual.binding import Binding, BindingType
-from textual.widgets import Footer, Input, OptionList, RichLog, Static, TabbedContent, TabPane
+from textual.containers import Vertical
+from textual.widgets import DataTable, Footer, Input, OptionList, RichLog, Static, TabbedContent, TabPane
+from textual.widgets.data_table import ColumnKey
+from textual.widgets.option_list import Option
 
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.monitor.drive_pane import SET, DrivePane
-from canopen_control.monitor.drive_work import WORKS
+from canopen_control.monitor.drive_objects import OBJECT_COLUMNS, WORKS
 from canopen_control.monitor.frame_tables import parse_filter
-from canopen_control.monitor.monitor_content import DRIVE_COLUMNS, JOINT_COLUMNS
+from canopen_control.monitor.monitor_content import DRIVE_COLUMNS, JOINT_COLUMNS, Cell, Tone, plain
 from canopen_control.monitor.sources import SOURCE
-from canopen_control.monitor.style import CSS, MARK_STYLES, TONE_STYLES
-from canopen_control.monitor.tables import FRAME_COLUMNS, LiveTable, frame_rows
 from canopen_control.rpc.messages.robot import AxisRequest, Release, Stop
-from canopen_control.trace.frame_lines import LineWriter
+from canopen_control.trace.decoder import Mark
+from canopen_control.trace.frame_lines import LineWriter, identifier_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from textual.app import ComposeResult
     from textual.notifications import SeverityLevel
 
     from canopen_control.bus.port import Port
-    from canopen_control.monitor.drive_objects import DriveObjects
+    from canopen_control.monitor.drive_objects import DriveObjects, WorkRun
+    from canopen_control.monitor.frame_tables import FrameTable
     from canopen_control.monitor.monitor_content import LogLine, MonitorContent
     from canopen_control.monitor.sources import Source
     from canopen_control.monitor.tap import BusTap
     from canopen_control.rpc.messages.declare import Request
 
-__all__ = ["MonitorApp"]
+
+# The monitor's looks: textual's CSS, and the colour of each tone. A colour never stands alone (monitor_content.py).
+
+
+_COLOURS: Final = {
+    Tone.PLAIN: "",
+    Tone.GOOD: "green",
+    Tone.IDLE: "bright_black",
+    Tone.WARN: "yellow",
+    Tone.BAD: "bold red",
+}
+#: without colours a red would become a dark grey: what is bad must stand out nevertheless
+_PLAIN: Final = {Tone.PLAIN: "", Tone.GOOD: "", Tone.IDLE: "", Tone.WARN: "bold", Tone.BAD: "bold reverse"}
+
+
+def tone_styles(environment: Mapping[str, str]) -> dict[Tone, str]:
+    """Return the style of each tone; without colours where NO_COLOR says so."""
+    return _PLAIN if environment.get("NO_COLOR") else _COLOURS
+
+
+TONE_STYLES: Final = tone_styles(os.environ)
+MARK_STYLES: Final = {
+    Mark.PLAIN: TONE_STYLES[Tone.PLAIN],
+    Mark.NOTABLE: "bold",
+    Mark.WARNING: TONE_STYLES[Tone.WARN],
+    Mark.ERROR: TONE_STYLES[Tone.BAD],
+}
+
+CSS: Final = """
+Screen { layout: vertical; }
+#head { height: auto; padding: 0 1; background: $panel; }
+#alarm { height: auto; padding: 0 1; background: red; color: white; text-style: bold; display: none; }
+#alarm.shown { display: block; }
+#drives { height: auto; max-height: 40%; }
+#joints { height: auto; max-height: 25%; }
+TabbedContent { height: 1fr; }
+TabPane { padding: 0; }
+RichLog, #identifiers-table, #drive-table { height: 1fr; }
+#drive-title { height: auto; padding: 0 1; }
+#works, #work { display: none; height: auto; max-height: 50%; border-top: solid $panel; }
+#work { height: 10; }
+#works.shown, #work.shown { display: block; }
+#filter { display: none; height: 3; }
+#filter.shown { display: block; }
+DataTable { background: $surface; }
+"""
+
+
+# A table that is drawn again only where something changed.
+
+
+_SLACK: Final = 4  # characters that a column stays too wide
+FRAME_COLUMNS: Final = ("id", "count", "period ms", "node", "what", "data", "text")
+
+
+class LiveTable(DataTable[Text]):
+    """Rows of cells by name; `show` makes them so and `written` counts the cells that this has cost."""
+
+    def __init__(self, columns: Sequence[str], **how: Any) -> None:  # noqa: ANN401 - textual's own keywords
+        super().__init__(cursor_type="row", zebra_stripes=False, **how)
+        self._titles = columns
+        self._shown: dict[str, tuple[Cell, ...]] = {}
+        self.written = 0
+
+    def on_mount(self) -> None:
+        """Make the columns."""
+        for title in self._titles:
+            self.add_column(title, key=title)
+
+    def show(self, rows: Mapping[str, tuple[Cell, ...]]) -> None:
+        """Make the rows those, in that order where they are new."""
+        for gone in [key for key in self._shown if key not in rows]:
+            self.remove_row(gone)
+            del self._shown[gone]
+        for key, cells in rows.items():
+            before = self._shown.get(key)
+            if before is None:
+                self.add_row(*(_text(cell) for cell in cells), key=key)
+                self.written += len(cells)
+            elif before != cells:
+                self._change(key, before, cells)
+            self._shown[key] = cells
+
+    @property
+    def selected(self) -> str | None:
+        """The name of the row with the cursor."""
+        if not self._shown:
+            return None
+        return self.coordinate_to_cell_key(self.cursor_coordinate).row_key.value
+
+    @property
+    def in_sight(self) -> list[str]:
+        """The names of the rows that the window shows."""
+        first = max(0, int(self.scroll_y))
+        keys = [row.key.value or "" for row in self.ordered_rows[first : first + max(0, self.size.height)]]
+        return [key for key in keys if key]
+
+    def _change(self, key: str, before: tuple[Cell, ...], after: tuple[Cell, ...]) -> None:
+        for title, old, new in zip(self._titles, before, after, strict=True):
+            if old != new:
+                self.update_cell(key, title, _text(new), update_width=self._resizes(title, old, new))
+                self.written += 1
+
+    def _resizes(self, title: str, old: Cell, new: Cell) -> bool:
+        """Whether a column gets another width: a new one has the whole screen laid out, so not for a digit less."""
+        width, before, after = self.columns[ColumnKey(title)].content_width, cell_len(str(old)), cell_len(str(new))
+        return after > width or (before >= width and after < before - _SLACK)
+
+
+def _text(cell: Cell) -> Text:
+    return Text(str(cell), style=TONE_STYLES[cell.tone], no_wrap=True)
+
+
+def frame_rows(table: FrameTable) -> dict[str, tuple[Cell, ...]]:
+    """Return a row for each identifier, by identifier."""
+    found = {}
+    for can_id, row in sorted(table.rows.items()):
+        last = row.last
+        node = last.node or ("" if last.node_id is None else f"node {last.node_id}")
+        period = "" if row.period_ns is None else f"{row.period_ns / 1e6:.0f}"
+        words = (identifier_text(can_id), str(row.count), period, node, last.subject, last.data.hex(" "), last.text)
+        found[str(can_id)] = tuple(plain(word) for word in words)
+    return found
+
+
+# The monitor's tab of one drive: its objects, what may be done with it, and what came of that.
+
+
+SET: Final = "set"
+_KEPT_LINES: Final = 1000
+_LISTENS: Final = "this monitor only listens: to read objects is to send"
+
+
+class WorkChoice(OptionList):
+    """What may be done with the drive, hidden until somebody asks; `space` stays STOP."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select", "Choose", show=False)]
+
+    def __init__(self) -> None:
+        own = [Option(f"{SET:9} write the object with the cursor", id=SET)]
+        super().__init__(*own, *(Option(f"{name:9} {work.does}", id=name) for name, work in WORKS.items()), id="works")
+
+
+class DrivePane(Vertical):
+    """The drive's objects, live; below them the choice of what may be done, and the lines of the verb that does it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.title, self.objects = Static(id="drive-title"), LiveTable(OBJECT_COLUMNS, id="drive-table")
+        self.choice, self.told = WorkChoice(), RichLog(max_lines=_KEPT_LINES, wrap=True, id="work")
+        self._run: WorkRun | None = None
+        self._ended = False
+
+    def compose(self) -> ComposeResult:
+        """Lay it out."""
+        yield self.title
+        yield self.objects
+        yield self.choice
+        yield self.told
+
+    def show(self, looking: DriveObjects | None) -> None:
+        """Show the objects of the drive that is looked at, and have those in sight read."""
+        title = _LISTENS if looking is None else looking.title
+        if str(self.title.content) != title:
+            self.title.update(Text(title))
+        if looking is not None:
+            self.objects.show(looking.rows())
+            looking.look(self.objects.in_sight)
+
+    def choose(self) -> None:
+        """Let the user choose what to do."""
+        self.choice.highlighted = 0
+        self.choice.add_class("shown")
+        self.choice.focus()
+
+    # -- the verb that runs
+
+    @property
+    def busy(self) -> bool:
+        """Whether a verb runs."""
+        return self._run is not None and self._run.code is None
+
+    def follow(self, run: WorkRun) -> None:
+        """Show what this verb tells from now on."""
+        self._run, self._ended = run, False
+        self.told.add_class("shown")
+        self._tell(run.title, Tone.IDLE)
+
+    def end(self) -> None:
+        """Ask the verb for its end, as Ctrl-C does."""
+        if self._run is not None:
+            self._run.end()
+
+    def close(self) -> None:
+        """End it; waits for a ramp."""
+        if self._run is not None:
+            self._run.close()
+
+    def show_work(self) -> None:
+        """Show what it has told since the last call, and how it has ended."""
+        run = self._run
+        if run is None or self._ended:
+            return
+        code = run.code  # before its last lines are taken
+        for line in run.fresh():
+            self._tell(line, Tone.PLAIN)
+        if code is not None:
+            self._ended = True
+            self._tell("done" if code == 0 else f"ended with {code}", Tone.GOOD if code == 0 else Tone.BAD)
+
+    def _tell(self, line: str, tone: Tone) -> None:
+        self.told.write(Text(line, style=TONE_STYLES[tone]))
+
 
 PERIOD_S: Final = 0.2
 TRACE_LINES: Final = 60  # new ones at a time; a busy bus has more than anybody reads

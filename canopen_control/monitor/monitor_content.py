@@ -15,18 +15,6 @@ from canopen_control.cia402.state import State
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = [
-    "DRIVE_COLUMNS",
-    "JOINT_COLUMNS",
-    "Cell",
-    "LogLine",
-    "MonitorContent",
-    "Tone",
-    "age_cell",
-    "plain",
-    "sdo_cell",
-    "state_cell",
-]
 
 #: what matters most comes first: a terminal of 80 columns shows no more than the beginning
 DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "error", "heard", "mode", "SDO", "statusword")

@@ -6,29 +6,453 @@ A robot's buses are listened to while somebody looks at frames: on the robot's o
 
 from __future__ import annotations
 
+import threading
 import time
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
-from canopen_control.errors import ConfigError, RemoteError
-from canopen_control.monitor.bus_rows import BusTable
-from canopen_control.monitor.drive_objects import DriveObjects
-from canopen_control.monitor.drive_work import WorkRun, work_words
+from canopen_control.cia301.emcy import EmcyMessage
+from canopen_control.cia301.nmt import NmtState, state_of_byte
+from canopen_control.cia402 import objects
+from canopen_control.cia402.modes import OperationMode, mode_name
+from canopen_control.cia402.state import State, decode_statusword
+from canopen_control.client import RobotClient
+from canopen_control.errors import CanopenError, ConfigError, RemoteError
+from canopen_control.frame import CanFrame
+from canopen_control.monitor.drive_objects import DriveObjects, WorkRun, work_words
 from canopen_control.monitor.frame_tables import FrameTable, TraceLog
-from canopen_control.monitor.robot_link import RobotLink
-from canopen_control.monitor.robot_rows import content_of, is_emergency, log_line, without_robot
+from canopen_control.monitor.monitor_content import (
+    Cell,
+    LogLine,
+    MonitorContent,
+    Tone,
+    age_cell,
+    plain,
+    sdo_cell,
+    state_cell,
+)
 from canopen_control.monitor.tap import BusTap
-from canopen_control.rpc.messages.robot import ROBOT
+from canopen_control.rpc.messages.robot import ROBOT, GetLayout, GetNodes, GetStatus, Subscribe
+from canopen_control.rpc.messages.state import AxisReading, RobotEvent, StateSample
+from canopen_control.trace.decoder import Mark
 from canopen_control.trace.network_description import NetworkDescription, network_of_layout
+from canopen_control.trace.values import statusword_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
-    from canopen_control.monitor.monitor_content import LogLine, MonitorContent
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.layout import BusLayout
+    from canopen_control.rpc.messages.robot import NodePlace
+    from canopen_control.rpc.messages.state import JointReading, NodeReading
     from canopen_control.trace.decoder import DecodedFrame
+    from canopen_control.trace.values import SignalValue
 
-__all__ = ["SOURCE", "BusSource", "RobotSource", "Source"]
+
+# The tables of a bare bus, made of what its nodes say by themselves: heartbeats, TPDOs, emergencies, SDO answers.
+#
+# Sans-IO, times in ns; nobody is asked anything. When a node should be heard again is learnt from
+# the node: its longest silence so far. Twice that is stale, five times that is dead; a node heard once is given a
+# second.
+
+
+_SECOND: Final = 1_000_000_000
+_UNKNOWN_PACE_NS: Final = (
+    500_000_000  # of a node whose pace is not known yet: stale after twice, dead after five times that
+)
+_OWN: Final = ("hb", "emcy", "pdo", "sdo")  # services in which a node speaks for itself
+_LEVELS: Final = {Mark.ERROR: Tone.BAD, Mark.WARNING: Tone.WARN}
+_LOGGED: Final = ("nmt", "hb", "emcy", "error", "lss")
+
+
+@dataclass(slots=True)
+class _Axis:
+    """What was last heard of an axis; numbers in the device's own units."""
+
+    statusword: int | None = None
+    mode: int | None = None
+    values: dict[int, int] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class _Node:
+    """What was last heard of a node."""
+
+    last_ns: int
+    longest_ns: int = 0
+    nmt: NmtState | None = None
+    error: str = ""
+    reads: int = 0
+    writes: int = 0
+    failed: int = 0
+    axes: dict[int, _Axis] = field(default_factory=dict)
+
+
+#: column of the joints' table -> its object
+_ACTUAL: Final = {"velocity": 0x606C, "position": 0x6064, "effort": 0x6077}
+_TARGET_POSITION, _TARGET_VELOCITY, _TARGET_TORQUE = 0x607A, 0x60FF, 0x6071
+#: mode displayed -> the target that it follows
+_TARGETS: Final[dict[int, int]] = {
+    **dict.fromkeys((OperationMode.PP, OperationMode.IP, OperationMode.CSP), _TARGET_POSITION),
+    **dict.fromkeys((OperationMode.PV, OperationMode.CSV), _TARGET_VELOCITY),
+    **dict.fromkeys((OperationMode.TQ, OperationMode.CST), _TARGET_TORQUE),
+}
+_VALUES: Final = frozenset((*_ACTUAL.values(), *_TARGETS.values()))
+
+
+class BusTable:
+    """Learns from decoded frames who is there and how he is."""
+
+    def __init__(self, network: NetworkDescription) -> None:
+        self.network = network
+        self._nodes: dict[int, _Node] = {}
+        self._log: list[LogLine] = []
+        self._emergencies: list[LogLine] = []
+
+    def feed(self, decoded: DecodedFrame) -> None:
+        """Take a frame; its time is Unix ns."""
+        if decoded.mark > Mark.PLAIN and decoded.service in _LOGGED:
+            self._note(decoded)
+        if decoded.node_id is None or decoded.service not in _OWN:
+            return
+        if self._from_node(decoded):
+            node = self._heard(decoded.node_id, decoded.time)
+        else:
+            node = self._nodes.get(decoded.node_id) or _Node(decoded.time)  # of one never heard nothing is kept
+        self._take(node, decoded)
+
+    def content(self, now: int, title: str, facts: tuple[str, ...]) -> MonitorContent:
+        """Return the tables at `now`, Unix ns."""
+        rows = sorted(self._nodes.items())
+        state = Cell("listening", Tone.GOOD) if rows else Cell("listening, nobody is heard", Tone.WARN)
+        drives = {str(node_id): self._row(node_id, node, now) for node_id, node in rows}
+        joints = {
+            f"{node_id}/{number}": self._joint(node_id, number, axis)
+            for node_id, node in rows
+            for number, axis in sorted(node.axes.items())
+            if axis.values
+        }
+        return MonitorContent(title, state, "", facts, drives, joints)
+
+    def log(self) -> list[LogLine]:
+        """Return what happened since the last call."""
+        lines, self._log = self._log, []
+        return lines
+
+    def emergencies(self) -> list[LogLine]:
+        """Return the emergencies since the last call."""
+        lines, self._emergencies = self._emergencies, []
+        return lines
+
+    # -- frames
+
+    def _from_node(self, decoded: DecodedFrame) -> bool:
+        """Whether the node itself sent it; what others send to it proves nothing."""
+        return not decoded.subject.startswith(("RPDO", "SDO request")) and "request" not in decoded.text
+
+    def _heard(self, node_id: int, time: int) -> _Node:
+        node = self._nodes.get(node_id)
+        if node is None:
+            node = self._nodes[node_id] = _Node(time)
+        silence = time - node.last_ns
+        if node.longest_ns and silence > 5 * node.longest_ns:
+            node.longest_ns = 0  # it was gone: its pace is learnt anew
+        else:
+            node.longest_ns = max(node.longest_ns, silence)
+        node.last_ns = time
+        return node
+
+    def _take(self, node: _Node, decoded: DecodedFrame) -> None:
+        if decoded.service == "hb" and len(decoded.data) == 1:
+            self._heartbeat(node, decoded.data[0])
+        elif decoded.service == "emcy":
+            message = EmcyMessage.parse(CanFrame(decoded.can_id, decoded.data), decoded.node_id)
+            node.error = "" if message is None or message.is_reset else f"0x{message.error_code:04X} {message.text}"
+        elif decoded.service == "sdo":
+            node.reads += decoded.text.startswith("read ") and decoded.subject == "SDO request"
+            node.writes += decoded.text.startswith("write ") and decoded.subject == "SDO request"
+            node.failed += decoded.mark is Mark.ERROR
+        for value in decoded.values:
+            _take_value(node, value)
+
+    def _heartbeat(self, node: _Node, byte: int) -> None:
+        state = state_of_byte(byte)
+        if state is NmtState.INITIALISING:  # a boot-up: what was known of it is over
+            node.axes.clear()
+            node.error, state = "", NmtState.PRE_OPERATIONAL
+        node.nmt = state or node.nmt
+
+    def _note(self, decoded: DecodedFrame) -> None:
+        who = "" if decoded.node_id is None or decoded.service == "nmt" else f"{self._who(decoded.node_id)}: "
+        text = f"{who}{decoded.subject}: {decoded.text}"
+        line = LogLine(decoded.time / _SECOND, text, _LEVELS.get(decoded.mark, Tone.PLAIN))
+        self._log.append(line)
+        if decoded.service == "emcy":
+            self._emergencies.append(line)
+
+    def _who(self, node_id: int) -> str:
+        name = self.network.name_of(node_id)
+        return f"node {node_id} ({name})" if name else f"node {node_id}"
+
+    # -- rows
+
+    def _row(self, node_id: int, node: _Node, now: int) -> tuple[Cell, ...]:
+        name = self.network.name_of(node_id)
+        axis = node.axes.get(0) or _Axis()
+        pace = max(node.longest_ns, _UNKNOWN_PACE_NS) / _SECOND
+        state = None if axis.statusword is None else decode_statusword(axis.statusword)
+        return (
+            plain(f"{name} ({node_id})" if name else f"node {node_id}"),
+            _nmt_cell(node.nmt),
+            state_cell(state),
+            Cell(node.error, Tone.BAD if node.error else Tone.PLAIN),
+            age_cell((now - node.last_ns) / _SECOND, stale=2 * pace, dead=5 * pace),
+            plain("-" if axis.mode is None else mode_name(axis.mode)),
+            sdo_cell(node.reads, node.writes, node.failed),
+            plain(_flags(axis)),
+        )
+
+    def _joint(self, node_id: int, number: int, axis: _Axis) -> tuple[Cell, ...]:
+        name = self.network.name_of(node_id) or f"node {node_id}"
+        which = f"{name} axis {number}" if number else name
+        values = (axis.values.get(index) for index in (_TARGETS.get(axis.mode or 0, -1), *_ACTUAL.values()))
+        return (plain(f"{which} (device units)"), *(plain("-" if value is None else str(value)) for value in values))
+
+
+def _nmt_cell(state: NmtState | None) -> Cell:
+    if state is None:
+        return plain("-")
+    return Cell(state.name.replace("_", " "), Tone.GOOD if state is NmtState.OPERATIONAL else Tone.IDLE)
+
+
+def _flags(axis: _Axis) -> str:
+    if axis.statusword is None:
+        return "-"
+    number, _, rest = statusword_text(axis.statusword, axis.mode).partition(" ")
+    _, _, flags = rest.partition(", ")
+    return f"{number} {flags}".rstrip()
+
+
+def _take_value(node: _Node, value: SignalValue) -> None:
+    if not 0x6000 <= value.index < 0xA000 or not isinstance(value.value, int):
+        return
+    base, number = objects.axis_of(value.index)
+    axis = node.axes.setdefault(number, _Axis())
+    if base == objects.STATUSWORD:
+        axis.statusword = value.value
+    elif base == objects.MODES_OF_OPERATION_DISPLAY:
+        axis.mode = value.value
+    elif base in _VALUES:
+        axis.values[base] = value.value
+
+
+# A connection to a running robot that comes back: its newest state and what happened, fetched by a thread of its own.
+#
+# The law of the file: nobody who draws ever waits for the robot. Whatever fails is kept as a sentence, and it is tried
+# again once a second; the robot that was found first is the one that is looked for later.
+
+
+A = TypeVar("A")
+RATE: Final = 5.0  # Hz
+AGAIN_S: Final = 1.0
+_TIMEOUT_S: Final = 2.0  # of what the robot answers at once
+_SILENCE_S: Final = 1.0  # without a sample: it hangs, or its machine does
+_KEPT_EVENTS: Final = 1000
+_REPEATED: Final = 200  # newest events that are looked through, so that none is told twice
+
+
+class RobotLink:
+    """The robot `name`, or the only one; `start` and `close` it. `why` says what keeps it from the robot, or is "".
+
+    `on_sample` is called on the connection's thread when a sample has come.
+    """
+
+    def __init__(self, name: str | None = None) -> None:
+        self.name = name
+        self.why = "not connected yet"
+        self.layouts: Mapping[str, BusLayout] = {}
+        self.places: Mapping[str, NodePlace] = {}
+        self.state: StateSample | None = None
+        self.on_sample: Callable[[], None] = lambda: None
+        self._events: deque[RobotEvent] = deque(maxlen=_KEPT_EVENTS)
+        self._told: deque[RobotEvent] = deque(maxlen=_REPEATED)
+        self._heard = 0.0
+        self._robot: RobotClient | None = None
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="robot link", daemon=True)
+
+    def start(self) -> None:
+        """Begin to look for the robot."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave it."""
+        self._closed.set()
+        robot = self._robot
+        if robot is not None:
+            robot.close()
+        if self._thread.is_alive():
+            self._thread.join(AGAIN_S)
+
+    @property
+    def connected(self) -> bool:
+        """Whether the state is that of now."""
+        return self.state is not None and time.monotonic() - self._heard < _SILENCE_S
+
+    def events(self) -> list[RobotEvent]:
+        """Return what happened since the last call."""
+        found = []
+        while self._events:
+            found.append(self._events.popleft())
+        return found
+
+    def ask(self, request: Request[A], timeout: float) -> A:
+        """Ask the robot and wait up to `timeout` seconds; RemoteError. For threads that may wait."""
+        robot = self._robot
+        if robot is None:
+            raise RemoteError("BusClosed", f"{ROBOT.of(type(request)).name} does not reach the robot: {self.why}")
+        return robot.ask(request, timeout)
+
+    def _run(self) -> None:
+        while not self._closed.is_set():
+            try:
+                with RobotClient.connect(self.name, timeout=_TIMEOUT_S) as robot:
+                    self._begin(robot)
+                    self._follow(robot)
+            except CanopenError as error:
+                self.why = str(error)
+            self._robot, self.state = None, None
+            self._closed.wait(AGAIN_S)
+
+    def _begin(self, robot: RobotClient) -> None:
+        self.name = robot.robot
+        robot.ask(Subscribe(state_rate=RATE, events=True))
+        self.layouts = robot.ask(GetLayout()).buses
+        self.places = {place.name: place for place in robot.ask(GetNodes()).nodes}
+        for event in robot.ask(GetStatus()).events:
+            self._keep(event)
+        self._robot, self.why = robot, ""
+
+    def _follow(self, robot: RobotClient) -> None:
+        while not self._closed.is_set():
+            for message in robot.messages(_SILENCE_S):
+                if isinstance(message, RobotEvent):
+                    self._keep(message)
+                elif isinstance(message, StateSample):
+                    self.state, self._heard, self.why = message, time.monotonic(), ""
+                    self.on_sample()
+            self.why = f"robot {self.name} has been silent for more than {_SILENCE_S:g} s; does it hang?"
+
+    def _keep(self, event: RobotEvent) -> None:
+        """Keep an event unless it was told before: the stream repeats what the status had."""
+        if event not in self._told:
+            self._told.append(event)
+            self._events.append(event)
+
+
+# The tables of a running robot, made of a sample of its state stream.
+
+
+STALE_S: Final = 0.25
+"""A node that the robot takes for alive and that has been silent so long is stale; dead is what the robot has lost."""
+_ROBOT_TONES: Final = {
+    "running": Tone.GOOD,
+    "disabled": Tone.WARN,
+    "fault": Tone.BAD,
+    "starting": Tone.WARN,
+    "stopping": Tone.WARN,
+}
+_LEVEL_TONES: Final = {"warning": Tone.WARN, "error": Tone.BAD}
+_NO_AXIS: Final = AxisReading("")
+
+
+def content_of(robot: str, state: StateSample) -> MonitorContent:
+    """Return the content of one sample."""
+    alarm = state.hint or ""
+    if state.latched:
+        alarm = f"STOP is latched by {state.latched_by}: nothing moves before it is released (key r)"
+    return MonitorContent(
+        robot,
+        Cell(state.state, _ROBOT_TONES.get(state.state, Tone.IDLE)),
+        alarm,
+        tuple(_facts(state)),
+        dict(_drives(state)),
+        {name: _joint(joint) for name, joint in state.joints.items()},
+    )
+
+
+def without_robot(robot: str, why: str) -> MonitorContent:
+    """Return the content while there is no robot."""
+    return MonitorContent(robot, Cell("not connected", Tone.BAD), f"{why}. STOP does not reach it; trying again")
+
+
+def log_line(event: RobotEvent) -> LogLine:
+    """Return an event as a line."""
+    return LogLine(event.time, event.text, _LEVEL_TONES.get(event.level, Tone.PLAIN))
+
+
+def is_emergency(event: RobotEvent) -> bool:
+    """Whether an event is an emergency object, or tells that one is gone."""
+    return event.kind in ("emcy", "emcy_reset")
+
+
+def _facts(state: StateSample) -> Iterator[str]:
+    cycle = state.cycle
+    yield f"cycle {1e3 * cycle.period_s:g} ms, {cycle.missed} missed"
+    yield f"work {1e3 * cycle.work_s:.2f} ms, at most {1e3 * cycle.work_max_s:.2f}"
+    yield f"late at most {1e3 * cycle.late_max_s:.2f} ms"
+    for bus, load in state.load.items():
+        if load is not None:
+            yield f"bus {bus} {100 * load:.1f} %"
+    if not state.nodes:
+        yield "no CANopen drives"
+    yield f"active: {', '.join(state.active) or 'no controller'}"
+
+
+def _drives(state: StateSample) -> Iterator[tuple[str, tuple[Cell, ...]]]:
+    for name, node in state.nodes.items():
+        axes = node.axes or (_NO_AXIS,)
+        for number, axis in enumerate(axes):
+            yield name if number == 0 else f"{name}/{axis.axis}", _drive(name, node, axis, several=len(axes) > 1)
+
+
+def _drive(name: str, node: NodeReading, axis: AxisReading, *, several: bool) -> tuple[Cell, ...]:
+    which = f"{name} ({node.node_id})" + (f" axis {axis.axis}" if several else "")
+    dead = 0.0 if node.nmt_state is None else float("inf")
+    error = axis.error or node.error or ""
+    return (
+        plain(which),
+        _nmt(node),
+        state_cell(None if axis.state is None else State[axis.state]),
+        Cell(error, Tone.BAD if error else Tone.PLAIN),
+        age_cell(node.age, stale=STALE_S, dead=dead),
+        plain(axis.mode or "-"),
+        sdo_cell(node.sdo.reads, node.sdo.writes, node.sdo.failed),
+        plain(_statusword(axis)),
+    )
+
+
+def _nmt(node: NodeReading) -> Cell:
+    if node.nmt_state is None:
+        return Cell("lost" if node.age is not None else "not there", Tone.BAD)
+    return Cell(node.nmt_state.replace("_", " "), Tone.GOOD if node.ready else Tone.WARN)
+
+
+def _statusword(axis: AxisReading) -> str:
+    """Return the statusword with its flags; the state stands in a column of its own."""
+    if axis.statusword is None:
+        return "-"
+    mode = OperationMode.__members__.get(axis.mode or "")
+    number, _, rest = statusword_text(axis.statusword, mode).partition(" ")
+    _, _, flags = rest.partition(", ")
+    return f"{number} {flags}".rstrip()
+
+
+def _joint(joint: JointReading) -> tuple[Cell, ...]:
+    values = (joint.command, joint.velocity, joint.position, joint.effort)
+    return (plain(joint.name), *(plain("-" if value is None else f"{value:.3f}") for value in values))
+
 
 SOURCE: Final = "monitor"
 TIMEOUT_S: Final = 20.0  # of a stop or an enable: the drives take their ramps

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from canopen_control.trace.decoder import DecodedFrame
     from canopen_control.trace.network_description import NetworkDescription
 
-__all__ = ["BusTap"]
 
 LABEL: Final = "monitor"
 _AGAIN_NS: Final = 1_000_000_000

@@ -16,7 +16,6 @@ from canopen_control.errors import ConfigError
 if TYPE_CHECKING:
     from canopen_control.od.model import Entry, ObjectDictionary
 
-__all__ = ["ObjectAddress", "find_object", "parts_of"]
 
 _NUMBER = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{1,4})(?::(?:0[xX])?([0-9A-Fa-f]{1,2}))?")
 _NAME_AND_SUB = re.compile(r"(.+):(?:0[xX])?([0-9A-Fa-f]{1,2})")

@@ -9,28 +9,26 @@ keys are not counted before somebody asks for the number of one. Any other secti
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canopen_control.errors import EdsError
-from canopen_control.od.eds_values import parse_number
+from canopen_control.od.eds_values import Parsed, parse_number, parse_value
+from canopen_control.od.issues import Report
+from canopen_control.od.model import (
+    ACCESS_TYPES,
+    Commissioning,
+    DataType,
+    DeviceInfo,
+    Entry,
+    ObjectCode,
+    ObjectDictionary,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from canopen_control.od.issues import Report
-
-__all__ = [
-    "Pair",
-    "Section",
-    "Sections",
-    "clip",
-    "decode_text",
-    "optional_number",
-    "read_number",
-    "split_sections",
-    "what_else",
-]
 
 _COMMENT = ";#"
 _BLANK = " \t\r\n\x00\x1a\ufeff"
@@ -290,3 +288,369 @@ class _Splitter:
         lost = "with the same value" if pair.value == first.value else f"with {clip(pair.value)!r}, which is ignored"
         text = f"{clip(pair.key)} is repeated {lost}; line {first.line} counts"
         self.report.warning(pair.line, "key-repeated", text)
+
+
+# One section of an EDS or DCF file as an entry (CiA 306-1, 4.6.3).
+#
+# What the file does not say well is replaced by what harms least, and reported: an unknown type is handled as bytes of
+# any length, an access that cannot be read is rw, limits the wrong way round are none. A value that its type cannot
+# hold is left out; its text stays in the entry's `texts`.
+
+
+_TYPES: dict[int, DataType] = {int(data_type): data_type for data_type in DataType}
+_ACCESS = {name: name for name in ACCESS_TYPES}
+_ACCESS_ALIASES = {
+    "r": "ro",
+    "w": "wo",
+    "r/w": "rw",
+    "wr": "rw",
+    "readonly": "ro",
+    "writeonly": "wo",
+    "readwrite": "rw",
+}
+_VALUE_KEYS = ("defaultvalue", "parametervalue")
+
+
+class RangeType(NamedTuple):
+    """A data type of a device's own: a basic type and the limits of its values."""
+
+    base: DataType
+    low: int | None
+    high: int | None
+
+
+class _Limit(NamedTuple):
+    value: int | float | None = None
+    relative: bool = False
+
+
+class _Traits(NamedTuple):
+    """What entries with the same keys have in common; `defaults` are texts of values that were read without a doubt."""
+
+    data_type: DataType
+    known: bool
+    access: str
+    pdo_mappable: bool
+    low: _Limit
+    high: _Limit
+    obj_flags: int
+    defaults: dict[str, Parsed]
+
+
+_NO_LIMIT = _Limit()
+_NO_VALUE = Parsed(None)
+
+
+@dataclass(frozen=True, slots=True)
+class EntryReader:
+    """Reads the entries of a file; `node_id` is what $NODEID stands for, None where that is not known yet.
+
+    A file with thousands of entries describes them by the same few texts, so that what was read of those without an
+    issue is kept. `ranges` are the data types that the file describes itself, by their index.
+    """
+
+    node_id: int | None
+    report: Report
+    kept: dict[tuple[str | int | None, ...], _Traits] = field(default_factory=dict)
+    ranges: dict[int, RangeType] = field(default_factory=dict)
+
+    def read(self, section: Section, index: int, subindex: int, name: str, code: int) -> Entry:
+        """Return the entry that `section` describes; `code` is its object code."""
+        traits = self._traits(section, code)
+        data_type, known, access, pdo_mappable, low, high, obj_flags, _ = traits
+        default = self._parsed(section, "defaultvalue", traits) if known else _NO_VALUE
+        parameter = self._parsed(section, "parametervalue", traits) if known else _NO_VALUE
+        return Entry(
+            index,
+            subindex,
+            name,
+            data_type,
+            access,
+            pdo_mappable,
+            default.value,
+            low.value,
+            high.value,
+            default.relative,
+            low.relative,
+            high.relative,
+            parameter.value,
+            parameter.relative,
+            obj_flags,
+            section.line,
+            section.texts(),
+        )
+
+    def like(self, model: Entry, subindex: int, name: str, values: Section | None = None, key: str = "") -> Entry:
+        """Return `model` as another subindex, with the default that a [xxxxValue] section has for it, if any."""
+        parsed = _NO_VALUE if values is None else self._read_value(values, key, model.data_type)
+        default, relative, _ = Parsed(model.default, model.relative) if parsed is _NO_VALUE else parsed
+        return Entry(
+            model.index,
+            subindex,
+            name,
+            model.data_type,
+            model.access,
+            model.pdo_mappable,
+            default,
+            model.low,
+            model.high,
+            relative,
+            model.low_relative,
+            model.high_relative,
+            model.parameter_value,
+            model.parameter_relative,
+            model.obj_flags,
+            model.line,
+        )
+
+    def _traits(self, section: Section, code: int) -> _Traits:
+        text = section.values.get
+        told = (
+            code,
+            text("datatype"),
+            text("accesstype"),
+            text("pdomapping"),
+            text("lowlimit"),
+            text("highlimit"),
+            text("objflags"),
+        )
+        traits = self.kept.get(told)
+        if traits is not None:
+            return traits
+        issues = len(self.report.issues)
+        data_type, known = self._data_type(section, code)
+        low, high = self._limits(section, data_type)
+        access = self._access(section)
+        pdo_mappable = read_number(section, "pdomapping", 0, self.report) != 0
+        obj_flags = read_number(section, "objflags", 0, self.report)
+        traits = _Traits(data_type, known, access, pdo_mappable, low, high, obj_flags, {})
+        if len(self.report.issues) == issues:
+            self.kept[told] = traits
+        return traits
+
+    def _data_type(self, section: Section, code: int) -> tuple[DataType, bool]:
+        if "datatype" not in section.values and code == ObjectCode.DOMAIN:
+            return DataType.DOMAIN, True
+        number = optional_number(section, "datatype", self.report)
+        ranged = self.ranges.get(number) if number is not None else None
+        if ranged is not None:
+            return ranged.base, True
+        data_type = _TYPES.get(number) if number is not None else None
+        if data_type is not None:
+            return data_type, True
+        what = (
+            f"DataType={clip(section.get('datatype'))} is no basic type"
+            if "datatype" in section.values
+            else f"[{section.title}] has no DataType"
+        )
+        kept = " and its values kept as text" if any(section.get(key) for key in _VALUE_KEYS) else ""
+        self.report.warning(section.line_of("datatype"), "data-type", f"{what}; handled as bytes of any length{kept}")
+        return DataType.DOMAIN, False
+
+    def _range_type(self, section: Section) -> RangeType | None:
+        if not self.ranges or "datatype" not in section.values:
+            return None
+        number = optional_number(section, "datatype", Report(self.report.path))
+        return self.ranges.get(number) if number is not None else None
+
+    def _access(self, section: Section) -> str:
+        text = section.get("accesstype").lower()
+        access = _ACCESS.get(text)
+        if access is None:
+            access = _ACCESS_ALIASES.get(text, "rw")
+            what = f"AccessType={clip(text)} is unknown" if text else f"[{section.title}] has no AccessType"
+            self.report.warning(section.line_of("accesstype"), "access-type", f"{what}; taken as {access}")
+        return access
+
+    def _parsed(self, section: Section, key: str, traits: _Traits) -> Parsed:
+        text = section.values.get(key)
+        if not text:
+            return _NO_VALUE  # an empty DefaultValue= is how many tools say that there is none
+        parsed = traits.defaults.get(text)
+        if parsed is None:
+            parsed = self._read_value(section, key, traits.data_type)
+            if parsed.issue is None and parsed is not _NO_VALUE:
+                traits.defaults[text] = parsed
+        return parsed
+
+    def _read_value(self, section: Section, key: str, data_type: DataType) -> Parsed:
+        text = section.get(key)
+        if not text:
+            return _NO_VALUE
+        try:
+            parsed = parse_value(text, data_type, self.node_id)
+        except ValueError as problem:
+            reason = (
+                f"{section.spelled(key)}={clip(text)} is no {data_type.name} ({problem}); the entry is left without"
+            )
+            self.report.error(section.line_of(key), "value-form", reason)
+            return _NO_VALUE
+        if parsed.issue is not None:
+            issue = parsed.issue
+            told = f"{section.spelled(key)}={clip(text)}: {issue.text}"
+            self.report.add(section.line_of(key), issue.code, issue.severity, told)
+        return parsed
+
+    def _limits(self, section: Section, data_type: DataType) -> tuple[_Limit, _Limit]:
+        if "lowlimit" not in section.values and "highlimit" not in section.values:
+            ranged = self._range_type(section)
+            return (_NO_LIMIT, _NO_LIMIT) if ranged is None else (_Limit(ranged.low), _Limit(ranged.high))
+        low, high = self._limit(section, "lowlimit", data_type), self._limit(section, "highlimit", data_type)
+        if low.value is not None and high.value is not None and low.value > high.value:
+            text = f"LowLimit={section.get('lowlimit')} is above HighLimit={section.get('highlimit')}; both are ignored"
+            self.report.warning(section.line_of("lowlimit"), "limit-order", clip(text))
+            return _NO_LIMIT, _NO_LIMIT
+        return low, high
+
+    def _limit(self, section: Section, key: str, data_type: DataType) -> _Limit:
+        text = section.get(key)
+        if not text or data_type.bits is None:
+            return _NO_LIMIT
+        try:
+            parsed = parse_value(text, data_type, self.node_id)
+        except ValueError as problem:
+            told = f"{section.spelled(key)}={clip(text)} is no {data_type.name} ({problem}); ignored"
+            self.report.warning(section.line_of(key), "limit-form", told)
+            return _NO_LIMIT
+        return _Limit(parsed.value, parsed.relative) if isinstance(parsed.value, int | float) else _NO_LIMIT
+
+
+# The sections of an EDS or DCF file that speak of the device as a whole (CiA 306-1, 4.4 to 4.6.2).
+#
+# [DeviceInfo], [DummyUsage], [Comments], [DeviceComissioning] (with one m, as the standard writes it, or two) and the
+# three object lists. None of them is needed to use the objects, so whatever is wrong here is at most a warning.
+
+
+DEVICE_TEXTS = {"vendorname": "vendor_name", "productname": "product_name", "ordercode": "order_code"}
+DEVICE_NUMBERS = {
+    "vendornumber": "vendor_number",
+    "productnumber": "product_number",
+    "revisionnumber": "revision_number",
+}
+DEVICE_FLAGS = {
+    "simplebootupmaster": "simple_boot_up_master",
+    "simplebootupslave": "simple_boot_up_slave",
+    "groupmessaging": "group_messaging",
+    "lss_supported": "lss_supported",
+}
+DEVICE_COUNTS = {
+    "granularity": "granularity",
+    "dynamicchannelssupported": "dynamic_channels",
+    "nrofrxpdo": "rpdo_count",
+    "nroftxpdo": "tpdo_count",
+    "compactpdo": "compact_pdo",
+}
+COMMISSIONING = ("devicecomissioning", "devicecommissioning")
+OBJECT_LISTS = ("mandatoryobjects", "optionalobjects", "manufacturerobjects")
+_COUNT_DEFAULTS = {"granularity": 8}
+_BIT_RATE = re.compile(r"baudrate_([0-9]{1,5})")
+_DUMMY = re.compile(r"dummy([0-9a-f]{4})")
+_COMMENT_KEY = re.compile(r"line([0-9]{1,9})")
+_HIGHEST_KBITS = 10_000  # above this a Baudrate is bit/s, below it kbit/s as the standard says
+
+
+def read_device(sections: Sections, node_id: int | None, report: Report) -> ObjectDictionary:
+    """Return the dictionary without its objects; `node_id` goes before the commissioned one."""
+    od = ObjectDictionary(node_id=node_id)
+    info = sections.get("deviceinfo")
+    if info is None:
+        report.warning(0, "device-info", "there is no [DeviceInfo]; vendor, product and bit rates are not known")
+    else:
+        od.device = _device_info(info, report)
+    od.dummy_usage = frozenset(_dummies(sections.get("dummyusage"), report))
+    od.comments = _comments(sections.get("comments"))
+    for name in COMMISSIONING:
+        if (section := sections.get(name)) is not None:
+            _commission(od, section, report)
+            break
+    return od
+
+
+def _device_info(section: Section, report: Report) -> DeviceInfo:
+    fields: dict[str, Any] = {field: section.get(key) for key, field in DEVICE_TEXTS.items()}
+    fields |= {field: optional_number(section, key, report) for key, field in DEVICE_NUMBERS.items()}
+    fields |= {field: read_number(section, key, 0, report) != 0 for key, field in DEVICE_FLAGS.items()}
+    for key, name in DEVICE_COUNTS.items():
+        fields[name] = read_number(section, key, _COUNT_DEFAULTS.get(key, 0), report)
+    rates = [(key, match) for key in section.values if (match := _BIT_RATE.fullmatch(key)) is not None]
+    fields["bit_rates"] = frozenset(
+        int(match[1]) * 1000 for key, match in rates if read_number(section, key, 0, report)
+    )
+    return DeviceInfo(**fields)
+
+
+def _dummies(section: Section | None, report: Report) -> list[int]:
+    if section is None:
+        return []
+    matches = [(key, match) for key in section.values if (match := _DUMMY.fullmatch(key)) is not None]
+    return [int(match[1], 16) for key, match in matches if read_number(section, key, 0, report)]
+
+
+def _comments(section: Section | None) -> tuple[str, ...]:
+    if section is None:
+        return ()
+    lines = [(int(match[1]), key) for key in section.values if (match := _COMMENT_KEY.fullmatch(key)) is not None]
+    return tuple(section.get(key) for _, key in sorted(lines))
+
+
+def _commission(od: ObjectDictionary, section: Section, report: Report) -> None:
+    node_id = optional_number(section, "nodeid", report)
+    if node_id is not None and not 1 <= node_id <= 127:
+        text = f"NodeID={clip(section.get('nodeid'))} is not 1 to 127; ignored"
+        report.warning(section.line_of("nodeid"), "commissioning", text)
+    elif od.node_id is None:
+        od.node_id = node_id
+    od.bitrate = _bitrate(section, report)
+    od.commissioning = Commissioning(
+        node_name=section.get("nodename"),
+        network_number=optional_number(section, "netnumber", report),
+        network_name=section.get("networkname"),
+        canopen_manager=read_number(section, "canopenmanager", 0, report) != 0,
+        lss_serial_number=optional_number(section, "lss_serialnumber", report),
+    )
+
+
+def _bitrate(section: Section, report: Report) -> int | None:
+    number = optional_number(section, "baudrate", report)
+    if number is None or number <= 0:
+        return None
+    if number > _HIGHEST_KBITS:
+        text = f"Baudrate={number} is taken as bit/s; CiA 306 wants kbit/s"
+        report.warning(section.line_of("baudrate"), "commissioning", text)
+        return number
+    return number * 1000
+
+
+def check_lists(od: ObjectDictionary, sections: Sections, report: Report) -> None:
+    """Compare the three lists with the objects that the file describes."""
+    lists = [section for name in OBJECT_LISTS if (section := sections.get(name)) is not None]
+    if not lists:
+        report.warning(0, "list-missing", "there are no object lists; the object sections alone count")
+        return
+    listed: dict[int, Pair] = {}
+    for section in lists:
+        _read_list(section, listed, report)
+    for index, pair in listed.items():
+        if index not in od.objects:
+            report.warning(pair.line, "list-object", f"0x{index:04X} is listed but has no section")
+    for index, info in od.objects.items():
+        if index not in listed:
+            report.note(info.line, "list-absent", f"0x{index:04X} ({clip(info.name)}) is in none of the object lists")
+
+
+def _read_list(section: Section, listed: dict[int, Pair], report: Report) -> None:
+    count = 0
+    for pair in section.numbered():
+        count += 1
+        try:
+            index = parse_number(pair.value)[0]
+        except ValueError:
+            report.warning(pair.line, "list-object", f"{pair.key}={clip(pair.value)} is no index; ignored")
+            continue
+        first = listed.setdefault(index, pair)
+        if first is not pair:
+            report.warning(pair.line, "list-object", f"0x{index:04X} is listed twice, first in line {first.line}")
+    said = optional_number(section, "supportedobjects", report)
+    if said != count:
+        text = f"[{section.title}] has {count} entries, SupportedObjects says {'nothing' if said is None else said}"
+        report.warning(section.line_of("supportedobjects"), "list-count", text)

@@ -19,7 +19,6 @@ from canopen_control.od.model import DataType
 if TYPE_CHECKING:
     from canopen_control.od.model import Value
 
-__all__ = ["Number", "Parsed", "ValueIssue", "format_value", "parse_number", "parse_value", "real_bits"]
 
 _NUMBER = re.compile(r"([+-]?)(?:0[xX]([0-9A-Fa-f]+)|0([0-7]+)|([0-9]+))([uUlL]*)", re.ASCII)
 _DECIMAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?", re.ASCII)

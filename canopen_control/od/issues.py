@@ -10,8 +10,6 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, field
 
-__all__ = ["Issue", "Report", "Severity"]
-
 
 class Severity(enum.Enum):
     """How bad it is."""

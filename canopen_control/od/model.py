@@ -14,20 +14,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-__all__ = [
-    "ACCESS_TYPES",
-    "BIT_RATES",
-    "SCALAR_CODES",
-    "Address",
-    "Commissioning",
-    "DataType",
-    "DeviceInfo",
-    "Entry",
-    "ObjectCode",
-    "ObjectDictionary",
-    "ObjectInfo",
-    "Value",
-]
 
 Value = int | float | str | bytes
 Address = tuple[int, int]  # (index, subindex)

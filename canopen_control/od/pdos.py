@@ -14,18 +14,6 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Entry, ObjectDictionary
 
-__all__ = [
-    "COMMUNICATION",
-    "COUNT",
-    "INVALID",
-    "MAPPING",
-    "MAX_BITS",
-    "Mapped",
-    "Pdo",
-    "is_cob_id",
-    "pdo_of",
-    "pdos_of",
-]
 
 MAX_BITS = 64
 INVALID = 1 << 31  # of a COB-ID entry: the PDO is off

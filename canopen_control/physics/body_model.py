@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import mujoco
 
 from canopen_control.errors import ConfigError, nearest
-from canopen_control.physics.ground_contact import Part, stand
-from canopen_control.physics.mecanum_contact import RollerWheel
+from canopen_control.physics.ground_contact import Part, RollerWheel, stand
 from canopen_control.physics.motor_estimate import Described, estimated_motors
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.scenery import add_scenery
@@ -36,8 +35,6 @@ if TYPE_CHECKING:
     from canopen_control.urdf.description import Description
     from canopen_control.urdf.joint_element import Joint
 
-__all__ = ["BASE_JOINT", "Body", "JointPlace", "PreparedRobot", "alone", "compiled", "give_locks", "lay_floor",
-           "placed", "prepared", "read_spec", "set_options", "settle", "solref"]  # fmt: skip
 
 BASE_JOINT: Final = "floating_base_joint"
 _FLOOR: Final = "floor"

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from canopen_control.physics.world_file import WorldDescription
     from canopen_control.rpc.messages.drive import WorldAct
 
-__all__ = ["Disturbances"]
 
 _LIGHTEST: Final = 1e-4  # kg that is left of a link
 _CHANGED: Final = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "geom_friction")  # of the model

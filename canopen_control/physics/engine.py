@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from canopen_control.physics.world_robot import WorldRobot
     from canopen_control.physics.world_sensors import WorldSensor
 
-__all__ = ["make", "make_of", "make_shared"]
-
 
 def make(path: Path) -> PhysicsWorld:
     """Return the world of a plant file; PhysicsError, RobotConfigError, or ConfigError without MuJoCo."""

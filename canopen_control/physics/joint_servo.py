@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from canopen_control.virtual.plant import Leader, ServoGains
     from canopen_control.virtual.trajectory import Trajectory
 
-__all__ = ["JointPlant", "Moved", "ServoLoop"]
 
 _COARSE: Final = 1e-4  # rad: a count of an encoder whose speed needs a filter
 _FILTER_S: Final = 0.004

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from canopen_control.physics.world_file import WorldDescription
     from canopen_control.physics.world_sensors import WorldSensor
 
-__all__ = ["build_mjcf"]
-
 
 def build_mjcf(
     file: Path,

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from canopen_control.physics.physics_file import AxisSettings
 
-__all__ = ["Described", "Motor", "estimated_motors"]
 
 _ROTOR: Final = 0.2  # of the inertia at the joint; a motor and gear for more torque than that needs have more,
 _ROTOR_ACCELERATION: Final = 500.0  # rad/s2 by its rated torque, alone

@@ -32,19 +32,6 @@ if TYPE_CHECKING:
 
     from canopen_control.yamlfile.problems import Problems
 
-__all__ = [
-    "DENSITY",
-    "AxisAddress",
-    "AxisSettings",
-    "EncoderSettings",
-    "Floor",
-    "PhysicsError",
-    "PhysicsFile",
-    "SensorKind",
-    "SensorSettings",
-    "axis_address",
-    "read_physics_file",
-]
 
 SensorKind = Literal["imu", "range", "force_torque", "pose", "magnetometer"]
 """What a sensor of a world measures, see `tag_sensors`."""

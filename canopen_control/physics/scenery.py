@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from canopen_control.physics.sdf_world import Solid
     from canopen_control.physics.world_file import Box, Ramp, Wall, WorldDescription
 
-__all__ = ["BOX", "SOLID", "add_scenery"]
 
 BOX: Final = "box "
 """What the name of a box begins with, before its number in the file."""

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from canopen_control.physics.body_model import PreparedRobot
     from canopen_control.physics.world_file import RobotStart, WorldDescription
 
-__all__ = ["joined"]
 
 _WORLD: Final = 1  # kinds of contact, see `body_model`
 _FIRST_ROBOT: Final = 1  # the bit of the first one

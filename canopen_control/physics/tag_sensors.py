@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.ros2_control import ControlJoint
 
-__all__ = ["FORCE", "IMU", "INTERFACES", "MAGNET", "POSE", "RANGE", "SENSOR_PREFIX", "tag_sensors"]
 
 IMU: Final = "imu"
 RANGE: Final = "range"

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.description import Description
 
-__all__ = ["RepairedUrdf", "guessed_masses", "repaired"]
 
 _FOREIGN: Final = ("ros2_control", "gazebo", "transmission", "mujoco_inputs", "mujoco")
 _MOST_FACES: Final = 200_000  # that MuJoCo takes

@@ -37,8 +37,7 @@ from canopen_control.physics import SDF_SUFFIXES
 from canopen_control.physics.physics_file import Floor, PhysicsError
 from canopen_control.physics.sdf_world import Solid, read_sdf_world
 from canopen_control.rpc.messages.drive import BlockJoint, WorldAct
-from canopen_control.virtual.scenario import seconds_of
-from canopen_control.virtual.world_acts import Happening
+from canopen_control.virtual.scenario import Happening, seconds_of
 from canopen_control.yamlfile.convert import derived, position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
 from canopen_control.yamlfile.reader import load
@@ -49,7 +48,6 @@ if TYPE_CHECKING:
 
     from canopen_control.yamlfile.problems import Problems
 
-__all__ = ["Box", "Patch", "Ramp", "RobotStart", "Start", "Wall", "WorldDescription", "read_world_description"]
 
 MOST_ROBOTS: Final = 24
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,29}")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from canopen_control.physics.mecanum_contact import MecanumContact
+from canopen_control.physics.ground_contact import MecanumContact
 from canopen_control.physics.world_sensors import SensorReader
 from canopen_control.rpc.messages.drive import BasePose, WorldState
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from canopen_control.physics.physics_file import AxisAddress, AxisSettings, EncoderSettings
     from canopen_control.physics.world_sensors import WorldSensor
 
-__all__ = ["WorldRobot"]
 
 _BASE_DOFS: Final = 6  # of a free root
 

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from canopen_control.physics.physics_file import SensorKind, SensorSettings
 
-__all__ = ["SensorReader", "WorldSensor", "add_sensors"]
 
 _KINDS = mujoco.mjtSensor
 #: kind -> what is measured, in the order of the numbers

@@ -19,16 +19,6 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Address, Value
 
-__all__ = [
-    "TYPES",
-    "Scale",
-    "Signal",
-    "factor_of_digits",
-    "factor_of_prefix",
-    "object_of",
-    "retyped",
-    "unit_of_code",
-]
 
 _OBJECT: Final = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{4})(?::(?:0[xX])?([0-9A-Fa-f]{1,2}))?(?:\.(\d{1,2}))?")
 

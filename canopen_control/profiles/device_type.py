@@ -14,7 +14,6 @@ from canopen_control.od.model import DataType
 if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
 
-__all__ = ["Profile", "profile_of"]
 
 DEVICE_TYPE: Final = 0x1000
 _CONTROLWORD, _STATUSWORD, _AXIS_OFFSET, _AXES = 0x6040, 0x6041, 0x800, 8

@@ -17,20 +17,90 @@ from typing import TYPE_CHECKING, Any, Final
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 
-from canopen_control.ros.conversions import diagonal, seconds_of
+from canopen_control.ros.controller_state import ControllerState
+from canopen_control.ros.conversions import diagonal, seconds_of, unknown_as_nan
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples, success_of
+from canopen_control.ros.frames import odometry_transform
+from canopen_control.ros.interfaces import interface, put
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
-from canopen_control.ros.twist_subscription import TwistSubscription
 from canopen_control.rpc.messages.robot import SetOdometry, TwistController
-from canopen_control.rpc.messages.samples import OdometrySample
+from canopen_control.rpc.messages.samples import MecanumSample, OdometrySample, SteeringSample
 from canopen_control.urdf.geometry import from_yaw
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from canopen_control.ros.endpoint import Reply, Ros, RosMessage
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
-__all__ = ["BaseOdometry", "OdometrySetting", "TwistCommands", "send_twist"]
+
+# One topic on which velocities come as Twist or as TwistStamped, whichever is published.
+#
+# The law of the file: one context of rclpy cannot hold two types on one name, so there is one subscription at a time.
+# Its type is what was asked for, or, `auto`, that of the first publisher who is seen; it changes only when all
+# publishers of the other type have gone, and between two looks.
+
+
+AUTO: Final = "auto"
+_LOOK_S: Final = 0.25
+_PACKAGE: Final = "geometry_msgs/msg/"
+_TYPES: Final[dict[str, type]] = {f"{_PACKAGE}Twist": Twist, f"{_PACKAGE}TwistStamped": TwistStamped}
+
+
+class TwistSubscription:
+    """A subscription to `topic`; `kind` is "Twist", "TwistStamped" or "auto", `first` what it is before anybody comes.
+
+    `on_message` gets a Twist or a TwistStamped.
+    """
+
+    def __init__(
+        self,
+        ros: Ros,
+        topic: str,
+        on_message: Callable[[Twist | TwistStamped], object],
+        kind: str = AUTO,
+        first: str = "",
+        quality: object = SYSTEM_DEFAULT,
+    ) -> None:
+        self._ros, self._topic, self._on_message, self._auto = ros, topic, on_message, kind == AUTO
+        self._subscription: object = None
+        self._quality = quality
+        self._type, self._next = "", 0.0
+        wanted = first if self._auto else kind
+        if wanted:
+            self._subscribe(f"{_PACKAGE}{wanted}")
+
+    def look(self, state: StateSample) -> None:
+        """Look, from time to time, who publishes; for every sample of the state stream."""
+        time = state.time
+        # a clock that was set back does not blind it
+        if not self._auto or time < self._next <= time + _LOOK_S:
+            return
+        self._next = time + _LOOK_S
+        published = {each.topic_type for each in self._ros.node.get_publishers_info_by_topic(self._topic)}
+        known = [name for name in _TYPES if name in published]
+        if len(known) > 1:
+            self._ros.warn(self._topic, f"{self._topic} is published as {' and as '.join(known)}; {self._type} counts")
+        if known and self._type not in known:
+            self._change(known[0])
+
+    def close(self) -> None:
+        """Leave the topic."""
+        if self._subscription is not None:
+            self._ros.unsubscribe(self._subscription)
+
+    def _change(self, name: str) -> None:
+        """Leave the one type; the other is taken at the next look, when rclpy has forgotten the first."""
+        if self._subscription is None:
+            self._subscribe(name)
+        else:
+            self.close()
+            self._subscription, self._type = None, ""
+
+    def _subscribe(self, name: str) -> None:
+        self._subscription = self._ros.subscribe(_TYPES[name], self._topic, self._on_message, self._quality)
+        self._type = name
 
 
 _QUALITIES: Final[dict[str | None, Any]] = {"reference": REFERENCE}
@@ -162,3 +232,98 @@ def odometry_message(ros: Ros, sample: OdometrySample) -> Odometry:
     twist.twist.linear.x, twist.twist.linear.y, twist.twist.angular.z = sample.linear, sample.lateral, sample.angular
     twist.covariance = diagonal(sample.twist_covariance)
     return message
+
+
+# The shared `cmd_vel` topic that teleop and Nav2 publish: Twist or TwistStamped, whichever is there.
+#
+# The law of the file: the topic leads to the active base controller; with several, which one is meant is not known, and
+# the command is refused.
+
+
+class SharedTwist(Endpoint):
+    """The subscription of one robot; `kind` is "Twist", "TwistStamped" or "auto"."""
+
+    def __init__(self, ros: Ros, topic: str, kind: str) -> None:
+        self._ros, self._topic = ros, topic
+        self._subscription = TwistSubscription(ros, topic, self._on_message, kind)
+
+    def on_state(self, state: StateSample) -> None:
+        """Follow who publishes."""
+        self._subscription.look(state)
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._subscription.close()
+
+    def _on_message(self, message: Twist | TwistStamped) -> None:
+        bases = [each for each in self._ros.controllers.values() if each.is_base]
+        active = [each for each in bases if each.active] or bases
+        if len(active) == 1:
+            send_twist(self._ros, active[0], message)
+            return
+        names = ", ".join(each.name for each in active)
+        text = (
+            f"several base controllers ({names}): publish to the one that is meant" if names else "no base controller"
+        )
+        self._ros.warn(self._topic, f"{self._topic}: {text}")
+
+
+# What steering and mecanum controllers tell beside odometry: `~/tf_odometry` and `~/controller_state`.
+#
+# The law of the file (ros2_controllers, Jazzy): wheels stand in the order that the message says; of the traction wheels
+# positions or velocities are told, as they are measured. What is not known is nan.
+
+
+class TfOdometry(Endpoint):
+    """`~/tf_odometry`: the transform of odometry alone, where it is broadcast at all."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._name, self._samples = ros, controller.name, NewSamples(OdometrySample)
+        self._kind: Any = interface("tf2_msgs/msg/TFMessage")
+        self._publisher = ros.node.create_publisher(self._kind, f"{self._name}/tf_odometry", SYSTEM_DEFAULT)
+
+    def on_state(self, state: StateSample) -> None:
+        """Publish what is new."""
+        sample = self._samples.of(state).get(self._name)
+        if sample is not None and sample.enable_odom_tf:
+            self._publisher.publish(self._kind(transforms=[odometry_transform(self._ros, sample)]))
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.node.destroy_publisher(self._publisher)
+
+
+class SteeringState(ControllerState[SteeringSample]):
+    """The wheels of a steered base."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        super().__init__(ros, controller, SteeringSample, "control_msgs/msg/SteeringControllerStatus")
+
+    def fill(self, message: RosMessage, sample: SteeringSample) -> None:
+        """Put wheels and commands into the message."""
+        message.header.frame_id = self._ros.frame(sample.frame_id)
+        message.traction_wheels_position = _numbers(sample.traction_positions)
+        message.traction_wheels_velocity = _numbers(sample.traction_velocities)
+        message.steer_positions = _numbers(sample.steering)
+        commands = _numbers(sample.traction_commands)
+        put(message, linear_velocity_command=commands, traction_command=commands)  # the latter in newer ones
+        message.steering_angle_command = _numbers(sample.steering_commands)
+
+
+class MecanumState(ControllerState[MecanumSample]):
+    """The wheels of a base on mecanum wheels, and the twist that is wanted."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        super().__init__(ros, controller, MecanumSample, "control_msgs/msg/MecanumDriveControllerState")
+
+    def fill(self, message: RosMessage, sample: MecanumSample) -> None:
+        """Put wheels and twist into the message."""
+        message.header.frame_id = self._ros.frame(sample.frame_id)
+        wheels, reference = _numbers(sample.wheels), message.reference_velocity
+        message.front_left_wheel_velocity, message.back_left_wheel_velocity = wheels[0], wheels[1]
+        message.back_right_wheel_velocity, message.front_right_wheel_velocity = wheels[2], wheels[3]
+        reference.linear.x, reference.linear.y, reference.angular.z = _numbers(sample.reference)
+
+
+def _numbers(values: list[float | None]) -> list[float]:
+    return [unknown_as_nan(each) for each in values]

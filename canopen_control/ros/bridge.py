@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from canopen_control.ros.session import Session
 
-__all__ = ["main"]
 
 NODE_NAME: Final = "canopen_control_bridge"
 _RETRY_NS: Final = 500_000_000

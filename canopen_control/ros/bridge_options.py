@@ -15,7 +15,6 @@ from canopen_control.rpc.messages.robot import MAX_RATE
 if TYPE_CHECKING:
     from canopen_control.ros.rcl import Node
 
-__all__ = ["CMD_VEL_TYPES", "Options", "with_parameters"]
 
 CMD_VEL_TYPES: Final = ("auto", "Twist", "TwistStamped", "off")
 

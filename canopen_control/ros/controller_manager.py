@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import ComponentState, HardwareReading, InterfaceReading
     from canopen_control.rpc.messages.state import ControllerReading
 
-__all__ = ["STATES", "ControllerManagerServices"]
 
 A = TypeVar("A")
 

@@ -7,20 +7,237 @@ callbacks.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+import time
+from typing import TYPE_CHECKING, Any, Final
 
+from canopen_control.ros.endpoint import Answer, Endpoint
+from canopen_control.ros.interfaces import interface
+from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.on_node import OnNode
-from canopen_control.ros.parameter_services import ParameterServices
+from canopen_control.ros.participants import client_of, folder_of
+from canopen_control.ros.qos import EVENTS
 from canopen_control.ros.rcl import further_node
+from canopen_control.rpc.messages.parameters import KINDS, GetParameters, ParameterValue, SetParameters, told
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
+    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
     from canopen_control.ros.on_node import Shared
     from canopen_control.ros.rcl import Context, Node
     from canopen_control.ros.spinner import Spinner
+    from canopen_control.rpc.messages.declare import Done
+    from canopen_control.rpc.messages.parameters import ParameterReading
 
-__all__ = ["ControllerNodes"]
+    Readings = Sequence[ParameterReading]
+
+
+# Parameters as ROS 2 has them (rcl_interfaces) and as the robot's socket tells them, into each other.
+
+
+#: rcl_interfaces/msg/ParameterType
+TYPES: Final = {
+    "not_set": 0, "bool": 1, "integer": 2, "double": 3, "string": 4, "bool_array": 6, "integer_array": 7,
+    "double_array": 8, "string_array": 9,
+}  # fmt: skip
+_KIND_OF: Final = {number: kind for kind, number in TYPES.items()}
+_INTEGERS: Final = (-(1 << 63), (1 << 63) - 1)
+
+
+def value_of(reading: ParameterReading) -> RosMessage:
+    """Return a rcl_interfaces/msg/ParameterValue; of type 0 where nothing is set."""
+    message = interface("rcl_interfaces/msg/ParameterValue")()
+    value = reading.plain
+    if value is not None and reading.kind != "not_set":
+        message.type = TYPES[reading.kind]
+        setattr(message, f"{reading.kind}_value", value)
+    return message
+
+
+def descriptor_of(reading: ParameterReading) -> RosMessage:
+    """Return a rcl_interfaces/msg/ParameterDescriptor, with the range of a number and the choices of a text."""
+    message = interface("rcl_interfaces/msg/ParameterDescriptor")()
+    message.name, message.type, message.read_only = reading.name, TYPES[reading.kind], reading.read_only
+    message.description = reading.text
+    if reading.choices:
+        message.additional_constraints = f"one of: {', '.join(reading.choices)}"
+    element = KINDS[reading.kind] or reading.kind
+    if reading.low is None and reading.high is None:
+        return message
+    if element == "double":
+        limits = interface("rcl_interfaces/msg/FloatingPointRange")
+        message.floating_point_range = [
+            limits(
+                from_value=-math.inf if reading.low is None else float(reading.low),
+                to_value=math.inf if reading.high is None else float(reading.high),
+            )
+        ]
+    elif element == "integer":
+        limits, (lowest, highest) = interface("rcl_interfaces/msg/IntegerRange"), _INTEGERS
+        low, high = reading.low, reading.high
+        message.integer_range = [
+            limits(
+                from_value=lowest if low is None else math.ceil(low),
+                to_value=highest if high is None else math.floor(high),
+                step=1,
+            )
+        ]
+    return message
+
+
+def wanted_by(parameter: RosMessage) -> ParameterValue:
+    """Return what a rcl_interfaces/msg/Parameter wants to be set; a type that no controller has is not set."""
+    kind = _KIND_OF.get(parameter.value.type, "not_set")
+    value = None if kind == "not_set" else getattr(parameter.value, f"{kind}_value")
+    plain = value if isinstance(value, bool | int | float | str | None) else list(value)
+    return ParameterValue(name=parameter.name, kind=kind, value=told(plain))
+
+
+def matches(name: str, prefixes: Iterable[str], depth: int) -> bool:
+    """Whether a parameter is listed below one of the prefixes, all where there is none; depth 0 is any (rclcpp)."""
+    found = list(prefixes)
+    if not found:
+        return not depth or name.count(".") < depth
+    return any(
+        name == each or (name.startswith(f"{each}.") and (not depth or name[len(each) + 1 :].count(".") < depth))
+        for each in found
+    )
+
+
+# The six parameter services of a controller's node, and of `/controller_manager`.
+#
+# The law of the file (rcl_interfaces; rclcpp): names, order and answers are upstream's. A name that is not declared
+# leaves the answer to `get`, `get_parameter_types` and `describe` empty; of `set_parameters` each is set on its own, of
+# `set_parameters_atomically` all or none. The robot decides: what is refused is answered with its sentence. What was
+# set is told on `/parameter_events`.
+
+
+_OF_NAMES: Final = (
+    ("get_parameters", "GetParameters", "values", value_of),
+    ("get_parameter_types", "GetParameterTypes", "types", lambda reading: TYPES[reading.kind]),
+    ("describe_parameters", "DescribeParameters", "descriptors", descriptor_of),
+)
+"""Services that are asked by names: the field of the answer, and what it has of each."""
+
+
+class ParameterServices(Endpoint):
+    """The services below `name`, relative to the namespace; the robot knows the node by that name."""
+
+    def __init__(self, ros: Ros, name: str) -> None:
+        self._ros, self._name = ros, name
+        self._result = interface("rcl_interfaces/msg/SetParametersResult")
+        self._events: Any = None  # a publisher, from the first change on
+        table = (
+            *((service, kind, self._by_names(field, make)) for service, kind, field, make in _OF_NAMES),
+            ("list_parameters", "ListParameters", self._list),
+            ("set_parameters", "SetParameters", self._set),
+            ("set_parameters_atomically", "SetParametersAtomically", self._set_together),
+        )
+        self._services = [
+            ros.serve(f"rcl_interfaces/srv/{kind}", f"{name}/{service}", handler) for service, kind, handler in table
+        ]
+
+    def close(self) -> None:
+        """Leave the graph."""
+        for service in self._services:
+            self._ros.unserve(service)
+        if self._events is not None:
+            self._ros.node.destroy_publisher(self._events)
+
+    # ----------------------------------------------------------------------------------------------------- reading
+
+    def _list(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        def fill(readings: Readings) -> None:
+            names = [each.name for each in readings if matches(each.name, request.prefixes, request.depth)]
+            response.result.names = names
+            response.result.prefixes = sorted({name.rpartition(".")[0] for name in names} - {""})
+
+        self._read(fill, response, reply)
+
+    def _by_names(
+        self, field: str, make: Callable[[ParameterReading], object]
+    ) -> Callable[[RosMessage, RosMessage, Reply], None]:
+        def handler(request: RosMessage, response: RosMessage, reply: Reply) -> None:
+            def fill(readings: Readings) -> None:
+                known = {each.name: each for each in readings}
+                if all(name in known for name in request.names):
+                    setattr(response, field, [make(known[name]) for name in request.names])
+
+            self._read(fill, response, reply)
+
+        return handler
+
+    def _read(self, fill: Callable[[Readings], None], response: RosMessage, reply: Reply) -> None:
+        """Ask for all parameters; what is refused leaves the answer empty, and is told."""
+
+        def answer(readings: Readings | None, error: str | None) -> None:
+            if readings is not None:
+                fill(readings)
+            if error is not None:
+                self._ros.warn(f"{self._name}/parameters", f"{self._name}: {error}")
+            reply(response)
+
+        self._ros.ask(GetParameters(controller=self._name), answer)
+
+    # ----------------------------------------------------------------------------------------------------- setting
+
+    def _set(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        """Set one after the other, in the order of the request."""
+        results: list[RosMessage] = []
+        wanted = list(request.parameters)
+
+        def go_on(result: RosMessage | None = None) -> None:
+            if result is not None:
+                results.append(result)
+            if len(results) < len(wanted):
+                self._change(wanted[len(results) : len(results) + 1], reply, go_on)
+            else:
+                response.results = results
+                reply(response)
+
+        go_on()
+
+    def _set_together(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        def done(result: RosMessage) -> None:
+            response.result = result
+            reply(response)
+
+        self._change(list(request.parameters), reply, done)
+
+    def _change(self, parameters: list[RosMessage], reply: Reply, done: Callable[[RosMessage], None]) -> None:
+        def answer(_result: Done | None, error: str | None) -> None:
+            if error is None:
+                self._tell(parameters)
+            else:
+                self._ros.warn(f"{self._name}/set_parameters", error)
+            done(self._result(successful=error is None, reason=error or ""))
+
+        values = tuple(self._of_caller(wanted_by(each), reply) for each in parameters)
+        self._ros.ask(SetParameters(controller=self._name, values=values), answer)
+
+    def _of_caller(self, wanted: ParameterValue, reply: Reply) -> ParameterValue:
+        """Return a `params_file` with whole paths: a relative one is the caller's, where the caller has such a file."""
+        if not wanted.name.endswith(".params_file") or not isinstance(reply, Answer):
+            return wanted
+        folder, value = folder_of(self._ros.node, client_of(reply.request_id)), wanted.value
+
+        def whole(text: str) -> str:
+            return str(folder / text) if folder is not None and (folder / text).is_file() else text
+
+        if isinstance(value, list):
+            return ParameterValue(name=wanted.name, kind=wanted.kind, value=[whole(str(each)) for each in value])
+        return ParameterValue(name=wanted.name, kind=wanted.kind, value=whole(str(value)))
+
+    def _tell(self, parameters: list[RosMessage]) -> None:
+        """Publish what has changed, for those who show parameters."""
+        event = interface("rcl_interfaces/msg/ParameterEvent")
+        if self._events is None:
+            self._events = self._ros.node.create_publisher(event, "/parameter_events", EVENTS)
+        node = self._ros.node
+        message = event(node=f"{node.get_namespace().rstrip('/')}/{self._name}", changed_parameters=parameters)
+        message.stamp = time_message(time.time())
+        self._events.publish(message)
 
 
 class ControllerNodes:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
-__all__ = ["ControllerState"]
 
 S = TypeVar("S", bound=Sample)
 

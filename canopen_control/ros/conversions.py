@@ -19,21 +19,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import JointStatesSample, Sample, Values
     from canopen_control.rpc.messages.state import ControllerReading, JointReading, StateSample
 
-__all__ = [
-    "JointArrays",
-    "arrays_of",
-    "diagonal",
-    "frames_with_a_place",
-    "joint_arrays",
-    "place_of",
-    "positions_of",
-    "seconds_of",
-    "stamp_of",
-    "transform_of",
-    "unknown_as_nan",
-    "wrong",
-]
-
 
 class JointArrays(NamedTuple):
     """What a JointState message holds."""

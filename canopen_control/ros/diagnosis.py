@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import JointDiagnosis
     from canopen_control.rpc.messages.state import ControllerReading, NodeReading, StateSample
 
-__all__ = ["Diagnosis", "diagnose"]
 
 _TROUBLE: Final = {
     "fault": (Health.ERROR, "the robot is in fault"),

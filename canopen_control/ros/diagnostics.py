@@ -7,7 +7,7 @@ are among them.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
@@ -15,13 +15,16 @@ from canopen_control.ros.diagnosis import Diagnosis, diagnose
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
-from canopen_control.ros.qos import EVENTS
+from canopen_control.ros.nodes import ros_name
+from canopen_control.ros.qos import EVENTS, ROSOUT
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from canopen_control.ros.endpoint import Ros
+    from canopen_control.ros.nodes import NodeView
     from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
-__all__ = ["Diagnostics", "Events", "log_message"]
 
 _PERIOD_S: Final = 1.0
 _LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40, "fatal": 50}  # of rcl_interfaces/msg/Log
@@ -89,3 +92,64 @@ def _status(told: Diagnosis) -> DiagnosticStatus:
         hardware_id=told.hardware_id,
         values=[KeyValue(key=key, value=value) for key, value in told.values.items()],
     )
+
+
+# `/rosout`: what happens to a robot, at its level, from the node it concerns; rqt_console shows it.
+#
+# The law of the file (rcl): the name of a message is its node's, `NAMESPACE.NODE`; the quality is that of every node's
+# log. An event of a drive is its node's, of a controller that controller's, of the robot itself the bridge's. The robot
+# tells what repeats itself once, and then in sum; what only says again why the last one of the same node was is left
+# out here, unless it is worse. Nothing of it appears on the bridge's standard error: the robot's own log has it.
+
+
+_SAME_S: Final = 1.0  # within which an event follows from the one before
+
+
+class _Cause(NamedTuple):
+    """What was told last of a node: when, how bad, and the sentence without the node's name."""
+
+    time: float
+    level: int
+    text: str
+
+
+class Rosout(Endpoint):
+    """The publisher; `nodes` are those of the bus, in their namespaces."""
+
+    def __init__(self, ros: Ros, nodes: Iterable[NodeView]) -> None:
+        self._ros, self._log = ros, interface("rcl_interfaces/msg/Log")
+        self._namespace = str(ros.node.get_namespace())
+        self._of_nodes = {each.name: _logger(each.namespace, ros_name(each.name)) for each in nodes}
+        self._own = _logger(self._namespace, str(ros.node.get_name()))
+        self._publisher = ros.node.create_publisher(self._log, "/rosout", ROSOUT)
+        self._causes: dict[str, _Cause] = {}
+
+    def on_event(self, event: RobotEvent) -> None:
+        """Publish an event."""
+        message = log_message(self._log, event, self._ros.robot)
+        if event.controller is not None:
+            message.name = _logger(self._namespace, event.controller)
+        elif event.node is not None:
+            message.name = self._of_nodes.get(event.node) or _logger(self._namespace, ros_name(event.node))
+        else:
+            message.name = self._own
+        if not self._says_again(event, message.name, int(message.level)):
+            self._publisher.publish(message)
+
+    def _says_again(self, event: RobotEvent, name: str, level: int) -> bool:
+        """Whether an event has nothing but the cause that was told: a node is lost, since its heartbeat is."""
+        last = self._causes.get(name)
+        same = last is not None and abs(event.time - last.time) <= _SAME_S and level <= last.level
+        if last is not None and same and event.kind != "stop" and event.text.endswith(last.text):
+            return True
+        self._causes[name] = _Cause(event.time, level, event.text.partition(": ")[2] or event.text)
+        return False
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.node.destroy_publisher(self._publisher)
+
+
+def _logger(namespace: str, node: str) -> str:
+    """Return the name of a node's logger."""
+    return ".".join([*namespace.strip("/").split("/"), node]).lstrip(".")

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     Asking = Callable[[str, str | None], AxisRequest | NmtRequest]
 
-__all__ = ["DriveServices", "MasterServices", "Targets"]
-
 
 def _nmt(command: str, *, boot: bool = False) -> Asking:
     return lambda node, _joint: NmtRequest(node=node, command=command, boot=boot)

@@ -14,16 +14,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.ros.rcl import Node
+    from canopen_control.rpc.client import ReactorClient
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.robot import CommandController, MappedValue, TwistController
     from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
-    from canopen_control.rpc.reactor_client import ReactorClient
 
     Reply = Callable[[Any], object]
     #: takes a request, a response to be filled, and what sends it; once
     Handler = Callable[[Any, Any, Reply], object]
 
-__all__ = ["COMMANDER", "Answer", "Endpoint", "NewSamples", "Ros", "RosMessage", "serve", "success_of"]
 
 A = TypeVar("A")
 S = TypeVar("S", bound=Sample)

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import StateSample
     from canopen_control.urdf.joint_element import Joint, Transform
 
-__all__ = ["Frames", "odometry_transform", "transform_message"]
-
 
 class Frames(Endpoint):
     """The transforms of one robot, `urdf` its description."""

@@ -22,7 +22,6 @@ from canopen_control.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Mapping, MutableMapping
 
-__all__ = ["PROFILE", "WHEEL_RMW", "describe", "from_wheels", "prepare", "require_ros"]
 
 WHEEL_RMW: Final = "rmw_fastrtps_cpp"
 """The one middleware that the wheels contain."""

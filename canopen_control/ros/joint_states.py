@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
-__all__ = ["JointStates", "time_message"]
-
 
 def time_message(unix_s: float) -> Time:
     """Return a time in Unix seconds as a message."""

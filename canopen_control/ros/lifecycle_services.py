@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     Told = Callable[[str | None], object]  # a sentence, or None where it was done
 
-__all__ = ["TRANSITIONS", "Lifecycle", "Transition"]
-
 
 class Transition(NamedTuple):
     """A row of the table: from any of `sources` to `target`; `reached` are the states in which it is done already."""

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodeListing, NodePlace
     from canopen_control.rpc.messages.state import NodeReading
 
-__all__ = ["NMT_STATES", "Channel", "NodeView", "nodes_of", "resolve", "ros_name"]
 
 #: what ros2_canopen calls an NMT state; one that is not known any more is an error
 NMT_STATES: Final = {

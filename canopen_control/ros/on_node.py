@@ -16,12 +16,11 @@ if TYPE_CHECKING:
 
     from canopen_control.ros.endpoint import Handler, Reply
     from canopen_control.ros.rcl import Node
+    from canopen_control.rpc.client import ReactorClient
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.robot import CommandController, TwistController
     from canopen_control.rpc.messages.state import ControllerReading
-    from canopen_control.rpc.reactor_client import ReactorClient
 
-__all__ = ["OnNode", "Shared"]
 
 A = TypeVar("A")
 

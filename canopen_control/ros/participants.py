@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import RosMessage
     from canopen_control.ros.rcl import Node
 
-__all__ = ["ActionClients", "client_of", "folder_of", "runs"]
 
 _PREFIX: Final = 12
 _VENDOR: Final = b"\x01\x0f"  # eProsima

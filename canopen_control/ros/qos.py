@@ -19,8 +19,6 @@ from canopen_control.ros.rcl import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["EVENTS", "KEPT_DEFAULT", "LATCHED", "LATEST", "REFERENCE", "SYSTEM_DEFAULT", "TF", "TF_STATIC",
-           "quality_of"]  # fmt: skip
 
 SYSTEM_DEFAULT = qos_profile_system_default
 #: the same, and what was published before somebody subscribed: rclcpp::SystemDefaultsQoS().transient_local()

@@ -12,22 +12,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "Context",
-    "DurabilityPolicy",
-    "Duration",
-    "ExternalShutdownException",
-    "Future",
-    "Node",
-    "QoSProfile",
-    "ReliabilityPolicy",
-    "further_node",
-    "in_words",
-    "make_executor",
-    "qos_profile_system_default",
-    "single_threaded_executor",
-    "start",
-]
 
 Node = Any
 Context = Any

@@ -8,39 +8,39 @@ controller is told and the rest goes on; only the end of the connection ends the
 from __future__ import annotations
 
 import contextlib
+import threading
 import time
 from functools import partial
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
-from canopen_control.client.subscriptions import outpaced, stream_rate
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+
+from canopen_control.client.robot_client import outpaced, stream_rate
 from canopen_control.errors import RemoteError, UnreadableMessage
 from canopen_control.host.sockets import socket_path
-from canopen_control.ros.activity import Activity
-from canopen_control.ros.controller_manager import ControllerManagerServices
+from canopen_control.ros.base_topics import SharedTwist
+from canopen_control.ros.controller_manager import STATES, ControllerManagerServices
 from canopen_control.ros.controller_nodes import ControllerNodes
-from canopen_control.ros.diagnostics import Diagnostics, Events
+from canopen_control.ros.diagnostics import Diagnostics, Events, Rosout
 from canopen_control.ros.drive_services import DriveServices, MasterServices, Targets
 from canopen_control.ros.drive_topics import DriveTopics
+from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.frames import Frames
-from canopen_control.ros.ground_truth import GroundTruth
-from canopen_control.ros.interfaces import MissingInterface
-from canopen_control.ros.laser_scans import LaserScans
+from canopen_control.ros.interfaces import MissingInterface, interface
+from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.lifecycle_services import Lifecycle
-from canopen_control.ros.mailbox import Mailbox
 from canopen_control.ros.nodes import NodeView, nodes_of
 from canopen_control.ros.on_node import OnNode
+from canopen_control.ros.qos import LATCHED, SYSTEM_DEFAULT
 from canopen_control.ros.rcl import ros_seconds
-from canopen_control.ros.robot_description import RobotDescription
-from canopen_control.ros.ros_time import RosTime, wants_sim_time
-from canopen_control.ros.rosout import Rosout
-from canopen_control.ros.shared_twist import SharedTwist
-from canopen_control.ros.sim_clock import SimClock
-from canopen_control.ros.simulation_services import SimulationServices
 from canopen_control.ros.spinner import Spinner
 from canopen_control.ros.table import endpoints_for
 from canopen_control.ros.throttle import Refusals, Throttle
 from canopen_control.ros.topic_hardware import TopicHardware
-from canopen_control.rpc.messages.parameters import MANAGER
+from canopen_control.ros.world_topics import GroundTruth, LaserScans, SimulationServices
+from canopen_control.rpc.client import ReactorClient
+from canopen_control.rpc.messages.parameters import MANAGER, GetParameters
 from canopen_control.rpc.messages.robot import (
     ROBOT,
     GetDescription,
@@ -48,12 +48,13 @@ from canopen_control.rpc.messages.robot import (
     GetNodes,
     GetStatus,
     ListControllers,
+    ListHardware,
     ProcessData,
     Subscribe,
     Tell,
 )
+from canopen_control.rpc.messages.samples import stamped
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
-from canopen_control.rpc.reactor_client import ReactorClient
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,15 +62,252 @@ if TYPE_CHECKING:
     from canopen_control.client import RobotClient
     from canopen_control.host.reactor import Reactor
     from canopen_control.ros.bridge_options import Options
-    from canopen_control.ros.endpoint import Endpoint
+    from canopen_control.ros.endpoint import Ros
     from canopen_control.ros.rcl import Context, Node
     from canopen_control.rpc.messages.declare import Request
-    from canopen_control.rpc.messages.robot import CommandController, RobotPush, TwistController
+    from canopen_control.rpc.messages.robot import CommandController, HardwareReading, RobotPush, TwistController
     from canopen_control.rpc.messages.state import ControllerReading
 
+    States = dict[str, str]
     Command = CommandController | TwistController
 
-__all__ = ["Session"]
+
+# `/controller_manager/activity`: the lifecycle states of controllers and hardware components, whenever one changes.
+#
+# The law of the file (controller_manager, Jazzy): reliable and transient local, one message deep, so that who comes
+# later has the present states at once. The stream tells the states of controllers; those of the hardware are asked for
+# when something has happened, one request at a time.
+
+
+_PERIOD_S: Final = 1.0  # of a look at the hardware, should a change have come without an event
+
+
+class Activity(Endpoint):
+    """The publisher of `controller_manager/activity`, relative to the namespace."""
+
+    def __init__(self, ros: Ros) -> None:
+        self._ros = ros
+        self._message = interface("controller_manager_msgs/msg/ControllerManagerActivity")
+        self._named = interface("controller_manager_msgs/msg/NamedLifecycleState")
+        self._state = interface("lifecycle_msgs/msg/State")
+        self._publisher = ros.node.create_publisher(self._message, "controller_manager/activity", LATCHED)
+        self._controllers: States = {}
+        self._told: tuple[States, States] | None = None
+        self._asking, self._due = False, True
+        self._next = self._time = 0.0
+
+    def on_event(self, event: RobotEvent) -> None:
+        """Look at the hardware with the next sample: it may be what has changed."""
+        del event
+        self._due = True
+
+    def on_state(self, state: StateSample) -> None:
+        """Ask for the hardware if anything may have changed."""
+        self._time = state.time
+        controllers = dict(state.controllers)
+        # a clock that was set back does not silence it
+        idle = controllers == self._controllers and not self._due and self._time < self._next <= self._time + _PERIOD_S
+        if self._asking or idle:
+            return
+        self._controllers, self._next = controllers, self._time + _PERIOD_S
+        self._asking, self._due = True, False
+        self._ros.ask(ListHardware(), self._on_hardware)
+
+    def _on_hardware(self, answer: list[HardwareReading] | None, error: str | None) -> None:
+        self._asking = False
+        hardware = {each.name: each.state for each in answer or ()}
+        if error is not None:
+            self._ros.warn("activity", f"controller_manager/activity: {error}")
+        elif (self._controllers, hardware) != self._told:
+            self._told = (self._controllers, hardware)
+            self._publish(*self._told)
+
+    def _publish(self, controllers: States, hardware: States) -> None:
+        message = self._message(
+            controllers=self._lifecycles(controllers), hardware_components=self._lifecycles(hardware)
+        )
+        message.header.stamp = time_message(self._time)
+        self._publisher.publish(message)
+
+    def _lifecycles(self, states: States) -> list[Any]:
+        return [
+            self._named(name=name, state=self._state(id=STATES.get(label, 0), label=label))
+            for name, label in states.items()
+        ]
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.node.destroy_publisher(self._publisher)
+
+
+# Commands on their way from ROS to the robot: the newest of each controller, at most one per cycle.
+#
+# The law of the file: a publisher may be as fast as it likes; what it sends in between is superseded, never queued, so
+# that the robot gets what was meant last, and gets it once per `interval_ns`. The first message after a pause leaves at
+# once.
+
+
+T = TypeVar("T")
+
+
+class Mailbox(Generic[T]):
+    """Newest value by name; `put` from any thread, `take` by the one that was woken."""
+
+    def __init__(self, interval_ns: int) -> None:
+        self.interval_ns = interval_ns
+        self._lock = threading.Lock()
+        self._waiting: dict[str, T] = {}
+        self._sent: dict[str, int] = {}
+        self._woken = False
+
+    def put(self, name: str, value: T) -> bool:
+        """Leave the newest value; True when somebody must be woken to `take` it."""
+        with self._lock:
+            self._waiting[name] = value
+            wake, self._woken = not self._woken, True
+            return wake
+
+    def take(self, now: int) -> tuple[dict[str, T], int | None]:
+        """Return what may leave now, and when to come again for the rest (ns; None: when woken)."""
+        with self._lock:
+            due = {name: value for name, value in self._waiting.items() if self._due_at(name) <= now}
+            for name in due:
+                del self._waiting[name]
+                self._sent[name] = now
+            later = min(map(self._due_at, self._waiting), default=None)
+            self._woken = later is not None
+            return due, later
+
+    def forget(self, name: str) -> None:
+        """Drop what waits under a name that is no more."""
+        with self._lock:
+            self._waiting.pop(name, None)
+            self._sent.pop(name, None)
+
+    def _due_at(self, name: str) -> int:
+        return self._sent[name] + self.interval_ns if name in self._sent else 0
+
+
+# `/robot_description`, as robot_state_publisher publishes it: the URDF, kept for who comes later.
+
+
+class RobotDescription(Endpoint):
+    """Published once, when the bridge starts; transient local."""
+
+    def __init__(self, ros: Ros, urdf: str) -> None:
+        self._ros = ros
+        self._publisher = ros.node.create_publisher(String, "robot_description", LATCHED)
+        self._publisher.publish(String(data=urdf))
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.node.destroy_publisher(self._publisher)
+
+
+# The time of ROS where it is not this computer's: stamps follow somebody's `/clock` with the bridge's `use_sim_time`.
+#
+# The law of the file: what the robot tells is stamped with the time of ROS at which it came, and keeps that stamp;
+# while `/clock` stands nothing new is told, before it begins the time is 0. The stamp of a command counts by its age,
+# and one in the future by how far ahead it is. Timeouts are the robot's, in its own time: a `/clock` that stands puts
+# none off. A robot that is simulated publishes `/clock` itself: with `use_sim_time` of its controller manager, or of
+# the bridge, its stamps are the simulation's, else this computer's. The stamp of a command is of the one of the two
+# that it is nearer to.
+
+
+_DIGITS = 6  # of seconds: what a time in Unix seconds can hold
+
+
+def wants_sim_time(client: RobotClient) -> bool:
+    """Return whether the controller manager of a robot has `use_sim_time`; False where nobody can say."""
+    try:
+        found = client.ask(GetParameters(controller=MANAGER))
+    except RemoteError:
+        return False
+    return any(each.name == "use_sim_time" and each.value is True for each in found)
+
+
+class RosTime:
+    """Puts the times of messages from the robot into those of ROS, and stamps from ROS into the robot's.
+
+    `clock` returns ROS's time in s, None where it is this computer's; `wall` Unix seconds. Of two threads each has its
+    own half: `state` and `event` are the reactor's, `unix` may be anybody's. `in_simulation`: the stamps of a simulated
+    robot are the simulation's.
+    """
+
+    def __init__(self, clock: Callable[[], float | None], wall: Callable[[], float]) -> None:
+        self._clock, self._wall = clock, wall
+        self._known: dict[str, tuple[float, float]] = {}  # of each controller: the robot's time, and that of ROS
+        self.in_simulation = False
+        self._simulated = False
+        self._epoch: float | None = None  # of the simulation, in Unix seconds
+        self._reached = 0.0  # by the simulation, in s
+
+    def state(self, message: StateSample) -> StateSample:
+        """Return a sample with ROS's times."""
+        self._simulated = message.sim_time is not None
+        self._epoch, self._reached = self._epoch_of(message), message.sim_time or 0.0
+        if (epoch := self._epoch) is not None:
+            own = {name: stamped(each, round(each.time - epoch, _DIGITS)) for name, each in message.samples.items()}
+            return stamped(message, self._reached, samples=own)
+        now = self._now()
+        if now is None:
+            return message
+        self._known = {name: self._of(name, each.time, now) for name, each in message.samples.items()}
+        samples = {name: stamped(each, self._known[name][1]) for name, each in message.samples.items()}
+        return stamped(message, now, samples=samples)
+
+    def event(self, message: RobotEvent) -> RobotEvent:
+        """Return an event with ROS's time."""
+        now = self._now() if self._epoch is None else self._reached
+        return message if now is None else stamped(message, now)
+
+    def unix(self, stamp: float | None) -> float | None:
+        """Return a stamp of ROS in the robot's time; None: there is none."""
+        if stamp is not None and (epoch := self._epoch) is not None:
+            wall = self._wall()
+            return stamp if abs(stamp - wall) < abs(stamp - (wall - epoch)) else stamp + epoch
+        now = self._now()
+        return stamp if stamp is None or now is None else self._wall() + stamp - now
+
+    def _now(self) -> float | None:
+        return None if self._simulated else self._clock()
+
+    def _epoch_of(self, message: StateSample) -> float | None:
+        """Return when the simulation began in Unix seconds, None where stamps are not the simulation's."""
+        return message.sim_epoch if self.in_simulation or self._clock() is not None else None
+
+    def _of(self, name: str, time: float, now: float) -> tuple[float, float]:
+        known = self._known.get(name)
+        return known if known is not None and known[0] == time else (time, now)
+
+
+# `/clock` of a simulated robot, for programs with `use_sim_time`.
+#
+# The law of the file: published only while the robot says what time its simulation has; a real robot has no `/clock`,
+# and no publisher of one, since whoever uses simulated time would stand still on it.
+
+
+class SimClock(Endpoint):
+    """The publisher, made with the first sample that carries a simulated time."""
+
+    def __init__(self, ros: Ros) -> None:
+        self._ros = ros
+        self._publisher: Any = None  # rclpy has no types
+
+    def on_state(self, state: StateSample) -> None:
+        """Publish the time of a sample."""
+        seconds = state.sim_time
+        if seconds is None:
+            return
+        if self._publisher is None:
+            self._publisher = self._ros.node.create_publisher(Clock, "/clock", SYSTEM_DEFAULT)
+        self._publisher.publish(Clock(clock=time_message(seconds)))
+
+    def close(self) -> None:
+        """Leave the topic."""
+        if self._publisher is not None:
+            self._ros.node.destroy_publisher(self._publisher)
+
 
 A = TypeVar("A")
 _JOIN_S: Final = 1.0

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from canopen_control.ros.rcl import Context, Node
 
-__all__ = ["Spinner"]
 
 _WAIT_S: Final = 1.0
 

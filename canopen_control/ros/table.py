@@ -7,20 +7,35 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.ros.base_states import MecanumState, SteeringState, TfOdometry
-from canopen_control.ros.base_topics import BaseOdometry, OdometrySetting, TwistCommands
-from canopen_control.ros.battery_topics import BatteryTopics
-from canopen_control.ros.dynamic_joint_states import DynamicJointStates
-from canopen_control.ros.follow_joint_trajectory import FollowJointTrajectory
-from canopen_control.ros.forward import ForwardCommands
-from canopen_control.ros.gpio_commands import GpioCommands
-from canopen_control.ros.gpio_states import GpioStates
-from canopen_control.ros.gripper_action import GripperAction, ParallelGripperAction
+from canopen_control.ros.actions import FollowJointTrajectory, GripperAction, ParallelGripperAction
+from canopen_control.ros.base_topics import (
+    BaseOdometry,
+    MecanumState,
+    OdometrySetting,
+    SteeringState,
+    TfOdometry,
+    TwistCommands,
+)
+from canopen_control.ros.command_topics import (
+    FeedForwardSwitch,
+    ForwardCommands,
+    GpioCommands,
+    PidMeasuredStates,
+    PidReferences,
+    PidState,
+)
+from canopen_control.ros.drive_topics import DeviceNode, ProxyNode
 from canopen_control.ros.interfaces import MissingInterface
 from canopen_control.ros.joint_states import JointStates
-from canopen_control.ros.node_of_joint import DeviceNode, ProxyNode
-from canopen_control.ros.pid_topics import FeedForwardSwitch, PidMeasuredStates, PidReferences, PidState
-from canopen_control.ros.sensor_topics import ImuTopic, PoseTopic, RangeTopic, WrenchTopic
+from canopen_control.ros.state_topics import (
+    BatteryTopics,
+    DynamicJointStates,
+    GpioStates,
+    ImuTopic,
+    PoseTopic,
+    RangeTopic,
+    WrenchTopic,
+)
 from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 
 if TYPE_CHECKING:
@@ -31,7 +46,6 @@ if TYPE_CHECKING:
 
     Factory = Callable[[Ros, ControllerReading], Endpoint]
 
-__all__ = ["endpoints_for"]
 
 #: by where its commands come (`topic` of the API)
 BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {

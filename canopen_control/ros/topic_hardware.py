@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
     from canopen_control.rpc.messages.state import StateSample
 
-__all__ = ["TopicHardware", "commanded"]
 
 _INTERFACES: Final = ("position", "velocity", "effort")
 

@@ -6,8 +6,6 @@ import contextlib
 import sys
 import threading
 
-__all__ = ["import_msgspec"]
-
 
 def import_msgspec() -> None:
     """Import msgspec without typing_extensions, which is half the time that its import takes.

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from canopen_control.host.reactor import Reactor
 
-__all__ = ["Call", "Connection", "Server"]
 
 A = TypeVar("A")
 H = TypeVar("H")

@@ -15,9 +15,6 @@ import msgspec
 from canopen_control.host.lines import MAX_VALUES, too_many_values
 from canopen_control.rpc.messages.declare import Refusal
 
-__all__ = ["Incoming", "Raw", "answer_line", "convert", "decode", "error_line", "mistake", "plain", "push_line",
-           "read_line", "read_request", "request_line", "text_of"]  # fmt: skip
-
 T = TypeVar("T")
 Id = int | str | None
 Raw = msgspec.Raw

@@ -3,29 +3,49 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
 
 from canopen_control.controllers.base import twist_axes_of
+from canopen_control.controllers.controllers_file import Spawned
+from canopen_control.controllers.declared import checked, declared_by
+from canopen_control.controllers.types import TYPES
 from canopen_control.errors import ControlError, LocalProtocolError, UnknownName
-from canopen_control.hardware.joint import Action
+from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.interfaces import LifecycleState
 from canopen_control.host.lineserver import MAX_KEPT
 from canopen_control.host.sockets import socket_path
 from canopen_control.master.event_log import Event, Level
 from canopen_control.rpc.messages import robot as messages
 from canopen_control.rpc.messages.declare import PROTOCOL, Done
-from canopen_control.rpc.messages.robot import ROBOT, AxisDone, RobotHello, TouchProbe
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, WorldAct
+from canopen_control.rpc.messages.parameters import MANAGER, GetParameters, ParameterReading, SetParameters, told
+from canopen_control.rpc.messages.robot import (
+    ROBOT,
+    AxisDone,
+    ComponentState,
+    HardwareReading,
+    InterfaceReading,
+    RobotHello,
+    TouchProbe,
+)
+from canopen_control.rpc.messages.simulation import (
+    GetLaserScans,
+    GetSimulation,
+    PauseSimulation,
+    ResetSimulation,
+    Simulation,
+    StepSimulation,
+)
+from canopen_control.rpc.messages.state import ControllerReading
 from canopen_control.rpc.server import Server
-from canopen_control.runtime.api_control import answer_control
-from canopen_control.runtime.api_gripper import GripperMethods
-from canopen_control.runtime.api_objects import ObjectMethods
-from canopen_control.runtime.api_parameters import ParameterMethods
-from canopen_control.runtime.api_simulation import SimulationMethods
-from canopen_control.runtime.api_trajectories import TrajectoryMethods
-from canopen_control.runtime.process_data import ProcessDataFeed
+from canopen_control.runtime.api_objects import ObjectMethods, ProcessDataFeed
+from canopen_control.runtime.api_trajectories import GripperMethods, TrajectoryMethods
+from canopen_control.runtime.startup_controllers import UNLOADED, configure_controller, load_controller
 from canopen_control.runtime.status import (
     event_message,
     layout_message,
     nodes_message,
+    simulated_seconds,
     state_sample,
     status_message,
 )
@@ -33,14 +53,274 @@ from canopen_control.version import __version__
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
+    from canopen_control.hardware.interfaces import HardwareComponent
+    from canopen_control.host.lineserver import Connection
     from canopen_control.rpc.messages.robot import RobotPush
-    from canopen_control.rpc.server import Call, Connection
+    from canopen_control.rpc.server import Call
     from canopen_control.rpc.wire import Raw
     from canopen_control.runtime.core import RobotCore
+    from canopen_control.runtime.robot_clock import RobotClock
 
-__all__ = ["ApiServer"]
+
+# The API's methods about controllers and hardware components: what ros2_control's services do.
+
+
+_RESTING: Final = ("inactive", "unconfigured")
+_COMMUNICATING: Final = (LifecycleState.INACTIVE, LifecycleState.ACTIVE)
+
+
+def answer_control(robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
+    """Answer these methods on a server."""
+    answers = server.answers
+    answers(messages.ListControllers, lambda call: call.reply(_controllers(robot, unloaded=call.request.all)))
+    answers(messages.ListControllerTypes, lambda call: call.reply(sorted(TYPES)))
+    answers(messages.LoadController, lambda call: _load(robot, call))
+    answers(messages.ConfigureController, lambda call: _configure(robot, call))
+    answers(messages.CleanupController, lambda call: _unload(robot, call))  # it keeps nothing between two loads
+    answers(messages.UnloadController, lambda call: _unload(robot, call))
+    answers(messages.SwitchControllers, lambda call: _switch(robot, call))
+    answers(messages.SetMeasuredStates, lambda call: _set_measured_states(robot, call))
+    answers(
+        messages.ListHardware,
+        lambda call: call.reply([_component(robot, each) for each in robot.registry.components]),
+    )
+    answers(messages.SetHardwareState, lambda call: _set_hardware_state(robot, call))
+
+
+def _controllers(robot: RobotCore, *, unloaded: bool) -> tuple[ControllerReading, ...]:
+    found = robot.manager.list()
+    if unloaded:
+        loaded = robot.manager.states
+        found += [
+            ControllerReading(name=name, type=config.type, state=UNLOADED)
+            for name, config in robot.setup.controllers.controllers.items()
+            if name not in loaded
+        ]
+    return tuple(found)
+
+
+def _load(robot: RobotCore, call: Call[messages.LoadController]) -> None:
+    load_controller(robot.setup, robot.manager, call.request.controller, configure=call.request.configure)
+    call.reply(Done())
+
+
+def _configure(robot: RobotCore, call: Call[messages.ConfigureController]) -> None:
+    configure_controller(robot.setup, robot.manager, call.request.controller)
+    call.reply(Done())
+
+
+def _unload(robot: RobotCore, call: Call[messages.UnloadController] | Call[messages.CleanupController]) -> None:
+    robot.manager.unload(call.request.controller)
+    call.reply(Done())
+
+
+def _switch(robot: RobotCore, call: Call[messages.SwitchControllers]) -> None:
+    wanted = call.request
+    robot.switch(wanted.activate, wanted.deactivate, strict=wanted.strict)
+    call.reply(Done())
+
+
+def _set_measured_states(robot: RobotCore, call: Call[messages.SetMeasuredStates]) -> None:
+    controller = robot.manager.get(call.request.controller)
+    controller.set_measured_states(call.request.values, robot.cycle.clock.now())
+    call.reply(Done())
+
+
+def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReading:
+    """Describe a component as `list_hardware_components` does; its interfaces are available while it is active."""
+    tags = {each.name: each for each in robot.setup.description.hardware}
+    tag = tags.get(component.name)
+    commands, states = component.state is LifecycleState.ACTIVE, component.state in _COMMUNICATING
+    return HardwareReading(
+        name=component.name,
+        type=tag.kind if tag is not None else "system",
+        plugin=tag.plugin if tag is not None else "",
+        state=component.state.value,
+        rate=robot.setup.controllers.update_rate,
+        command_interfaces=[
+            InterfaceReading(each.name, commands, each.owner is not None) for each in component.command_interfaces
+        ],
+        state_interfaces=[InterfaceReading(each.name, states) for each in component.state_interfaces],
+    )
+
+
+def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState]) -> None:
+    """Activate, deactivate or clean up a component; who commands it is deactivated first."""
+    name, wanted = call.request.component, call.request.state
+    component = next((each for each in robot.registry.components if each.name == name), None)
+    if component is None:
+        known = ", ".join(each.name for each in robot.registry.components)
+        raise UnknownName(f"no hardware component {name!r}; there are: {known}")
+    if wanted == "active":
+        component.configure()
+        component.activate()
+    elif wanted in _RESTING:
+        robot.manager.deactivate_using(component, f"{name} was set {wanted}")
+        component.deactivate()
+        (component.cleanup if wanted == "unconfigured" else component.configure)()
+    else:
+        there = f"active, {' or '.join(_RESTING)}"
+        raise ControlError(f"hardware component {name} cannot be set {wanted!r}: {there}, while the robot runs")
+    call.reply(ComponentState(component.state.value))
+
+
+# The API's methods about parameters: of controllers, and of the controller manager, as ROS 2 shows both.
+
+
+class ParameterMethods:
+    """Answers them on a server; what spawners set is added to the controllers of the robot's file."""
+
+    def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
+        self._robot, self._spawned = robot, Spawned(robot.setup.controllers)
+        server.answers(GetParameters, self._get)
+        server.answers(SetParameters, self._set)
+
+    def _get(self, call: Call[GetParameters]) -> None:
+        name = call.request.controller
+        call.reply(self._of_manager() if name == MANAGER else self._robot.manager.parameters(name))
+
+    def _set(self, call: Call[SetParameters]) -> None:
+        name, wanted = call.request.controller, call.request.values
+        if name != MANAGER:
+            self._robot.manager.set_parameters(name, wanted)
+        else:
+            own = {each.name for each in declared_by(self._robot.setup.controllers.manager)}
+            foreign = [each for each in wanted if each.name in own or "." not in each.name]
+            checked(MANAGER, self._of_manager(), foreign)  # read-only, all of them, or not declared
+            self._spawned.set(wanted)
+        call.reply(Done())
+
+    def _of_manager(self) -> tuple[ParameterReading, ...]:
+        own = declared_by(self._robot.setup.controllers.manager)
+        return tuple(sorted((*own, *self._of_controllers()), key=lambda each: each.name))
+
+    def _of_controllers(self) -> Iterator[ParameterReading]:
+        """Yield what the manager's block says of each controller, or a spawner has set."""
+        for name, config in self._robot.setup.controllers.controllers.items():
+            yield ParameterReading(name=f"{name}.type", kind="string", value=config.type)
+            for key, texts in (("fallback_controllers", config.fallbacks), ("node_options_args", config.node_options)):
+                if texts:
+                    yield ParameterReading(name=f"{name}.{key}", kind="string_array", value=told(texts))
+        for name, given in self._spawned.given.items():
+            if given.params_file:
+                value = told(given.params_file)
+                yield ParameterReading(name=f"{name}.params_file", kind="string_array", value=value)
+
+
+# The API's methods about a simulation: pause it, let it go on, step it, bring it back, let something happen in it.
+#
+# The law of the file: only a robot without buses can be simulated so, since drives have a time of their own. What
+# resumes or resets takes every command back, so that what moves next was commanded since.
+
+
+_HEAVIEST: Final = "the heaviest link"
+
+
+class SimulationMethods:
+    """Answers them on a server."""
+
+    def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
+        self._robot = robot
+        server.answers(GetSimulation, self._get)
+        server.answers(GetLaserScans, self._scan)
+        server.answers(PauseSimulation, self._pause)
+        server.answers(StepSimulation, self._step)
+        server.answers(ResetSimulation, self._reset)
+        for kind in get_args(WorldAct):
+            server.answers(kind, self._act)
+
+    def _clock(self) -> RobotClock:
+        """Return the clock of the robot; ControlError if its time is not the simulation's."""
+        robot = self._robot
+        if robot.cycle.clock.simulated:
+            return robot.cycle.clock
+        on_bus = f"{robot.setup.name} has drives on a bus, whose time does not stand" if robot.buses else ""
+        why = on_bus or f"nothing of {robot.setup.name} is simulated, its joints are mocked"
+        raise ControlError(f"{why}; a simulation plugin without drives can be paused, stepped and reset")
+
+    def _told(self) -> Simulation:
+        robot, clock = self._robot, self._clock()
+        seconds = simulated_seconds(robot) or 0.0
+        period = robot.pacer.period_ns / 1e9
+        return Simulation(seconds=seconds, paused=clock.paused, period=period, changeable=bool(self._worlds()))
+
+    def _worlds(self) -> list[HardwareComponent]:
+        """Return what physics moves: one at most."""
+        return [component for component in self._robot.registry.components if component.changeable]
+
+    def _get(self, call: Call[GetSimulation]) -> None:
+        call.reply(self._told())
+
+    def _scan(self, call: Call[GetLaserScans]) -> None:
+        call.reply(tuple(scan for component in self._robot.registry.components for scan in component.scan()))
+
+    def _pause(self, call: Call[PauseSimulation]) -> None:
+        clock = self._clock()
+        if call.request.paused and not clock.paused:
+            clock.pause()
+            self._tell("paused", f"the simulation was paused by {call.who}")
+        elif clock.paused and not call.request.paused:
+            self._robot.manager.running.forget(clock.now(), "the simulation was paused; command anew")
+            clock.resume()
+            self._tell(
+                "resumed", f"the simulation goes on, {call.who} asked for it; commands from before are forgotten"
+            )
+        call.reply(self._told())
+
+    def _step(self, call: Call[StepSimulation]) -> None:
+        def done(error: str | None) -> None:
+            if error is None:
+                call.reply(self._told())
+            else:
+                call.refuse(ControlError(error))
+
+        clock = self._clock()
+        if not clock.paused:
+            raise ControlError("the simulation is not paused, so that it cannot be stepped; pause it first")
+        clock.step(call.request.steps, done)
+
+    def _act(self, call: Call[Any]) -> None:
+        """Let something happen in the world of a simulation plugin; a joint that is blocked has no drive to be told."""
+        self._clock()
+        worlds = self._worlds()
+        if not worlds:
+            name = self._robot.setup.name
+            raise ControlError(f"simple motors move {name}; physics comes with pip install 'canopen-control[physics]'")
+        for component in worlds:
+            component.act(call.request)
+        self._tell("world", f"{_told(call.request)}, {call.who} asked for it")
+        call.reply(Done())
+
+    def _reset(self, call: Call[ResetSimulation]) -> None:
+        self._clock()
+        robot, manager = self._robot, self._robot.manager
+        for component in robot.registry.components:
+            component.reset(call.request.keyframe)
+        active = manager.active
+        manager.switch(activate=active, deactivate=active)  # they hold and count from where the joints are now
+        for name in manager.bases:
+            manager.get(name).set_odometry(0.0, 0.0, 0.0)
+        robot.truth.align()
+        where = f"key frame {call.request.keyframe}" if call.request.keyframe else "where it began"
+        self._tell("reset", f"the simulation was reset to {where} by {call.who}")
+        call.reply(self._told())
+
+    def _tell(self, kind: str, text: str) -> None:
+        self._robot.report(Event(self._robot.reactor.now(), kind, "", text))
+
+
+def _told(act: WorldAct) -> str:
+    """Say what happens, as an event."""
+    if isinstance(act, BlockJoint):
+        return f"{act.joint} is {'blocked' if act.on else 'let go'}"
+    if isinstance(act, AddPayload):
+        return f"a payload of {act.mass:g} kg is put on {act.on or _HEAVIEST}"
+    if isinstance(act, PushRobot):
+        return f"{act.on or _HEAVIEST} is pushed with {', '.join(f'{each:g}' for each in act.force)} N"
+    return f"the floor has a friction of {act.friction:g}"
+
 
 MAX_KIND, MAX_TEXT = 32, 500  # characters of what a client tells
 MAX_REQUEST = 1 << 16  # bytes of a request that others are told

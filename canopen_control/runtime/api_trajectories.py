@@ -6,14 +6,24 @@ stopped by a signal.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
+from canopen_control.controllers.base import finite
+from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.trajectory.goal import Goal, ResultCode
-from canopen_control.controllers.trajectory.packed import PackedPoints
+from canopen_control.controllers.trajectory.params import GoalTolerances, JointTolerance
 from canopen_control.controllers.trajectory.point import JointTrajectory
-from canopen_control.controllers.trajectory.tolerances import GoalTolerances, JointTolerance
+from canopen_control.controllers.trajectory.validation import PackedPoints
 from canopen_control.errors import ControlError, TrajectoryRefused
 from canopen_control.rpc.messages.declare import Done, Request
+from canopen_control.rpc.messages.gripper import (
+    CancelGripper,
+    GripperEnd,
+    GripperResult,
+    GripperVerdict,
+    MoveGripper,
+    SendGripper,
+)
 from canopen_control.rpc.messages.trajectory import (
     MAX_POINTS,
     CancelTrajectory,
@@ -33,13 +43,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.controllers.command_life import CommandLife
+    from canopen_control.host.lineserver import Connection
     from canopen_control.rpc.messages.robot import RobotHello, RobotPush
     from canopen_control.rpc.messages.samples import TrajectoryPoint
     from canopen_control.rpc.messages.trajectory import TrajectoryTolerance
-    from canopen_control.rpc.server import Call, Connection, Server
+    from canopen_control.rpc.server import Call, Server
     from canopen_control.runtime.core import RobotCore
 
-__all__ = ["SentGoal", "TrajectoryMethods"]
+    Sent: TypeAlias = "SentGoal[GripperResult]"
+
 
 R = TypeVar("R")
 
@@ -247,3 +259,85 @@ def _result(goal: Goal) -> TrajectoryResult | None:
 
 def _tolerances(given: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance, ...]:
     return tuple(JointTolerance(each.position, each.velocity, each.acceleration, each.joint) for each in given)
+
+
+# The API's methods about grippers: a connection has one goal, which ends with it; its end is told to who asks.
+
+
+class GripperMethods:
+    """Answers these methods on a server; `keep` refuses one more of those who hold a command.
+
+    `promise` takes the heartbeat that a connection promises, None for none.
+    """
+
+    def __init__(
+        self,
+        robot: RobotCore,
+        server: Server[RobotHello, RobotPush],
+        keep: Callable[[Connection], None],
+        promise: Callable[[Connection, str, float | None], None],
+    ) -> None:
+        self._robot, self._keep, self._promise = robot, keep, promise
+        self._sent: dict[Connection, tuple[GripperGoal, Sent]] = {}
+        server.answers(MoveGripper, lambda call: self._give(call)[1].tell(call))
+        server.answers(SendGripper, self._send)
+        server.answers(GripperEnd, self._end)
+        server.answers(CancelGripper, self._cancel)
+
+    def forget(self, connection: Connection) -> None:
+        """Drop the goal that a connection has sent."""
+        self._sent.pop(connection, None)
+
+    def _send(self, call: Call[SendGripper]) -> None:
+        """Answer whether a goal is accepted; drives that are off and a latched stop are reasons like any other."""
+        try:
+            goal, _ = self._give(call)
+        except ControlError as error:
+            call.reply(GripperVerdict(accepted=False, text=str(error)))
+        else:
+            call.reply(GripperVerdict(accepted=True, feedback_rate=goal.feedback_rate))
+
+    def _give(self, call: Call[MoveGripper] | Call[SendGripper]) -> tuple[GripperGoal, Sent]:
+        """Have a goal executed, the connection's only one from now on; ControlError if it is refused."""
+        wanted, robot, connection = call.request, self._robot, call.connection
+        goal = GripperGoal(
+            wanted.position, wanted.max_effort, wanted.max_velocity, lambda: robot.reactor.call_soon(sent.settle)
+        )
+        sent = SentGoal(lambda: _gripper_result(goal))
+        if wanted.dead_man:
+            self._keep(connection)
+        robot.send_goal(
+            wanted.controller, goal, wanted.source or call.who, holder=connection if wanted.dead_man else None
+        )
+        self._promise(connection, wanted.controller, wanted.heartbeat if wanted.dead_man else None)
+        self._sent[connection] = goal, sent
+        return goal, sent
+
+    def _end(self, call: Call[GripperEnd]) -> None:
+        sent = self._sent.get(call.connection)
+        if sent is None:
+            raise ControlError("no goal came on this connection; send_gripper sends one")
+        sent[1].tell(call)
+
+    def _cancel(self, call: Call[CancelGripper]) -> None:
+        wanted, sent = call.request, self._sent.get(call.connection)
+        controller = self._robot.manager.get(wanted.controller)
+        if not wanted.own:
+            controller.cancel_grip(wanted.why)
+        elif sent is not None:
+            controller.cancel_grip(wanted.why, sent[0])
+        call.reply(Done())
+
+
+def _gripper_result(goal: GripperGoal) -> GripperResult | None:
+    """Return the result of a goal, None while it has none."""
+    if not goal.ended:
+        return None
+    return GripperResult(
+        state=goal.state.value,
+        text=goal.text,
+        position=finite(goal.at),
+        effort=finite(goal.effort),
+        stalled=goal.stalled,
+        reached_goal=goal.reached,
+    )

@@ -7,31 +7,160 @@ one; a tag that nobody can build is refused with the line it stands at.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import RobotConfigError
+from canopen_control.controllers.params import LoopGains
+from canopen_control.controllers.pid import Pid
+from canopen_control.errors import ConfigError, RobotConfigError, nearest
 from canopen_control.hardware.interfaces import InterfaceRegistry
 from canopen_control.hardware.plugins import Kind, made_up, transmitted
+from canopen_control.hardware.simulation import PHYSICS_PLUGIN
 from canopen_control.hardware.system import CanopenSystem
 from canopen_control.master.event_log import Event
+from canopen_control.physics import require_physics
+from canopen_control.runtime.physics_plant import sensed_world
 from canopen_control.runtime.robot_bus import RobotBus
-from canopen_control.runtime.simulation_engine import simulation_engine
 from canopen_control.runtime.sync_choice import SyncSender
-from canopen_control.runtime.world_sensing import sensed_world
+from canopen_control.yamlfile.convert import convert
+from canopen_control.yamlfile.reader import tree
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from canopen_control.errors import BusError
     from canopen_control.hardware.joint import JointDrive
-    from canopen_control.hardware.sensed_world import SensedWorld
+    from canopen_control.hardware.simulation import Engine, SensedWorld
     from canopen_control.hardware.stop_group import StopGroup
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.remote_node import RemoteNode
+    from canopen_control.physics.world_file import WorldDescription
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.urdf.ros2_control import Ros2ControlSystem
+    from canopen_control.yamlfile.node import Node
 
-__all__ = ["Assembly"]
+
+# The `pids_config_file` of mujoco_ros2_control: gains of loops that make an effort of a position or a velocity.
+#
+#  |  /**:
+#  |    ros__parameters:
+#  |      pid_gains:
+#  |        position:
+#  |          joint_1: {p: 400.0, i: 20.0, d: 15.0, u_clamp_max: 80.0, u_clamp_min: -80.0}
+#  |        velocity:
+#  |          wheel: {p: 2.0, i: 5.0, i_clamp_max: 3.0, i_clamp_min: -3.0}
+#
+# The gains have control_toolbox's names. A joint without any keeps the servo of its own.
+
+
+Loops = dict[str, dict[str, Pid]]
+"""The loops of each joint, by the interface that is commanded."""
+_PARAMETERS: Final = "ros__parameters"
+_GAINS: Final = "pid_gains"
+_INTERFACES: Final = ("position", "velocity")
+
+
+def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
+    """Return the loops of a tag's joints; RobotConfigError with every mistake of the file and its place."""
+    root, found = tree(path, error=RobotConfigError), Loops()
+    blocks = [gains for node in _parameters(root) if (gains := node.get(_GAINS)) is not None]
+    if not blocks:
+        root.error(f"no {_GAINS}; write it below /**: {_PARAMETERS}:")
+    commands = {part.name: tuple(part.command_interfaces) for part in tag.joints}
+    for block in blocks:
+        for interface, joints in _mapping(block, "position: and velocity:"):
+            if interface not in _INTERFACES:
+                block.keys()[interface].error(f"no gains of {interface!r} are known{nearest(interface, _INTERFACES)}")
+                continue
+            for joint, node in _mapping(joints, "gains by joints, as in joint_1: {p: 2.0}"):
+                _check(joints.keys()[joint], joint, interface, commands)
+                gains = convert(node, LoopGains, None)
+                if gains is not None:
+                    found.setdefault(joint, {})[interface] = Pid(gains.pid())
+    root.problems.raise_if_any(RobotConfigError)
+    return found
+
+
+def _mapping(node: Node, wanted: str) -> list[tuple[str, Node]]:
+    """Return what is below a node, nothing after reporting that there is something else than what is wanted."""
+    if node.kind != "mapping":
+        node.error(f"write {wanted}")
+    return node.items()
+
+
+def _parameters(root: Node) -> list[Node]:
+    """Return the parameters of each node that the file names, whatever its name."""
+    nodes = [value for _, value in root.items()]
+    return [found for node in nodes if node.kind == "mapping" and (found := node.get(_PARAMETERS)) is not None]
+
+
+def _check(place: Node, joint: str, interface: str, commands: dict[str, tuple[str, ...]]) -> None:
+    """Report a joint that is not there, or does not take such commands."""
+    if joint not in commands:
+        place.error(f"no joint {joint!r} in the description's <ros2_control>{nearest(joint, commands)}")
+    elif interface not in commands[joint]:
+        has = ", ".join(commands[joint]) or "none"
+        place.error(f"joint {joint} has no command interface {interface!r}; it has {has}")
+
+
+# What moves the joints of a simulation plugin: physics where that is installed, else simple motors of their own.
+#
+# A description that names MuJoCo's plugin, or a user who gives a world, wants physics: what keeps it from that is an
+# error. One that names Gazebo's runs on simple motors then, which is told. The plugin's parameters `mujoco_model`, an
+# MJCF file, and `pids_config_file` are beside the description.
+
+
+_MODEL: Final = "mujoco_model"
+_PIDS: Final = "pids_config_file"
+
+
+def simulation_engine(setup: RobotSetup, kinds: Sequence[Kind], report: Callable[[str, str], None]) -> Engine | None:
+    """Return the physics of a robot's one simulated tag, None for simple motors; RobotConfigError, PhysicsError.
+
+    `report` takes the kind and the text of what was guessed, or keeps it from physics.
+    """
+    tags = [tag for tag, kind in zip(setup.description.hardware, kinds, strict=True) if kind is Kind.SIMULATION]
+    wanted = setup.world is not None or any(tag.plugin == PHYSICS_PLUGIN for tag in tags)
+    if not setup.simulate:
+        return None
+    try:
+        require_physics()
+        if len(tags) > 1:
+            raise RobotConfigError(
+                f"{setup.description.path}: physics moves one <ros2_control> tag, and there are {len(tags)}"
+            )
+        return _engine(setup, tags[0], report)
+    except ConfigError as error:
+        if wanted:
+            raise
+        report("physics", f"simple motors move {setup.name}, since there is no physics: {error}")
+        return None
+
+
+def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, str], None]) -> Engine:
+    """Make the world of a tag."""
+    from canopen_control.physics.plugin_robot import make_simulated
+
+    folder = Path(setup.description.path).parent
+    model, pids = (tag.parameters.get(key, "").strip() for key in (_MODEL, _PIDS))
+    loops = read_pids(folder / pids, tag) if pids else {}
+    world = None if setup.world is None else _world(setup.world)
+    engine = make_simulated(setup.description, tag, folder / model if model else None, loops, world)
+    if problems := [f"{setup.world}:{problem}" for problem in engine.problems()]:
+        raise RobotConfigError("\n".join(problems))
+    for note in engine.notes:
+        report("physics", note)
+    return engine
+
+
+def _world(path: Path) -> WorldDescription:
+    """Read the world of one robot."""
+    from canopen_control.physics.world_file import read_world_description
+
+    world = read_world_description(path)
+    if world.robots:
+        raise RobotConfigError(f"{path}: it has robots of its own: canopen-control run --world {path}")
+    return world
 
 
 @dataclass(slots=True)

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
-from canopen_control.cia402.drive_goal import FAULT_STATES
+from canopen_control.cia402.drive import FAULT_STATES
 from canopen_control.cia402.homing import require_method
 from canopen_control.cia402.modes import OperationMode, require_mode
 from canopen_control.cia402.state import POWERED_STATES, State
@@ -20,13 +20,12 @@ from canopen_control.hardware.mode_choice import listed_modes
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from canopen_control.cia301.sdo_client import SdoRequest
+    from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.hardware.axis import Axis
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.hardware.system import CanopenSystem
     from canopen_control.master.remote_node import RemoteNode
 
-__all__ = ["AxisRequest", "ProbeReading", "axes_of", "begin_action", "find_node", "reached", "whole_bases"]
 
 _PROBE = {
     "function": objects.TOUCH_PROBE_FUNCTION,

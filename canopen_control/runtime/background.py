@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from canopen_control.runtime.core import RobotCore
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["BackgroundRobot"]
 
 START_S = 30.0
 _SETTLED = ("running", "stop_latched")  # what is latched waits for `release` with whatever it is at

@@ -27,24 +27,24 @@ from canopen_control.cia402.objects import (
     object_name,
 )
 from canopen_control.controllers.controllers_file import ControllerConfig, ControllersFile
-from canopen_control.controllers.drive_target import TYPE
+from canopen_control.controllers.forward_command import TYPE
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.interfaces import EFFORT, POSITION, TARGET, VELOCITY
+from canopen_control.hardware.interfaces import TARGET
 from canopen_control.hardware.mode_choice import serving_objects
 from canopen_control.hardware.system import PLUGINS
-from canopen_control.urdf.declared_interface import InterfaceInfo
 from canopen_control.urdf.description import Description
+from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY, InterfaceInfo
 from canopen_control.urdf.robot_model import RobotModel
 from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from canopen_control.master.config import BusConfig, NodeConfig
+    from canopen_control.master.config import BusConfig
+    from canopen_control.master.keys import NodeConfig
     from canopen_control.master.plan import NodePlan
 
-__all__ = ["controllers_of", "description_of", "doubts_about", "unmoved_drives", "with_free_drives"]
 
 _PLUGIN: Final = "canopen_control/CanopenSystem"
 _DRIVERS: Final = ("Cia402", "MotionController")

@@ -12,19 +12,18 @@ from typing import TYPE_CHECKING
 
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.hardware.peer_interfaces import with_interfaces_of_plugins
+from canopen_control.hardware.mode_choice import with_interfaces_of_plugins
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.master.budget import HIGH, budget_of
 from canopen_control.master.config import inspect_bus
+from canopen_control.od.issues import Severity
 from canopen_control.runtime import check_rules
 from canopen_control.runtime.bus_alone import doubts_about, unmoved_drives
-from canopen_control.runtime.check_data import Finding, Severity, sorted_findings
-from canopen_control.runtime.check_timing import check_timing, cycle_ns
+from canopen_control.runtime.check_timing import Finding, check_timing, cycle_ns, sorted_findings
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.setup import clashes_of, plans_of, read_robot
-from canopen_control.runtime.stop_facts import axis_facts, command_lives
-from canopen_control.runtime.stop_times import stop_time
+from canopen_control.runtime.stop_times import axis_facts, command_lives, stop_time
 from canopen_control.runtime.sync_choice import SyncSender
 from canopen_control.urdf.description import read_description
 
@@ -42,8 +41,6 @@ if TYPE_CHECKING:
     from canopen_control.runtime.sync_choice import SyncChoice
     from canopen_control.urdf.description import Description
     from canopen_control.yamlfile.problems import Problem
-
-__all__ = ["CheckOptions", "CheckReport", "check_robot", "start_warnings"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import RobotConfigError, nearest
-from canopen_control.runtime.check_data import Finding, Severity
+from canopen_control.od.issues import Severity
+from canopen_control.runtime.check_timing import Finding
 from canopen_control.runtime.launch_file import SPAWNER_VALUES, read_launch, words_of
 from canopen_control.runtime.launch_python import read_python
 from canopen_control.urdf.document import read_document
@@ -21,12 +22,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from canopen_control.runtime.check_data import CheckedRobot
+    from canopen_control.runtime.check_timing import CheckedRobot
     from canopen_control.runtime.launch_file import LaunchFile
     from canopen_control.runtime.launch_python import LaunchNode
     from canopen_control.urdf.document import Element
 
-__all__ = ["check_launch"]
 
 _NODE_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _ARG: Final = re.compile(r"\$\((?:arg|var) +([\w.-]+)\)")

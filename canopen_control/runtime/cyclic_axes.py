@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode, supported_modes
-from canopen_control.hardware.interfaces import POSITION, VELOCITY
+from canopen_control.urdf.joint_element import POSITION, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from canopen_control.urdf.description import Description
     from canopen_control.urdf.ros2_control import ControlJoint
 
-__all__ = ["CyclicAxis", "axis_number", "cyclic_axes", "joint_words", "node_of"]
 
 _CYCLIC: Final = {
     POSITION: (OperationMode.CSP, objects.TARGET_POSITION),

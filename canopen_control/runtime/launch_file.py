@@ -24,16 +24,6 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.document import Element
 
-__all__ = [
-    "SPAWNER_VALUES",
-    "LaunchFile",
-    "Launched",
-    "launched_robot",
-    "read_launch",
-    "refuse_mistyped",
-    "spawned_names",
-    "words_of",
-]
 
 _VARIABLE: Final = re.compile(r"\$\((?:var|arg) +([\w.-]+)\)")
 _PACKAGE: Final = re.compile(r"\$\((?:find|find-pkg-share) +([\w.-]+)\)")

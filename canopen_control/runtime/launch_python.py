@@ -17,7 +17,6 @@ from canopen_control.errors import RobotConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = ["LaunchCondition", "LaunchInclude", "LaunchNode", "LaunchText", "PythonLaunch", "read_python"]
 
 _SUFFIXES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds", ".dcf", ".rviz", ".launch.py", ".launch.xml", ".launch")
 _NODES: Final = ("Node", "LifecycleNode", "ComposableNodeContainer")

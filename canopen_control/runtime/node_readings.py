@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.robot_bus import RobotBus
 
-__all__ = ["NodeReadings"]
-
 
 class NodeReadings:
     """The readings of all nodes of a robot, by name."""

@@ -6,25 +6,32 @@ that says what to call next. What is named is the node as users know it.
 
 from __future__ import annotations
 
+import json
+import os
+import time
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.objects import CONTROLWORD, axis_of
 from canopen_control.cia402.state import POWERED_STATES
 from canopen_control.controllers.base import not_enabled
-from canopen_control.errors import NotEnabled, NotYetEnabled
+from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
+from canopen_control.hardware.axis_power import Action
 from canopen_control.hardware.interfaces import TARGET
+from canopen_control.master.event_log import Event, Level
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from pathlib import Path
 
+    from canopen_control.controllers.base import Controller
     from canopen_control.hardware.interfaces import CommandInterface
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.master.remote_node import RemoteNode
+    from canopen_control.runtime.assembly import Assembly
     from canopen_control.runtime.robot_bus import RobotBus
 
     Ends = tuple[CommandInterface, ...]
 
-__all__ = ["by_stop_group", "cause", "claimed_off", "ending", "hint", "in_fault", "is_rising", "refusal", "settled",
-           "way_back", "why_not_started"]  # fmt: skip
 
 _ENABLE: Final = "canopen-control axis enable all"
 _RESET: Final = "canopen-control axis fault-reset all"
@@ -190,3 +197,200 @@ def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
     """Say how many set-points axes have missed that moved, since they were enabled; "" where none did."""
     missed = [f"{joint.joint} {joint.tracking.skipped}" for joint in joints if joint.tracking.skipped]
     return f"; set-points that moving axes did not get since they were enabled: {', '.join(missed)}" if missed else ""
+
+
+# Nodes that move nothing and without which nothing may move: an I/O module that bus.yml calls required or mandatory.
+#
+# The law of this file: a drive that is lost stops its group by itself (`hardware.system`). Of the other nodes only one
+# of which bus.yml says in so many words that the robot needs it (`required: true` or `mandatory: true`) stops axes when
+# it is lost, all of them, and no axis is enabled before it is back. Any other is told, and the axes go on. What is back
+# enables nothing: that is a user's word.
+
+
+_RISING: Final = (Action.ENABLE, Action.HOME)
+
+
+class NeededNodes:
+    """Watches the nodes of a robot that it needs and that move none of its joints, beside the `latch` of STOP.
+
+    `forget(now, why)` has every controller forget its command; the hooks `after_cycle` get one more where it has nodes.
+    """
+
+    def __init__(
+        self,
+        made: Assembly,
+        latch: StopLatch,
+        forget: Callable[[int, str], None],
+        report: Callable[[Event], None],
+        after_cycle: list[Callable[[int], None]],
+    ) -> None:
+        self._made, self._latch, self._forget, self._report = made, latch, forget, report
+        moving = {joint.node.name for joint in made.joints.values()}
+        self._nodes = [each for name, each in made.nodes.items() if name not in moving and each.config.boot.insists]
+        self._ready = dict.fromkeys(self._nodes, False)
+        if self._nodes:
+            after_cycle.append(self.step)
+
+    @property
+    def hint(self) -> str | None:
+        """What keeps every axis from moving, STOP first; None where nothing does."""
+        missing = self._missing()
+        if missing and self._latch.hint is None:
+            return f"nothing moves while bus.yml requires {missing}: {way_back(self._absent)}"
+        return self._latch.hint
+
+    def check_action(self, action: Action) -> None:
+        """Refuse what would move an axis while one of them is missing, or STOP is latched; ControlError."""
+        self._latch.check_action(action)
+        if action in _RISING:
+            self._require(f"axis {action.value}")
+
+    def check_controllers(self, controllers: Iterable[Controller]) -> None:
+        """Refuse to activate controllers that command something, likewise; ControlError."""
+        wanted = list(controllers)
+        self._latch.check_controllers(wanted)
+        for each in wanted:
+            if each.command_interface_names():
+                self._require(f"activating {each.name}")
+
+    def step(self, now: int) -> None:
+        """Stop all axes when one of them was lost; after every cycle."""
+        for node in self._nodes:
+            if node.ready is not self._ready[node]:
+                self._ready[node] = node.ready
+                if not node.ready:
+                    self._stop(node, now)
+
+    def _require(self, doing: str) -> None:
+        if missing := self._missing():
+            raise ControlError(f"{doing} is refused: bus.yml requires {missing}; {way_back(self._absent)}")
+
+    @property
+    def _absent(self) -> list[RemoteNode]:
+        return [node for node in self._nodes if not node.ready]
+
+    def _missing(self) -> str:
+        """Return who is missing and why, "" where all are there."""
+        return ", ".join(f"{each.who} ({each.error or 'it has not booted yet'})" for each in self._absent)
+
+    def _stop(self, node: RemoteNode, now: int) -> None:
+        moving = [joint for joint in self._made.joints.values() if joint.wanted]
+        why = f"{node.who}, which bus.yml requires, was lost"
+        self._forget(now, why)
+        for system in self._made.systems:
+            system.stop(now)
+        for joint in moving:
+            joint.stopped_by = f"stopped since {why}"
+        if moving:
+            names = ", ".join(joint.joint for joint in moving)
+            text = f"stopping {names}: {why}; to go on when it is back: canopen-control axis enable all"
+            self._report(Event(now, "stop", node.name, text, Level.ERROR))
+
+
+# The latched STOP: no client makes anything move until somebody releases it on purpose.
+#
+# The law of this file: latching stops first and is never refused; a second STOP changes nothing but is done again.
+# Releasing enables nothing, and what was commanded before the STOP counts no more: whoever wants the robot to move has
+# to enable its drives and to command it anew. A latched robot comes back latched, however it ended: the latch is a file
+# below the state folder, one for each robot's name. This is a function of this program, no safety function (ISO 13850).
+
+
+RELEASE = "canopen-control stop --release"
+_MOVING = (Action.ENABLE, Action.HOME)
+
+
+class StopLatch:
+    """Whether STOP is latched: `by` says who did it, None while it is not. `report` is told of both ends."""
+
+    __slots__ = ("_path", "_report", "by")
+
+    def __init__(self, report: Callable[[Event], None]) -> None:
+        self._report = report
+        self._path: Path | None = None
+        self.by: str | None = None
+
+    def keep(self, path: Path) -> None:
+        """Outlive this process in the file `path`, and be what that says: latched, if it is there."""
+        self._path = path
+        try:
+            self.by = str(json.loads(path.read_text())["by"])
+        except FileNotFoundError:
+            return
+        except (OSError, ValueError, LookupError, TypeError):  # it is there: somebody has latched it
+            self.by = "somebody before"
+
+    def tell(self, now: int) -> None:
+        """Say, at the start, that it is latched still."""
+        if self.by is not None:
+            text = f"STOP is latched since an earlier run (by {self.by}): nothing moves; release it: {RELEASE}"
+            self._report(Event(now, "stop_latched", "", text, Level.WARNING))
+
+    def _write_down(self, now: int) -> None:
+        """Make the file what the latch is; a file that cannot be written is told, and the latch holds all the same."""
+        if self._path is None:
+            return
+        try:
+            if self.by is None:
+                self._path.unlink(missing_ok=True)
+                return
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            fresh = self._path.with_suffix(".new")
+            fresh.write_text(json.dumps({"by": self.by, "time": time.time()}) + "\n")
+            os.replace(fresh, self._path)
+        except OSError as error:
+            what = "the next run will be latched still" if self.by is None else "the next run will not be latched"
+            text = f"the STOP latch cannot be kept in {self._path}: {error.strerror or error}; {what}"
+            self._report(Event(now, "latch_not_kept", "", text, Level.ERROR))
+
+    @property
+    def held(self) -> bool:
+        """Whether nothing may move."""
+        return self.by is not None
+
+    @property
+    def hint(self) -> str | None:
+        """What to do next while nothing may move."""
+        return None if self.by is None else f"STOP is latched (by {self.by}): {RELEASE}"
+
+    def hold(self, by: str, now: int) -> None:
+        """Latch it; a second one leaves the credit to the first."""
+        if self.by is None:
+            self.by = by
+            text = f"STOP by {by}, latched: nothing moves before it is released"
+            self._report(Event(now, "stop_latched", "", text, Level.WARNING))
+            self._write_down(now)
+
+    def release(self, by: str, now: int) -> None:
+        """Let go; a second call does nothing."""
+        if self.by is not None:
+            self.by = None
+            text = f"STOP was released by {by}; the drives stay disabled until somebody enables them"
+            self._report(Event(now, "stop_released", "", text, Level.WARNING))
+            self._write_down(now)
+
+    def refuse(self, *what: str) -> None:
+        """Raise ControlError while it is latched; the sentence begins with `what` and says how to go on."""
+        if self.by is not None:
+            doing = " ".join(what)
+            raise ControlError(f"{doing} is refused: STOP is latched (by {self.by}); release it first: {RELEASE}")
+
+    def check_action(self, action: Action) -> None:
+        """Refuse what would move an axis; disabling, halting and acknowledging faults stay possible."""
+        if action in _MOVING:
+            self.refuse("axis", action.value)
+
+    def check_controllers(self, controllers: Iterable[Controller]) -> None:
+        """Refuse to activate controllers that command something."""
+        for controller in controllers:
+            if controller.command_interface_names():
+                self.refuse("activating", controller.name)
+
+    def check_write(self, index: int) -> None:
+        """Refuse a controlword past the controllers, by SDO."""
+        if is_controlword(index):
+            self.refuse(f"writing the controlword (0x{index:04X})")
+
+
+def is_controlword(index: int) -> bool:
+    """Whether an object is the controlword of one of a device's axes."""
+    return axis_of(index)[0] == CONTROLWORD

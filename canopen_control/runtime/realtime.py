@@ -24,7 +24,6 @@ from canopen_control.errors import ConfigError, RobotConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["DEFAULT_PRIORITY", "HIGHEST_PRIORITY", "LATENCY_DEVICE", "RealTime", "keep_awake", "keep_garbage_small"]
 
 DEFAULT_PRIORITY: Final = 40  # below the 50 of a PREEMPT_RT kernel's interrupt threads, which bring the frames
 HIGHEST_PRIORITY: Final = 99

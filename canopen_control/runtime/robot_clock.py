@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from canopen_control.host.reactor import Reactor
 
-__all__ = ["RobotClock", "WallClock", "step_words"]
 
 _STEP_NS: Final = 50_000_000  # more than NTP slews away unseen, and less than any command lives
 _NOISE_NS: Final = 100_000  # smaller differences are of the measurement

@@ -24,17 +24,6 @@ if TYPE_CHECKING:
 
     from canopen_control.runtime.launch_file import Launched
 
-__all__ = [
-    "BUS",
-    "CONTROLLERS",
-    "MAIN_BUS",
-    "AskedHardware",
-    "RobotFiles",
-    "find_buses",
-    "find_launch",
-    "find_robot",
-    "xacro_arguments",
-]
 
 MAIN_BUS = "can"  # the name of the bus of bus.yml; that of bus_NAME.yml is NAME
 BUS, CONTROLLERS = "bus.yml", "ros2_controllers.yaml"

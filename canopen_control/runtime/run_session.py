@@ -8,35 +8,142 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import math
 import os
 import signal
+import sys
+import traceback
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from canopen_control.errors import CanopenError, RobotConfigError
+from canopen_control.controllers.base import twist_axes_of
+from canopen_control.errors import CanopenError, ControlError, RobotConfigError
 from canopen_control.host.files import state_dir
 from canopen_control.host.lifeline import lifeline_fd
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse, claim, drive_name, runtime_dir
-from canopen_control.master.event_log import Event
+from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.api import ApiServer
-from canopen_control.runtime.core import RobotCore
-from canopen_control.runtime.demo_motion import DemoMotion
-from canopen_control.runtime.physics_plant import write_plant
-from canopen_control.runtime.program_errors import ProgramErrors
+from canopen_control.runtime.core import RobotCore, RobotState
+from canopen_control.runtime.physics_plant import SensedValues, world_sensors, write_plant
 from canopen_control.runtime.realtime import RealTime, keep_garbage_small
 from canopen_control.runtime.supervisor import Restarts, Supervisor, hosts_virtual_drives
 from canopen_control.runtime.true_pose import PERIOD_NS, TruePoseQuery, odometry_at
-from canopen_control.runtime.world_sensing import SensedValues, world_sensors
+from canopen_control.urdf.joint_element import POSITION, VELOCITY
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
+    from canopen_control.host.timer import Timer
     from canopen_control.rpc.messages.drive import BasePose
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["RunOptions", "Session"]
+
+# The motion of `demo`: velocities, positions or a curve, until somebody commands the robot.
+#
+# It is a commander like any other and the humblest: the first command of anyone else ends it for good. Velocities step,
+# positions swing slowly about where the joints were, a base goes a curve; an effort, whose end nobody could foresee, is
+# not played.
+
+
+SOURCE = "demo"
+_STEP_NS = 100_000_000
+_STEPS_EACH = 30  # three seconds of each phase
+_PHASES = (0, 1, -1)
+_SPEED = 10.0  # rad/s (m/s)
+_TWIST = {"linear.x": 0.2, "linear.y": 0.1, "angular.z": 0.5}  # m/s, rad/s
+_SWING = 0.25  # rad (m), each way
+_SWING_STEPS = 80  # eight seconds there and back: 0.2 rad/s at most
+
+
+class DemoMotion:
+    """Plays on a controller in a loop: velocities and twists stand, go and go back; positions swing."""
+
+    def __init__(self, robot: RobotCore, controller: str) -> None:
+        self._robot, self._controller = robot, controller
+        self._step = 0
+        self._middle: list[float] | None = None
+        self._timer: Timer | None = robot.reactor.call_later(_STEP_NS, self._play)
+
+    def _play(self) -> None:
+        robot = self._robot
+        if robot.commander not in (None, SOURCE):
+            robot.report(
+                Event(robot.reactor.now(), "demo", "", f"{robot.commander} commands now; the demo motion ends")
+            )
+            return
+        if robot.state in (RobotState.STOPPING, RobotState.STOPPED):
+            return
+        self._timer = robot.reactor.call_later(_STEP_NS, self._play)
+        if robot.state is RobotState.RUNNING:
+            self._command()
+
+    def _command(self) -> None:
+        try:
+            values = self._values()
+            if values:
+                self._robot.command(self._controller, values, SOURCE)
+        except ControlError:
+            return  # somebody deactivated the controller: there is nothing to play on
+        self._step += 1
+
+    def _values(self) -> list[float]:
+        """Return the commands of this step, none where there is nothing to play."""
+        controller = self._robot.manager.get(self._controller)
+        if controller.topic is None:  # it takes goals
+            return []
+        if axes := twist_axes_of(controller):
+            return [_TWIST[axis] * _PHASES[self._step // _STEPS_EACH % len(_PHASES)] for axis in axes]
+        names = controller.command_interface_names()
+        kinds = {name.rpartition("/")[2] for name in names}
+        if kinds == {VELOCITY}:
+            return [_SPEED * _PHASES[self._step // _STEPS_EACH % len(_PHASES)]] * len(names)
+        if kinds != {POSITION}:
+            return []
+        if self._middle is None:
+            self._middle = [self._robot.registry.state(name).value for name in names]
+        swing = _SWING * math.sin(math.tau * self._step / _SWING_STEPS)
+        return [middle + swing for middle in self._middle]
+
+
+# Faults of this program while a robot runs: told like any other event, and the robot goes on.
+#
+# The law of this file: an exception that nobody expected is one sentence with its place, once for each place; its
+# traceback is for those who ask for it with CANOPEN_CONTROL_DEBUG.
+
+
+_MOST_PLACES = 20
+
+
+class ProgramErrors:
+    """A reactor's `on_error`: hands an event to `report`; `now` tells the time."""
+
+    def __init__(self, now: Callable[[], int], report: Callable[[Event], None]) -> None:
+        self._now, self._report = now, report
+        self._told: set[str] = set()
+
+    def __call__(self, error: BaseException) -> None:
+        """Tell an exception, unless its place has been told."""
+        if os.environ.get("CANOPEN_CONTROL_DEBUG"):
+            traceback.print_exception(error, file=sys.stderr)
+        place = _place_of(error)
+        if place in self._told or len(self._told) >= _MOST_PLACES:
+            return
+        self._told.add(place)
+        text = (
+            f"a fault of this program at {place}: {type(error).__name__}: {error}; the robot goes on, please report it"
+        )
+        self._report(Event(self._now(), "program_error", "", text, Level.ERROR))
+
+
+def _place_of(error: BaseException) -> str:
+    frames = traceback.extract_tb(error.__traceback__)
+    if not frames:
+        return "an unknown place"
+    last = frames[-1]
+    return f"{last.filename.rpartition('canopen_control/')[2]}:{last.lineno}"
 
 
 _BOOT_FIRST_NS = 1_000_000_000  # a usual boot is over then; the start of one more process would cost it 50 ms

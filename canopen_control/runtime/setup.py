@@ -14,7 +14,7 @@ from canopen_control.bus.channel import ChannelKind, may_host_virtual_drives, na
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.types import is_broadcaster, moves_joints
 from canopen_control.errors import RobotConfigError, nearest
-from canopen_control.hardware.peer_interfaces import with_interfaces_of_plugins
+from canopen_control.hardware.mode_choice import with_interfaces_of_plugins
 from canopen_control.hardware.plugins import Kind, kind_of
 from canopen_control.master.config import read_bus
 from canopen_control.master.event_log import Level
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
     _ReadBuses = Callable[[], dict[str, BusConfig]]
 
-__all__ = ["BUS_NAME", "RobotSetup", "clashes_of", "plans_of", "read_robot", "started_controllers"]
 
 BUS_NAME = MAIN_BUS
 

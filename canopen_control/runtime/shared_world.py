@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from canopen_control.physics.world_file import RobotStart
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["SharedRun", "read_shared"]
 
 _READY_NS: Final = 30_000_000_000
 _GRACE_S: Final = 8.0  # for a robot to stop and leave, then for the drives

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from canopen_control.controllers.base import ALL_STATES, ControllerState
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ControlError, InterfaceConflict, RobotConfigError, UnknownName, nearest
-from canopen_control.urdf.wheels import WheelGeometry
+from canopen_control.urdf.robot_model import WheelGeometry
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from canopen_control.controllers.manager import ControllerManager
     from canopen_control.hardware.interfaces import InterfaceRegistry
     from canopen_control.runtime.setup import RobotSetup
-
-__all__ = ["configure_controller", "load_controller", "prepare_controllers", "require_active", "switch_controllers"]
 
 
 UNLOADED = "unloaded"  # of a controller that is only in the file

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from canopen_control.controllers.state_copy import finite
-from canopen_control.hardware.interfaces import POSITION
+from canopen_control.controllers.base import finite
 from canopen_control.master.event_log import Level
 from canopen_control.master.pdo_layout import layout_of
 from canopen_control.rpc.messages.layout import Layout
@@ -24,6 +23,7 @@ from canopen_control.rpc.messages.state import (
 )
 from canopen_control.runtime.cyclic_axes import linear_axes
 from canopen_control.runtime.pacer import LATE_EDGES_NS
+from canopen_control.urdf.joint_element import POSITION
 from canopen_control.version import __version__, build
 
 if TYPE_CHECKING:
@@ -32,15 +32,6 @@ if TYPE_CHECKING:
     from canopen_control.master.remote_node import RemoteNode
     from canopen_control.runtime.core import RobotCore
 
-__all__ = [
-    "Readings",
-    "event_message",
-    "layout_message",
-    "nodes_message",
-    "readings_of",
-    "state_sample",
-    "status_message",
-]
 
 _MAX_EVENTS = 50
 _LEVELS = {level: level.name.lower() for level in Level}

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.bus.channel import may_host_virtual_drives, open_port, parse_channel
 from canopen_control.errors import CanopenError
 from canopen_control.host.environment import MODULE, lean_python
-from canopen_control.host.spawn import end_children, spawn, state_dir
+from canopen_control.host.files import state_dir
+from canopen_control.host.spawn import end_children, spawn
 from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.physics_plant import write_buses
 from canopen_control.virtual.plant import WORLD_NOTE
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.virtual.nodehost import NodeHost
 
-__all__ = ["DELAY_NS", "MOST", "WINDOW_NS", "Restarts", "Silence", "Supervisor"]
 
 MOST: Final = 3  # restarts of a child within the window, then it is given up
 WINDOW_NS: Final = 60_000_000_000

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from canopen_control.runtime.cyclic_axes import CyclicAxis
     from canopen_control.urdf.description import Description
 
-__all__ = ["SyncChoice", "SyncSender", "choose_sync"]
-
 
 class SyncSender(enum.Enum):
     """Who sends SYNC."""

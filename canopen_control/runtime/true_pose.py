@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import CanopenError
 from canopen_control.host.sockets import socket_path
+from canopen_control.rpc.client import ReactorClient
 from canopen_control.rpc.messages.drive import DRIVE, GetWorld
 from canopen_control.rpc.messages.state import TruePose
-from canopen_control.rpc.reactor_client import ReactorClient
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.drive import BasePose, WorldState
     from canopen_control.rpc.messages.state import Planar
 
-__all__ = ["PERIOD_NS", "TruePoseQuery", "TruePoseTracker", "odometry_at"]
 
 PERIOD_NS: Final = 50_000_000
 _TIMEOUT_NS: Final = 2_000_000_000

@@ -11,8 +11,6 @@ from typing import Final
 from canopen_control.controllers.types import TYPES
 from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 
-__all__ = ["BASES", "Base"]
-
 
 @dataclass(frozen=True, slots=True)
 class Base:

@@ -17,9 +17,9 @@ from canopen_control.cia402.objects import (
     QUICK_STOP_DECELERATION,
     object_name,
 )
-from canopen_control.od.limits import outside_limits
+from canopen_control.od.codec import outside_limits
 from canopen_control.profiles.device_type import Profile
-from canopen_control.profiles.error_modes import has_error_mode
+from canopen_control.profiles.profile_tables import has_error_mode
 from canopen_control.scaffold.drive_choice import POSITION
 from canopen_control.scaffold.new_robot import FASTEST_MEASURED
 
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from canopen_control.scaffold.new_robot import NewJoint, NewNode, NewRobot
     from canopen_control.scaffold.pdo_choice import PdoUse
 
-__all__ = ["bus_text", "remark"]
 
 _COLUMN: Final = 44
 _QUICK_STOP: Final = 3  # 0x6007

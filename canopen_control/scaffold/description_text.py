@@ -16,7 +16,6 @@ from canopen_control.scaffold.new_robot import FASTEST_MEASURED
 if TYPE_CHECKING:
     from canopen_control.scaffold.new_robot import NewJoint, NewNode, NewRobot
 
-__all__ = ["RADIUS", "SEPARATION", "WHEELBASE", "description_text"]
 
 RADIUS: Final = 0.05  # m, of a wheel
 SEPARATION: Final = 0.3  # m, between left and right

@@ -24,18 +24,6 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Address, ObjectDictionary
 
-__all__ = [
-    "EFFORT",
-    "POSITION",
-    "VELOCITY",
-    "AxisChoice",
-    "DriveChoice",
-    "Supervision",
-    "axes_of",
-    "choose_drive",
-    "is_drive",
-    "supervision_of",
-]
 
 EFFORT: Final = "effort"
 POSITION: Final = "position"

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from canopen_control.profiles.device_signal import Signal
     from canopen_control.scaffold.drive_choice import AxisChoice, DriveChoice, Supervision
 
-__all__ = ["FASTEST_MEASURED", "Device", "NewJoint", "NewNode", "NewRobot", "check_robot_name", "plan_robot"]
 
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LONGEST: Final = 32  # of a robot's name, which a socket has too

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.od.limits import outside_limits
+from canopen_control.od.codec import outside_limits
 from canopen_control.od.pdos import MAX_BITS, pdos_of
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, ObjectDictionary
     from canopen_control.od.pdos import Pdo
 
-__all__ = ["PdoUse", "PdoWish", "choose_pdos"]
 
 _PREDEFINED = 4  # PDOs of each direction with a COB-ID in the predefined connection set
 

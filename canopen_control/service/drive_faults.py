@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia301.emcy_codes import error_text, register_text
+from canopen_control.cia301.emcy import error_text, register_text
 from canopen_control.cia402.objects import ERROR_CODE, axis_index
 from canopen_control.cia402.state import State
 from canopen_control.errors import ConfigError
@@ -13,7 +13,6 @@ from canopen_control.od.model import DataType
 if TYPE_CHECKING:
     from canopen_control.service.node_session import NodeSession
 
-__all__ = ["error_history", "fault_words", "why_not_free"]
 
 _POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 _FAULTS: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from canopen_control.client import RobotClient
     from canopen_control.rpc.messages.state import AxisReading, ControllerReading, StateSample
 
-__all__ = ["CURRENTS", "ENABLE_S", "PERIOD_S", "AxisCommand", "DriveCurrent", "JogDrive", "axis_reading", "choose_mode",
-           "drive_of_robot", "ended_words", "stop_drive", "takes_targets"]  # fmt: skip
 
 PERIOD_S: Final = 0.02
 RENEWED_S: Final = 0.1

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["Bode", "BodePoint", "bode_csv", "bode_lines", "filled", "frequency_response"]
 
 TRUSTED: Final = 0.9
 HIGHEST: Final = 1.0 / 3.0  # of the sampling rate

@@ -13,16 +13,13 @@ from canopen_control.cia402.objects import MOTION, axis_of
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.codec import decode
 from canopen_control.od.model import DataType
-from canopen_control.service.object_values import parse_value
-from canopen_control.service.parameter_diff import value_text
-from canopen_control.service.parameter_set import same_value
-from canopen_control.service.read_parameters import entry_label
+from canopen_control.service.object_rows import parse_value
+from canopen_control.service.parameter_set import entry_label, same_value, value_text
 
 if TYPE_CHECKING:
     from canopen_control.od.model import Entry, Value
     from canopen_control.service.node_session import NodeSession
 
-__all__ = ["Edit", "EditHistory", "limit_words", "limits_of", "parsed_value", "why_fixed"]
 
 _PROGRAM: Final = range(0x1F50, 0x1F58)
 _MOST_EDITS: Final = 100

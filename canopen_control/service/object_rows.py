@@ -2,23 +2,359 @@
 
 from __future__ import annotations
 
+import fnmatch
+import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
+from canopen_control.cia301.emcy import REGISTER_TEXTS
+from canopen_control.cia402 import objects
+from canopen_control.cia402.modes import MODE_BITS, OperationMode
+from canopen_control.cia402.units import rpm_of_unit
+from canopen_control.errors import ConfigError
+from canopen_control.od.codec import decode, encode
 from canopen_control.od.eds_values import format_value
+from canopen_control.od.model import SCALAR_CODES, DataType
 from canopen_control.rpc.messages.declare import Document
-from canopen_control.service.object_selection import has_changed, object_name
-from canopen_control.service.object_units import unit_of
-from canopen_control.service.object_values import printable
 from canopen_control.trace.network_description import NodeDescription
 from canopen_control.trace.values import NodeWords
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from canopen_control.od.model import Entry, ObjectDictionary, Value
 
-__all__ = ["READS_PER_S", "LiveObject", "ObjectRow", "rows_of"]
+
+# The units of the objects of CiA 301 and CiA 402-2, as people write them; "" for what has none or is not known.
+#
+# Positions and velocities of a drive are in the user's units, which are its counts unless 0x60A8 and 0x60A9 say
+# otherwise; a velocity in revolutions per minute is told by 0x60A9. A stepper's counts are its microsteps.
+
+
+POSITION: Final = "counts"
+VELOCITY: Final = "counts/s"
+ACCELERATION: Final = "counts/s^2"
+_BY_UNIT: Final = {
+    POSITION: (
+        *(objects.POSITION_DEMAND, objects.POSITION_ACTUAL_INTERNAL, objects.POSITION_ACTUAL, objects.TARGET_POSITION),
+        *(objects.FOLLOWING_ERROR_WINDOW, objects.POSITION_WINDOW, objects.HOME_OFFSET, objects.POSITION_OFFSET),
+        *(objects.FOLLOWING_ERROR_ACTUAL, objects.POSITION_DEMAND_INTERNAL, objects.TOUCH_PROBE_1_POSITIVE),
+        *(objects.TOUCH_PROBE_1_NEGATIVE, objects.TOUCH_PROBE_2_POSITIVE, objects.TOUCH_PROBE_2_NEGATIVE),
+        *(objects.POSITION_RANGE_LIMIT, objects.SOFTWARE_POSITION_LIMIT),
+    ),
+    VELOCITY: (
+        *(objects.VELOCITY_DEMAND, objects.VELOCITY_ACTUAL, objects.VELOCITY_WINDOW, objects.VELOCITY_THRESHOLD),
+        *(objects.MAX_PROFILE_VELOCITY, objects.PROFILE_VELOCITY, objects.END_VELOCITY, objects.TARGET_VELOCITY),
+        *(objects.VELOCITY_OFFSET, objects.MAX_SLIPPAGE, objects.HOMING_SPEEDS),
+    ),
+    ACCELERATION: (
+        *(objects.PROFILE_ACCELERATION, objects.PROFILE_DECELERATION, objects.QUICK_STOP_DECELERATION),
+        *(objects.MAX_ACCELERATION, objects.MAX_DECELERATION, objects.HOMING_ACCELERATION),
+    ),
+    "rpm": (
+        *(objects.VL_TARGET_VELOCITY, objects.VL_VELOCITY_DEMAND, objects.VL_VELOCITY_ACTUAL),
+        *(objects.VL_MIN_MAX_AMOUNT, objects.MAX_MOTOR_SPEED),
+    ),
+    "1/1000 of the rated torque": (
+        *(objects.TARGET_TORQUE, objects.MAX_TORQUE, objects.TORQUE_DEMAND, objects.TORQUE_ACTUAL),
+        *(objects.POSITIVE_TORQUE_LIMIT, objects.NEGATIVE_TORQUE_LIMIT, objects.TORQUE_OFFSET),
+    ),
+    "1/1000 of the rated torque a second": (objects.TORQUE_SLOPE,),
+    "1/1000 of the rated current": (objects.MAX_CURRENT, objects.CURRENT_ACTUAL),
+    "mA": (objects.MOTOR_RATED_CURRENT,),
+    "mNm": (objects.MOTOR_RATED_TORQUE,),
+    "mV": (objects.DC_LINK_VOLTAGE,),
+    "ms": (
+        *(0x100C, 0x1017),
+        *(objects.FOLLOWING_ERROR_TIMEOUT, objects.POSITION_WINDOW_TIME, objects.VELOCITY_WINDOW_TIME),
+        *(objects.VELOCITY_THRESHOLD_TIME,),
+    ),
+    "us": (0x1006, 0x1007),
+}
+_UNITS: Final = {index: unit for unit, indices in _BY_UNIT.items() for index in indices}
+_IN_REVOLUTIONS: Final = {VELOCITY: "rpm"}
+
+
+def unit_of(od: ObjectDictionary, index: int, subindex: int) -> str:
+    """Return the unit of an object by the profile; that of a velocity by 0x60A9 of the same axis."""
+    base, axis = objects.axis_of(index)
+    unit = _UNITS.get(base, "")
+    if subindex == 0 and (index, 1) in od:
+        return ""  # how many there are
+    if unit in _IN_REVOLUTIONS:
+        entry = od.get(objects.axis_index(objects.SI_UNIT_VELOCITY, axis))
+        value = None if entry is None else entry.value
+        rpm = rpm_of_unit(value) if isinstance(value, int) else 0.0
+        if rpm:
+            return "rpm" if rpm == 1.0 else f"{rpm:g} rpm"
+    return unit
+
+
+# Values as people write and read them: text to bytes by data type and back.
+#
+# A whole number is decimal, 0x, 0o or 0b, never cut: what the type cannot hold is refused. For a
+# signed type a 0x number of the type's full width is two's complement, as data sheets print it. Shown is the value of
+# the type, its bytes in hexadecimal, and the text where it is one; without a type both readings of a number are shown.
+
+
+_ALIASES: dict[str, DataType] = {
+    "bool": DataType.BOOLEAN,
+    **{f"i{bits}": DataType[f"INTEGER{bits}"] for bits in (8, 16, 24, 32, 40, 48, 56, 64)},
+    **{f"u{bits}": DataType[f"UNSIGNED{bits}"] for bits in (8, 16, 24, 32, 40, 48, 56, 64)},
+    "f32": DataType.REAL32,
+    "f64": DataType.REAL64,
+    "text": DataType.VISIBLE_STRING,
+    "unicode": DataType.UNICODE_STRING,
+    "bytes": DataType.OCTET_STRING,
+    "domain": DataType.DOMAIN,
+    "time": DataType.TIME_OF_DAY,
+    "interval": DataType.TIME_DIFFERENCE,
+}
+TYPE_NAMES = ", ".join(_ALIASES)
+_WORDS = {"true": 1, "false": 0}
+_TEXTS = (DataType.VISIBLE_STRING, DataType.UNICODE_STRING)
+_NUMBER_BYTES = 8  # up to which bytes without a type are read as a number
+_TEXT_BYTES = 3  # from which they are shown as a text too, where they are one
+_SHOWN_BYTES = 64
+
+
+def parse_type(text: str) -> DataType:
+    """Return the type of `i32`, `INTEGER32` and so on; ConfigError with those there are."""
+    found = _ALIASES.get(text.casefold()) or DataType.__members__.get(text.upper())
+    if found is None:
+        raise ConfigError(
+            f"no data type {text!r}; there are: {TYPE_NAMES}, and the names of CiA 301 such as UNSIGNED32"
+        )
+    return found
+
+
+def parse_value(text: str, data_type: DataType) -> bytes:
+    """Return the bytes of `text`; ConfigError where the type cannot hold it."""
+    try:
+        return encode(_value(text, data_type), data_type)
+    except ValueError as error:
+        raise ConfigError(f"value {error}") from None
+
+
+def _value(text: str, data_type: DataType) -> Value:
+    if data_type in _TEXTS:
+        return text
+    if data_type.is_real:
+        return _real(text, data_type)
+    if data_type.is_integer:
+        return _whole(text, data_type)
+    try:
+        return bytes.fromhex(text.removeprefix("0x"))
+    except ValueError:
+        raise ValueError(f"{text!r} is no {data_type.name}: write bytes in hexadecimal, as in DEADBEEF") from None
+
+
+def _real(text: str, data_type: DataType) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is no {data_type.name}: a number is wanted") from None
+
+
+def _whole(text: str, data_type: DataType) -> int:
+    if data_type is DataType.BOOLEAN and text.casefold() in _WORDS:
+        return _WORDS[text.casefold()]
+    try:
+        value = int(text, 0)
+    except ValueError:
+        raise ValueError(f"{text!r} is no {data_type.name}: a whole number is wanted, decimal or 0x") from None
+    bits = data_type.bits or 0
+    if data_type.signed and text.lower().startswith("0x") and data_type.maximum < value < 1 << bits:
+        value -= 1 << bits
+    return value
+
+
+def show(data: bytes, data_type: DataType | None) -> str:
+    """Return the value for people: decimal and hexadecimal, quoted text, or bytes."""
+    if data_type is None:
+        return _show_untyped(data)
+    value = decode(data, data_type)
+    if isinstance(value, str):
+        return f'"{printable(value)}" ({_count(data)})'
+    if isinstance(value, bytes):
+        return _show_bytes(data)
+    return f"{value} (0x{_hex_number(data)})" if data_type is not DataType.BOOLEAN else f"{bool(value)} ({value})"
+
+
+def _show_untyped(data: bytes) -> str:
+    if not 0 < len(data) <= _NUMBER_BYTES:
+        return _show_bytes(data)
+    unsigned, signed = (int.from_bytes(data, "little", signed=each) for each in (False, True))
+    other = "" if signed == unsigned else f", signed {signed}"
+    text = _text_of(data)
+    return f"{unsigned} (0x{_hex_number(data)}{other}" + (f', text "{text}")' if text else ")")
+
+
+def _show_bytes(data: bytes) -> str:
+    if not data:
+        return "empty (0 bytes)"
+    cut = " ..." if len(data) > _SHOWN_BYTES else ""
+    text = _text_of(data)
+    return f'"{text}" ({_count(data)})' if text else f"{data[:_SHOWN_BYTES].hex(' ')}{cut} ({_count(data)})"
+
+
+def _text_of(data: bytes) -> str:
+    """Return the bytes as a text if they are one, else ""; zeros at the end are padding."""
+    body = data.rstrip(b"\0")
+    if len(body) < _TEXT_BYTES or len(data) > _SHOWN_BYTES * 4 or not all(32 <= byte < 127 for byte in body):
+        return ""
+    return body.decode("ascii")
+
+
+def printable(text: str) -> str:
+    """Return `text` with what a terminal would obey written as an escape."""
+    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
+
+
+def _hex_number(data: bytes) -> str:
+    return data[::-1].hex().upper()
+
+
+def _count(data: bytes) -> str:
+    return f"{len(data)} byte" if len(data) == 1 else f"{len(data)} bytes"
+
+
+# Which objects of a dictionary a word means: an address, a pattern of addresses or names, or a part of a name.
+#
+#     0x6081  6081  0x1018:01     an object, or one subindex of it
+#     0x60*   *velocity*          patterns with * and ?, of addresses and of names
+#     velocity                    every name that has it in it
+#
+# What an object holds is compared to the default of the EDS; where that gives none nothing is known to have changed.
+
+
+_ADDRESS: Final = re.compile(r"(?:0x)?([0-9a-f]{4})(?::(?:0x)?([0-9a-f]{1,2}))?", re.IGNORECASE)
+_PATTERN: Final = re.compile(r"[*?]")
+_NOT_IN_A_SCAN: Final = 2  # bit 1 of ObjFlags (CiA 306-1)
+
+
+def select_objects(od: ObjectDictionary, words: Iterable[str]) -> list[Entry]:
+    """Return the entries that any of the words means, by address; all without a word. ConfigError for none of one."""
+    ordered = sorted(od, key=lambda entry: entry.address)
+    wanted = list(words)
+    if not wanted:
+        return ordered
+    found = set[tuple[int, int]]()
+    for word in wanted:
+        meant = {entry.address for entry in ordered if _means(word, od, entry)}
+        if not meant:
+            raise ConfigError(
+                f"no object {word!r} in the EDS; write an address such as 0x6081 or 0x1018:01, a pattern such as "
+                "0x60* or *velocity*, or a part of a name"
+            )
+        found |= meant
+    return [entry for entry in ordered if entry.address in found]
+
+
+def _means(word: str, od: ObjectDictionary, entry: Entry) -> bool:
+    match = _ADDRESS.fullmatch(word)
+    if match is not None:
+        return entry.index == int(match[1], 16) and (match[2] is None or entry.subindex == int(match[2], 16))
+    folded, name = word.casefold(), object_name(od, entry).casefold()
+    if _PATTERN.search(word):
+        addresses = (f"0x{entry.index:04x}", f"0x{entry.index:04x}:{entry.subindex:02x}")
+        texts = (*addresses, *(each.removeprefix("0x") for each in addresses), name)
+        return any(fnmatch.fnmatchcase(text, folded) for text in texts)
+    return bool(folded) and folded in name
+
+
+def object_name(od: ObjectDictionary, entry: Entry) -> str:
+    """Return the name of an entry, with that of its object where it is one of several."""
+    info = od.objects.get(entry.index)
+    if info is None or info.code in SCALAR_CODES or info.name == entry.name:
+        return entry.name
+    return f"{info.name}: {entry.name}"
+
+
+def is_scanned(entry: Entry) -> bool:
+    """Whether a look at everything reads it: it is readable, no DOMAIN, and ObjFlags do not forbid it."""
+    return entry.readable and entry.data_type is not DataType.DOMAIN and not entry.obj_flags & _NOT_IN_A_SCAN
+
+
+def has_changed(entry: Entry, value: Value) -> bool:
+    """Whether an object that can be written holds something else than its default; False where that is not known."""
+    if entry.default is None or not entry.writable:
+        return False
+    try:
+        return encode(value, entry.data_type) != encode(entry.default, entry.data_type)
+    except ValueError:
+        return value != entry.default
+
+
+# The bits of an object by name: statusword, controlword, error register, supported modes, digital inputs.
+
+
+_STATUSWORD: Final = {
+    0: "ready to switch on",
+    1: "switched on",
+    2: "operation enabled",
+    3: "fault",
+    4: "voltage enabled",
+    5: "no quick stop",
+    6: "switch on disabled",
+    7: "warning",
+    9: "remote",
+    10: "target reached",
+    11: "internal limit",
+}
+_CONTROLWORD: Final = {
+    0: "switch on",
+    1: "enable voltage",
+    2: "no quick stop",
+    3: "enable operation",
+    7: "fault reset",
+    8: "halt",
+}
+_INPUTS: Final = {0: "negative limit switch", 1: "positive limit switch", 2: "home switch", 3: "interlock"}
+_MODES: Final = {mode - 1: mode.name for mode in OperationMode if mode > 0}
+_ERROR_REGISTER: Final = 0x1001
+
+
+class NamedBit(NamedTuple):
+    """A bit that means something, and whether it is set."""
+
+    bit: int
+    name: str
+    on: bool
+
+
+def axis_word(index: int) -> bool:
+    """Whether an object is a statusword or a controlword: some of their bits are those of the mode of operation."""
+    return objects.axis_of(index)[0] in (objects.STATUSWORD, objects.CONTROLWORD)
+
+
+def statusword_bits(word: int, mode: int | str | None = None) -> list[NamedBit]:
+    """Return the bits of a statusword; `mode`, a number or a name, is what bits 10, 12 and 13 belong to."""
+    number = OperationMode.__members__.get(mode) if isinstance(mode, str) else mode
+    known = MODE_BITS.get(number) if number is not None else None
+    return _named(word, {**_STATUSWORD, **(known.statusword if known is not None else {})})
+
+
+def bits_of(index: int, subindex: int, value: object, mode: int | None = None) -> list[NamedBit]:
+    """Return the bits of an object that has named ones; none for all others."""
+    base = objects.axis_of(index)[0]
+    if subindex or not isinstance(value, int):
+        return []
+    if base == objects.STATUSWORD:
+        return statusword_bits(value, mode)
+    if base == objects.CONTROLWORD:
+        known = MODE_BITS.get(mode) if mode is not None else None
+        return _named(value, {**_CONTROLWORD, **(known.controlword if known is not None else {})})
+    if index == _ERROR_REGISTER:
+        return _named(value, {bit.bit_length() - 1: text for bit, text in REGISTER_TEXTS.items()})
+    if base == objects.SUPPORTED_DRIVE_MODES:
+        return _named(value, _MODES)
+    return _named(value, _INPUTS) if base == objects.DIGITAL_INPUTS else []
+
+
+def _named(value: int, names: Mapping[int, str]) -> list[NamedBit]:
+    return [NamedBit(bit, names[bit], bool(value >> bit & 1)) for bit in sorted(names)]
+
 
 READS_PER_S: Final = 60.0
 """How often a running robot is asked for an object at most: its own requests to the node never wait behind them."""

@@ -7,40 +7,140 @@ and when it was made; a DCF without that section is read as well, its identity i
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.pdo import NO_RTR_BIT
-from canopen_control.errors import EdsError
+from canopen_control.cia402.objects import (
+    DIGITAL_OUTPUTS,
+    HOME_OFFSET,
+    MODES_OF_OPERATION,
+    MOTION,
+    TOUCH_PROBE_FUNCTION,
+    axis_of,
+)
+from canopen_control.errors import CanopenError, EdsError, SdoLengthError
+from canopen_control.frame import is_restricted
 from canopen_control.od.codec import encode, zero_of
 from canopen_control.od.dcf import dcf_text
 from canopen_control.od.eds import parse_eds, read_eds
-from canopen_control.od.eds_values import parse_number
-from canopen_control.od.pdos import is_cob_id
-from canopen_control.service.backup_choice import follows_node_id, parameters_of, without_unused_slots
+from canopen_control.od.eds_values import format_value, parse_number
+from canopen_control.od.model import SCALAR_CODES, DataType
+from canopen_control.od.pdos import COUNT, MAPPING, is_cob_id
+from canopen_control.profiles.device_type import profile_of
+from canopen_control.profiles.profile_tables import profile_signals
+from canopen_control.service.node_session import is_abort
 from canopen_control.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from canopen_control.od.eds import EdsFile
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
+    from canopen_control.service.node_session import NodeSession
 
-__all__ = [
-    "OBJECTS",
-    "TEXTS",
-    "DeviceIdentity",
-    "ParameterSet",
-    "backup_file_text",
-    "backup_text",
-    "identity_from",
-    "lost_in_text",
-    "parse_backup",
-    "read_backup",
-    "same_value",
-]
+    Told = Callable[[int, int], None]
+
+
+# Which objects of a node a backup holds, which of them belong to one device alone, and which follow its node id.
+#
+# An EDS does not say what is volatile. A parameter is what can be read and written (rw, rww, rwr) and is none of these:
+#
+# - what ObjFlags say a tool shall not write or read (CiA 306-1, bits 0 and 1);
+# - commands and live values, by CiA 301, CiA 302 and CiA 402, or by the maker; outputs of the device's profile;
+# - counts of records and arrays, but for those of PDO mappings; DOMAINs.
+#
+# Protected parameters are those of one device: node id and bit rate, and calibration to its own encoder.
+
+
+_MAPPINGS: Final = tuple(range(first, first + COUNT) for first in MAPPING.values())
+_MOST_MAPPED: Final = 64  # above it a count stands for an MPDO
+_NO_TRANSFER: Final = 0b11  # of ObjFlags: refuse the write of a download, the read of a scan
+_COMMANDS: Final = frozenset((0x1003, 0x1010, 0x1011, 0x1013, *range(0x1023, 0x1027), 0x1F25, 0x1F82, 0x1F83))
+_PROGRAM: Final = range(0x1F50, 0x1F59)  # CiA 302-3
+_DRIVE_COMMANDS: Final = (MOTION | {TOUCH_PROBE_FUNCTION}) - {MODES_OF_OPERATION}
+_VENDOR_COMMANDS: Final = {
+    0x286: frozenset((0x210B, 0x2700, 0x2701)),  # Trinamic: position of the motion controller, store and restore
+}
+_OWN_TO_THE_DEVICE: Final = {HOME_OFFSET: "is calibrated to the encoder of its own drive"}
+_VENDOR_OWN: Final = {0x286: dict.fromkeys((0x2704, 0x2705, 0x2706), "is the node id or the bit rate")}
+_MANUFACTURER: Final = range(0x2000, 0x6000)
+_OWN_NAMES: Final = re.compile(r"node[ _-]?id\b|baud|bit[ _-]?rate|serial[ _-]?(number|no\b|nr\b)", re.IGNORECASE)
+_EMCY: Final = (0x1014, 0)
+_NODE_BITS: Final = 0x7F  # of an identifier of the predefined connection set
+_IDENTIFIER: Final = 0x1FFF_FFFF
+
+
+def parameters_of(od: ObjectDictionary) -> list[Entry]:
+    """Return what a backup of a node with this dictionary holds, by address."""
+    signals = profile_signals(od, profile_of(od)).values()
+    outputs = frozenset(signal.index for signal in signals if signal.output)
+    commands = outputs | _VENDOR_COMMANDS.get(_vendor(od), frozenset())
+    chosen = (entry for entry in od if _can_be_kept(od, entry) and not _is_command(entry, commands))
+    return sorted(chosen, key=lambda entry: entry.address)
+
+
+def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = False) -> str:
+    """Return why a parameter stays as it is, "" where it does not; a calibration is written into its own device."""
+    index = axis_of(entry.index)[0]
+    own = _VENDOR_OWN.get(_vendor(od), {}).get(index, "")
+    if not own and not same_device:
+        own = _OWN_TO_THE_DEVICE.get(index, "")
+    info = od.objects.get(entry.index)
+    names = f"{entry.name}\n{info.name if info is not None else ''}"
+    if not own and index in _MANUFACTURER and _OWN_NAMES.search(names):
+        return "is named as node id, bit rate or serial number"
+    return own
+
+
+def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value]:
+    """Return the values without mapping entries above the count of their PDO: what stands there means nothing."""
+    kept = {}
+    for (index, subindex), value in values.items():
+        count = values.get((index, 0)) if any(index in records for records in _MAPPINGS) else None
+        if not (isinstance(count, int) and count <= _MOST_MAPPED and subindex > count):
+            kept[index, subindex] = value
+    return kept
+
+
+def follows_node_id(entry: Entry, value: Value, node_id: int) -> bool:
+    """Whether a value of the node `node_id` is made of that id, so that another node has it with its own.
+
+    True for what the file writes with $NODEID, and for identifiers of the predefined connection set that end in it.
+    """
+    if not isinstance(value, int) or entry.data_type is not DataType.UNSIGNED32:
+        return False
+    if entry.relative and isinstance(entry.default, int) and not (value - entry.default) & _IDENTIFIER:
+        return True
+    of_messages = is_cob_id(*entry.address) or entry.address == _EMCY
+    identifier = value & _IDENTIFIER
+    is_own = identifier & _NODE_BITS == node_id and 0x80 < identifier < 0x600
+    return of_messages and is_own and (entry.address == _EMCY or not is_restricted(identifier))
+
+
+def _can_be_kept(od: ObjectDictionary, entry: Entry) -> bool:
+    if not (entry.readable and entry.writable) or entry.data_type is DataType.DOMAIN or entry.obj_flags & _NO_TRANSFER:
+        return False
+    info = od.objects.get(entry.index)
+    is_count = entry.subindex == 0 and (info is None or info.code not in SCALAR_CODES)
+    return not is_count or any(entry.index in records for records in _MAPPINGS)
+
+
+def _is_command(entry: Entry, commands: frozenset[int]) -> bool:
+    index, _ = axis_of(entry.index)
+    if entry.index in _COMMANDS or entry.index in _PROGRAM or entry.index in commands or index in _DRIVE_COMMANDS:
+        return True
+    return (index, entry.subindex) == (DIGITAL_OUTPUTS, 1)
+
+
+def _vendor(od: ObjectDictionary) -> int:
+    entry = od.get(0x1018, 1)
+    value = entry.value if entry is not None and entry.value is not None else od.device.vendor_number
+    return value if isinstance(value, int) else 0
+
 
 SECTION: Final = "Backup"
 NUMBERS: Final = {
@@ -296,3 +396,175 @@ def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
 
 def _shown(value: object) -> str:
     return f"0x{value:08X}" if isinstance(value, int) else repr(value)
+
+
+# Compares the parameters of two nodes, two files, or one of each.
+#
+# What follows the node id is compared without it: a COB-ID of 0x185 on node 5 and of 0x186 on node 6 are the same
+# parameter. What only one side has is a difference too, unless it was asked of a node that said why it has none.
+
+
+_COMMUNICATION = range(0x1000, 0x2000)  # identifiers and mappings are hexadecimal
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterDifference:
+    """A parameter that two sides have with other values, None: that side has none; the texts are for people."""
+
+    entry: Entry
+    name: str
+    a: Value | None
+    b: Value | None
+    a_text: str
+    b_text: str
+
+
+def differences(a: ParameterSet, b: ParameterSet, skipped: Collection[Address] = ()) -> list[ParameterDifference]:
+    """Return by address what differs, without the `skipped` addresses."""
+    return list(_differences(a, b, skipped))
+
+
+def _differences(a: ParameterSet, b: ParameterSet, skipped: Collection[Address]) -> Iterator[ParameterDifference]:
+    a_relative, b_relative = a.relative, b.relative
+    for address in sorted({*a.values, *b.values}):
+        if address in skipped:
+            continue
+        in_a, in_b = a.values.get(address), b.values.get(address)
+        entry = (a.od if in_a is not None else b.od)[address]
+        follows = address in a_relative, address in b_relative
+        if in_a is not None and in_b is not None and follows[0] == follows[1]:
+            plain_a, plain_b = _without_id(in_a, a, follows[0]), _without_id(in_b, b, follows[1])
+            if same_value(entry, plain_a, plain_b):
+                continue
+        texts = ["" if value is None else parameter_text(side, address) for side, value in ((a, in_a), (b, in_b))]
+        yield ParameterDifference(entry, _name(a if in_a is not None else b, entry), in_a, in_b, *texts)
+
+
+def _without_id(value: Value, side: ParameterSet, follows: bool) -> Value:
+    return value - side.node_id if follows and isinstance(value, int) else value
+
+
+def _name(side: ParameterSet, entry: Entry) -> str:
+    info = side.od.objects.get(entry.index)
+    return entry.name if info is None or info.name == entry.name else f"{info.name}.{entry.name}"
+
+
+def parameter_text(side: ParameterSet, address: Address) -> str:
+    """Return the value of a parameter: `$NODEID+0x180` where it follows the node id, numbers of a drive in decimal."""
+    value, entry = side.values[address], side.od[address]
+    if isinstance(value, int) and address in side.relative:
+        return f"$NODEID+0x{value - side.node_id:X}"
+    return value_text(entry, value)
+
+
+def value_text(entry: Entry, value: Value) -> str:
+    """Return a value for people: numbers of a drive in decimal, identifiers and mappings as a DCF writes them."""
+    if isinstance(value, int | float) and entry.index not in _COMMUNICATION:
+        return str(value)
+    return format_value(value, entry.data_type) if value not in ("", b"") else "(empty)"
+
+
+# Reads the parameters of a node through a service session: for a backup, a comparison, or before they are written.
+#
+# What the node refuses is left out and told with the reason. With `twice` everything is read a second time: what
+# differs then lives by itself, whatever the EDS says, and is no parameter.
+
+
+_VARIES = "two readings differed, so it is no parameter"
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A parameter that was not read, and why."""
+
+    entry: Entry
+    why: str
+
+    def __str__(self) -> str:
+        return f"{entry_label(self.entry)}: {self.why}"
+
+
+def entry_label(entry: Entry) -> str:
+    """Return address and name of a parameter."""
+    return f"0x{entry.index:04X}:{entry.subindex:02X} {entry.name}"
+
+
+def read_parameters(
+    session: NodeSession, *, twice: bool = True, told: Told | None = None
+) -> tuple[ParameterSet, list[LeftOut]]:
+    """Read identity and parameters; ConfigError without an EDS, RemoteProtocolError where the node does not answer.
+
+    `told(done, of)` hears how far it is.
+    """
+    od = session.dictionary
+    identity = device_identity(session)
+    entries = parameters_of(od)
+    total = len(entries) * (2 if twice else 1)
+    values, left_out = read_values(session, entries, lambda done: told(done, total) if told else None)
+    if twice:
+        again, _ = read_values(
+            session, [od[each] for each in values], lambda done: told(len(entries) + done, total) if told else None
+        )
+        for address in [each for each, value in values.items() if not _again(od[each], again, value)]:
+            left_out.append(LeftOut(od[address], _VARIES))
+            del values[address]
+    return ParameterSet(od, session.node_id, identity, without_unused_slots(values), str(session)), left_out
+
+
+def read_same(session: NodeSession, file: ParameterSet, told: Told | None = None) -> tuple[ParameterSet, list[LeftOut]]:
+    """Read from a node what a file holds, by the types of the file; a session without an EDS takes its dictionary."""
+    od = file.od.for_node(session.node_id)
+    if session.od is None:
+        session.od = od
+    entries = [od[address] for address in file.values]
+    identity = device_identity(session)
+    values, left_out = read_values(session, entries, lambda done: told(done, len(entries)) if told else None)
+    return ParameterSet(od, session.node_id, identity, values, str(session)), left_out
+
+
+def _again(entry: Entry, again: Mapping[Address, Value], value: Value) -> bool:
+    return entry.address in again and same_value(entry, again[entry.address], value)
+
+
+def read_values(
+    session: NodeSession, entries: Iterable[Entry], told: Callable[[int], None] | None = None
+) -> tuple[dict[Address, Value], list[LeftOut]]:
+    """Read these objects: the values by address, and what the node refused or answered in another length."""
+    values: dict[Address, Value] = {}
+    left_out = []
+    for number, entry in enumerate(entries, 1):
+        try:
+            values[entry.address] = session.read_value(entry)
+        except CanopenError as error:
+            if not (isinstance(error, SdoLengthError) or is_abort(error)):
+                raise
+            left_out.append(LeftOut(entry, reason_of(error)))
+        if told is not None:
+            told(number)
+    return values, left_out
+
+
+def reason_of(error: CanopenError) -> str:
+    """Return why a node refused an object, without the object: its place is told beside it."""
+    text = str(error)
+    place = text.find("abort 0x")
+    return text[place:] if place >= 0 else text
+
+
+def device_identity(session: NodeSession) -> DeviceIdentity:
+    """Read who the node is; the first question, so that a node that is not there is told at once."""
+    numbers = {name: session.number(*OBJECTS[name]) for name in OBJECTS if name not in TEXTS.values()}
+    return identity_from(numbers, {name: _text(session, *OBJECTS[name]) for name in TEXTS.values()})
+
+
+def _text(session: NodeSession, index: int, subindex: int) -> str:
+    entry = None if session.od is None else session.od.get(index, subindex)
+    if entry is None or entry.data_type is not DataType.VISIBLE_STRING:
+        return ""
+    try:
+        value = session.read_value(entry)
+    except CanopenError as error:
+        if not (isinstance(error, SdoLengthError) or is_abort(error)):
+            raise
+        return ""
+    return " ".join(str(value).split())

@@ -6,13 +6,15 @@ the stop and waits until the drive is disabled. Samples carry the number of thei
 
 from __future__ import annotations
 
+import enum
+import math
 import time
-from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.cia402.objects import TORQUE_ACTUAL, axis_index
 from canopen_control.client import RobotClient
-from canopen_control.errors import DriveError
+from canopen_control.errors import ConfigError, DriveError
 from canopen_control.rpc.messages.robot import AxisRequest, ProcessData, Subscribe
 from canopen_control.rpc.messages.state import StateSample
 from canopen_control.service.driven_axis import (
@@ -24,18 +26,156 @@ from canopen_control.service.driven_axis import (
     ended_words,
     stop_drive,
 )
+from canopen_control.service.frequency_response import HIGHEST
 from canopen_control.service.jog_motion import JogEnd, JogKind
-from canopen_control.service.tune_motion import TuneMotion, TuneRecord, TuneSample
+from canopen_control.service.tune_gains import LOOP_DELAY_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from canopen_control.rpc.messages.robot import RobotPush
     from canopen_control.service.driven_axis import JogDrive
-    from canopen_control.service.excitation import Excitation
-    from canopen_control.service.jog_motion import JogLimits
+    from canopen_control.service.jog_motion import JogLimits, JogScale, Quantity
 
-__all__ = ["TuneRun", "torque_index_of"]
+
+# What a tuning run commands now: an excitation within limits of travel, speed and current, and why it ended.
+#
+# Sans-IO, time is `now` in monotonic nanoseconds. The run ends by itself where the way that is left is no longer than
+# what stopping takes, above the limit of speed, above that of the current for `PEAK_S`, and with a drive that is no
+# longer enabled; nothing is commanded then. A torque moves a free shaft as far as it likes: `STEERED` of the excitation
+# pushes it, both ways in turn as the identification of friction needs it, and back as soon as half of the travel or of
+# the speed is used up.
+
+
+STEERED: Final = 0.6  # of the peak of the excitation
+PEAK_S: Final = 0.1  # for which the current may be higher: a step asks for what the loop can give
+_HALF: Final = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class TuneSample:
+    """One cycle: its number, what was commanded in it, and what the drive showed: rad, rad/s, per mille."""
+
+    cycle: int
+    command: float
+    position: float | None = None
+    velocity: float | None = None
+    effort: float | None = None
+
+
+@dataclass(slots=True)
+class TuneRecord:
+    """The samples of a run in their order, `period` in s; `lost` counts the cycles of which none came."""
+
+    period: float
+    samples: list[TuneSample] = field(default_factory=list)
+    lost: int = 0
+
+    def put(self, sample: TuneSample) -> None:
+        """Take the next sample; one of a cycle that was told already is no other."""
+        last = self.samples[-1] if self.samples else None
+        if last is not None:
+            if sample.cycle <= last.cycle:
+                return
+            self.lost += sample.cycle - last.cycle - 1
+        self.samples.append(sample)
+
+    @property
+    def begin(self) -> int:
+        """The cycle of the first sample."""
+        return self.samples[0].cycle if self.samples else 0
+
+    def seconds(self, sample: TuneSample) -> float:
+        """Return the time of a sample since the first one."""
+        return (sample.cycle - self.begin) * self.period
+
+
+class TuneMotion:
+    """A run of `excitation`, `kind` velocity or torque; the drive stops with `deceleration` in rad/s^2, 0: at once."""
+
+    def __init__(
+        self, kind: JogKind, excitation: Excitation, limits: JogLimits, *, now: int, deceleration: float = 0.0
+    ) -> None:
+        self.kind, self.limits = kind, limits
+        self.ended = JogEnd.NONE
+        self._excitation, self._begin, self._now = excitation, now, now
+        self._deceleration = deceleration
+        self._start: float | None = None
+        self._way, self._speed = math.nan, 0.0
+        self._pushed = 0.0
+        self._too_much_since: int | None = None
+
+    @property
+    def command(self) -> float:
+        """What to send now, in rad/s or per mille; 0 once it has ended."""
+        if self.ended is not JogEnd.NONE:
+            return 0.0
+        value = self._excitation.at((self._now - self._begin) * 1e-9)
+        if self.kind is JogKind.TORQUE:
+            value += self._pushed * STEERED * self._excitation.peak
+        return value
+
+    @property
+    def elapsed(self) -> float:
+        """How many seconds of it are over."""
+        return (self._now - self._begin) * 1e-9
+
+    @property
+    def travelled(self) -> float:
+        """How far the shaft is from where it began, in rad; nan while nobody knows."""
+        return self._way
+
+    def tick(self, now: int) -> None:
+        """Let time pass."""
+        self._now = now
+        if now - self._begin >= self._excitation.seconds * 1e9:
+            self.end(JogEnd.OVER)
+
+    def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
+        """Take what the drive shows: rad, rad/s, per mille, None where it does not."""
+        if not enabled:
+            self.end(JogEnd.STATE)
+        self._judge_current(current)
+        if velocity is not None and math.isfinite(velocity):
+            self._speed = velocity
+            if abs(velocity) > self.limits.speed:
+                self.end(JogEnd.SPEED)
+        if position is not None and math.isfinite(position):
+            if self._start is None:
+                self._start = position
+            self._way = position - self._start
+            if abs(self._way) + self._stopping() >= self.limits.travel:
+                self.end(JogEnd.TRAVEL)
+        self._steer()
+
+    def end(self, why: JogEnd) -> None:
+        """Command nothing any more; the first reason counts."""
+        if self.ended is JogEnd.NONE:
+            self.ended = why
+
+    def _judge_current(self, current: float | None) -> None:
+        if current is None or abs(current) <= self.limits.current:
+            self._too_much_since = None
+        elif self._too_much_since is None:
+            self._too_much_since = self._now
+        elif self._now - self._too_much_since > PEAK_S * 1e9:
+            self.end(JogEnd.CURRENT)
+
+    def _stopping(self) -> float:
+        """Return the way that a stop takes, in rad, as far as it leads away from the start."""
+        if not self._deceleration or self._speed * self._way <= 0.0:
+            return 0.0
+        return self._speed * self._speed / (2.0 * self._deceleration)
+
+    def _steer(self) -> None:
+        """Choose where a torque pushes beside the excitation: both ways in turn, back where half is used up."""
+        elapsed = (self._now - self._begin) * 1e-9 / self._excitation.seconds
+        self._pushed = -1.0 if 0.25 <= elapsed < 0.75 else 1.0
+        way, speed = self._way / self.limits.travel, self._speed / self.limits.speed
+        for share in (speed, 0.0 if math.isnan(way) else way):
+            if abs(share) > _HALF:
+                self._pushed = -math.copysign(1.0, share)
+
 
 _SOURCE: Final = "tune"
 _REMEDIES: Final = {
@@ -190,3 +330,212 @@ class TuneRun:
             self._current.ask(client)
         if not self._sender.send(client, motion.command):
             motion.end(JogEnd.STATE)
+
+
+# What a tuning run is asked for: the test, its excitation within the limits, and the words that are confirmed.
+
+
+# Excitation signals for tuning and identification: step, logarithmic chirp, pseudo-random binary sequence (PRBS).
+#
+# Sans-IO: a signal is a function of the seconds since it began, in the unit of what is commanded (rad/s, or per mille
+# of the rated torque). A chirp and a PRBS rise and fall over `RAMP_S`, so that neither begins nor ends with a blow; a
+# step is one, which is what is measured. Each is zero at its end and behind it.
+
+
+RAMP_S: Final = 0.2
+LEAD_S: Final = 0.3  # of standstill before a step, by which its beginning is known
+_TAPS: Final = {7: (7, 6), 8: (8, 6, 5, 4), 9: (9, 5), 10: (10, 7), 11: (11, 9)}
+"""Feedback of shift registers whose sequence is the longest there is, 2**bits - 1."""
+
+
+class Excitation(Protocol):
+    """A signal; `seconds` is its length, `peak` the most that it commands, either way."""
+
+    @property
+    def seconds(self) -> float:
+        """How long it is."""
+
+    @property
+    def peak(self) -> float:
+        """The most that it commands, either way."""
+
+    def at(self, seconds: float) -> float:
+        """Return what is commanded so long after its beginning."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Nothing for `LEAD_S`, then `height` until the end."""
+
+    height: float
+    seconds: float
+
+    @property
+    def peak(self) -> float:
+        """Its height."""
+        return abs(self.height)
+
+    def at(self, seconds: float) -> float:
+        """Return 0 or the height."""
+        return self.height if LEAD_S <= seconds < self.seconds else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Chirp:
+    """A sine of `amplitude` around `bias`; its frequency rises from `low` to `high` Hz by equal factors in equal times.
+
+    The bias keeps a motor turning one way, so that friction does not change its sign (Coulomb friction is no linear
+    system). Frequencies are above 0.
+    """
+
+    amplitude: float
+    bias: float
+    low: float
+    high: float
+    seconds: float
+
+    @property
+    def peak(self) -> float:
+        """The bias and the amplitude on top."""
+        return abs(self.bias) + abs(self.amplitude)
+
+    def at(self, seconds: float) -> float:
+        """Return the value at a time."""
+        span = self.seconds - 2.0 * RAMP_S
+        rate = math.log(self.high / self.low) / span
+        since = min(max(seconds - RAMP_S, 0.0), span)
+        phase = math.tau * self.low * (math.expm1(rate * since) / rate if rate else since)
+        return _envelope(seconds, self.seconds) * (self.bias + self.amplitude * math.sin(phase))
+
+
+@dataclass(frozen=True, slots=True)
+class Prbs:
+    """`bias` plus or minus `amplitude`, as a shift register of `bits` says, each bit for `hold` seconds."""
+
+    amplitude: float
+    hold: float
+    seconds: float
+    bits: int = 9
+    bias: float = 0.0
+    _sequence: tuple[int, ...] = field(init=False, repr=False, default=())
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_sequence", _maximum_length(self.bits))
+
+    @property
+    def peak(self) -> float:
+        """The bias and the amplitude on top."""
+        return abs(self.bias) + abs(self.amplitude)
+
+    def at(self, seconds: float) -> float:
+        """Return the value at a time."""
+        if not 0.0 <= seconds < self.seconds:
+            return 0.0
+        bit = self._sequence[int(seconds / self.hold) % len(self._sequence)]
+        return _envelope(seconds, self.seconds) * (self.bias + self.amplitude * bit)
+
+
+def _envelope(seconds: float, length: float) -> float:
+    """Return how far a signal is faded in, from 0 to 1."""
+    return max(0.0, min(1.0, seconds / RAMP_S, (length - seconds) / RAMP_S))
+
+
+def _maximum_length(bits: int) -> tuple[int, ...]:
+    """Return the sequence of a shift register that begins with ones, as 1 and -1."""
+    register, found = [1] * bits, []
+    for _ in range((1 << bits) - 1):
+        found.append(1 if register[-1] else -1)
+        fed = 0
+        for tap in _TAPS[bits]:
+            fed ^= register[tap - 1]
+        register = [fed, *register[:-1]]
+    return tuple(found)
+
+
+_BIAS, _AMPLITUDE = 1.5, 0.75  # rad/s, of a frequency response: it never turns round
+_LOW_HZ: Final = 0.5
+_BEYOND: Final = 1.15
+_HOLD_CYCLES: Final = 5  # of a PRBS of torque
+_SHORTEST: Final = 2.0 * RAMP_S + LEAD_S + 0.2
+
+
+class TuneTest(enum.Enum):
+    """What is measured."""
+
+    STEP = "step"
+    BODE = "frequency response"
+    IDENTIFY = "identification"
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes where nobody says otherwise."""
+        return 2.0 if self is TuneTest.STEP else 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class TuneRequest:
+    """A test: `speed` of a step, `torque` of an identification in per mille, `signal` of a frequency response.
+
+    `period` of the cycle in s, `crossover` in rad/s, `margin` in rad, `loop_delay` in s are for the proposal.
+    """
+
+    test: TuneTest
+    seconds: float
+    period: float
+    speed: Quantity | None = None
+    torque: float = 0.0
+    signal: str = "chirp"
+    crossover: float = 20.0 * math.tau
+    margin: float = math.pi / 3.0
+    loop_delay: float = LOOP_DELAY_S
+
+    @property
+    def kind(self) -> JogKind:
+        """What is commanded."""
+        return JogKind.TORQUE if self.test is TuneTest.IDENTIFY else JogKind.VELOCITY
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """The frequencies of a frequency response, in Hz: a little beyond a third of the sampling rate."""
+        return _LOW_HZ, _BEYOND * HIGHEST / self.period
+
+    def height(self, scale: JogScale) -> float:
+        """Return the step in rad/s."""
+        assert self.speed is not None
+        return scale.si(self.speed)
+
+    def excitation(self, scale: JogScale) -> Excitation:
+        """Return the signal."""
+        if self.test is TuneTest.STEP:
+            return Step(self.height(scale), self.seconds + LEAD_S)
+        if self.test is TuneTest.IDENTIFY:
+            return Prbs(self.torque / (1.0 + STEERED), _HOLD_CYCLES * self.period, self.seconds)
+        if self.signal == "prbs":
+            return Prbs(_AMPLITUDE, self.period, self.seconds, bias=_BIAS)
+        return Chirp(_AMPLITUDE, _BIAS, *self.band, self.seconds)
+
+    def check(self, limits: JogLimits, scale: JogScale) -> None:
+        """Raise ConfigError for what is beyond the limits before it begins, or too short to tell anything."""
+        if self.seconds < _SHORTEST:
+            raise ConfigError(f"{self.seconds:g} s are too short for a {self.test.value}; {_SHORTEST:g} s at least")
+        if self.kind is JogKind.TORQUE:
+            if self.torque > limits.current:
+                raise ConfigError(f"a torque of {self.torque:g} per mille is beyond --max-current {limits.current:g}")
+            return
+        peak = self.excitation(scale).peak
+        if peak > limits.speed * (1 + 1e-9):
+            words = scale.velocity_words
+            raise ConfigError(
+                f"{words(peak)} is beyond the limit of {words(limits.speed)}; raise that, if it is safe: --max-speed"
+            )
+
+    def words(self, scale: JogScale) -> str:
+        """Say what will be commanded."""
+        if self.test is TuneTest.STEP:
+            return f"a step to {scale.velocity_words(self.height(scale))} for {self.seconds:g} s"
+        if self.test is TuneTest.IDENTIFY:
+            return f"a torque of up to {self.torque / 10:g} % of the rated one, both ways, for {self.seconds:g} s"
+        around = f"{scale.velocity_words(_BIAS)} and {scale.velocity_words(_AMPLITUDE)} more or less"
+        low, high = self.band
+        what = f"a sine from {low:g} to {high:.3g} Hz" if self.signal == "chirp" else "a pseudo-random sequence"
+        return f"{around}, as {what}, for {self.seconds:g} s"

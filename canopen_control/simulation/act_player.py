@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from canopen_control.simulation.simulated_wire import SimulatedWire
     from canopen_control.simulation.virtual_time import Actor
 
-__all__ = ["SOURCE", "ActPlayer"]
 
 SOURCE: Final = "simulate"
 PUBLISH_NS: Final = 100_000_000

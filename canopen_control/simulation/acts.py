@@ -8,12 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from canopen_control.virtual.world_acts import world_words
+from canopen_control.virtual.scenario import world_words
 
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.drive import WorldAct
-
-__all__ = ["KINDS", "Act", "Kind"]
 
 
 class Kind(NamedTuple):

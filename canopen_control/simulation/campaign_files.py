@@ -14,10 +14,9 @@ from xml.sax.saxutils import quoteattr
 from canopen_control.bus.recordings import RecordingWriter
 from canopen_control.frame import frames_of
 from canopen_control.host.files import failed
-from canopen_control.simulation.fault_coverage import STATES
+from canopen_control.simulation.fault_coverage import STATES, coverage_words, left_out
 from canopen_control.simulation.scenario_steps import scenario_text
 from canopen_control.simulation.simulation_run import SimulationRun
-from canopen_control.simulation.state_coverage import coverage_words, left_out
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,9 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.acts import Act
     from canopen_control.simulation.campaign import SeedResult, Totals
-    from canopen_control.simulation.state_coverage import Edge
-
-__all__ = ["html_summary", "junit_summary", "make_folder", "write_breach", "write_text"]
+    from canopen_control.simulation.fault_coverage import Edge
 
 
 _STYLE: Final = "body{font:14px sans-serif;margin:2em}td,th{padding:.1em .6em;text-align:right}"

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from canopen_control.simulation.campaign import Campaign, SeedResult
 
-__all__ = ["require_cluster", "run_on_cluster"]
 
 _CONNECT_S: Final = 3.0
 _ADDRESS: Final = re.compile(r"((tcp|tls|ws|wss|ucx)://)?(\[[0-9a-fA-F:.%]+\]|[^\s/:\[\]]+):[0-9]{1,5}")

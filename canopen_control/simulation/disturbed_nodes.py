@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from canopen_control.simulation.acts import Act
     from canopen_control.simulation.simulated_robot import SimulatedDrive, SimulatedRobot
 
-__all__ = ["DisturbedNodes"]
 
 _OF_ALL: Final = ("frame", "kill", "lose", "double", "disturb", "bus_off", "cut", "stall")
 _OF_ONE: Final = ("fault", "heal", "plant", "power")

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from canopen_control.simulation.motions import Motion
 
-__all__ = ["DrawnSchedule", "draw_schedule", "known_faults"]
 
 T = TypeVar("T")
 

@@ -12,8 +12,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.runtime.stop_facts import axis_facts
-from canopen_control.runtime.stop_times import stop_time
+from canopen_control.runtime.stop_times import axis_facts, stop_time
 from canopen_control.simulation.simulated_robot import MASTER
 
 if TYPE_CHECKING:
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from canopen_control.simulation.simulated_robot import SimulatedRobot
     from canopen_control.simulation.wire_view import NodeView, WireView
 
-__all__ = ["GRACE_NS", "MotionRules"]
 
 _MS: Final = 1_000_000
 GRACE_NS: Final = 200 * _MS  # some cycles, and how late processes wake

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.controllers.base import twist_axes_of
 from canopen_control.controllers.types import moves_joints
 from canopen_control.errors import CanopenError
-from canopen_control.hardware.interfaces import EFFORT, POSITION, VELOCITY
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
 from canopen_control.host.selection import MarkedSelector
+from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.startup_controllers import load_controller
+from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
     from canopen_control.controllers.base import Controller
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.urdf.joint_element import Joint
 
-__all__ = ["Motion", "motions_of"]
 
 _TWIST: Final = {"linear.x": 0.4, "linear.y": 0.3, "angular.z": 0.8}  # m/s, rad/s
 _MOST: Final = {VELOCITY: 8.0, POSITION: 0.6, EFFORT: 0.2}  # of joints without narrower limits: rad/s, rad, Nm

@@ -27,8 +27,7 @@ from canopen_control.simulation.acts import KINDS, Act
 from canopen_control.simulation.fault_coverage import STATES
 from canopen_control.simulation.simulated_robot import MASTER
 from canopen_control.virtual.fault_table import FAULTS
-from canopen_control.virtual.scenario import ScenarioError, seconds_of
-from canopen_control.virtual.world_acts import Happening, world_words
+from canopen_control.virtual.scenario import Happening, ScenarioError, seconds_of, world_words
 from canopen_control.yamlfile.convert import position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
 from canopen_control.yamlfile.reader import load
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.yamlfile.problems import Problems
 
-__all__ = ["Scenario", "nanoseconds_of", "read_scenario_steps", "scenario_text"]
 
 _ACTIONS: Final = ("enable", "disable", "halt", "quick-stop", "fault-reset")
 _SAYS: Final = "do, fault, plant, or with physics payload, push, block or friction"

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from canopen_control.simulation.act_player import ActPlayer
     from canopen_control.simulation.simulated_clients import SimulatedClients
 
-__all__ = ["ServedSimulation"]
 
 _CHUNK: Final = 1 << 16
 _MOST: Final = 1 << 20  # bytes that wait for a program to read; who is slower is let go

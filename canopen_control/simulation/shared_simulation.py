@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["SharedOutcome", "SharedSimulation"]
 
 _SLICE_NS: Final = 100_000_000
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from canopen_control.simulation.simulated_robot import SimulatedRobot
     from canopen_control.simulation.virtual_time import Actor
 
-__all__ = ["SimulatedClient", "SimulatedClients"]
 
 _MS: Final = 1_000_000
 EVERY_NS: Final = 100 * _MS  # how often a client asks that reads

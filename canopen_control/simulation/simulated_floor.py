@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.runtime.physics_plant import write_buses, write_plant
-from canopen_control.virtual.bus_group import open_world, read_group
 from canopen_control.virtual.plant import ChangeableWorld
+from canopen_control.virtual.process import open_world, read_group
 from canopen_control.virtual.worldfile import read_world
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from canopen_control.virtual.plant import Plant, SharedWorld, World
     from canopen_control.virtual.virtual_node import VirtualNode
 
-__all__ = ["SimulatedFloor", "open_floor", "open_shared_floor"]
 
 _AWAKE_NS: Final = 20_000_000
 _PREFIX: Final = "canopen_control-"

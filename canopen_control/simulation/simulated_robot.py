@@ -9,6 +9,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import hashlib
+import struct
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +21,6 @@ from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import provide
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.core import RobotCore, RobotState
-from canopen_control.simulation.event_digest import EventDigest
 from canopen_control.simulation.simulated_floor import SimulatedFloor, open_floor
 from canopen_control.simulation.simulated_wire import SimulatedWire
 from canopen_control.simulation.virtual_time import Actor, Timing, VirtualTime
@@ -28,7 +29,7 @@ from canopen_control.virtual.device import make_device
 from canopen_control.virtual.nodehost import NodeHost
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from canopen_control.bus.port import Port
     from canopen_control.master.event_log import Event
@@ -36,7 +37,53 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.virtual.virtual_node import VirtualNode
 
-__all__ = ["MASTER", "SimulatedDrive", "SimulatedRobot", "Timings", "dictionary_of"]
+
+# The SHA-256 of every frame and event of a simulation with its time: two runs with the same one are the same.
+#
+# Where the robot's files are, which the notes on them say, is no part of it.
+
+
+_HEAD: Final = struct.Struct("<q")
+_ENOUGH: Final = 1 << 16
+
+
+class EventDigest:
+    """Takes frames and events in their order; `events` counts the latter, `folders` are those of the robot's files."""
+
+    def __init__(self, folders: Iterable[str] = ()) -> None:
+        self.events = 0
+        self._folders = sorted({f"{folder}/" for folder in folders}, key=len, reverse=True)
+        self._labels: dict[str, bytes] = {}
+        self._sha256 = hashlib.sha256()
+        self._waiting = bytearray()
+        self._pack = _HEAD.pack
+
+    def frame(self, now: int, label: str, record: bytes) -> None:
+        """Take a frame that has passed."""
+        waiting, name = self._waiting, self._labels.get(label)
+        if name is None:
+            name = self._labels[label] = label.encode()
+        waiting += self._pack(now) + record + name
+        if len(waiting) > _ENOUGH:
+            self._sha256.update(waiting)
+            waiting.clear()
+
+    def event(self, event: Event) -> None:
+        """Take an event of the robot."""
+        self.events += 1
+        self._waiting += self._pack(event.time)
+        sentence = event.sentence
+        for folder in self._folders:
+            sentence = sentence.replace(folder, "")
+        self._waiting += f"{event.kind}\0{event.node}\0{sentence}\0".encode()
+
+    @property
+    def hex(self) -> str:
+        """The digest so far."""
+        self._sha256.update(self._waiting)
+        self._waiting.clear()
+        return self._sha256.hexdigest()
+
 
 MASTER: Final = "master"
 _LED_NS: Final = 20_000_000  # `run` starts the robot when its drives are there

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus import error_frames
 from canopen_control.bus.arbitration import PacedWire
-from canopen_control.bus.error_events import note_errors
-from canopen_control.bus.port import BusEvent, PortStats, Records, whole_records
-from canopen_control.bus.port_parts import SEND_LIMIT, EventLog
+from canopen_control.bus.error_frames import note_errors
+from canopen_control.bus.port import SEND_LIMIT, BusEvent, EventLog, PortStats, Records, whole_records
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD, RECORD_SIZE, CanFrame, pack_records
 
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     Heard = Callable[[int, str, bytes], object]  # time, label of the sender, record
     Listeners = tuple[tuple[Heard, ...], tuple["SimulatedPort", ...]]
 
-__all__ = ["SimulatedPort", "SimulatedWire"]
 
 RESTART_NS: Final = 100_000_000
 _PASSIVE, _BUS_OFF, _AT_ERROR = 128, 256, 8

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from canopen_control.simulation.motions import Motion
     from canopen_control.simulation.served_simulation import ServedSimulation
 
-__all__ = ["Outcome", "SimulationRun"]
 
 _SLICE_NS: Final = 100_000_000
 

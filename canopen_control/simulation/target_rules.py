@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
-from canopen_control.hardware.interfaces import VELOCITY
 from canopen_control.simulation.wire_view import watched_joints
+from canopen_control.urdf.joint_element import VELOCITY
 from canopen_control.virtual.axis_objects import wrap32
 
 if TYPE_CHECKING:
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from canopen_control.simulation.wire_view import NodeView, WireView
     from canopen_control.virtual.virtual_drive import VirtualDrive
 
-__all__ = ["TargetRules"]
 
 _MS: Final = 1_000_000
 _LAG_NS: Final = 120 * _MS  # between a target on the wire and the shaft, or a command and its target; some cycles

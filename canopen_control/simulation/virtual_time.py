@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
 from canopen_control.host.selection import MarkedSelector
+from canopen_control.host.timer import ManualClock
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["START_NS", "Actor", "Timing", "VirtualTime"]
 
 START_NS: Final = 1_000_000_000  # a monotonic clock that has run for a while, as any
 _BILLION: Final = 1_000_000_000

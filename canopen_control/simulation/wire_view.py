@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from canopen_control.master.plan_builder import PdoLayout
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["NodeView", "WireView", "watched_joints"]
 
 _SDO_DOWNLOAD: Final = (0x22, 0x2B, 0x27, 0x23, 0x2F)
 _ENABLED: Final = 0x0F  # of a controlword: switch on, voltage, no quick stop, enable operation

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.testing.tested_robot import TestedBus, TestedClock, TestedDrives, TestedRobot
 
-__all__ = ["bus", "clock", "drives", "pytest_addoption", "pytest_configure", "robot"]
 
 _MARK = "canopen_robot"
 

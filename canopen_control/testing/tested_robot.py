@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.simulated_robot import SimulatedDrive
 
-__all__ = ["TestedBus", "TestedClock", "TestedDrive", "TestedDrives", "TestedRobot"]
 
 _S: Final = 1_000_000_000
 _STEP_S: Final = 0.001

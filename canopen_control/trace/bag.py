@@ -22,7 +22,7 @@ is nan. With `bag_messages` this is the only module that imports rosbags.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import failed, telling
@@ -33,24 +33,287 @@ from canopen_control.ros.conversions import (
     positions_of,
     stamp_of,
     transform_of,
+    unknown_as_nan,
 )
 from canopen_control.ros.diagnosis import diagnose
-from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample, PoseSample
-from canopen_control.trace.bag_messages import BagMessages
-from canopen_control.trace.bag_sensors import SENSORS
+from canopen_control.ros.interfaces.definition import DEFINITIONS
+from canopen_control.rpc.messages.samples import (
+    BatteriesSample,
+    GpioSample,
+    GripperSample,
+    ImuSample,
+    JointStatesSample,
+    MecanumSample,
+    OdometrySample,
+    PidSample,
+    PoseSample,
+    RangeSample,
+    SteeringSample,
+    TrajectorySample,
+    WrenchSample,
+)
 from canopen_control.urdf.geometry import from_rpy, from_yaw
 from canopen_control.urdf.robot_model import read_model
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
     from pathlib import Path
 
-    from canopen_control.rpc.messages.samples import Sample
+    from canopen_control.rpc.messages.samples import BatteryReading, Sample, TrajectoryPoint
     from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
     from canopen_control.urdf.geometry import Quaternion
     from canopen_control.urdf.joint_element import Transform
 
-__all__ = ["BagWriter"]
+
+# Messages of ROS 2 Jazzy for a bag, and those of control_msgs, which rosbags does not know, by their definitions.
+
+
+_ADDED: Final = tuple(
+    f"control_msgs/msg/{each}"
+    for each in (
+        "JointTrajectoryControllerState",
+        "SingleDOFState",
+        "MultiDOFStateStamped",
+        "SteeringControllerStatus",
+        "MecanumDriveControllerState",
+        "InterfaceValue",
+        "DynamicInterfaceGroupValues",
+        "BatteryStateArray",
+    )
+)
+
+
+class BagMessages:
+    """The messages of Jazzy as rosbags makes them; one short method for each that is nested in several.
+
+    `states` makes the `controller_state` of what a controller tells, by the kind of that; what broadcasters tell is in
+    `bag_sensors`.
+    """
+
+    def __init__(self) -> None:
+        try:
+            from numpy import array
+            from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+        except ImportError as error:
+            text = "a bag is written by rosbags, which is not installed: pip install 'canopen-control[bag]'"
+            raise ConfigError(text) from error
+        self.store = get_typestore(Stores.ROS2_JAZZY)
+        for name in _ADDED:
+            self.store.register(get_types_from_msg("\n".join(DEFINITIONS[name]), name))
+        self.array = array
+        self.states: dict[type[Sample], Callable[[Any], object]] = {
+            TrajectorySample: self._trajectory,
+            PidSample: self._loops,
+            SteeringSample: self._steering,
+            MecanumSample: self._mecanum,
+        }
+
+    def make(self, kind: str, *values: Any) -> Any:  # noqa: ANN401 - rosbags makes the classes at run time
+        """Return a message of `package/Name` with its fields in order."""
+        return self.store.types[kind.replace("/", "/msg/")](*values)
+
+    def time(self, unix_s: float) -> Any:  # noqa: ANN401 - as above
+        """Return a stamp."""
+        return self.make("builtin_interfaces/Time", *stamp_of(unix_s))
+
+    def header(self, unix_s: float, frame: str) -> Any:  # noqa: ANN401 - as above
+        """Return a header."""
+        return self.make("std_msgs/Header", self.time(unix_s), frame)
+
+    def vector(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:  # noqa: ANN401 - as above
+        """Return a vector."""
+        return self.make("geometry_msgs/Vector3", float(x), float(y), float(z))
+
+    def twist(self, linear: float, angular: float, lateral: float = 0.0) -> Any:  # noqa: ANN401 - as above
+        """Return a twist of a base: m/s and rad/s."""
+        return self.make("geometry_msgs/Twist", self.vector(linear, lateral), self.vector(z=angular))
+
+    def floats(self, values: Iterable[float]) -> Any:  # noqa: ANN401 - a numpy array
+        """Return an array of numbers."""
+        return self.array(list(values), dtype=float)
+
+    # What controllers tell -----------------------------------------------------------------------------------------
+
+    def _trajectory(self, sample: TrajectorySample) -> object:
+        """Return where the joints of a trajectory were to be and where they were."""
+        points = [self._point(each) for each in (sample.reference, sample.feedback, sample.error, sample.output)]
+        nowhere = self.make("trajectory_msgs/MultiDOFJointTrajectoryPoint", [], [], [], self._duration(0.0))
+        return self.make(
+            "control_msgs/JointTrajectoryControllerState",
+            self.header(sample.time, ""),
+            list(sample.joints),
+            *points,
+            [],
+            *[nowhere] * len(points),
+            sample.speed_scaling_factor,
+        )
+
+    def _point(self, point: TrajectoryPoint) -> object:
+        values = (point.positions, point.velocities, point.accelerations, point.effort)
+        after = self._duration(point.time_from_start)
+        return self.make("trajectory_msgs/JointTrajectoryPoint", *map(self.floats, values), after)
+
+    def _duration(self, seconds: float) -> object:
+        return self.make("builtin_interfaces/Duration", *stamp_of(seconds))
+
+    def _loops(self, sample: PidSample) -> object:
+        """Return what each degree of freedom of a PID controller was kept at."""
+        dofs = [
+            self.make(
+                "control_msgs/SingleDOFState",
+                each.name,
+                *map(unknown_as_nan, (each.reference, each.feedback, each.feedback_dot, each.error, each.error_dot)),
+                each.time_step,
+                unknown_as_nan(each.output),
+            )
+            for each in sample.dofs
+        ]
+        return self.make("control_msgs/MultiDOFStateStamped", self.header(sample.time, ""), dofs)
+
+    def _steering(self, sample: SteeringSample) -> object:
+        """Return the wheels of a steered base, measured and commanded."""
+        columns = (
+            sample.traction_positions,
+            sample.traction_velocities,
+            sample.steering,
+            sample.traction_commands,
+            sample.steering_commands,
+        )
+        values = [self.floats(map(unknown_as_nan, each)) for each in columns]
+        return self.make("control_msgs/SteeringControllerStatus", self.header(sample.time, sample.frame_id), *values)
+
+    def _mecanum(self, sample: MecanumSample) -> object:
+        """Return the wheels of a mecanum base, and the twist that is wanted."""
+        unknown = (None,) * 4  # of a base that has not told them yet
+        ahead, lateral, turning = map(unknown_as_nan, (*sample.reference, *unknown)[:3])
+        return self.make(
+            "control_msgs/MecanumDriveControllerState",
+            self.header(sample.time, sample.frame_id),
+            *map(unknown_as_nan, (*sample.wheels, *unknown)[:4]),
+            self.twist(ahead, turning, lateral),
+        )
+
+
+# What broadcasters and grippers tell, as messages of a bag: IMU, range, wrench, pose, batteries, inputs and outputs.
+#
+# The law of the file: names and types are those of the ROS bridge. A gripper's target is on `commands_out`, as that of
+# a forward controller: a name that nobody listens to. What is not known is nan.
+
+
+class Told(NamedTuple):
+    """One row: the samples of a `kind` on a topic of their controller; `make` returns the message of one."""
+
+    kind: type[Sample]
+    topic: str
+    make: Callable[[BagMessages, Any], object]
+
+
+def _imu(ros: BagMessages, sample: ImuSample) -> object:
+    covariances = (
+        sample.orientation_covariance,
+        sample.angular_velocity_covariance,
+        sample.linear_acceleration_covariance,
+    )
+    around, turning, accelerating = map(ros.floats, covariances)
+    return ros.make(
+        "sensor_msgs/Imu",
+        ros.header(sample.time, sample.frame_id),
+        ros.make("geometry_msgs/Quaternion", *_known(sample.orientation)),
+        around,
+        ros.vector(*_known(sample.angular_velocity)),
+        turning,
+        ros.vector(*_known(sample.linear_acceleration)),
+        accelerating,
+    )
+
+
+def _range(ros: BagMessages, sample: RangeSample) -> object:
+    return ros.make(
+        "sensor_msgs/Range",
+        ros.header(sample.time, sample.frame_id),
+        sample.radiation_type,
+        sample.field_of_view,
+        sample.min_range,
+        sample.max_range,
+        unknown_as_nan(sample.range),
+        sample.variance,
+    )
+
+
+def _wrench(ros: BagMessages, sample: WrenchSample) -> object:
+    force, torque = (ros.vector(*_known(each)) for each in (sample.force, sample.torque))
+    wrench = ros.make("geometry_msgs/Wrench", force, torque)
+    return ros.make("geometry_msgs/WrenchStamped", ros.header(sample.time, sample.frame_id), wrench)
+
+
+def _pose(ros: BagMessages, sample: PoseSample) -> object:
+    point = ros.make("geometry_msgs/Point", *_known(sample.position))
+    pose = ros.make("geometry_msgs/Pose", point, ros.make("geometry_msgs/Quaternion", *_known(sample.orientation)))
+    return ros.make("geometry_msgs/PoseStamped", ros.header(sample.time, sample.frame_id), pose)
+
+
+def _gpio(ros: BagMessages, sample: GpioSample) -> object:
+    values = [
+        ros.make("control_msgs/InterfaceValue", list(each), ros.floats(_known(each.values())))
+        for each in sample.parts.values()
+    ]
+    return ros.make("control_msgs/DynamicInterfaceGroupValues", ros.header(sample.time, ""), list(sample.parts), values)
+
+
+def _battery(ros: BagMessages, battery: BatteryReading, time: float) -> object:
+    measured = (
+        battery.voltage,
+        battery.temperature,
+        battery.current,
+        battery.charge,
+        battery.capacity,
+        battery.design_capacity,
+        battery.percentage,
+    )
+    return ros.make(
+        "sensor_msgs/BatteryState",
+        ros.header(time, battery.name),
+        *_known(measured),
+        battery.power_supply_status,
+        battery.power_supply_health,
+        battery.power_supply_technology,
+        battery.present,
+        ros.floats(()),  # of cells nothing is known
+        ros.floats(()),
+        battery.location,
+        battery.serial_number,
+    )
+
+
+def _together(ros: BagMessages, sample: BatteriesSample) -> object:
+    return _battery(ros, sample.together, sample.time)
+
+
+def _each(ros: BagMessages, sample: BatteriesSample) -> object:
+    return ros.make("control_msgs/BatteryStateArray", [_battery(ros, each, sample.time) for each in sample.batteries])
+
+
+def _gripper(ros: BagMessages, sample: GripperSample) -> object:
+    layout = ros.make("std_msgs/MultiArrayLayout", [], 0)
+    return ros.make("std_msgs/Float64MultiArray", layout, ros.floats((unknown_as_nan(sample.target),)))
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [unknown_as_nan(each) for each in values]
+
+
+SENSORS: Final = (
+    Told(ImuSample, "imu", _imu),
+    Told(RangeSample, "range", _range),
+    Told(WrenchSample, "wrench", _wrench),
+    Told(PoseSample, "pose", _pose),
+    Told(BatteriesSample, "battery_state", _together),
+    Told(BatteriesSample, "raw_battery_states", _each),
+    Told(GpioSample, "gpio_states", _gpio),
+    Told(GripperSample, "commands_out", _gripper),
+)
+"""All of them; one that a new kind of sample has gets a line here."""
+
 
 S = TypeVar("S", bound="Sample")
 

@@ -13,7 +13,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from canopen_control.cia301.emcy_codes import ERROR_TEXTS
+from canopen_control.cia301.emcy import ERROR_TEXTS
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NMT_COB_ID, NmtCommand, NmtState
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from canopen_control.trace.network_description import NetworkDescription, NodeDescription, PdoDescription, PdoObject
 
-__all__ = ["WORD_PARTS", "dbc_text"]
 
 _LONGEST = 32
 _HEARTBEAT_BITS = 7

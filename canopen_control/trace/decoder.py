@@ -14,28 +14,219 @@ import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.bus.error_events import error_text, events_of
+from canopen_control.bus.error_frames import error_text, events_of
 from canopen_control.bus.port import BusEventKind
-from canopen_control.cia301.emcy import EmcyMessage
-from canopen_control.cia301.emcy_codes import register_text
+from canopen_control.cia301.emcy import EmcyMessage, register_text
+from canopen_control.cia301.lss import (
+    AUTOMATIC_BIT_TIMING,
+    BIT_TIMINGS,
+    FAST_SCAN_START,
+    UNCONFIGURED,
+    LssCommand,
+    LssMode,
+)
 from canopen_control.cia301.nmt import NmtState, parse_nmt, state_of_byte
-from canopen_control.cia301.pdo import PdoCodec
-from canopen_control.cia301.time_of_day import parse_time
+from canopen_control.cia301.pdo import INVALID_BIT, MAX_BITS, PdoCodec, mapping_entry, parse_mapping_entry
+from canopen_control.cia301.sync import parse_time
 from canopen_control.cia402 import objects
 from canopen_control.errors import LocalProtocolError
-from canopen_control.frame import BROADCAST, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, Service, service_of
-from canopen_control.trace.learn import LearnedPdos
-from canopen_control.trace.lss_text import lss_text
-from canopen_control.trace.network_description import NodeDescription
+from canopen_control.frame import (
+    BROADCAST,
+    EXTENDED_FLAG,
+    REMOTE_FLAG,
+    CanFrame,
+    Service,
+    can_id_of,
+    is_restricted,
+    service_of,
+)
+from canopen_control.od.eds import TYPES
+from canopen_control.trace.network_description import NodeDescription, PdoDescription, PdoObject, address_text, type_of
 from canopen_control.trace.sdo_conversation import SdoConversation
 from canopen_control.trace.values import Change, NodeWords, SignalValue
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.trace.network_description import NetworkDescription, PdoDescription
+    from canopen_control.od.model import DataType
+    from canopen_control.trace.network_description import NetworkDescription
 
-__all__ = ["SERVICES", "DecodedFrame", "Decoder", "Mark"]
+
+# The PDOs of a node as its SDO transfers tell them (CiA 301, 7.5.2.35 to 38): who listens to a boot knows the layout.
+#
+# The law of this file: only what the node holds counts, that is what it answered or confirmed. A PDO is known when it
+# is valid, and the number of its objects and each of them was heard, or is known from the description. Bounded: `LIMIT`
+# values of one node.
+
+
+LIMIT: Final = 4096
+_COUNT: Final = 512  # PDOs of one direction
+_FIRST: Final = {"rpdo": (0x1400, 0x1600), "tpdo": (0x1800, 0x1A00)}  # communication, mapping
+_COB_ID, _TYPE, _EVENT_DRIVEN = 1, 2, 255
+_MOST_OBJECTS: Final = 64
+
+
+class LearnedPdos:
+    """What is known of one node's PDO records."""
+
+    def __init__(self, node: NodeDescription, words: NodeWords) -> None:
+        self._node, self._words = node, words
+        self._held: dict[tuple[int, int], int] = {}
+        self._cob_ids: dict[tuple[str, int], int] = {}
+        for pdo in node.pdos:
+            self._take(pdo)
+
+    def _take(self, pdo: PdoDescription) -> None:
+        communication, mapping = _records(pdo.direction, pdo.number)
+        self._cob_ids[pdo.direction, pdo.number] = pdo.cob_id
+        self._held[communication, _TYPE] = pdo.transmission_type
+        self._held[mapping, 0] = len(pdo.objects)
+        for slot, each in enumerate(pdo.objects, 1):
+            self._held[mapping, slot] = mapping_entry(each.mapped)
+
+    def learn(self, held: SignalValue) -> tuple[PdoDescription, int | None] | None:
+        """Take a value that the node holds; return a PDO that is known now with its former can_id, or None."""
+        which = _pdo_of(held.index)
+        if which is None or not isinstance(held.value, int):
+            return None
+        address = held.index, held.subindex
+        if address not in self._held and len(self._held) >= LIMIT:
+            return None
+        self._held[address] = held.value
+        pdo = self._known(*which)
+        if pdo is None:
+            return None
+        before, self._cob_ids[which] = self._cob_ids.get(which), pdo.cob_id
+        return pdo, before
+
+    def _known(self, direction: str, number: int) -> PdoDescription | None:
+        communication, mapping = _records(direction, number)
+        entry = self._held.get((communication, _COB_ID))
+        count = self._held.get((mapping, 0), 0)
+        can_id = self._cob_ids.get((direction, number)) if entry is None else can_id_of(entry)
+        if can_id is None or (entry is not None and entry & INVALID_BIT) or not 0 < count <= _MOST_OBJECTS:
+            return None
+        slots = [self._held.get((mapping, slot)) for slot in range(1, count + 1)]
+        mapped = tuple(self._object(slot) for slot in slots if slot)
+        forbidden = not can_id & EXTENDED_FLAG and is_restricted(can_id)
+        if forbidden or len(mapped) != count or sum(each.bits for each in mapped) > MAX_BITS:
+            return None
+        transmission = self._held.get((communication, _TYPE), _EVENT_DRIVEN)
+        return PdoDescription(can_id, direction, number, mapped, transmission)
+
+    def _object(self, entry: int) -> PdoObject:
+        index, subindex, bits = parse_mapping_entry(entry)
+        name = self._words.name(index, subindex) or address_text(index, subindex)
+        return PdoObject(index, subindex, bits, self._type(index, subindex, bits), name)
+
+    def _type(self, index: int, subindex: int, bits: int) -> DataType:
+        """Return the type by the EDS, else by the drive profile, else by the width."""
+        in_eds = self._node.od is not None and (index, subindex) in self._node.od
+        profile = TYPES.get((objects.axis_of(index)[0], subindex), ()) if self._node.is_drive else ()
+        by_profile = next((each for each in profile if each.bits == bits), None)
+        return by_profile if by_profile is not None and not in_eds else type_of(self._node.od, index, subindex, bits)
+
+
+def _records(direction: str, number: int) -> tuple[int, int]:
+    communication, mapping = _FIRST[direction]
+    return communication + number - 1, mapping + number - 1
+
+
+def _pdo_of(index: int) -> tuple[str, int] | None:
+    for direction, firsts in _FIRST.items():
+        for first in firsts:
+            if first <= index < first + _COUNT:
+                return direction, index - first + 1
+    return None
+
+
+# Frames of the layer setting services in words (CiA 305, 6.4).
+
+
+_PARTS = ("vendor", "product", "revision", "serial number")
+_RANGES = ("vendor", "product", "lowest revision", "highest revision", "lowest serial", "highest serial")
+_NODE_ID_ANSWERS = {0: "accepted", 1: "refused, out of range"}
+_BIT_TIMING_ANSWERS = {0: "accepted", 1: "refused, not supported"}
+_STORE_ANSWERS = {0: "stored", 1: "refused, not supported", 2: "failed, storage not accessible"}
+
+
+def lss_text(data: bytes, *, from_master: bool) -> str:
+    """Return what a frame of master or slave says; a command nobody knows is told by its number."""
+    if not data:
+        return "malformed: no data"
+    data = data.ljust(8, b"\0")
+    command = data[0]
+    words = (_MASTER if from_master else _SLAVE).get(command)
+    return words(data) if words is not None else f"unknown command 0x{command:02X}"
+
+
+def _number(data: bytes) -> int:
+    return int.from_bytes(data[1:5], "little")
+
+
+def _node_id(value: int) -> str:
+    return "no node id" if value == UNCONFIGURED else f"node id {value}"
+
+
+def _bit_timing(data: bytes) -> str:
+    if data[2] == AUTOMATIC_BIT_TIMING and not data[1]:
+        return "configure bit rate: automatic"
+    rate = BIT_TIMINGS.get(data[2]) if not data[1] else None
+    return f"configure bit rate: {rate} bit/s" if rate else f"configure bit timing {data[2]} of table {data[1]}"
+
+
+def _switch_global(data: bytes) -> str:
+    known = {int(mode): mode.name.lower() for mode in LssMode}
+    return f"all switch to {known.get(data[1], f'mode {data[1]}')}"
+
+
+def _fast_scan(data: bytes) -> str:
+    if data[5] == FAST_SCAN_START:
+        return "fast scan: is anybody without a node id?"
+    part = _PARTS[data[6]] if data[6] < len(_PARTS) else f"part {data[6]}"
+    return f"fast scan: {part} 0x{_number(data):08X}, bits {data[5]} to 31"
+
+
+def _answer(what: str, answers: dict[int, str]) -> Callable[[bytes], str]:
+    def text(data: bytes) -> str:
+        return f"{what}: {answers.get(data[1], f'error {data[1]}, detail {data[2]}')}"
+
+    return text
+
+
+def _part(prefix: str, part: str) -> Callable[[bytes], str]:
+    return lambda data: f"{prefix} {part} 0x{_number(data):08X}"
+
+
+def _said(text: str) -> Callable[[bytes], str]:
+    return lambda _data: text
+
+
+_C = LssCommand
+_MASTER: dict[int, Callable[[bytes], str]] = {
+    _C.SWITCH_GLOBAL: _switch_global,
+    _C.CONFIGURE_NODE_ID: lambda data: f"configure {_node_id(data[1])}",
+    _C.CONFIGURE_BIT_TIMING: _bit_timing,
+    _C.ACTIVATE_BIT_TIMING: lambda data: f"activate bit rate after {data[1] | data[2] << 8} ms",
+    _C.STORE: _said("store"),
+    **{_C.SWITCH_SELECTIVE + n: _part("select", part) for n, part in enumerate(_PARTS)},
+    **{_C.IDENTIFY + n: _part("identify", part) for n, part in enumerate(_RANGES)},
+    _C.IDENTIFY_NON_CONFIGURED: _said("identify those without a node id"),
+    _C.FAST_SCAN: _fast_scan,
+    **{_C.INQUIRE + n: _said(f"inquire {part}") for n, part in enumerate(_PARTS)},
+    _C.INQUIRE_NODE_ID: _said("inquire node id"),
+}
+_SLAVE: dict[int, Callable[[bytes], str]] = {
+    _C.CONFIGURE_NODE_ID: _answer("node id", _NODE_ID_ANSWERS),
+    _C.CONFIGURE_BIT_TIMING: _answer("bit rate", _BIT_TIMING_ANSWERS),
+    _C.STORE: _answer("store", _STORE_ANSWERS),
+    _C.SWITCHED: _said("selected"),
+    _C.IDENTIFIED: _said("identified"),
+    _C.IDENTIFIED_NON_CONFIGURED: _said("somebody has no node id"),
+    **{_C.INQUIRE + n: _part("is", part) for n, part in enumerate(_PARTS)},
+    _C.INQUIRE_NODE_ID: lambda data: _node_id(data[1]),
+}
+
 
 SERVICES: Final = ("nmt", "sync", "emcy", "time", "pdo", "sdo", "hb", "lss", "error", "raw")
 _LONGEST = 8  # bytes of a classic CAN frame

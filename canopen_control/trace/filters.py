@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from canopen_control.trace.decoder import DecodedFrame
     from canopen_control.trace.network_description import NetworkDescription
 
-__all__ = ["Filter", "node_ids_of", "parse_ids", "parse_services"]
 
 _REPEATED = frozenset(("pdo", "hb", "sync", "time"))  # what is sent again and again; the others are events each time
 _KNOWN = 4096  # identifiers whose last data are remembered

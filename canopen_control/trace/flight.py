@@ -31,7 +31,7 @@ from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.robot import Asked, GetLayout, GetStatus, Subscribe, Tell
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 from canopen_control.rpc.wire import text_of
-from canopen_control.trace.flight_ring import FrameRing, LineRing
+from canopen_control.trace.flight_file import FrameRing, LineRing
 from canopen_control.trace.flight_trigger import AFTER_NS, Trigger, is_fault, is_sum
 
 if TYPE_CHECKING:
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import Status
     from canopen_control.rpc.messages.world_shape import WorldShape
 
-__all__ = ["WINDOW_NS", "FlightRecorder", "flight_folder", "main"]
 
 SECOND: Final = 1_000_000_000
 WINDOW_NS: Final = 60 * SECOND

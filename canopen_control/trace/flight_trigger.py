@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import RobotEvent
 
-__all__ = ["AFTER_NS", "GAP_NS", "LONGEST_NS", "WIDEST_GAP_NS", "Trigger", "is_fault", "is_sum"]
 
 SECOND = 1_000_000_000
 AFTER_NS = 3 * SECOND

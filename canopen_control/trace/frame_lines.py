@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import datetime
 import math
 from typing import TYPE_CHECKING
@@ -11,13 +12,75 @@ from canopen_control.rpc.messages.declare import Document
 from canopen_control.trace.decoder import Mark
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from typing import TextIO
+
     from canopen_control.od.model import Value
     from canopen_control.trace.decoder import DecodedFrame
     from canopen_control.trace.network_description import NetworkDescription
 
-__all__ = ["FrameDocument", "LineWriter", "ValueDocument", "document_of", "identifier_text"]
 
+# A recording as a table: a row for each value, or, wide, a row for each frame and a column for each signal.
+#
+# Values as they are (numbers stay numbers), the words beside them; times in Unix seconds.
+
+
+COLUMNS = ("time", "id", "node", "service", "signal", "value", "text")
 _NS = 1_000_000_000
+
+
+def write_long(frames: Iterable[DecodedFrame], out: TextIO) -> int:
+    """Write a row for each value, and one for each frame without values; return the number of rows."""
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    count = 0
+    for frame in frames:
+        for row in _rows(frame):
+            writer.writerow(row)
+            count += 1
+    return count
+
+
+def _rows(frame: DecodedFrame) -> Iterator[tuple[str, ...]]:
+    head = _time(frame), f"0x{frame.can_id & 0x1FFFFFFF:03X}", frame.who, frame.service
+    for value in frame.values:
+        yield (*head, value.name, _plain_value(value.value), value.text)
+    if not frame.values:
+        yield (*head, frame.subject, frame.data.hex(), frame.text)
+
+
+def write_wide(frames: Iterable[DecodedFrame], signals: Iterable[str], out: TextIO) -> int:
+    """Write a row for each PDO with a column for each of `signals`, empty where the frame has none of it."""
+    columns = {name: number for number, name in enumerate(signals, 1)}
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["time", *columns])
+    count = 0
+    for frame in frames:
+        if frame.service != "pdo" or not frame.values:
+            continue
+        row = [_time(frame)] + [""] * len(columns)
+        for value in frame.values:
+            if (column := columns.get(signal_name(frame, value.name))) is not None:
+                row[column] = _plain_value(value.value)
+        writer.writerow(row)
+        count += 1
+    return count
+
+
+def signal_name(frame: DecodedFrame, name: str) -> str:
+    """Return the column of a value of `frame`: node and name."""
+    return f"{frame.who}.{name}"
+
+
+def _time(frame: DecodedFrame) -> str:
+    seconds, ns = divmod(frame.time, _NS)
+    return f"{seconds}.{ns // 1000:06d}"
+
+
+def _plain_value(value: Value) -> str:
+    return value.hex() if isinstance(value, bytes | bytearray) else str(value)
+
+
 _COLOURS = {Mark.ERROR: "\x1b[31m", Mark.WARNING: "\x1b[33m", Mark.NOTABLE: "\x1b[36m"}
 _RESET = "\x1b[0m"
 _DATA_WIDTH = 23  # eight bytes in hex

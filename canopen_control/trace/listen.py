@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import BusEvent, Port
 
-__all__ = ["batches", "open_listener"]
 
 _IDLE_S: Final = 0.25  # how often a silent bus lets the owner look at his clock
 _NEWS: Final = frozenset({BusEventKind.DOWN, BusEventKind.UP, BusEventKind.OVERRUN})  # no frame on the bus shows them

@@ -22,13 +22,13 @@ from canopen_control.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from canopen_control.host.lineserver import Connection
     from canopen_control.host.reactor import Reactor
     from canopen_control.rpc.messages.robot import RobotPush
     from canopen_control.rpc.messages.state import RobotEvent
-    from canopen_control.rpc.server import Call, Connection
+    from canopen_control.rpc.server import Call
     from canopen_control.trace.flight_file import FlightMeta
 
-__all__ = ["ReplayedRobot"]
 
 _STANDS_NS: Final = 500_000_000
 _LONGEST_S: Final = 1.0  # between two samples: a gap of a recording is not waited for

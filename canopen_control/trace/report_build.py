@@ -8,26 +8,472 @@ remarkable stand for them: EMCY, aborts, faults, NMT.
 from __future__ import annotations
 
 import tempfile
+from collections import Counter, deque
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, NamedTuple
 
+from canopen_control.cia301.nmt import state_of_byte
+from canopen_control.cia402 import objects
+from canopen_control.cia402.state import decode_statusword
+from canopen_control.frame import FRAME_BITS
+from canopen_control.rpc.messages.samples import (
+    BatteriesSample,
+    GpioSample,
+    GripperSample,
+    ImuSample,
+    PoseSample,
+    RangeSample,
+    WrenchSample,
+)
+from canopen_control.rpc.messages.state import CycleTimes, RobotEvent, StateSample
+from canopen_control.trace.decoder import DecodedFrame, Decoder, Mark
 from canopen_control.trace.flight_trigger import is_fault
-from canopen_control.trace.network_description import network_of_layout
-from canopen_control.trace.report_facts import Gaps, ReportFacts, event_at
-from canopen_control.trace.report_frames import read_frames
-from canopen_control.trace.report_samples import cycle_of, joints_of, node_spans, stopped_after
-from canopen_control.trace.report_sensors import measured
+from canopen_control.trace.frame_lines import identifier_text
+from canopen_control.trace.network_description import NetworkDescription, network_of_layout
+from canopen_control.trace.report_facts import (
+    BusFacts,
+    BusLoad,
+    CycleFacts,
+    FrameFacts,
+    Gaps,
+    JointFacts,
+    MeasuredFacts,
+    NodeFacts,
+    ReportFacts,
+    Span,
+    event_at,
+)
 from canopen_control.trace.report_words import summary
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from canopen_control.rpc.messages.state import TimedSnapshot
-    from canopen_control.trace.flight_file import FlightFile
-    from canopen_control.trace.network_description import NetworkDescription
-    from canopen_control.trace.report_facts import EventFacts, NodeFacts
+    from canopen_control.frame import CanFrame
+    from canopen_control.rpc.messages.samples import Sample
+    from canopen_control.rpc.messages.state import Status, TimedSnapshot
+    from canopen_control.trace.flight_file import FlightFile, FlightFrame
+    from canopen_control.trace.report_facts import EventFacts
 
-__all__ = ["facts_of", "networks_of"]
+    Row = tuple[str, str, float | None]  # name, unit, value
+
+
+# What the samples of the state stream tell of a run: who was in which state when, and how the joints followed.
+#
+# The law of this file: a state lasts until the sample that shows another.
+
+
+_QUANTITIES: Final = {"PP": "position", "IP": "position", "CSP": "position", "TQ": "effort", "CST": "effort"}
+_JUST_S: Final = 1.0  # before a fault: who moved then is asked when he stood
+_STANDING: Final = 1e-3  # rad/s or m/s
+_STOOD_S: Final = 1.0
+_SMALL: Final = 0.02  # of the fastest before: what counts as standing
+
+
+class Spans:
+    """A state over time: `see` it at each sample, `end` it at the last."""
+
+    def __init__(self) -> None:
+        self._since: list[tuple[float, str | None]] = []  # when each state was seen first
+        self._last = 0.0
+
+    def __bool__(self) -> bool:
+        return bool(self._since)
+
+    def see(self, time: float, state: str | None) -> None:
+        """Note the state at a time."""
+        if not self._since or self._since[-1][1] != state:
+            self._since.append((time, state))
+        self._last = time
+
+    def end(self, time: float) -> list[Span]:
+        """Return the spans, the last one until `time`."""
+        ends = [*(begin for begin, _ in self._since), max(time, self._last)][1:]
+        return [Span(begin, end, state) for (begin, state), end in zip(self._since, ends, strict=True)]
+
+
+def node_spans(states: Sequence[TimedSnapshot], begin: float) -> dict[str, NodeFacts]:
+    """Return the states of the nodes, their axes by joint."""
+    nmt: dict[str, Spans] = {}
+    axes: dict[str, dict[str, Spans]] = {}
+    first: dict[str, tuple[str, int]] = {}
+    for sample in states:
+        time = sample.time - begin
+        for name, node in sample.nodes.items():
+            first.setdefault(name, (node.bus, node.node_id))
+            nmt.setdefault(name, Spans()).see(time, node.nmt_state)
+            for axis in node.axes:
+                axes.setdefault(name, {}).setdefault(axis.joint, Spans()).see(time, axis.state)
+    end = states[-1].time - begin if states else 0.0
+    return {
+        name: NodeFacts(
+            *place, nmt[name].end(end), {joint: spans.end(end) for joint, spans in axes.get(name, {}).items()}
+        )
+        for name, place in first.items()
+    }
+
+
+def joints_of(states: Sequence[TimedSnapshot], begin: float) -> dict[str, JointFacts]:
+    """Return how the joints followed; what a command means is by the drive's mode, velocity where nothing is known."""
+    modes = _modes(states)
+    tracked = {name: joint.tracking for sample in states for name, joint in sample.joints.items() if joint.tracking}
+    joints: dict[str, JointFacts] = {}
+    for sample in states:
+        for name, values in sample.joints.items():
+            if name not in joints:
+                quantity = _QUANTITIES.get(modes.get(name, ""), "velocity")
+                joints[name] = JointFacts(quantity, [], [], [], [], [], [], [], tracked.get(name))
+            joint = joints[name]
+            actual, command = values.value(joint.quantity), values.command
+            joint.time.append(round(sample.time - begin, 4))
+            joint.command.append(command)
+            joint.actual.append(actual)
+            joint.error.append(None if actual is None or command is None else command - actual)
+            joint.position.append(values.position)
+            joint.velocity.append(values.velocity)
+            joint.effort.append(values.effort)
+    return joints
+
+
+def _modes(states: Iterable[TimedSnapshot]) -> dict[str, str]:
+    """Return the last mode of operation of each joint."""
+    modes = {}
+    for sample in states:
+        for node in sample.nodes.values():
+            modes.update({axis.joint: axis.mode for axis in node.axes if axis.mode})
+    return modes
+
+
+def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFacts | None:
+    """Return period, counts of these samples, and the histogram of how late the cycles came.
+
+    `late_counts` and `late_edges_s` are those of `status --json`; without samples they are of the whole run.
+    """
+    last = states[-1].cycle if states else None if status is None else status.cycle
+    if last is None or last == CycleTimes():
+        return None
+    first = states[0].cycle if len(states) > 1 else CycleTimes()
+    before = [*first.late_counts, *([0] * len(last.late_counts))]
+    return CycleFacts(
+        period_s=last.period_s,
+        count=last.count - first.count,
+        missed=last.missed - first.missed,
+        late_max_s=last.late_max_s,
+        work_max_s=last.work_max_s,
+        late_edges_s=[] if status is None else status.late_edges_s,
+        late_counts=[max(0, count - earlier) for count, earlier in zip(last.late_counts, before, strict=False)],
+    )
+
+
+def stopped_after(joints: Mapping[str, JointFacts], time: float) -> dict[str, float | None]:
+    """Return how many seconds after `time` each joint that moved stood still; None where that was not seen.
+
+    Who stands for `_STOOD_S` or to the end has stopped; what he is commanded after that is another story.
+    """
+    found: dict[str, float | None] = {}
+    for name, joint in joints.items():
+        pairs = zip(joint.time, joint.velocity, strict=True)
+        moves = [(at, abs(value)) for at, value in pairs if value is not None]
+        fastest = max((speed for at, speed in moves if time - _JUST_S <= at <= time), default=0.0)
+        if fastest < _STANDING:
+            continue
+        since = _stands_since([(at, speed) for at, speed in moves if at >= time], _SMALL * fastest)
+        found[name] = None if since is None else round(since - time, 3)
+    return found
+
+
+def _stands_since(moves: Sequence[tuple[float, float]], small: float) -> float | None:
+    since: float | None = None
+    for at, speed in moves:
+        if speed > small:
+            since = None
+        elif since is None:
+            since = at
+        elif at - since > _STOOD_S:
+            break
+    return since
+
+
+# What recorded frames tell of a run: bus load, who spoke how much, the states of drives, and the last words.
+#
+# The law of this file: frames are decoded by the one decoder, in the order they came. Times are seconds from `begin`
+# (Unix). A bus nobody described is read by the predefined connection set.
+
+
+_NS: Final = 1_000_000_000
+_BIN_S: Final = 0.5  # of the bus load
+_MOST_BINS: Final = 20_000  # three hours
+_BEFORE, _AFTER = 40, 15  # frames around the fault that are shown
+_SILENT_S: Final = 0.5
+_MOST_NOTABLE: Final = 1000
+_LEVELS: Final = {Mark.NOTABLE: "info", Mark.WARNING: "warning", Mark.ERROR: "error"}
+
+
+class _Heard(NamedTuple):
+    """A decoded frame, its bus, and when it came."""
+
+    bus: str
+    time: float
+    decoded: DecodedFrame
+
+
+class _Drive(NamedTuple):
+    """A node that was heard: the states of its communication, and of its axes by number."""
+
+    name: str
+    nmt: Spans
+    axes: dict[int, Spans]
+
+
+class FrameReader:
+    """Reads frames in order; then `buses`, `nodes`, `around`, `last_words` and `notable` have what they told."""
+
+    def __init__(self, networks: Mapping[str, NetworkDescription], begin: float, fault: float | None) -> None:
+        self._networks, self._begin, self._fault = networks, begin, fault
+        self._decoders: dict[str, Decoder] = {}
+        self._loads: dict[str, Counter[int]] = {}
+        self._services: dict[str, Counter[str]] = {}
+        self._drives: dict[tuple[str, int], _Drive] = {}
+        self._same: dict[tuple[str, int], bytes] = {}
+        self._before: deque[_Heard] = deque(maxlen=_BEFORE)
+        self._after: list[_Heard] = []
+        self._last: dict[tuple[str, int], _Heard] = {}
+        self._heard: dict[tuple[str, int], float] = {}  # when each node spoke last
+        self._end = 0.0
+        self._told: set[tuple[int, str]] = set()
+        self.notable: list[RobotEvent] = []  # frames that change or break something
+
+    def read(self, time_ns: int, bus: str, frame: CanFrame) -> None:
+        """Take the next frame."""
+        decoder = self._decoders.get(bus)
+        if decoder is None:
+            network = self._networks.get(bus) or NetworkDescription(bus)
+            decoder = self._decoders[bus] = Decoder(network)
+            self._loads[bus], self._services[bus] = Counter(), Counter()
+        self._end = time = time_ns / _NS - self._begin
+        self._loads[bus][int(time // _BIN_S)] += FRAME_BITS + 8 * len(frame.data)
+        decoded = decoder.decode(frame, time_ns)
+        self._services[bus][decoded.service] += 1
+        self._follow(bus, time, decoded)
+        self._remember(bus, time, decoded)
+        if decoded.mark is not Mark.PLAIN and len(self.notable) < _MOST_NOTABLE:
+            self._note(time_ns, decoded)
+
+    def _follow(self, bus: str, time: float, decoded: DecodedFrame) -> None:
+        """See the states of a node: by its heartbeats, and its statuswords, each only when it says something else."""
+        if decoded.node_id is None or decoded.service not in ("hb", "pdo") or not decoded.data:
+            return
+        drive = self._drives.setdefault((bus, decoded.node_id), _Drive(decoded.node, Spans(), {}))
+        if decoded.service == "hb":
+            state = state_of_byte(decoded.data[0])
+            drive.nmt.see(time, state.name if state is not None else None)
+        elif self._same.get((bus, decoded.can_id)) != decoded.data:
+            self._same[bus, decoded.can_id] = decoded.data
+            for value in decoded.values:
+                index, axis = objects.axis_of(value.index)
+                if index == objects.STATUSWORD and isinstance(value.value, int):
+                    drive_state = decode_statusword(value.value)
+                    name = drive_state.name if drive_state is not None else None
+                    drive.axes.setdefault(axis, Spans()).see(time, name)
+
+    def _note(self, time_ns: int, decoded: DecodedFrame) -> None:
+        """Take a frame for an event, a repeated one only once: a drive in fault says so in every statusword."""
+        said = (decoded.can_id, decoded.text)
+        if said in self._told:
+            return
+        self._told.add(said)
+        node = decoded.who or None
+        text = f"{node or 'bus'}: {decoded.subject or decoded.service} {decoded.text}".rstrip()
+        level = _LEVELS[decoded.mark]
+        self.notable.append(RobotEvent(time=time_ns / _NS, kind=decoded.service, node=node, level=level, text=text))
+
+    def _remember(self, bus: str, time: float, decoded: DecodedFrame) -> None:
+        heard = _Heard(bus, time, decoded)
+        if decoded.node_id is not None and _from_node(decoded):
+            self._heard[bus, decoded.node_id] = time
+        if self._fault is None or time <= self._fault:
+            self._before.append(heard)
+            if decoded.node_id is not None and _from_node(decoded):
+                self._last[bus, decoded.node_id] = heard
+        elif len(self._after) < _AFTER:
+            self._after.append(heard)
+
+    @property
+    def around(self) -> list[FrameFacts]:
+        """The last frames before the fault, or of all, and the first after it."""
+        return [_line(each) for each in (*self._before, *self._after)]
+
+    @property
+    def last_words(self) -> list[FrameFacts]:
+        """The last frame of each node before the fault, the longest silent first."""
+        return [_line(each) for each in sorted(self._last.values(), key=lambda heard: heard.time)]
+
+    def buses(self) -> dict[str, BusFacts]:
+        """Return what each bus has carried."""
+        facts = {}
+        for bus, counted in self._loads.items():
+            bitrate = self._decoders[bus].network.bitrate
+            bits, width = _coarse(counted)
+            bins = [each for each in range(min(bits), max(bits) + 1) if self._covered(each, width) > width / 5]
+            load = [bits[each] / self._covered(each, width) / bitrate for each in bins]
+            times = [round((each + 0.5) * width, 3) for each in bins]
+            services = dict(self._services[bus].most_common())
+            facts[bus] = BusFacts(sum(services.values()), services, bitrate, BusLoad(times, load))
+        return facts
+
+    def _covered(self, number: int, width: float) -> float:
+        """Return how many seconds of a bin the recording covers: the last one is rarely whole."""
+        return min((number + 1) * width, self._end) - max(number * width, 0.0)
+
+    def nodes(self) -> dict[str, NodeFacts]:
+        """Return what `node_spans` returns, its axes as "axis N"; a node that fell silent is in no known state."""
+        facts: dict[str, NodeFacts] = {}
+        for (bus, node_id), drive in sorted(self._drives.items()):
+            heard = self._heard.get((bus, node_id), self._end)
+            nmt = self._ended(drive.nmt, heard)
+            axes = {f"axis {axis}": self._ended(spans, heard) for axis, spans in drive.axes.items()}
+            if nmt or axes:
+                facts[drive.name or f"node {node_id}"] = NodeFacts(bus, node_id, nmt, axes)
+        return facts
+
+    def _ended(self, spans: Spans, heard: float) -> list[Span]:
+        if spans and self._end - heard > _SILENT_S:
+            spans.see(heard, None)
+        return spans.end(self._end)
+
+
+def _coarse(bits: Counter[int]) -> tuple[Counter[int], float]:
+    """Return bits by bin and the width of a bin in s: wider where a recording, or one wrong time in it, spans days."""
+    many = 1 + (max(bits) - min(bits)) // _MOST_BINS
+    coarse: Counter[int] = Counter()
+    for number, count in bits.items():
+        coarse[number // many] += count
+    return coarse, many * _BIN_S
+
+
+def _line(heard: _Heard) -> FrameFacts:
+    bus, time, decoded = heard
+    return FrameFacts(
+        time=round(time, 6),
+        bus=bus,
+        id=identifier_text(decoded.can_id),
+        data=decoded.data.hex(" ").upper(),
+        service=decoded.subject or decoded.service,
+        node=decoded.who,
+        node_id=decoded.node_id,
+        text=decoded.text,
+        mark=decoded.mark.name.lower(),
+    )
+
+
+def _from_node(decoded: DecodedFrame) -> bool:
+    """Whether the node itself has spoken, as far as the names of the predefined set tell."""
+    if decoded.service == "pdo":
+        return decoded.subject.startswith("TPDO")
+    return decoded.service in ("hb", "emcy") or decoded.subject == "SDO response"
+
+
+def read_frames(
+    frames: Sequence[FlightFrame],
+    networks: Mapping[str, NetworkDescription],
+    begin: float,
+    fault: float | None,
+) -> FrameReader:
+    """Read all frames of a recording; `fault` is when it happened, in seconds from `begin`, None if nothing did."""
+    reader = FrameReader(networks, begin, fault)
+    for frame in frames:
+        reader.read(*frame)
+    return reader
+
+
+# What sensors, batteries, inputs and outputs, and grippers told in a run: the least, the most and the last of each.
+#
+# A value is named as its interface or field is; what is not known counts as nothing, and a value that was never known
+# has no row.
+
+
+def measured(states: Iterable[TimedSnapshot]) -> list[MeasuredFacts]:
+    """Return a row for each value that was known once, by controller; each publication counts once."""
+    told: dict[str, float] = {}
+    found: dict[tuple[str, str], MeasuredFacts] = {}
+    for state in states:
+        for name, sample in state.samples.items() if isinstance(state, StateSample) else ():
+            if told.get(name) == sample.time:
+                continue
+            told[name] = sample.time
+            for what, unit, value in _rows(sample):
+                if value is not None:
+                    known = found.get((name, what))
+                    found[name, what] = _seen(MeasuredFacts(name, what, unit, value, value, value), known)
+    return list(found.values())
+
+
+def _seen(now: MeasuredFacts, before: MeasuredFacts | None) -> MeasuredFacts:
+    if before is None:
+        return now
+    least, most = min(before.least, now.last), max(before.most, now.last)
+    return MeasuredFacts(now.controller, now.what, now.unit, least, most, now.last)
+
+
+def _rows(sample: Sample) -> Iterator[Row]:
+    for kind, rows in _KINDS.items():
+        if isinstance(sample, kind):
+            yield from rows(sample)
+
+
+def _axes(what: str, axes: str, unit: str, values: Iterable[float | None]) -> Iterator[Row]:
+    for axis, value in zip(axes, values, strict=False):
+        yield f"{what}.{axis}", unit, value
+
+
+def _imu(sample: ImuSample) -> Iterator[Row]:
+    yield from _axes("orientation", "xyzw", "", sample.orientation)
+    yield from _axes("angular_velocity", "xyz", "rad/s", sample.angular_velocity)
+    yield from _axes("linear_acceleration", "xyz", "m/s²", sample.linear_acceleration)
+
+
+def _range(sample: RangeSample) -> Iterator[Row]:
+    yield "range", "m", sample.range
+
+
+def _wrench(sample: WrenchSample) -> Iterator[Row]:
+    yield from _axes("force", "xyz", "N", sample.force)
+    yield from _axes("torque", "xyz", "Nm", sample.torque)
+
+
+def _pose(sample: PoseSample) -> Iterator[Row]:
+    yield from _axes("position", "xyz", "m", sample.position)
+    yield from _axes("orientation", "xyzw", "", sample.orientation)
+
+
+def _batteries(sample: BatteriesSample) -> Iterator[Row]:
+    for battery in sample.batteries:
+        yield f"{battery.name} voltage", "V", battery.voltage
+        yield f"{battery.name} current", "A", battery.current
+        yield f"{battery.name} temperature", "°C", battery.temperature
+        yield f"{battery.name} percentage", "", battery.percentage
+
+
+def _gpio(sample: GpioSample) -> Iterator[Row]:
+    for part, values in sample.parts.items():
+        for name, value in values.items():
+            yield f"{part}/{name}", "", value
+
+
+def _gripper(sample: GripperSample) -> Iterator[Row]:
+    yield f"{sample.joint} position", "rad or m", sample.position
+    yield f"{sample.joint} effort", "Nm or N", sample.effort
+    yield f"{sample.joint} target", "rad or m", sample.target
+
+
+_KINDS: Final[dict[type[Sample], Callable[..., Iterator[Row]]]] = {
+    ImuSample: _imu,
+    RangeSample: _range,
+    WrenchSample: _wrench,
+    PoseSample: _pose,
+    BatteriesSample: _batteries,
+    GpioSample: _gpio,
+    GripperSample: _gripper,
+}
 
 
 def networks_of(file: FlightFile) -> dict[str, NetworkDescription]:

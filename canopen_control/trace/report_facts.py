@@ -13,8 +13,6 @@ from canopen_control.rpc.messages.state import BootStep, RobotEvent, SdoCounts, 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["BusFacts", "BusLoad", "CycleFacts", "EventFacts", "FrameFacts", "Gaps", "JointFacts", "NodeFacts",
-           "ReportFacts", "Span", "event_at"]  # fmt: skip
 
 Column: TypeAlias = list[float | None]
 

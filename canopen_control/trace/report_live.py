@@ -24,7 +24,6 @@ from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
 if TYPE_CHECKING:
     from canopen_control.bus.port import Port
 
-__all__ = ["watch"]
 
 RATE: Final = 50.0  # Hz of the samples
 _NS: Final = 1_000_000_000

@@ -10,7 +10,6 @@ if TYPE_CHECKING:
 
     from canopen_control.trace.report_facts import ReportFacts
 
-__all__ = ["clock", "summary"]
 
 _MOST = 4  # further faults that are listed
 

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.trace.values import NodeWords
 
-__all__ = ["LIMIT", "SdoConversation", "SdoText"]
 
 LIMIT: Final = 1 << 16  # bytes kept of one transfer
 _EXPEDITED, _SIZED = 0x02, 0x01

@@ -10,7 +10,7 @@ import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from canopen_control.cia301.emcy_codes import error_text, register_text
+from canopen_control.cia301.emcy import error_text, register_text
 from canopen_control.cia301.pdo import DUMMY_TYPES, INVALID_BIT, parse_mapping_entry
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import MODE_BITS, mode_name, supported_modes
@@ -36,17 +36,6 @@ if TYPE_CHECKING:
     from canopen_control.od.model import DataType, ObjectDictionary, Value
     from canopen_control.trace.network_description import NodeDescription
 
-__all__ = [
-    "AxisWords",
-    "Change",
-    "NodeWords",
-    "SignalValue",
-    "bytes_text",
-    "controlword_text",
-    "decoded",
-    "is_faulty",
-    "statusword_text",
-]
 
 _SHOWN_BYTES = 16
 _NUMBER_SIZES = (1, 2, 4, 8)

@@ -16,7 +16,6 @@ from canopen_control.errors import RobotConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = ["NOWHERE", "Document", "Element", "Place", "Placed", "finite_number", "read_document"]
 
 T = TypeVar("T")
 

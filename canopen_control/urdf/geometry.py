@@ -9,20 +9,6 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-__all__ = [
-    "IDENTITY",
-    "ORIGIN",
-    "Pose",
-    "Quaternion",
-    "Vector",
-    "about",
-    "along",
-    "from_rpy",
-    "from_yaw",
-    "multiply",
-    "rotate",
-]
-
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.document import Document, Element
 
-__all__ = ["GREY", "Link", "Visual", "read_links"]
 
 GREY: Final = (160, 165, 172)
 _ROUND: Final = ("cylinder", "sphere")

@@ -9,21 +9,133 @@ from __future__ import annotations
 import math
 import os
 import struct
+import xml.etree.ElementTree as ET  # a file of the user's own description
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote, urlsplit
 
 from canopen_control.errors import ConfigError
+from canopen_control.urdf.geometry import about, rotate
 from canopen_control.urdf.package_search import package_folders
-from canopen_control.urdf.triangles import dae_triangles, obj_triangles, stl_triangles
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from canopen_control.urdf.triangles import Triangle
 
-__all__ = ["Mesh", "find_mesh", "read_mesh"]
+# Mesh formats that are text, Wavefront OBJ, COLLADA (DAE) and ASCII STL, as triangles.
+
+
+Triangle = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
+Matrix = tuple[tuple[float, ...], ...]
+"""Three rows of four: rotation, and translation in the last column."""
+
+
+def stl_triangles(content: bytes) -> list[Triangle]:
+    """Return the faces of an ASCII STL file. ValueError or IndexError if it is broken."""
+    words = (line.split() for line in content.decode("utf-8", "replace").splitlines())
+    points = [(float(each[1]), float(each[2]), float(each[3])) for each in words if each and each[0] == "vertex"]
+    if len(points) % 3:
+        raise ValueError(f"{len(points)} corners make no whole triangles; does the file end too early?")
+    return [(points[n], points[n + 1], points[n + 2]) for n in range(0, len(points), 3)]
+
+
+def obj_triangles(content: bytes) -> list[Triangle]:
+    """Return the faces of a Wavefront file; without colours and normals. ValueError or IndexError if it is broken."""
+    points: list[tuple[float, ...]] = []
+    triangles: list[Triangle] = []
+    for line in content.decode("utf-8", "replace").splitlines():
+        word, *rest = line.split() or [""]
+        if word == "v":
+            points.append(tuple(float(each) for each in rest[:3]))
+        elif word == "f":
+            corners = [int(each.split("/")[0]) for each in rest]
+            found = [points[each - 1 if each > 0 else each] for each in corners]
+            triangles += [(found[0], found[n], found[n + 1]) for n in range(1, len(found) - 1)]
+    return triangles
+
+
+def dae_triangles(content: bytes) -> list[Triangle]:
+    """Return the faces of a COLLADA file where its scene puts them, z up, in m; colours are left out.
+
+    ValueError, KeyError or IndexError if it is broken.
+    """
+    try:
+        root = ET.fromstring(content)
+    except ET.ParseError as error:
+        raise ValueError(error) from None
+    for element in root.iter():
+        element.tag = element.tag.partition("}")[2] or element.tag
+    geometries = {f"#{each.get('id')}": each for each in root.iter("geometry")}
+    unit, up = root.find("asset/unit"), root.findtext("asset/up_axis", "Y_UP")
+    scale = float(unit.get("meter", "1")) if unit is not None else 1.0
+    start = _scaled(_Y_UP if up == "Y_UP" else _UNTURNED, scale)
+    triangles: list[Triangle] = []
+    for scene in root.iter("visual_scene"):
+        for node in scene.findall("node"):
+            triangles += _dae_node(node, start, geometries)
+    return triangles
+
+
+def _dae_node(node: ET.Element, matrix: Matrix, geometries: Mapping[str, ET.Element]) -> Iterator[Triangle]:
+    for child in node:
+        if child.tag in _DAE_MOVES:
+            matrix = _product(matrix, _DAE_MOVES[child.tag]([float(each) for each in (child.text or "").split()]))
+        elif child.tag == "instance_geometry":
+            for a, b, c in _dae_triangles(geometries[child.get("url", "")]):
+                yield _placed(matrix, a), _placed(matrix, b), _placed(matrix, c)
+        elif child.tag == "node":
+            yield from _dae_node(child, matrix, geometries)
+
+
+def _dae_triangles(geometry: ET.Element) -> Iterator[Triangle]:
+    sources = {f"#{each.get('id')}": each for each in geometry.iter("source")}
+    vertices = {f"#{each.get('id')}": each.find("input[@semantic='POSITION']") for each in geometry.iter("vertices")}
+    for part in (*geometry.iter("triangles"), *geometry.iter("polylist")):
+        inputs = part.findall("input")
+        vertex = next(each for each in inputs if each.get("semantic") == "VERTEX")
+        position = vertices[vertex.get("source", "")]
+        source = sources["" if position is None else position.get("source", "")]
+        values = [float(each) for each in source.findtext("float_array", "").split()]
+        step = 1 + max(int(each.get("offset", "0")) for each in inputs)
+        indices = [int(each) for each in part.findtext("p", "").split()][int(vertex.get("offset", "0")) :: step]
+        points = [(values[3 * n], values[3 * n + 1], values[3 * n + 2]) for n in indices]
+        counts = [int(each) for each in part.findtext("vcount", "").split()] or [3] * (len(points) // 3)
+        at = 0
+        for count in counts:
+            for n in range(1, count - 1):
+                yield points[at], points[at + n], points[at + n + 1]
+            at += count
+
+
+def _dae_rotation(values: Sequence[float]) -> Matrix:
+    wxyz = about((values[0], values[1], values[2]), math.radians(values[3]))
+    columns = [rotate(wxyz, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
+    return tuple((columns[0][row], columns[1][row], columns[2][row], 0.0) for row in range(3))
+
+
+def _product(a: Matrix, b: Matrix) -> Matrix:
+    full = (*b, (0.0, 0.0, 0.0, 1.0))
+    return tuple(tuple(sum(row[k] * full[k][n] for k in range(4)) for n in range(4)) for row in a)
+
+
+def _placed(matrix: Matrix, point: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3] for row in matrix)
+
+
+def _scaled(matrix: Matrix, factor: float) -> Matrix:
+    return tuple(tuple(factor * each for each in row) for row in matrix)
+
+
+_UNTURNED: Final = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))
+_Y_UP: Final = ((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+_DAE_MOVES: Final[dict[str, Callable[[list[float]], Matrix]]] = {
+    "matrix": lambda v: (tuple(v[0:4]), tuple(v[4:8]), tuple(v[8:12])),
+    "translate": lambda v: ((1.0, 0.0, 0.0, v[0]), (0.0, 1.0, 0.0, v[1]), (0.0, 0.0, 1.0, v[2])),
+    "scale": lambda v: ((v[0], 0.0, 0.0, 0.0), (0.0, v[1], 0.0, 0.0), (0.0, 0.0, v[2], 0.0)),
+    "rotate": _dae_rotation,
+}
+
 
 MAX_BYTES: Final = 50_000_000  # of a file; more stands still in a browser and in a simulation
 

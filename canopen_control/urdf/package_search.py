@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["find_package", "installed_file", "installed_packages", "package_folders"]
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
 _INSTALLS = re.compile(r"\binstall\s*\(\s*DIRECTORY\b([^()]*)\)", re.IGNORECASE)

@@ -24,7 +24,6 @@ TYPE_CHECKING = False  # the module typing takes longer to import than the rest 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-__all__ = ["LARGEST", "REFUSED", "URDF", "main"]
 
 URDF = b"U"
 REFUSED = b"R"

@@ -6,30 +6,212 @@ on when the page that began it is closed; every page shows how far it is, and an
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.client import RobotClient
-from canopen_control.errors import CanopenError, DriveError
-from canopen_control.service.node_objects import NodeObjects
+from canopen_control.errors import CanopenError, ConfigError, DriveError
+from canopen_control.rpc.messages.robot import MAX_OBJECT
+from canopen_control.service.live_reader import NodeObjects
 from canopen_control.service.object_edit import EditHistory
-from canopen_control.view.dead_man import SOURCE
-from canopen_control.view.robot_connection import in_thread
+from canopen_control.service.parameter_set import (
+    backup_file_text,
+    device_identity,
+    differences,
+    parse_backup,
+    read_parameters,
+    read_same,
+)
+from canopen_control.service.program_download import (
+    DownloadProgress,
+    DownloadStep,
+    ProgramOptions,
+    boot_check,
+    download,
+    interrupted_words,
+    is_loader,
+    refuse_stranger,
+)
+from canopen_control.service.restore import (
+    Reached,
+    RestoreOptions,
+    guarded_restore,
+    quiet_node,
+    refuse_other_drive,
+    unfinished_words,
+)
+from canopen_control.view.robot_connection import SOURCE, in_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from canopen_control.od.model import Entry
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.service.node_session import NodeSession
     from canopen_control.service.object_edit import Edit
+    from canopen_control.service.parameter_set import ParameterSet
     from canopen_control.view.scope_run import ScopeRun
     from canopen_control.view.tune_job import TuneFound
 
-__all__ = ["NodeDesk", "NodeWork"]
+
+# The long work of the Parameters tab at one node: backup, comparison, restore, clone. No toolkit; runs on threads.
+#
+# Each takes a session and the piece of work that pages look at, and returns the sentence at its end. What must not be
+# is refused by the room `service`, in the same words as by the verbs.
+
+
+MOST_PARAMETER_BYTES = 4_000_000  # of a DCF
+_FEWEST = 1
+
+
+def uploaded(data: bytes, name: str) -> ParameterSet:
+    """Read a DCF that somebody has chosen; ConfigError or EdsError for what is none."""
+    if not data:
+        raise ConfigError(f"{name} is empty")
+    return parse_backup(data, name)
+
+
+def backup(session: NodeSession, work: NodeWork) -> str:
+    """Read all parameters and keep them as a file."""
+    if unfinished := unfinished_words(session, Reached(robot=session.robot)):
+        work.lines.append(unfinished)
+    parameters, left_out = read_parameters(session, told=work.at)
+    if len(parameters.values) < _FEWEST:
+        raise DriveError(f"{session} has no parameter that can be read and written")
+    text, lost = backup_file_text(parameters, session.name)
+    work.lines += [f"left out: {each}" for each in (*map(str, left_out), *lost)]
+    name = f"{session.name or f'node{session.node_id}'}.dcf"
+    work.file = name, text.encode()
+    return f"{session}: {len(parameters.values) - len(lost)} parameters in {name}"
+
+
+def compare(session: NodeSession, work: NodeWork, file: ParameterSet) -> str:
+    """Read what a file holds and keep what differs as a table: address, name, file, node."""
+    node, left_out = read_same(session, file, work.at)
+    why = {each.entry.address: each.why for each in left_out}
+    found = differences(file, node)
+    work.lines += [*file.identity.strangers(node.identity), *file.identity.variations(node.identity)]
+    work.table = [
+        (
+            f"0x{each.entry.index:04X}:{each.entry.subindex:02X}",
+            each.name,
+            each.a_text or "-",
+            each.b_text or why.get(each.entry.address, "-"),
+        )
+        for each in found
+    ]
+    compared = len({*file.values, *node.values})
+    if not found:
+        return f"{file.where} and {session}: {compared} parameters, equal"
+    return f"{file.where} and {session}: {len(found)} of {compared} parameters differ"
+
+
+def restore(
+    session: NodeSession, work: NodeWork, file: ParameterSet, options: RestoreOptions, *, any_node: bool = False
+) -> str:
+    """Write what a file holds and prove it; DriveError where the node has refused some."""
+    if session.od is None:
+        session.od = file.od.for_node(session.node_id)
+    if not any_node:
+        refuse_other_drive(file, session)
+    report = guarded_restore(session, file, options, note=work.lines.append, told=work.at)
+    work.lines += [f"refused: {each}" for each in report.refused]
+    work.lines += [f"kept as it is: {each}" for each in report.protected]
+    if report.refused:
+        raise DriveError(report.words(session))
+    return report.words(session)
+
+
+def clone_from(session: NodeSession, work: NodeWork, source: NodeDesk, options: RestoreOptions) -> str:
+    """Read all parameters of another node and write them into this one."""
+    work.doing = f"reading {source.place.name}"
+    parameters = source.with_session(lambda other: read_parameters(other, told=work.at)[0])
+    work.doing = f"writing {session.name or session}"
+    work.done, work.total = 0, None
+    return restore(session, work, parameters, options, any_node=True)
+
+
+# The long work of the Firmware tab: checks, download with its progress, the boot check. No toolkit; on a thread.
+
+
+MOST_FIRMWARE_BYTES: Final = MAX_OBJECT
+"""Of a program through a running robot; a longer one goes straight on the bus (`firmware --can`)."""
+_LOOK_S: Final = 0.3
+
+
+def options_of(number: str, expected: str) -> ProgramOptions:
+    """Return the options of what a person has written; ConfigError with what it has to be."""
+    try:
+        program = int(number or "1", 0)
+        wanted = int(expected, 0) if expected.strip() else None
+    except ValueError:
+        raise ConfigError(f"{number!r} and {expected!r}: a number is wanted, decimal or 0x") from None
+    if not 1 <= program <= 254:
+        raise ConfigError(f"program {program}: programs are 1 to 254")
+    if wanted is not None and not 0 <= wanted < 1 << 32:
+        raise ConfigError(f"{expected}: 0x1F56 holds 32 bits")
+    return ProgramOptions(program, wanted)
+
+
+def check_image(image: bytes, name: str) -> None:
+    """Refuse a file that cannot be a program; ConfigError with the reason."""
+    if not image:
+        raise ConfigError(f"{name} is empty; nothing was sent")
+    if len(image) > MOST_FIRMWARE_BYTES:
+        raise ConfigError(
+            f"{name} has {len(image)} bytes, a running robot passes on {MOST_FIRMWARE_BYTES}: end it with "
+            "`shutdown` and use `canopen-control firmware --can`"
+        )
+    if image.lstrip()[:10].upper().startswith((b"[FILEINFO]", b"[DEVICEINF")):
+        raise ConfigError(f"{name} is an EDS or a DCF and no program; nothing was sent")
+
+
+def load_program(session: NodeSession, work: NodeWork, image: bytes, options: ProgramOptions) -> str:
+    """Load a program and start it; DriveError with what the node has now where that failed."""
+    identity = device_identity(session)
+    refuse_stranger(session, identity)
+    if is_loader(identity):
+        work.lines.append(f"{session} is in its boot-loader")
+    progress = DownloadProgress()
+    try:
+        with quiet_node(session, starts_again=False), _watched(session, work, progress, len(image)):
+            download(session, image, options, progress)
+    except CanopenError as error:
+        if progress.untouched:
+            raise
+        raise DriveError(interrupted_words(session, progress, error)) from error
+    work.lines += progress.notes
+    boot_check(session, identity)
+    old, new = (f"0x{each:08X}" if each is not None else "unknown" for each in (progress.old, progress.new))
+    return f"{session}: program {options.number} of {len(image)} bytes runs: {old} -> {new}"
+
+
+@contextlib.contextmanager
+def _watched(session: NodeSession, work: NodeWork, progress: DownloadProgress, size: int) -> Iterator[None]:
+    """Follow step and bytes from a thread of its own, while this one waits for the transfer."""
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.wait(_LOOK_S):
+            work.doing = progress.step.value
+            if progress.step is DownloadStep.SENDING:
+                done, total = session.transfers.progress()
+                work.done, work.total = done, total or size
+            else:
+                work.done, work.total = 0, None
+
+    thread = threading.Thread(target=watch, name="firmware progress", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
 
 T = TypeVar("T")
 

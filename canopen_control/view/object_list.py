@@ -6,10 +6,8 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError
 from canopen_control.od.model import SCALAR_CODES
-from canopen_control.service.object_bits import axis_word, bits_of
 from canopen_control.service.object_edit import limit_words, why_fixed
-from canopen_control.service.object_rows import LiveObject, rows_of
-from canopen_control.service.object_selection import select_objects
+from canopen_control.service.object_rows import LiveObject, axis_word, bits_of, rows_of, select_objects
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -17,7 +15,6 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, Entry, ObjectDictionary
     from canopen_control.view.elements.nicegui_elements import ObjectWords, TreeRow
 
-__all__ = ["ObjectList", "address_text"]
 
 _MODE = (0x6061, 0)
 

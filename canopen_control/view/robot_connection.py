@@ -9,21 +9,224 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, RemoteError
-from canopen_control.rpc.messages.robot import GetDescription, GetNodes, GetStatus, ListControllers, Stop, Subscribe
+from canopen_control.rpc.messages.robot import (
+    CommandController,
+    GetDescription,
+    GetNodes,
+    GetStatus,
+    ListControllers,
+    Stop,
+    Subscribe,
+    TwistController,
+)
+from canopen_control.rpc.messages.samples import OdometrySample, TrajectoryPoint
 from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
-from canopen_control.view.dead_man import SOURCE
-from canopen_control.view.robot_info import RobotInfo, read_robot_info
+from canopen_control.rpc.messages.trajectory import CancelTrajectory, SendTrajectory, TrajectoryHeartbeat
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.robot import Description, NodeListing, NodePlace
+    from canopen_control.rpc.messages.state import Status
+    from canopen_control.rpc.messages.world_shape import WorldShape
 
-__all__ = ["RobotConnection", "in_thread"]
+
+# What a page begins with: what stays as it is while a robot runs.
+
+
+Pose = tuple[float, float, float]
+"""x and y in m, heading in rad."""
+
+
+@dataclass(frozen=True, slots=True)
+class VirtualNode:
+    """Where a node would be if it were virtual: a bus's channel and a node id."""
+
+    name: str
+    channel: str
+    node_id: int
+
+
+@dataclass(frozen=True, slots=True)
+class RobotInfo:
+    """What stays as it is while a robot runs, and its state when one came."""
+
+    robot: str
+    urdf: str
+    path: str
+    nodes: tuple[VirtualNode, ...]
+    buses: tuple[str, ...]
+    joints: tuple[str, ...]
+    state: StateSample
+    events: tuple[RobotEvent, ...] = field(default=(), compare=False)
+    places: tuple[NodePlace, ...] = ()
+    world: tuple[WorldShape, ...] = field(default=(), compare=False)
+
+    @property
+    def shape(self) -> object:
+        """What a page was built for; a robot with another one needs another page."""
+        return self.urdf, self.nodes, self.buses, self.joints
+
+
+def read_robot_info(robot: str, description: Description, listing: NodeListing, status: Status) -> RobotInfo:
+    """Gather the answers to `description`, `nodes` and `status`."""
+    state = StateSample(
+        state=status.state,
+        hint=status.hint,
+        latched=status.latched,
+        latched_by=status.latched_by,
+        cycle=status.cycle,
+        nodes=status.nodes,
+        joints=status.joints,
+        controllers=status.controllers,
+        load={name: bus.load for name, bus in status.buses.items()},
+    )
+    return RobotInfo(
+        robot,
+        description.urdf,
+        description.path,
+        tuple(VirtualNode(each.name, listing.buses[each.bus].channel, each.node_id) for each in listing.nodes),
+        tuple(status.buses),
+        tuple(sorted(status.joints)),
+        state,
+        tuple(status.events),
+        tuple(sorted(listing.nodes, key=lambda each: each.node_id)),
+        description.world,
+    )
+
+
+def true_pose_of(state: StateSample) -> Pose | None:
+    """Return where a simulated base truly is, in the frame of its odometry; None where that is not known."""
+    return None if state.true_pose is None else state.true_pose.in_odometry
+
+
+def pose_of(state: StateSample) -> Pose | None:
+    """Return where the first base controller believes to be."""
+    for each in state.told(OdometrySample).values():
+        return each.x, each.y, each.heading
+    return None
+
+
+# Driving by a held button: who drives, and what is sent when he lets go. No browser, no socket.
+#
+# The law of this file: nothing moves but while a button is held, and a held button says so again and again. Silence for
+# `LET_GO_NS`, a closed page or another controller end the motion with the rest command, once and at once. One page
+# drives at a time; who comes second waits until the first has let go.
+
+
+HOLD_HZ: Final = 20.0
+LET_GO_NS: Final = 200_000_000
+SOURCE: Final = "view"
+Command = CommandController | TwistController | SendTrajectory | CancelTrajectory | TrajectoryHeartbeat
+_HEARTBEAT_S: Final = 0.5  # this process says so 20 times a second; the robot brakes where it hangs
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What moves and what rests; the robot forgets both when this process dies.
+
+    `again` is sent instead of `moving` while the same motion goes on, None: `moving` itself.
+    """
+
+    controller: str
+    moving: Command
+    resting: Command
+    again: Command | None = None
+
+
+def twist_motion(controller: str, linear: float, angular: float, lateral: float = 0.0) -> Motion:
+    """Return the motion of a base: m/s forward and to the left, and rad/s."""
+    moving, resting = (
+        TwistController(
+            controller=controller, linear=ahead, lateral=aside, angular=around, source=SOURCE, dead_man=True
+        )
+        for ahead, aside, around in ((linear, lateral, angular), (0.0, 0.0, 0.0))
+    )
+    return Motion(controller, moving, resting)
+
+
+def trajectory_motion(controller: str, joints: Sequence[str], positions: Sequence[float], seconds: float) -> Motion:
+    """Return the motion of an arm to `positions`, at rest there after `seconds`; let go of, it brakes and is held."""
+    point = TrajectoryPoint(positions=list(positions), velocities=[0.0] * len(positions), time_from_start=seconds)
+    goal = SendTrajectory(
+        controller=controller, joints=list(joints), points=[point], source=SOURCE, heartbeat=_HEARTBEAT_S
+    )
+    rest = CancelTrajectory(controller=controller, own=True, why="the page let go")
+    return Motion(controller, goal, rest, TrajectoryHeartbeat())
+
+
+def joint_motion(
+    controller: str, values: Sequence[float], resting: Sequence[float], interface: str | None = None
+) -> Motion:
+    """Return the motion of joints to `values`; they rest at zero, or where they are if these are positions.
+
+    `interface` is what the values are, where the controller may take something else by the time they come.
+    """
+    moved, rested = (
+        CommandController(controller=controller, values=list(each), source=SOURCE, dead_man=True, interface=interface)
+        for each in (values, resting)
+    )
+    return Motion(controller, moved, rested)
+
+
+class DeadMan:
+    """Ends a motion whose held button falls silent; `send(request)` is called with every command."""
+
+    def __init__(self, send: Callable[[Command], object]) -> None:
+        self._send = send
+        self._driver: str | None = None
+        self._motion: Motion | None = None
+        self._heard = 0
+
+    @property
+    def driver(self) -> str | None:
+        """The page that drives, None if nobody does."""
+        return self._driver
+
+    @property
+    def deadline(self) -> int | None:
+        """When `tick` is due, in ns."""
+        return None if self._driver is None else self._heard + LET_GO_NS
+
+    def hold(self, page: str, motion: Motion, now: int) -> bool:
+        """Take note that a page holds a button; False if another one drives."""
+        self.tick(now)
+        if self._driver not in (None, page):
+            return False
+        before = self._motion
+        if before is not None and before.controller != motion.controller:
+            self._send(before.resting)
+        goes_on = before is not None and motion.again is not None and before == motion
+        self._driver, self._motion, self._heard = page, motion, now
+        self._send(motion.again if goes_on and motion.again is not None else motion.moving)
+        return True
+
+    def tick(self, now: int) -> None:
+        """Let go when nobody has held for too long."""
+        if self._driver is not None and now - self._heard >= LET_GO_NS:
+            self.let_go()
+
+    def leave(self, page: str) -> None:
+        """Let go, because the page has been closed; other pages' driving goes on."""
+        if page == self._driver:
+            self.let_go()
+
+    def let_go(self) -> None:
+        """End the motion now."""
+        motion, self._driver, self._motion = self._motion, None, None
+        if motion is not None:
+            self._send(motion.resting)
+
+    def forget(self) -> None:
+        """End the motion without a word: STOP has ended it."""
+        self._driver, self._motion = None, None
+
 
 _TIMEOUT_S: Final = 2.0
 _ACTION_TIMEOUT_S: Final = 20.0  # of an action, such as enabling

@@ -16,9 +16,8 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint_element import Joint
     from canopen_control.urdf.link_element import Visual
     from canopen_control.urdf.robot_model import RobotModel
-    from canopen_control.view.robot_info import Pose
+    from canopen_control.view.robot_connection import Pose
 
-__all__ = ["SceneDocument", "SceneTree", "Trail", "angles_of", "extent_of"]
 
 _TRAIL_POINTS: Final = 1500
 _TRAIL_STEP: Final = 0.01  # m

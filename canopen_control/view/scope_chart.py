@@ -13,10 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from canopen_control.service.frequency_response import Bode
-    from canopen_control.service.scope_capture import Shot
-    from canopen_control.service.scope_files import NamedShot
+    from canopen_control.service.scope_capture import NamedShot, Shot
 
-__all__ = ["BODE_HEIGHT", "MOST_POINTS", "bode_options", "chart_options", "cursor_change", "height_of", "thinned"]
 
 MOST_POINTS: Final = 2400
 _FIELD, _GAP, _TOP, _BOTTOM = 150, 44, 50, 40  # pixels

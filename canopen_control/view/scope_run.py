@@ -15,26 +15,24 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.service.object_rows import READS_PER_S
-from canopen_control.service.scope_capture import Condition, ScopeCapture, parse_trigger
-from canopen_control.service.scope_files import named_shot
+from canopen_control.service.scope_capture import Condition, ScopeCapture, named_shot, parse_trigger
 from canopen_control.service.scope_signals import (
     MOST_SIGNALS,
+    RobotSource,
     Signal,
     SignalValues,
     joint_signal_of,
     signal_of,
     statusword_of,
 )
-from canopen_control.service.scope_sources import RobotSource
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.service.node_objects import NodeObjects
+    from canopen_control.service.live_reader import NodeObjects
     from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.scope_files import NamedShot
+    from canopen_control.service.scope_capture import NamedShot
 
-__all__ = ["KEPT", "ScopeRun", "ScopeWish"]
 
 KEPT: Final = 8  # shots
 _LOOK_S: Final = 0.1

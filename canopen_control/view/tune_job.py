@@ -15,14 +15,11 @@ from typing import TYPE_CHECKING, Final, Protocol
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.rpc.messages.robot import Tell
 from canopen_control.service.driven_axis import drive_of_robot, takes_targets
-from canopen_control.service.jog_motion import JogKind, JogLimits
-from canopen_control.service.jog_units import JogScale, parse_quantity
-from canopen_control.service.scope_capture import Shot
-from canopen_control.service.scope_files import NamedShot
+from canopen_control.service.jog_motion import JogKind, JogLimits, JogScale, parse_quantity
+from canopen_control.service.scope_capture import NamedShot, Shot
 from canopen_control.service.tune_gains import GainPlace, applied, reverted
 from canopen_control.service.tune_report import bode_of, identified, proposed, report
-from canopen_control.service.tune_request import TuneRequest, TuneTest
-from canopen_control.service.tune_run import TuneRun, torque_index_of
+from canopen_control.service.tune_run import TuneRequest, TuneRun, TuneTest, torque_index_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -31,12 +28,10 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.rpc.messages.state import ControllerReading
     from canopen_control.service.frequency_response import Bode
-    from canopen_control.service.loop_design import LoopGains
     from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.tune_motion import TuneRecord
+    from canopen_control.service.tune_gains import LoopGains
+    from canopen_control.service.tune_run import TuneRecord
 
-__all__ = ["GONE_S", "SCALE", "Presence", "TuneFound", "TuneWish", "apply_gains", "confirmed_words", "curves_of",
-           "refusal", "revert", "tune"]  # fmt: skip
 
 GONE_S: Final = 1.0
 SCALE: Final = JogScale(math.tau, told=True, of_joint=True)  # a robot's joints are in rad

@@ -26,10 +26,6 @@ if TYPE_CHECKING:
         TrackingReading,
     )
 
-__all__ = [
-    "BAD", "GOOD", "IDLE", "WARN", "AxisRow", "Banner", "active_faults", "axis_rows", "banner", "drive_table",
-    "event_log", "facts", "fault_text", "joint_table", "lost_banner", "sentence",
-]  # fmt: skip
 
 GOOD, IDLE, WARN, BAD = "good", "idle", "warn", "bad"
 LATE_S: Final = 0.25  # a drive that has not been heard of for so long is shown with its age

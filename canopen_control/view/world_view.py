@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import StateSample
     from canopen_control.rpc.messages.world_shape import WorldShape
 
-__all__ = ["WorldDocument", "WorldView"]
-
 
 class _ShapeDocument(TypedDict):
     """A shape in the world: m, and the quaternion w, x, y, z; `robot` is the other one that it is part of."""

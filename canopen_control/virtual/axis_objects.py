@@ -19,7 +19,13 @@ if TYPE_CHECKING:
     from canopen_control.virtual.device_model import DeviceModel
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["UNIT_OBJECTS", "AxisObjects", "AxisUnits", "wrap32"]
+
+# What bounds the motion of an axis: software limits, limit switches, velocities, torques, the following error.
+#
+# A limit is reported once, when the motion ends at it (bit 11, and an EMCY where the device has one for it), and
+# forgotten with the next demand that leads away. The software limits 0x607D count when the lower one is the lower one;
+# a pair at the ends of its type is no limit.
+
 
 UNIT_OBJECTS = (
     o.POLARITY,

@@ -24,8 +24,7 @@ from canopen_control.rpc.messages.drive import (
 )
 from canopen_control.rpc.server import Server
 from canopen_control.version import __version__
-from canopen_control.virtual.fault_switches import FaultSwitches
-from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.fault_table import FAULTS, FaultSwitches
 from canopen_control.virtual.plant import ChangeableWorld, FurnishedWorld
 
 if TYPE_CHECKING:
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
     from canopen_control.virtual.virtual_drive import VirtualDrive
     from canopen_control.virtual.virtual_node import VirtualNode
 
-__all__ = ["NodeControl", "NodeMethods", "describe"]
 
 A = TypeVar("A")
 

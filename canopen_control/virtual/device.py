@@ -6,31 +6,218 @@ generic; a dictionary without CiA 402 objects makes a plain node.
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia301.lss import UNCONFIGURED
-from canopen_control.errors import ConfigError
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.frame import MAX_NODE_ID
+from canopen_control.host.sockets import lock
+from canopen_control.od.codec import decode, encode
 from canopen_control.od.eds import read_eds
 from canopen_control.virtual.device_function import Follower
-from canopen_control.virtual.device_model import GENERIC, DeviceModel, vendor_model
-from canopen_control.virtual.fault_switches import FaultSwitches
-from canopen_control.virtual.parameter_file import ParameterFile
+from canopen_control.virtual.device_model import GENERIC, DeviceModel, Limit, MissingSetPoint, vendor_model
+from canopen_control.virtual.fault_table import FaultSwitches
 from canopen_control.virtual.plant import WORLD_NOTE, PlainWorld, TellingWorld, World
-from canopen_control.virtual.shaft import ShaftWorld
-from canopen_control.virtual.tmcm1270 import TMCM1270, is_tmcm1270
 from canopen_control.virtual.virtual_node import VirtualNode
+from canopen_control.virtual.worldfile import ShaftWorld
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.od.model import Address, ObjectDictionary
+    from canopen_control.virtual.object_store import ObjectStore
     from canopen_control.virtual.plant import Plant
     from canopen_control.virtual.scenario import Switching
 
-__all__ = ["Devices", "device_model_of", "make_device", "make_devices"]
+
+# What outlasts the power, in a file: the values of 0x1010, and the node id and bit rate of LSS.
+#
+# The file is JSON for people to read, one entry for each node by the id it was started with:
+#
+#     {"format": "canopen_control store 1",
+#      "nodes": {"3": {"device": [646, 1270], "node_id": 3, "bitrate": null, "values": {"6083:00": "10270000"}}}}
+#
+# Values are the object's bytes as on the wire. It is replaced as a whole, never written in part; several processes may
+# share it. What does not fit the dictionary (any more) is ignored and told; another device's entry is refused.
+
+
+FORMAT = "canopen_control store 1"
+_Record = dict[str, Any]  # what is kept of a node; anybody may have edited it
+
+
+class ParameterFile:
+    """The file at `path`, which need not exist; ConfigError for one that is something else.
+
+    `say` takes sentences: what the file holds and no node took, and why a writing did not work.
+    """
+
+    def __init__(self, path: Path, say: Callable[[str], None]) -> None:
+        self.path, self._say = path, say
+        self._nodes = self._read()
+
+    def node_id(self, started_with: int) -> int:
+        """Return the node id that LSS stored for the node started with another, or that one."""
+        record = self._nodes.get(str(started_with), {})
+        found = record.get("node_id", started_with)
+        possible = isinstance(found, int) and (1 <= found <= MAX_NODE_ID or found == UNCONFIGURED)
+        return int(found) if possible else started_with
+
+    def attach(self, node: VirtualNode, started_with: int) -> None:
+        """Give a node what is stored for it, before its power-on, and keep what it stores from now on."""
+        key = str(started_with)
+        record = self._nodes.get(key)
+        if record is not None:
+            self._restore(node, record)
+        node.on_stored(lambda: self._keep(node, key))
+
+    def _restore(self, node: VirtualNode, record: _Record) -> None:
+        device = _device(node)
+        if record.get("device") != device:
+            raise ConfigError(
+                f"{self.path}: what is stored for node {node.node_id} is of device {record.get('device')}, this one is "
+                f"{device} (vendor, product); take another --store file"
+            )
+        if node.lss is not None and isinstance(record.get("bitrate"), int):
+            node.lss.stored_bitrate = record["bitrate"]
+        values = record.get("values")
+        for name, text in values.items() if isinstance(values, dict) else ():
+            try:
+                address = _address(name)
+                entry = node.od[address]
+                node.store.power_on[address] = decode(bytes.fromhex(text), entry.data_type)
+            except (KeyError, TypeError, ValueError):
+                self._say(f"{self.path}: {name} of node {node.node_id} does not fit its EDS and is ignored")
+
+    def _keep(self, node: VirtualNode, key: str) -> bool:
+        lss = node.lss
+        values = {_name(a): encode(v, node.od[a].data_type).hex() for a, v in sorted(node.store.saved().items())}
+        record: _Record = {
+            "device": _device(node),
+            "node_id": node.node_id if lss is None else lss.stored_node_id,
+            "bitrate": None if lss is None else lss.stored_bitrate,
+            "values": values,
+        }
+        try:
+            with lock(self.path):
+                self._nodes = self._read() | {key: record}
+                self._write()
+        except (CanopenError, OSError) as error:
+            self._say(f"{self.path} cannot be written: {error}")
+            return False
+        return True
+
+    def _read(self) -> dict[str, _Record]:
+        try:
+            content = json.loads(self.path.read_bytes())
+        except FileNotFoundError:
+            return {}
+        except OSError as error:
+            raise ConfigError(f"{self.path} cannot be read: {error.strerror}") from None
+        except ValueError:
+            content = None
+        nodes = content.get("nodes") if isinstance(content, dict) and content.get("format") == FORMAT else None
+        if not isinstance(nodes, dict) or not all(isinstance(record, dict) for record in nodes.values()):
+            raise ConfigError(f"{self.path} is no store of virtual drives; name a new file, it will be made")
+        return nodes
+
+    def _write(self) -> None:
+        new = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+        with new.open("w", encoding="utf-8") as file:
+            json.dump({"format": FORMAT, "nodes": self._nodes}, file, indent=1)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(self.path)
+
+
+def _device(node: VirtualNode) -> list[int]:
+    return [node.store.number(0x1018, 1), node.store.number(0x1018, 2)]
+
+
+def _name(address: Address) -> str:
+    return f"{address[0]:04X}:{address[1]:02X}"
+
+
+def _address(name: str) -> Address:
+    index, _, subindex = name.partition(":")
+    return int(index, 16), int(subindex, 16)
+
+
+# The device model of the TMCM-1270 (PD42-x-1270), a stepper drive of Trinamic for CANopen.
+#
+# It does what its EDS and the public manuals of its family say, and nothing else. Positions are microsteps, velocities
+# pps (microsteps per second), accelerations pps per second. Velocity, accelerations and the quick-stop ramp have no
+# usable default: until they are written, nothing moves. In profile velocity 0x6083 decelerates too. Bits 5 and 9 of the
+# controlword do nothing in profile position, where bit 12 shows a set-point under way. In CSP it goes to the target
+# within 0x60C2 and stands there until the next one comes. Bit 14 of the statusword is set while it moves, bit 15 is the
+# direction. Homing method 35 needs no power. There is no 0x6007: what a lost heartbeat does is 0x1029:01, whose default
+# goes to PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in operation is a fault. Bit 30 of its TPDOs' COB-IDs
+# is set by default and may be cleared: `cob_id: auto` of ros2_canopen does that to real drives.
+
+
+IDENTITY = (0x286, 0x4F6)  # 0x1018:01 and :02
+_MICROSTEPS, _FULL_STEPS, _SWITCHES, _ENABLE_DELAY = 0x2000, 0x2001, 0x2005, 0x200A
+_BOTH_DISABLED = 3
+_MOVING, _NEGATIVE = 1 << 14, 1 << 15
+
+
+def is_tmcm1270(od: ObjectDictionary) -> bool:
+    """Whether the dictionary is this drive's, by vendor id and product code."""
+    entries = (od.get(0x1018, 1), od.get(0x1018, 2))
+    return tuple(None if entry is None else entry.value for entry in entries) == IDENTITY
+
+
+def _velocity_bits(velocity: float) -> int:
+    return (_MOVING if abs(velocity) >= 0.5 else 0) | (_NEGATIVE if velocity < 0.0 else 0)
+
+
+def _switches_disabled(store: ObjectStore) -> bool:
+    return store.number(_SWITCHES) & _BOTH_DISABLED == _BOTH_DISABLED
+
+
+def _microsteps(store: ObjectStore) -> int:
+    return store.number(_MICROSTEPS)
+
+
+TMCM1270 = DeviceModel(
+    name="TMCM-1270",
+    unset_ramp=0.0,
+    unset_velocity=0.0,
+    velocity_ramp_both_ways=True,
+    ramps_positions=True,
+    single_set_point=True,
+    homing_methods=frozenset((0, 17, 18, 19, 21, 35)),
+    homing_halts=False,
+    homes_without_power=True,
+    counts_per_revolution=51_200,
+    delays=MappingProxyType({4: _ENABLE_DELAY}),
+    communication_data=bytes.fromhex("00FF000000"),
+    missing=MissingSetPoint(),
+    recovers_sync=False,
+    rpdo_error=(0x6320, bytes.fromhex("00FF000000")),
+    software_limit=Limit(0xFF01, b"\x01", b"\x02"),
+    switch_limit=Limit(0xFF01, b"\x04", b"\x03"),
+    switches_disabled=_switches_disabled,
+    velocity_bits=_velocity_bits,
+    identity=MappingProxyType(
+        {
+            (0x1008, 0): "TMCM-1270",
+            (0x1009, 0): "virtual",
+            (0x100A, 0): "3.26",
+            (0x1018, 3): 0x0003001A,
+            (_MICROSTEPS, 0): 8,
+            (0x2003, 0): 128,
+            (0x2004, 0): 8,
+            (0x2704, 0): 1000,
+            (0x2707, 0): 1000,
+        }
+    ),
+    display=MappingProxyType({(0x2107, 0): _microsteps}),
+)
 
 
 def device_model_of(od: ObjectDictionary) -> DeviceModel:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from canopen_control.cia301.emcy import EmcyMessage
-from canopen_control.cia301.emcy_codes import ErrorRegister
+from canopen_control.cia301.emcy import EmcyMessage, ErrorRegister
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia402 import objects as o
 from canopen_control.frame import CanFrame

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["DeviceFunction", "Follower", "make_function"]
-
 
 class DeviceFunction(Protocol):
     """The function of one device. The gate of its event-driven TPDOs too: who maps inputs asks whether to send."""
@@ -84,9 +82,9 @@ def make_function(od: ObjectDictionary, store: ObjectStore, outbox: NodeOutbox, 
 
 _KINDS: Final = {
     Profile.IO: ("io_device", "IoDevice"),
-    Profile.MEASURING: ("sensor_device", "MeasuringDevice"),
-    Profile.ENCODER: ("position_devices", "Encoder"),
-    Profile.INCLINOMETER: ("position_devices", "Inclinometer"),
-    Profile.BATTERY: ("sensor_device", "Battery"),
-    Profile.CHARGER: ("sensor_device", "Charger"),
+    Profile.MEASURING: ("io_device", "MeasuringDevice"),
+    Profile.ENCODER: ("io_device", "Encoder"),
+    Profile.INCLINOMETER: ("io_device", "Inclinometer"),
+    Profile.BATTERY: ("io_device", "Battery"),
+    Profile.CHARGER: ("io_device", "Charger"),
 }

@@ -18,18 +18,6 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = [
-    "ELMO",
-    "GENERIC",
-    "MAXON",
-    "PLAIN",
-    "VENDOR_MODELS",
-    "DeviceModel",
-    "Limit",
-    "MissingSetPoint",
-    "vendor_model",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Limit:

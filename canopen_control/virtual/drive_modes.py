@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode
-from canopen_control.virtual.cyclic_modes import CyclicPosition, CyclicVelocity, Torque
+from canopen_control.virtual.cyclic_modes import CyclicPosition, CyclicVelocity, InterpolatedPosition, Torque
 from canopen_control.virtual.fault_seam import Seam
-from canopen_control.virtual.homing_mode import Homing
-from canopen_control.virtual.interpolated_mode import InterpolatedPosition
 from canopen_control.virtual.mode_base import Mode
 from canopen_control.virtual.node_events import ModeChanged
-from canopen_control.virtual.profile_modes import ProfilePosition, ProfileVelocity, VelocityMode
+from canopen_control.virtual.profile_modes import Homing, ProfilePosition, ProfileVelocity, VelocityMode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,7 +19,6 @@ if TYPE_CHECKING:
     from canopen_control.virtual.axis_objects import AxisObjects
     from canopen_control.virtual.mode_base import Axis
 
-__all__ = ["MODES", "DriveModes", "possible_modes"]
 
 MODES: dict[int, Callable[[Axis], Mode]] = {
     OperationMode.PP: ProfilePosition,

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 if TYPE_CHECKING:
     from canopen_control.frame import CanFrame
 
-__all__ = ["FaultFilter", "Seam"]
 
 T = TypeVar("T")
 

@@ -1,4 +1,3 @@
-# ruff: noqa: E501 - one fault is one line of the table
 """The faults that can be switched on in a virtual node: one table.
 
 A row says its number in the catalogue of real drives' behaviour, its name, where it acts, what it does, and what a good
@@ -10,20 +9,199 @@ drive healthy; what the fault led to (a FAULT state, a reset) is the master's to
 from __future__ import annotations
 
 import difflib
+import heapq
+import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.cia402 import objects as o
 from canopen_control.errors import ConfigError
+from canopen_control.frame import CanFrame, Service, cob_id
 from canopen_control.rpc.messages.drive import FaultListing
+from canopen_control.virtual import device_faults
 from canopen_control.virtual import device_faults as device
-from canopen_control.virtual import fault_actions as act
+from canopen_control.virtual.node_events import FaultSwitched
+from canopen_control.virtual.virtual_node import VirtualNode
 
 if TYPE_CHECKING:
-    from canopen_control.virtual.device_faults import Switch
-    from canopen_control.virtual.fault_actions import Incoming, Outgoing
-    from canopen_control.virtual.virtual_node import VirtualNode
+    from collections.abc import Callable
 
-__all__ = ["FAULTS", "Fault", "find_fault", "parse_fault"]
+    from canopen_control.virtual.device_faults import Switch
+
+    Outgoing = Callable[[VirtualNode, CanFrame, int], list[tuple[int, CanFrame]]]  # (delay in ns, frame)
+    Incoming = Callable[[VirtualNode, CanFrame, int], CanFrame | None]
+
+
+# What faults do to frames: to those that leave a node, and to those that reach it.
+#
+# A function returns what goes on, and changes nothing else. None of them knows its name or its row: those are in
+# `fault_table`.
+
+
+_MS = 1_000_000
+_MUX = struct.Struct("<BHB")
+_ABORT, _SEGMENTS = 0x80, (0x00, 0x10)
+
+
+# -- which frame is it
+
+
+def is_heartbeat(node: VirtualNode, frame: CanFrame) -> bool:
+    """Whether it is the node's heartbeat or boot-up."""
+    return frame.can_id == cob_id(Service.HEARTBEAT, node.node_id)
+
+
+def is_sdo_answer(node: VirtualNode, frame: CanFrame) -> bool:
+    """Whether the node's SDO server sent it."""
+    return frame.can_id == node.sdo.answer_cob_id and len(frame.data) == 8
+
+
+def is_sdo_request(node: VirtualNode, frame: CanFrame) -> bool:
+    """Whether it is for the node's SDO server."""
+    return frame.can_id == node.sdo.request_cob_id and len(frame.data) == 8
+
+
+def is_tpdo(node: VirtualNode, frame: CanFrame) -> bool:
+    """Whether it is one of the node's TPDOs."""
+    ids = {tpdo.producer.parameters.cob_id for tpdo in node.pdos.tpdos.values() if tpdo.producer.parameters.enabled}
+    return frame.can_id in ids
+
+
+# -- frames that leave
+
+
+def drop_all(_node: VirtualNode, _frame: CanFrame, _now: int) -> list[tuple[int, CanFrame]]:
+    """Lose everything."""
+    return []
+
+
+def _on(
+    matches: Callable[[VirtualNode, CanFrame], bool], change: Callable[[CanFrame], list[tuple[int, CanFrame]]]
+) -> Outgoing:
+    def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> list[tuple[int, CanFrame]]:
+        return change(frame) if matches(node, frame) else [(0, frame)]
+
+    return outgoing
+
+
+def _data(frame: CanFrame, data: bytes) -> list[tuple[int, CanFrame]]:
+    return [(0, CanFrame(frame.can_id, data))]
+
+
+def _shortened(frame: CanFrame) -> list[tuple[int, CanFrame]]:
+    return _data(frame, frame.data[:-1])
+
+
+def _lengthened(frame: CanFrame) -> list[tuple[int, CanFrame]]:
+    return _data(frame, (frame.data + b"\xa5")[:8])
+
+
+def _wrong_mux(frame: CanFrame) -> list[tuple[int, CanFrame]]:
+    command, index, subindex = _MUX.unpack_from(frame.data)
+    return _data(frame, _MUX.pack(command, index + 1 & 0xFFFF, subindex) + frame.data[4:])
+
+
+def _toggled(frame: CanFrame) -> list[tuple[int, CanFrame]]:
+    """Turn the toggle bit of segment answers, 0x and 1x (upload) and 2x and 3x (download)."""
+    if frame.data[0] >> 5 in (0, 1):
+        return _data(frame, bytes((frame.data[0] ^ 0x10,)) + frame.data[1:])
+    return [(0, frame)]
+
+
+def _lost_segment(frame: CanFrame) -> list[tuple[int, CanFrame]]:
+    return [] if frame.data[0] >> 5 == 0 else [(0, frame)]
+
+
+def _one_byte(frame: CanFrame) -> list[tuple[int, CanFrame]]:
+    """Claim that an expedited upload of 2 or 4 bytes has one."""
+    if frame.data[0] in (0x43, 0x47, 0x4B):
+        return _data(frame, b"\x4f" + frame.data[1:5] + b"\0\0\0")
+    return [(0, frame)]
+
+
+def _pre_operational(frame: CanFrame) -> list[tuple[int, CanFrame]]:
+    return _data(frame, b"\x7f") if frame.data != b"\0" else [(0, frame)]
+
+
+def _twice(frame: CanFrame) -> list[tuple[int, CanFrame]]:
+    return [(0, frame), (0, frame)]
+
+
+def jittered(node: VirtualNode, frame: CanFrame, now: int) -> list[tuple[int, CanFrame]]:
+    """Send heartbeats up to 60 % of their period late, each by another amount."""
+    if not is_heartbeat(node, frame) or frame.data == b"\0":
+        return [(0, frame)]
+    period = node.heartbeat.period_ns
+    step = now // period if period else 0
+    return [(period * ((step * step * 7 + step * 13) % 61) // 100, frame)]
+
+
+heartbeat_dropped: Outgoing = _on(is_heartbeat, lambda _frame: [])
+heartbeat_wrong: Outgoing = _on(is_heartbeat, _pre_operational)
+heartbeat_twice: Outgoing = _on(is_heartbeat, _twice)
+tpdo_dropped: Outgoing = _on(is_tpdo, lambda _frame: [])
+tpdo_shortened: Outgoing = _on(is_tpdo, _shortened)
+tpdo_lengthened: Outgoing = _on(is_tpdo, _lengthened)
+tpdo_delayed: Outgoing = _on(is_tpdo, lambda frame: [(70 * _MS, frame)])
+sdo_wrong_mux: Outgoing = _on(is_sdo_answer, _wrong_mux)
+sdo_delayed: Outgoing = _on(is_sdo_answer, lambda frame: [(700 * _MS, frame)])
+sdo_toggled: Outgoing = _on(is_sdo_answer, _toggled)
+sdo_segment_lost: Outgoing = _on(is_sdo_answer, _lost_segment)
+sdo_one_byte: Outgoing = _on(is_sdo_answer, _one_byte)
+
+
+# -- frames that reach the node
+
+
+def deaf(_node: VirtualNode, _frame: CanFrame, _now: int) -> CanFrame | None:
+    """Hear nothing."""
+    return None
+
+
+def deaf_to_sdo(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
+    """Hear no SDO request."""
+    return None if is_sdo_request(node, frame) else frame
+
+
+def deaf_to_start(_node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
+    """Hear no NMT start."""
+    return None if frame.can_id == 0 and frame.data[:1] == bytes((NmtCommand.START,)) else frame
+
+
+def deaf_to_sync(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
+    """Hear no SYNC."""
+    return None if frame.can_id == node.sync.cob_id else frame
+
+
+def _refusing(code: AbortCode, concerns: Callable[[int, int], bool]) -> Incoming:
+    """Answer SDO initiates that `concerns` (command, index) with an abort, before the server sees them."""
+
+    def incoming(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
+        if not is_sdo_request(node, frame):
+            return frame
+        command, index, subindex = _MUX.unpack_from(frame.data)
+        if command >> 5 not in (1, 2, 5, 6) or not concerns(command, index):
+            return frame
+        answer = _MUX.pack(_ABORT, index, subindex) + int(code).to_bytes(4, "little")
+        node.outbox.send(CanFrame(node.sdo.answer_cob_id, answer))
+        return None
+
+    return incoming
+
+
+_OPTIONAL = frozenset((o.ERROR_CODE, o.ABORT_CONNECTION_OPTION, o.INTERPOLATION_TIME_PERIOD))
+refuses_writes: Incoming = _refusing(AbortCode.DEVICE_STATE, lambda command, _index: command >> 5 in (1, 6))
+lacks_optional: Incoming = _refusing(AbortCode.NO_OBJECT, lambda _command, index: index in _OPTIONAL)
+refuses_mapping: Incoming = _refusing(
+    AbortCode.READ_ONLY,
+    lambda command, index: command >> 5 in (1, 6) and (0x1600 <= index < 0x1800 or 0x1A00 <= index < 0x1C00),
+)
+refuses_blocks: Incoming = _refusing(AbortCode.UNKNOWN_COMMAND, lambda command, _index: command >> 5 in (5, 6))
+
+
+# ruff: noqa: E501 - one fault is one line of the table
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,29 +249,29 @@ _ROWS = (
     Fault(1, "boot_late", "node", "boots 5 s after its next reset", "waits, goes on asking, boots the others meanwhile", switched=device.boot_after(5_000_000_000)),
     Fault(1, "no_boot", "node", "never boots again after its next reset", "boot error B that names the node; the others boot", switched=device.boot_after(None)),
     Fault(2, "spontaneous_reset", "node", "resets itself: everything not stored is gone", "stops all axes, boots and configures it anew, wants a new enable", switched=device.brown_out, once=True),
-    Fault(3, "heartbeat_lost", "wire", "its heartbeats do not arrive", f"node lost after the consumer time: {_STOP_ALL}", outgoing=act.heartbeat_dropped),
-    Fault(3, "silent", "wire", "its cable is cut: it hears and says nothing", f"node lost after the consumer time: {_STOP_ALL}", outgoing=act.drop_all, incoming=act.deaf),
-    Fault(4, "heartbeat_jitter", "wire", "its heartbeats come up to 60 % of a period late", "no alarm", outgoing=act.jittered),
-    Fault(5, "heartbeat_wrong_state", "wire", "its heartbeats show PRE-OPERATIONAL", f"a fault of operation: {_STOP_ALL}", outgoing=act.heartbeat_wrong),
+    Fault(3, "heartbeat_lost", "wire", "its heartbeats do not arrive", f"node lost after the consumer time: {_STOP_ALL}", outgoing=heartbeat_dropped),
+    Fault(3, "silent", "wire", "its cable is cut: it hears and says nothing", f"node lost after the consumer time: {_STOP_ALL}", outgoing=drop_all, incoming=deaf),
+    Fault(4, "heartbeat_jitter", "wire", "its heartbeats come up to 60 % of a period late", "no alarm", outgoing=jittered),
+    Fault(5, "heartbeat_wrong_state", "wire", "its heartbeats show PRE-OPERATIONAL", f"a fault of operation: {_STOP_ALL}", outgoing=heartbeat_wrong),
     Fault(5, "leaves_operational", "node", "goes to PRE-OPERATIONAL without a command", f"a fault of operation: {_STOP_ALL}", switched=device.drop_out, once=True),
-    Fault(6, "nmt_start_ignored", "wire", "does not hear NMT start", "repeats it up to three times, then an error that names the node", incoming=act.deaf_to_start),
+    Fault(6, "nmt_start_ignored", "wire", "does not hear NMT start", "repeats it up to three times, then an error that names the node", incoming=deaf_to_start),
     Fault(7, "already_operational", "node", "is OPERATIONAL without a command", "resets its communication before configuring it", switched=device.start_by_itself),
-    Fault(8, "sdo_silent_once", "wire", "does not answer one SDO request", "asks once more", incoming=act.deaf_to_sdo, once=True),
-    Fault(8, "sdo_silent", "wire", "answers no SDO request", "error that names node and object, no hang", incoming=act.deaf_to_sdo),
-    Fault(8, "sdo_late", "wire", "answers SDO requests 0.7 s late", "never takes a late answer for that of another request", outgoing=act.sdo_delayed),
-    Fault(9, "sdo_wrong_mux", "wire", "answers for another object than asked", "ignores it until the time-out", outgoing=act.sdo_wrong_mux),
-    Fault(10, "sdo_busy", "wire", "refuses writes because of its present state", "tries again for some seconds, then says why", incoming=act.refuses_writes),
-    Fault(11, "optional_missing", "wire", "lacks 0x603F, 0x6007 and 0x60C2", "does without", incoming=act.lacks_optional),
-    Fault(12, "sdo_toggle_error", "wire", "repeats the toggle bit in segments", "aborts and starts the transfer anew, at most twice", outgoing=act.sdo_toggled),
-    Fault(12, "sdo_segment_lost", "wire", "loses the segments of its uploads", "aborts and starts the transfer anew, at most twice", outgoing=act.sdo_segment_lost),
-    Fault(13, "sdo_no_block", "wire", "knows no block transfer", "uses segments instead", incoming=act.refuses_blocks),
-    Fault(14, "sdo_short_answer", "wire", "sends one byte where the object has more", "says so, takes no wrong value", outgoing=act.sdo_one_byte),
-    Fault(15, "mapping_fixed", "wire", "its PDO mapping cannot be written", "uses the present mapping if it will do, else a clear error", incoming=act.refuses_mapping),
-    Fault(17, "tpdo_short", "wire", "its TPDOs lack their last byte", "drops and counts them, warns once, uses no old bytes", outgoing=act.tpdo_shortened),
-    Fault(17, "tpdo_long", "wire", "its TPDOs have a byte too many", "warns once", outgoing=act.tpdo_lengthened),
-    Fault(18, "tpdo_missing", "wire", "its TPDOs do not arrive", "after some cycles a controlled stop; feedback has an age", outgoing=act.tpdo_dropped),
-    Fault(18, "tpdo_late", "wire", "its TPDOs come 70 ms late", "feedback has an age", outgoing=act.tpdo_delayed),
-    Fault(20, "sync_deaf", "wire", "does not hear SYNC", "sees its TPDOs missing: a controlled stop", incoming=act.deaf_to_sync),
+    Fault(8, "sdo_silent_once", "wire", "does not answer one SDO request", "asks once more", incoming=deaf_to_sdo, once=True),
+    Fault(8, "sdo_silent", "wire", "answers no SDO request", "error that names node and object, no hang", incoming=deaf_to_sdo),
+    Fault(8, "sdo_late", "wire", "answers SDO requests 0.7 s late", "never takes a late answer for that of another request", outgoing=sdo_delayed),
+    Fault(9, "sdo_wrong_mux", "wire", "answers for another object than asked", "ignores it until the time-out", outgoing=sdo_wrong_mux),
+    Fault(10, "sdo_busy", "wire", "refuses writes because of its present state", "tries again for some seconds, then says why", incoming=refuses_writes),
+    Fault(11, "optional_missing", "wire", "lacks 0x603F, 0x6007 and 0x60C2", "does without", incoming=lacks_optional),
+    Fault(12, "sdo_toggle_error", "wire", "repeats the toggle bit in segments", "aborts and starts the transfer anew, at most twice", outgoing=sdo_toggled),
+    Fault(12, "sdo_segment_lost", "wire", "loses the segments of its uploads", "aborts and starts the transfer anew, at most twice", outgoing=sdo_segment_lost),
+    Fault(13, "sdo_no_block", "wire", "knows no block transfer", "uses segments instead", incoming=refuses_blocks),
+    Fault(14, "sdo_short_answer", "wire", "sends one byte where the object has more", "says so, takes no wrong value", outgoing=sdo_one_byte),
+    Fault(15, "mapping_fixed", "wire", "its PDO mapping cannot be written", "uses the present mapping if it will do, else a clear error", incoming=refuses_mapping),
+    Fault(17, "tpdo_short", "wire", "its TPDOs lack their last byte", "drops and counts them, warns once, uses no old bytes", outgoing=tpdo_shortened),
+    Fault(17, "tpdo_long", "wire", "its TPDOs have a byte too many", "warns once", outgoing=tpdo_lengthened),
+    Fault(18, "tpdo_missing", "wire", "its TPDOs do not arrive", "after some cycles a controlled stop; feedback has an age", outgoing=tpdo_dropped),
+    Fault(18, "tpdo_late", "wire", "its TPDOs come 70 ms late", "feedback has an age", outgoing=tpdo_delayed),
+    Fault(20, "sync_deaf", "wire", "does not hear SYNC", "sees its TPDOs missing: a controlled stop", incoming=deaf_to_sync),
     Fault(21, "emcy_flood", "node", "sends a thousand EMCY messages a second", "bounded log, the cycle goes on", floods=True),
     Fault(22, "emcy_short", "node", "sends an EMCY of four bytes with an unknown code", "shows it raw", switched=device.short_emcy, once=True),
     Fault(23, "emcy_partial_reset", "node", "says error reset with an error left in the register", "keeps the other errors", switched=device.partial_reset, once=True),
@@ -118,8 +296,8 @@ _ROWS = (
     Fault(38, "position_jump", "axis", "its position jumps by a million counts", "an error, no odometry", switched=device.count_lost, once=True),
     Fault(38, "position_wrap", "axis", "its position is about to leave 32 bits", "goes on as if nothing was", switched=device.count_wraps, once=True),
     Fault(39, "error_passive", "node", "reports its CAN controller error passive", "shows it", switched=device.error_passive),
-    Fault(39, "bus_off", "wire", "is off the bus; back on it reports that", f"node lost: {_STOP_ALL}", outgoing=act.drop_all, incoming=act.deaf, switched=device.recovered_from_bus_off),
-    Fault(40, "duplicate_node", "wire", "has a namesake that is only heard: every heartbeat comes twice", "diagnoses it", outgoing=act.heartbeat_twice),
+    Fault(39, "bus_off", "wire", "is off the bus; back on it reports that", f"node lost: {_STOP_ALL}", outgoing=drop_all, incoming=deaf, switched=device.recovered_from_bus_off),
+    Fault(40, "duplicate_node", "wire", "has a namesake that is only heard: every heartbeat comes twice", "diagnoses it", outgoing=heartbeat_twice),
     Fault(40, "second_node", "node", "is joined by a second node with its id, which boots and answers as it does", "diagnoses the boot-ups and heartbeats it did not expect, stops all axes, names the node", second_node=True),
     Fault(40, "wrong_identity", "node", "shows another product code", "refuses it at boot (error M)", switched=device.wrong_entry(0x1018, 2, 1)),
     Fault(40, "wrong_revision", "node", "shows another revision", "warns", switched=device.wrong_entry(0x1018, 3, 1)),
@@ -173,3 +351,160 @@ def parse_fault(text: str) -> tuple[Fault, int]:
         if not 0.0 <= delay < 1e6:
             raise ConfigError(f"fault {text!r}: after @ comes a time in seconds, as in {name}@5s")
     return find_fault(name), round(delay * 1e9)
+
+
+# The fault switches of one node, between it and the wire.
+#
+# With nothing switched on nothing stands in the node's way. Frames pass the hooks of all
+# faults that are on, in the order of the table; what they delay is kept here and leaves on time.
+
+
+_FLOOD_NS = 1_000_000
+_OTHER_SERIAL = 1000
+_DEVICES = {"axis": "a drive", "program": "one whose program can be loaded (0x1F51)"}
+
+
+class FaultSwitches:
+    """Switches faults of `node` on and off; `active` are the names of those that are on."""
+
+    def __init__(self, node: VirtualNode) -> None:
+        self._node = node
+        self._on: dict[str, Fault] = {}
+        self._held: list[tuple[int, int, CanFrame]] = []  # due, order, frame
+        self._due: list[CanFrame] = []
+        self._order = 0
+        self._planned: list[tuple[int, str]] = []  # delay from the first tick, or due
+        self._started = False
+        self._flood_at: int | None = None
+        self._second: VirtualNode | None = None
+        node.switches = self
+
+    @property
+    def active(self) -> list[str]:
+        """The names of the faults that are on."""
+        return list(self._on)
+
+    def schedule(self, text: str) -> None:
+        """Switch on ``name`` at the start, or ``name@seconds`` after it; ConfigError for what is neither."""
+        fault, delay_ns = parse_fault(text)
+        self._require(fault)
+        self._planned.append((delay_ns, fault.name))
+        self._node.filter = self
+
+    def _require(self, fault: Fault) -> None:
+        """Raise ConfigError for a fault that this kind of node cannot show."""
+        node = self._node
+        if not fault.fits(node):
+            which = _DEVICES.get(fault.acts) or f"no drive, of a profile with {fault.acts}s"
+            raise ConfigError(
+                f"{fault.name} is a fault of a device that is {which}; node {node.node_id} is {node.name}"
+            )
+
+    def set(self, name: str, on: bool, now: int) -> None:
+        """Switch a fault; no-op where it is as wanted. ConfigError for a name that this node does not have."""
+        fault = find_fault(name)
+        if on == (name in self._on):
+            return
+        self._require(fault)
+        self._node.advance_drives(now)
+        self._node.filter = self
+        if on:
+            self._on = {n: f for n, f in FAULTS.items() if n in self._on or n == name}
+        else:
+            del self._on[name]
+        if fault.floods:
+            self._flood_at = now if on else None
+        if fault.second_node:
+            self._second = second_node(self._node, now) if on else None
+        self._node.outbox.tell(FaultSwitched(name, on))
+        if fault.switched is not None:
+            fault.switched(self._node, on, now)
+            if on and fault.once:
+                self._off(name)
+        self._node.outbox.values_changed()
+        self._node.follow(now)
+        self._retire()
+
+    def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
+        """Return what the node hears."""
+        heard: CanFrame | None = frame
+        if self._second is not None:
+            self._second.receive(frame, now)
+        for fault in tuple(self._on.values()):
+            if fault.incoming is not None and heard is not None:
+                heard = fault.incoming(self._node, heard, now)
+                if heard is None and fault.once:
+                    self._off(fault.name)
+        return heard
+
+    def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
+        """Return what leaves the node now."""
+        leaving, self._due = self._due, []
+        if self._second is not None:
+            self._second.events()  # nobody is told what happens to it
+            leaving += self._second.frames()
+        for frame in frames:
+            for delay, changed in self._changed(frame, now):
+                if delay > 0:
+                    self._order += 1
+                    heapq.heappush(self._held, (now + delay, self._order, changed))
+                else:
+                    leaving.append(changed)
+        return leaving
+
+    def tick(self, now: int) -> None:
+        """Switch what was planned, send what was held."""
+        if not self._started:
+            self._started = True
+            self._planned = [(now + delay, name) for delay, name in self._planned]
+        while self._planned and (first := min(self._planned))[0] <= now:
+            self._planned.remove(first)
+            self.set(first[1], True, now)
+        if self._second is not None:
+            self._second.tick(now)
+        while self._held and self._held[0][0] <= now:
+            self._due.append(heapq.heappop(self._held)[2])
+        while self._flood_at is not None and self._flood_at <= now:
+            device_faults.flood(self._node, now)
+            self._flood_at = max(self._flood_at + _FLOOD_NS, now - 20 * _FLOOD_NS)
+
+    def next_deadline(self) -> int | None:
+        """Return when something is due."""
+        if not self._started or self._due:
+            return 0
+        deadlines = [due for due, _ in self._planned] + [due for due, _, _ in self._held[:1]]
+        if self._flood_at is not None:
+            deadlines.append(self._flood_at)
+        second = None if self._second is None else self._second.next_deadline()
+        if second is not None:
+            deadlines.append(second)
+        return min(deadlines, default=None)
+
+    def _changed(self, frame: CanFrame, now: int) -> list[tuple[int, CanFrame]]:
+        changed = [(0, frame)]
+        for fault in self._on.values():
+            if fault.outgoing is not None:
+                hook = fault.outgoing
+                changed = [(a + b, last) for a, first in changed for b, last in hook(self._node, first, now)]
+        return changed
+
+    def _off(self, name: str) -> None:
+        if self._on.pop(name, None) is not None:
+            self._node.outbox.tell(FaultSwitched(name, on=False))
+
+    def _retire(self) -> None:
+        """Get out of the way when nothing is on, planned or held."""
+        if not (self._on or self._planned or self._held or self._due) and self._started:
+            self._node.filter = None
+
+
+def second_node(node: VirtualNode, now: int) -> VirtualNode:
+    """Return a second node with the same id, what a wrong DIP switch puts on the bus.
+
+    The same device with another serial number; it was just plugged in and boots by itself.
+    """
+    serial = (node.store.number(0x1018, 4) + _OTHER_SERIAL) & 0xFFFFFFFF
+    second = VirtualNode(node.od, node.node_id, serial=serial, model=node.model)
+    second.store.preset(0x1018, 4, serial)
+    second.tick(now)
+    return second

@@ -9,23 +9,84 @@ to its error value, in the object too, so that it stays there until somebody wri
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ConfigError, nearest
-from canopen_control.profiles.error_modes import ERROR_OBJECTS
-from canopen_control.profiles.io_tables import AI_DELTA, AI_ENABLE, ANALOGUE_INPUTS, DIGITAL_INPUTS
+from canopen_control.profiles.profile_tables import AI_DELTA, AI_ENABLE, ANALOGUE_INPUTS, DIGITAL_INPUTS, ERROR_OBJECTS
 from canopen_control.rpc.messages.drive import SignalState
-from canopen_control.virtual.input_faults import InputFaults
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.profiles.device_signal import Signal
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["IoDevice", "take_error_values"]
+
+# Faults of a virtual device's inputs: stuck at what they show, noisy, or off by a sudden jump.
+#
+# A stuck input goes on to show the value it had; noise is up to 2 % of the full scale and changes every 20 ms, each
+# time by the same course; a jump adds a quarter of the full scale, which of an encoder is a turn. Lines that are bits
+# can only be stuck.
+
+
+KINDS: Final = ("stuck", "noise", "jump")
+NOISE: Final = 0.02  # of the full scale
+JUMP: Final = 0.25
+_NOISE_NS: Final = 20_000_000
+_INPUT_STEPS: Final = 101  # of the course of the noise, which is the same each time
+
+
+class InputFaults:
+    """Which faults of the inputs are on, and what they make of a value."""
+
+    def __init__(self) -> None:
+        self._on: set[str] = set()
+        self._frozen: dict[str, float] = {}
+        self._noise_at = 0
+        self._step = 0
+
+    def switch(self, kind: str, *, on: bool, now: int) -> None:
+        """Switch a fault; ConfigError for one that there is not."""
+        if kind not in KINDS:
+            raise ConfigError(f"no fault of inputs {kind!r}; there are: {', '.join(KINDS)}")
+        if on:
+            self._on.add(kind)
+        else:
+            self._on.discard(kind)
+        self._frozen.clear()
+        self._noise_at = now + _NOISE_NS
+
+    def line(self, name: str, value: float) -> float:
+        """Return what a line shows that is `value` outside."""
+        return value if "stuck" not in self._on else self._frozen.setdefault(name, value)
+
+    def value(self, name: str, value: float, full_scale: float, now: int) -> float:
+        """Return what an input shows that is `value` outside."""
+        del now
+        if "stuck" in self._on:
+            value = self._frozen.setdefault(name, value)
+        if "jump" in self._on:
+            value += JUMP * full_scale
+        if "noise" in self._on:
+            course = (self._step * 37 % _INPUT_STEPS) / (_INPUT_STEPS - 1) * 2.0 - 1.0
+            value += NOISE * full_scale * course
+        return value
+
+    def due(self, now: int) -> bool:
+        """Whether the noise has gone on."""
+        if "noise" not in self._on or now < self._noise_at:
+            return False
+        self._step += 1
+        self._noise_at = now + _NOISE_NS
+        return True
+
+    def next_deadline(self) -> int | None:
+        """Return when `due` says so next."""
+        return self._noise_at if "noise" in self._on else None
+
 
 _IN_POLARITY, _OUT_POLARITY = 0x6002, 0x6202
 _DIGITAL_ENABLE, _ANY, _RISING, _FALLING = 0x6005, 0x6006, 0x6007, 0x6008
@@ -222,3 +283,371 @@ def take_error_values(store: ObjectStore, outputs: Iterable[Address]) -> None:
             store.set(*address, present & ~mode | value & mode)
         elif mode:
             store.set(*address, value)
+
+
+# Virtual sensors: values from outside, in units, shown in the objects of their profile (CiA 404, 418 and 419).
+#
+# What a value is in raw numbers follows the device's own objects (digits, resolution, steps per turn) at once when they
+# are written. A measured value (404) that its object cannot hold is an overload: bits 1 and 2 of its status (0x6150);
+# `status0` sets the others, as 1 for a broken wire. A battery (418) that is given a `battery_current` (A, negative when
+# it is discharged) counts its charge by its capacity (0x6020:02), and its voltage sags. Encoders and inclinometers are
+# made of the same. A charger (419) that misses its master forgets the current that was requested of it.
+
+
+_NS: Final = 1e9
+
+
+class SensorDevice:
+    """The signals of one sensor; see `DeviceFunction`. `moving` are further inputs that change others by time."""
+
+    moving: Mapping[str, str] = {}  # name to unit
+    begins_with: Mapping[str, float] = {}
+    same_values: Mapping[int, tuple[int, ...]] = {}  # object to those that show the same in another format
+    step_ns = 10_000_000  # between two looks at what changes by time
+
+    def __init__(self, store: ObjectStore, outbox: NodeOutbox, clock: Clock, signals: Iterable[Signal]) -> None:
+        self.store, self._outbox, self.clock = store, outbox, clock
+        self.signals = {signal.name: signal for signal in signals}
+        self._inputs = {name: signal for name, signal in self.signals.items() if not signal.output}
+        self.outside = {
+            name: each.value(self.number(each.address), self.gain(each)) for name, each in self._inputs.items()
+        }
+        self.outside.update(dict.fromkeys(self.moving, 0.0))
+        self.outside.update({name: each for name, each in self.begins_with.items() if name in self._inputs})
+        self.faults, self.overloaded = InputFaults(), False
+        self._statuses = {signal.status for signal in self.signals.values()}
+        self._moved_at: int | None = None
+        scaled_by = {address[0] for signal in self.signals.values() for address in signal.needs}
+        store.on_write(scaled_by, self._scale_written)
+
+    # -- from outside
+
+    def set_signals(self, values: Mapping[str, float], now: int) -> None:
+        """See `DeviceFunction`."""
+        known = [*self._inputs, *self.moving]
+        for name in values:
+            if name in self.signals and name not in self._inputs:
+                raise ConfigError(f"{name} is an output: what it is the master says")
+            if name not in known:
+                raise ConfigError(f"no signal {name!r}{nearest(name, known)}")
+        self._move(now)
+        self.outside.update(values)
+        self.show_all(now)
+
+    def describe(self) -> tuple[SignalState, ...]:
+        """See `DeviceFunction`."""
+        found = [SignalState(name, self.outside[name], unit=unit) for name, unit in self.moving.items()]
+        for name, signal in self.signals.items():
+            if signal.output:
+                value = signal.value(self.number(signal.address), self.gain(signal))
+                found.append(SignalState(name, 0.0 if self.overloaded else value, output=True))
+            else:
+                found.append(SignalState(name, self.outside[name], unit=signal.unit))
+        return tuple(found)
+
+    def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
+        """See `DeviceFunction`."""
+        self.faults.switch(kind, on=on, now=now)
+        self.show_all(now)
+
+    # -- from values to objects
+
+    def number(self, address: Address, default: float = 0) -> float:
+        """Return the number in an object."""
+        value = self.store.values.get(address, default)
+        return value if isinstance(value, int | float) else default
+
+    def gain(self, signal: Signal) -> float:
+        """Return units per raw number, as the device's objects say now."""
+        return signal.gain(self.store.values)
+
+    def raw_of(self, signal: Signal, value: float, gain: float) -> float:
+        """Return the raw number of a value, before it is rounded to what its object holds."""
+        return (value - signal.offset) / gain
+
+    def full_scale(self, signal: Signal) -> float:
+        """Return of how much noise and jumps are a share."""
+        kind = self.store.od[signal.address].data_type
+        return abs(self.gain(signal)) * (float(kind.maximum) if kind.is_integer else 100.0)
+
+    def show_all(self, now: int) -> None:
+        """Let all objects show what is outside; the status of a value is shown with that."""
+        for name, signal in self._inputs.items():
+            if signal.address in self._statuses:
+                continue
+            value = self.faults.value(name, self.outside[name], self.full_scale(signal), now)
+            self._show(signal, value)
+
+    def _show(self, signal: Signal, value: float) -> None:
+        gain = self.gain(signal)
+        for index in (signal.index, *self.same_values.get(signal.index, ())):
+            entry = self.store.od.get(index, signal.subindex)
+            if entry is None:
+                continue
+            kind = entry.data_type
+            if kind.is_integer:
+                wanted = round(self.raw_of(signal, value, gain))
+                shown: float = min(max(wanted, kind.minimum), kind.maximum)
+                if index == signal.index:
+                    self.cut_off(signal, wanted - shown)
+            else:
+                shown = value
+            if self.store.values[entry.address] != shown:
+                self.store.set(*entry.address, shown)
+                self._outbox.values_changed()
+
+    def cut_off(self, signal: Signal, by: float) -> None:
+        """Take that an object holds its value, or that this is beyond the greatest (least) one `by` so much."""
+
+    def _scale_written(self, _entry: Entry, _value: Value) -> None:
+        self.show_all(self.clock.now)
+
+    # -- life
+
+    def power_on(self, now: int) -> None:
+        """See `DeviceFunction`."""
+        self.show_all(now)
+
+    def connection_lost(self, now: int) -> None:
+        """See `DeviceFunction`."""
+        self._fail(now)
+
+    def communication_stopped(self, now: int) -> None:
+        """See `DeviceFunction`."""
+        self._fail(now)
+
+    def _fail(self, _now: int) -> None:
+        take_error_values(self.store, [signal.address for signal in self.signals.values() if signal.output])
+        self._outbox.values_changed()
+
+    def tick(self, now: int) -> None:
+        """See `DeviceFunction`."""
+        moved = self._move(now)
+        if self.faults.due(now) or moved:
+            self.show_all(now)
+
+    def next_deadline(self) -> int | None:
+        """See `DeviceFunction`."""
+        deadlines = [each for each in (self.faults.next_deadline(), self._moves_at()) if each is not None]
+        return min(deadlines, default=None)
+
+    def _moves_at(self) -> int | None:
+        moving = any(self.outside[name] for name in self.moving)
+        return (self._moved_at or 0) + self.step_ns if moving else None
+
+    def _move(self, now: int) -> bool:
+        """Let what changes by time change until now."""
+        due = self._moves_at()
+        if self._moved_at is not None and due is not None and now >= due:
+            self.move((now - self._moved_at) / _NS)
+            self._moved_at = now
+            return True
+        if due is None or self._moved_at is None:
+            self._moved_at = now
+        return False
+
+    def move(self, seconds: float) -> None:
+        """Change what changes by time."""
+
+    # -- the gate of its TPDOs
+
+    def starts(self, mapped: Collection[Address]) -> bool:
+        """See `DeviceFunction`."""
+        del mapped
+        return True
+
+    def passes(self, changed: Collection[Address]) -> bool:
+        """See `DeviceFunction`."""
+        return bool(changed)
+
+    def told(self) -> None:
+        """See `DeviceFunction`."""
+
+
+class MeasuringDevice(SensorDevice):
+    """Measured values with status bits (CiA 404)."""
+
+    same_values: Mapping[int, tuple[int, ...]] = {
+        first: tuple(other for other in (0x6130, 0x7130, 0x9130) if other != first)
+        for first in (0x6130, 0x7130, 0x9130)
+    }  # fmt: skip
+
+    def cut_off(self, signal: Signal, by: float) -> None:
+        """Set the bits of an overload beside those that are set from outside."""
+        if signal.status is not None and signal.status in self.store.values:
+            wanted = int(self.outside.get(f"status{signal.subindex - 1}", 0.0)) | (2 if by > 0 else 4 if by < 0 else 0)
+            if self.store.values[signal.status] != wanted:
+                self.store.set(*signal.status, wanted)
+                self._outbox.values_changed()
+
+
+class Battery(SensorDevice):
+    """A battery with a state of charge (CiA 418)."""
+
+    moving: Mapping[str, str] = {"battery_current": "A"}
+    begins_with: Mapping[str, float] = {
+        "battery_voltage": 25.6,
+        "battery_temperature": 25.0,
+        "battery_percentage": 80.0,
+    }
+    step_ns = 1_000_000_000
+    _RESISTANCE: Final = 0.05  # Ohm
+
+    def raw_of(self, signal: Signal, value: float, gain: float) -> float:
+        """Return the raw number; the voltage sags with the current."""
+        if signal.name == "battery_voltage":
+            value += self._RESISTANCE * self.outside["battery_current"]
+        return super().raw_of(signal, value, gain)
+
+    def move(self, seconds: float) -> None:
+        """Count the charge that has flowed."""
+        capacity = self.outside.get("battery_capacity", 0.0) or 100.0
+        flowed = self.outside["battery_current"] * seconds / 3600.0 / capacity * 100.0
+        present = self.outside.get("battery_percentage", 0.0)
+        self.outside["battery_percentage"] = min(max(present + flowed, 0.0), 100.0)
+
+
+class Charger(SensorDevice):
+    """A battery charger (CiA 419), which charges by what it is told of the battery."""
+
+    def _fail(self, _now: int) -> None:
+        """Request nothing of it: who asked for a current may be gone with the battery."""
+        requested = self.signals.get("charge_current_requested")
+        if requested is not None and requested.output:
+            self.store.set(*requested.address, 0)
+            self._outbox.values_changed()
+
+
+# Virtual encoders (CiA 406) and inclinometers (CiA 410): a position or two angles from outside, shown as set up.
+#
+# An encoder counts `position` (rad, of a linear one m) in its steps (0x6001 with scaling on, else 0x6501), turned by
+# the code sequence, moved by the preset (0x6003) and begun again at the total range (0x6002); `velocity` lets the
+# position go on by itself, or the shaft of a virtual drive leads it (see `shaft`). 0x6200 is the event timer of its
+# first TPDO, and while one is set changes are no events. An inclinometer shows its angles with the resolution 0x6000,
+# which re-scales at once, inverted and moved as 0x6x11 to 0x6x14 say.
+
+
+_OPERATION, _STEPS, _RANGE, _PRESET, _POSITION = 0x6000, 0x6001, 0x6002, 0x6003, 0x6004
+_TIMER, _SINGLE_TURN = 0x6200, 0x6501
+_COUNTER_CLOCKWISE, _SCALING = 0x01, 0x04
+_EVENT_TIMER: Final = (0x1800, 5)
+
+
+class Encoder(SensorDevice):
+    """One shaft or one length."""
+
+    moving: Mapping[str, str] = {"velocity": ""}
+
+    def __init__(self, store: ObjectStore, outbox: NodeOutbox, clock: Clock, signals: Iterable[Signal]) -> None:
+        shown = [signal for signal in signals if signal.name != "position_absolute"]
+        super().__init__(store, outbox, clock, shown)
+        self._shift = 0.0  # of the preset, in steps
+        self._shaft: Callable[[], float | None] | None = None
+        store.on_write([_OPERATION], self._scale_written)
+        store.on_write([_PRESET], self._preset_written)
+        store.on_write([_TIMER], self._timer_written)
+
+    def raw_of(self, signal: Signal, value: float, gain: float) -> float:
+        """Return the count of a position."""
+        if signal.name != "position":
+            return super().raw_of(signal, value, gain)
+        return self._counted(value, gain) + self._shift if not self._range else self._wrapped(value, gain)
+
+    def full_scale(self, signal: Signal) -> float:
+        """Return one turn."""
+        return abs(self.gain(signal)) * (self.number((_STEPS, 0)) or 4096)
+
+    def _counted(self, value: float, gain: float) -> float:
+        """Return the steps of a position before preset and range."""
+        operation = int(self.number((_OPERATION, 0), _SCALING))
+        single_turn = self.number((_SINGLE_TURN, 0))
+        if not operation & _SCALING and single_turn:
+            gain = math.tau / single_turn
+        steps = round(value / gain)
+        return -steps if operation & _COUNTER_CLOCKWISE else steps
+
+    @property
+    def _range(self) -> int:
+        return int(self.number((_RANGE, 0)))
+
+    def _wrapped(self, value: float, gain: float) -> float:
+        return (self._counted(value, gain) + self._shift) % self._range
+
+    def _preset_written(self, _entry: Entry, value: Value) -> None:
+        signal = self.signals.get("position")
+        if signal is not None and isinstance(value, int):
+            self._shift = value - self._counted(self.outside["position"], self.gain(signal))
+            self.show_all(self.clock.now)
+
+    def _timer_written(self, _entry: Entry, value: Value) -> None:
+        """Take the cyclic timer as the event timer of TPDO 1, as encoders do that have both."""
+        timer = self.store.od.get(*_EVENT_TIMER)
+        if timer is not None and self.store.number(*_EVENT_TIMER) != value:
+            self.store.write(timer, value)
+
+    def follow(self, shaft: Callable[[], float | None]) -> None:
+        """Be where a shaft is from now on; see `Follower`."""
+        self._shaft = shaft
+        self.move(0.0)
+
+    def set_signals(self, values: Mapping[str, float], now: int) -> None:
+        """See `DeviceFunction`; where it is the shaft says that it sits on."""
+        if self._shaft is not None and (led := [each for each in ("position", "velocity") if each in values]):
+            raise ConfigError(f"{led[0]} is that of the shaft it sits on, as the plant file says; move the drive")
+        super().set_signals(values, now)
+
+    def _moves_at(self) -> int | None:
+        return super()._moves_at() if self._shaft is None else (self._moved_at or 0) + self.step_ns
+
+    def move(self, seconds: float) -> None:
+        """Turn."""
+        if self._shaft is not None:
+            place = self._shaft()
+            if place is not None:
+                self.outside["position"] = place
+            return
+        self.outside["position"] += self.outside["velocity"] * seconds
+
+    def passes(self, changed: Collection[Address]) -> bool:
+        """See `DeviceFunction`: what is sent by a timer is not sent for each step."""
+        timed = self.number((_TIMER, 0)) or self.number(_EVENT_TIMER)
+        return any(address[0] != _POSITION or not timed for address in changed)
+
+
+class Inclinometer(SensorDevice):
+    """Two angles."""
+
+    same_values: Mapping[int, tuple[int, ...]] = {
+        0x6010: (0x6110,),
+        0x6020: (0x6120,),
+        0x6110: (0x6010,),
+        0x6120: (0x6020,),
+    }
+    _INVERT, _SCALE = 0x01, 0x02  # of 0x6x11
+
+    def __init__(self, store: ObjectStore, outbox: NodeOutbox, clock: Clock, signals: Iterable[Signal]) -> None:
+        super().__init__(store, outbox, clock, signals)
+        axes = [
+            index & 0xFFF0
+            for signal in self.signals.values()
+            for index in (signal.index, *self.same_values[signal.index])
+        ]
+        store.on_write([axis + place for axis in axes for place in (1, 4)], self._scale_written)
+        store.on_write([axis + 2 for axis in axes], self._preset_written)
+
+    def raw_of(self, signal: Signal, value: float, gain: float) -> float:
+        """Return the angle in steps, with the offsets where they are switched on."""
+        raw, axis = super().raw_of(signal, value, gain), signal.index & 0xFFF0
+        operation = int(self.number((axis + 1, 0)))
+        raw = -raw if operation & self._INVERT else raw
+        return raw + self.number((axis + 3, 0)) + self.number((axis + 4, 0)) if operation & self._SCALE else raw
+
+    def _preset_written(self, entry: Entry, value: Value) -> None:
+        """Let the present angle be the preset: the offset is what makes it so."""
+        axis = entry.index - 2
+        signal = next((each for each in self.signals.values() if each.index == axis), None)
+        if signal is not None and isinstance(value, int):
+            raw = round(super().raw_of(signal, self.outside[signal.name], self.gain(signal)))
+            raw = -raw if int(self.number((axis + 1, 0))) & self._INVERT else raw
+            self.store.set(axis + 3, 0, value - raw)
+            self.show_all(self.clock.now)

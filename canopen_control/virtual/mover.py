@@ -8,19 +8,139 @@ and a following error are told to the owner through `Reactions`.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.virtual.plant import CoupledPlant
-from canopen_control.virtual.switches import Switches
-from canopen_control.virtual.trajectory import Trajectory, hold
-from canopen_control.virtual.velocity_loop import VelocityLoop
+from canopen_control.virtual.trajectory import Trajectory, cruise, hold
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.virtual.plant import Plant, ServoGains
 
-__all__ = ["Mover", "Reactions"]
+
+# The simulated switches and the index of an axis, at fixed places of the plant.
+#
+# A switch is a place, never an event; whether it is active follows from the position. The limit switches belong to a
+# homing rig and are seen by homing alone, unless `wired`: then they stop every motion.
+
+
+NEGATIVE, POSITIVE, HOME = 1, 2, 4  # 0x60FD
+_LIMIT, _HOME_LOW, _HOME_HIGH = 50_000.0, 10_000.0, 12_000.0
+_OUT_OF_REACH = 1e12
+
+
+@dataclass(slots=True)
+class Switches:
+    """Places in plant counts; the home switch is active from `home_low` to `home_high`.
+
+    The index comes every `index_period`. The limit switches are there for homing, or, `wired`, for every motion.
+    """
+
+    negative: float = -_LIMIT
+    positive: float = _LIMIT
+    home_low: float = _HOME_LOW
+    home_high: float = _HOME_HIGH
+    index_period: float = 4096.0
+    wired: bool = False
+    homing: bool = False
+
+    def inputs(self, position: float) -> int:
+        """Return the low bits of 0x60FD: negative limit, positive limit, home switch."""
+        if not (self.wired or self.homing):
+            return 0
+        home = HOME if self.home_low <= position <= self.home_high else 0
+        return home | (NEGATIVE if position <= self.negative else 0) | (POSITIVE if position >= self.positive else 0)
+
+    def next_hit(self, demand: Trajectory, now: int) -> int | None:
+        """Return when `demand` runs into a wired limit switch, None: it does not."""
+        if not self.wired:
+            return None
+        position = demand.at(now)[0]
+        if self.negative < position < self.positive:
+            times = [demand.time_of(place, now) for place in (self.negative, self.positive)]
+            return min((time for time in times if time is not None), default=None)
+        return None
+
+    def bounds(self, position: float) -> tuple[float, float]:
+        """Return how far a motion may go from `position` while a limit switch is active."""
+        if not self.wired:
+            return -float("inf"), float("inf")
+        low = position if position <= self.negative else -float("inf")
+        high = position if position >= self.positive else float("inf")
+        return low, high
+
+    # -- seams
+
+    def close_positive(self, position: float) -> None:
+        """Wire the limit switches, the positive one at `position` (a fault)."""
+        self.wired, self.positive, self.negative = True, position, -_OUT_OF_REACH
+
+    def open_positive(self) -> None:
+        """Have limit switches for homing alone again."""
+        self.wired, self.positive, self.negative = False, _LIMIT, -_LIMIT
+
+    def place(self, *, reachable: bool) -> None:
+        """Put the switches where they are, or out of homing's way (a fault)."""
+        far = 0.0 if reachable else _OUT_OF_REACH
+        self.negative, self.positive = -_LIMIT - far, _LIMIT + far
+        self.home_low, self.home_high = _HOME_LOW + far, _HOME_HIGH + far
+
+
+# The loops of a virtual servo with gains of its own: position P and feed-forward over velocity PI, on any plant.
+#
+# The torque is made anew at each point of a fixed grid and held until the next, so what happens does not depend on when
+# somebody looks. In modes of operation that command a velocity there is no position loop, as in servo drives.
+# Units: counts, counts/s, per mille of the rated torque.
+
+
+PERIOD_NS: Final = 500_000
+_PERIOD_S: Final = PERIOD_NS * 1e-9
+
+
+class VelocityLoop:
+    """Loops with gains; `fed` is what comes beside the demand, in counts/s and per mille (0x60B1, 0x60B2)."""
+
+    def __init__(self, gains: ServoGains) -> None:
+        self.gains = gains
+        self.fed = (0.0, 0.0)
+        self._integral = self._torque = 0.0
+
+    def rest(self, torque: float = 0.0) -> None:
+        """Forget what was gathered; go on from a torque."""
+        self._integral = self._torque = torque
+        self.fed = (0.0, 0.0)
+
+    def follow(
+        self, plant: Plant, demand: Trajectory, start_ns: int, end_ns: int, limit: float, *, velocity_only: bool
+    ) -> None:
+        """Move a plant along a demand, with at most `limit` of torque."""
+        clock = start_ns
+        for point in range((start_ns // PERIOD_NS + 1) * PERIOD_NS, end_ns + 1, PERIOD_NS):
+            self._push(plant, clock, point)
+            position, velocity = demand.at(point)
+            known = self.fed[0] or (velocity if velocity_only else velocity * self.gains.feed_forward)
+            if not velocity_only:
+                known += self.gains.position_p * (position - plant.position)
+            self._control(known - plant.velocity, limit, plant)
+            clock = point
+        self._push(plant, clock, end_ns)
+
+    def _push(self, plant: Plant, start_ns: int, end_ns: int) -> None:
+        if end_ns > start_ns:
+            plant.push(cruise(start_ns, 0.0, self._torque), start_ns, end_ns)
+
+    def _control(self, lacking: float, limit: float, plant: Plant) -> None:
+        """Make the torque until the next point; at a limit, the loop's or the motor's, nothing more is gathered."""
+        gains = self.gains
+        wanted = gains.velocity_p * lacking + self._integral + self.fed[1]
+        held = max(-limit, min(limit, wanted))
+        bounded = held != wanted or abs(plant.torque) < abs(self._torque) * (1.0 - 1e-9)
+        if not bounded or lacking * wanted < 0.0:
+            self._integral += gains.velocity_i * lacking * _PERIOD_S
+        self._torque = held
+
 
 _MS = 1_000_000
 SAMPLE_NS = 5 * _MS  # how often event-driven PDOs see a moving motor

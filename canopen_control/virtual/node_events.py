@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.emcy_codes import error_text
+from canopen_control.cia301.emcy import error_text
 from canopen_control.cia301.nmt import NmtStateChanged
 from canopen_control.cia402.modes import mode_name
 
@@ -16,20 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.cia402.state import State
-
-__all__ = [
-    "BitRateActivated",
-    "ControlwordIgnored",
-    "DriveFaulted",
-    "DriveStateChanged",
-    "EmergencyRaised",
-    "FaultSwitched",
-    "HeartbeatMissed",
-    "ModeChanged",
-    "NodeIdChanged",
-    "PdoLeftOff",
-    "in_words",
-]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,38 +9,309 @@ should.
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from canopen_control.cia301.emcy_codes import ErrorRegister
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.emcy import ErrorRegister
 from canopen_control.cia301.pdo import (
     ACYCLIC_SYNCHRONOUS,
+    DUMMY_TYPES,
+    EMCY_OF,
+    INVALID_BIT,
     LAST_CYCLIC,
+    MappedObject,
+    PdoCodec,
     PdoParameters,
+    RpdoConsumer,
+    RpdoEventKind,
+    TpdoProducer,
+    dummy,
     is_event_driven,
+    parse_mapping_entry,
 )
-from canopen_control.cia301.rpdo import EMCY_OF, RpdoConsumer, RpdoEventKind
+from canopen_control.cia301.remap import MappingTarget, PdoRules
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia402 import objects as o
+from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
-from canopen_control.virtual.mapped_pdo import MappedRpdo, MappedTpdo, concerns_of
+from canopen_control.virtual.fault_seam import Seam
 from canopen_control.virtual.node_events import PdoLeftOff
-from canopen_control.virtual.pdo_records import RPDO, TPDO, PdoRecords, mapping_of
-from canopen_control.virtual.rpdo_input import RpdoInput
+from canopen_control.virtual.object_store import refuse
 
 if TYPE_CHECKING:
-    from collections import deque
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
-    from canopen_control.cia301.tpdo import TpdoProducer
     from canopen_control.frame import CanFrame
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.virtual.device_model import DeviceModel
-    from canopen_control.virtual.mapped_pdo import Axis
     from canopen_control.virtual.node_outbox import Clock, NodeOutbox
-    from canopen_control.virtual.object_store import ObjectStore
+    from canopen_control.virtual.object_store import Guard, ObjectStore
 
-__all__ = ["EventGate", "ProcessData"]
+    Receive = Callable[[CanFrame, int], None]
+
+
+# One PDO of a node as its records map it: what an RPDO brings to whom, and where the values of a TPDO come from.
+
+
+class Axis(Protocol):
+    """What process data ask of an axis."""
+
+    def advance(self, now: int) -> None:
+        """Bring the axis to `now`."""
+
+    def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
+        """Act on objects that were written."""
+
+    @property
+    def set_point(self) -> int:
+        """The object whose RPDOs are set-points of the active mode, 0: none."""
+
+    def set_point_received(self, now: int, *, overwrites: bool) -> None:
+        """Note that an RPDO with a set-point arrived, and whether it replaces one that waits."""
+
+    def set_point_missed(self) -> None:
+        """Note that a SYNC came without a set-point."""
+
+
+class Concern(NamedTuple):
+    """An axis that an RPDO writes to: whether its controlword, and which other objects as those of axis 0."""
+
+    axis: Axis
+    controlword: bool
+    objects: frozenset[int]
+
+
+class MappedRpdo:
+    """One RPDO: what its bytes are, and whom they concern."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.codec = PdoCodec(())
+        self.entries: tuple[Entry | None, ...] = ()  # None: a gap
+        self.consumer = RpdoConsumer(PdoParameters(0, enabled=False), 0)
+        self.wrong: set[RpdoEventKind] = set()  # of what came last
+        self.set_points: tuple[tuple[int, int], ...] = ()  # axis, and object of axis 0
+        self.cyclic = False  # expected at every SYNC
+        self.concerns: tuple[Concern, ...] = ()  # the axes, where nobody else looks at its objects
+        self.by_values = False  # whether the values alone decide what is taken
+        self.applied = b""  # what was taken last as a whole, and the version of the values since
+        self.version = -1
+
+
+class MappedTpdo:
+    """One TPDO: where its values come from, and the bytes last sampled."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.codec = PdoCodec(())
+        self.sources: tuple[Callable[[], Value], ...] = ()
+        self.mapped: tuple[Address, ...] = ()
+        self.moving = False
+        self.last = b""
+        self.producer = TpdoProducer(PdoParameters(0, enabled=False), self.sample)
+
+    def sample(self) -> bytes:
+        """Return the packed present values."""
+        try:
+            self.last = self.codec.pack([source() for source in self.sources])
+        except LocalProtocolError:  # a file that maps an object narrower than its type
+            self.last = bytes(self.codec.length)
+        return self.last
+
+    def changed_since(self, before: bytes) -> list[Address]:
+        """Return the objects whose values are others than when it was sampled as `before`."""
+        if len(before) != len(self.last) or len(self.mapped) != len(self.codec.objects):
+            return list(self.mapped)
+        pairs = zip(self.codec.unpack(before), self.codec.unpack(self.last), strict=True)
+        return [address for address, (old, new) in zip(self.mapped, pairs, strict=True) if old != new]
+
+
+def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, Axis]) -> tuple[Concern, ...]:
+    """Return the axes that an RPDO writes to, in the order of its objects; none where others hear of an object too."""
+    bases: dict[int, set[int]] = {}
+    for entry in entries:
+        if entry is None:  # a gap
+            continue
+        base, axis = o.axis_of(entry.index)
+        if axis not in axes or base < 0x6000:
+            return ()
+        bases.setdefault(axis, set()).add(base)
+    return tuple(Concern(axes[axis], o.CONTROLWORD in found, frozenset(found)) for axis, found in bases.items())
+
+
+# The PDO records of a node, 0x1400 to 0x1BFF: the rules of writing them, and what they say.
+#
+# What the rules forbid is an abort code (CiA 301, 7.5.2.35 to 7.5.2.38); a record that names what does not exist, or
+# cannot be, maps nothing. A CAN identifier has one user in the node: the services come first, then the RPDOs and the
+# TPDOs by their number; a record with an identifier that another one has, or with none that a PDO may have, is off.
+
+
+RPDO, TPDO = 0x1400, 0x1800
+_SYNC, _EMCY = 0x1005, 0x1014
+
+
+def mapping_of(communication: int) -> int:
+    """Return the index of the mapping record that belongs to a communication record."""
+    return communication + 0x200
+
+
+class PdoRecords:
+    """The records in `store`; `rtr_supported` false: the COB-IDs of TPDOs must keep bit 30."""
+
+    def __init__(self, store: ObjectStore, *, rtr_supported: bool) -> None:
+        self._store, self._rtr_supported = store, rtr_supported
+        self._communication = [base + number for base in (RPDO, TPDO) for number in self.numbers(base)]
+
+    def numbers(self, base: int) -> list[int]:
+        """Return the numbers, from 0, of the RPDOs (`base` 0x1400) or TPDOs (0x1800) that the dictionary has."""
+        return sorted({entry.index - base for entry in self._store.od if base <= entry.index < base + 512})
+
+    def guard(self, base: int, communication: int) -> None:
+        """Guard a communication record and its mapping record."""
+        mapping = mapping_of(communication)
+        rules = self._rules(base, mapping)
+        self._store.guard([communication], self._communication_guard(rules))
+        self._store.guard([mapping], self._mapping_guard(rules, communication))
+
+    def _rules(self, base: int, mapping: int) -> PdoRules:
+        od, communication = self._store.od, mapping - 0x200
+        return PdoRules(
+            is_tpdo=base == TPDO,
+            lookup=self._lookup,
+            max_entries=max([sub for sub in od.subindices(mapping) if sub], default=0),
+            rtr_supported=self._rtr_supported,
+            dummy_usage=od.dummy_usage,
+            partial=od.device.granularity not in (0, 8),
+            in_use=lambda cob_id: self._users().get(cob_id, communication) != communication,
+        )
+
+    def _lookup(self, index: int, subindex: int) -> MappingTarget | AbortCode:
+        entry = self._store.od.get(index, subindex)
+        if entry is None:
+            known = self._store.od.subindices(index)
+            return AbortCode.NO_SUBINDEX if known else AbortCode.NO_OBJECT
+        return MappingTarget(entry.data_type.bits or 0, entry.rpdo_mappable, entry.tpdo_mappable)
+
+    def _communication_guard(self, rules: PdoRules) -> Guard:
+        def judge(entry: Entry, value: Value) -> Value:
+            present = self.parameters(entry.index)
+            refuse(rules.check_communication(entry.subindex, int(value), present))
+            return value
+
+        return judge
+
+    def _mapping_guard(self, rules: PdoRules, communication: int) -> Guard:
+        def judge(entry: Entry, value: Value) -> Value:
+            present, count = self.parameters(communication), self._store.number(entry.index)
+            if entry.subindex:
+                refuse(rules.check_mapping_entry(entry.subindex, int(value), present, count))
+            else:
+                entries = [self._store.number(entry.index, sub) for sub in range(1, rules.max_entries + 1)]
+                refuse(rules.check_mapping_count(int(value), entries, present))
+            return value
+
+        return judge
+
+    def _users(self) -> dict[int, int]:
+        """Return which record has an 11-bit identifier, by its index: 0x1005 and 0x1014, else the first PDO."""
+        store = self._store
+        users: dict[int, int] = {}
+        for index, default in ((_SYNC, 0x80), (_EMCY, INVALID_BIT)):
+            value = store.number(index, 0, default)
+            if index == _SYNC or not value & INVALID_BIT:
+                users.setdefault(value & 0x7FF, index)
+        for index in self._communication:
+            own = PdoParameters.from_value(store.number(index, 1, INVALID_BIT))
+            if own.enabled and not own.extended:
+                users.setdefault(own.cob_id, index)
+        return users
+
+    def is_valid(self, communication: int) -> bool:
+        """Whether a communication record says that its PDO is there."""
+        return not self._store.number(communication, 1, INVALID_BIT) & INVALID_BIT
+
+    def parameters(self, communication: int) -> PdoParameters:
+        """Return what a communication record says."""
+        number = self._store.number
+        found = PdoParameters.from_value(
+            number(communication, 1, INVALID_BIT),
+            transmission_type=number(communication, 2, 255),
+            inhibit_time_100us=number(communication, 3),
+            event_timer_ms=number(communication, 5),
+            sync_start=number(communication, 6),
+        )
+        taken = found.enabled and not found.extended and self._users().get(found.cob_id) != communication
+        return replace(found, enabled=False) if taken else found
+
+    def _mapping(self, record: int) -> list[tuple[MappedObject, Entry | None]]:
+        """Return the mapped objects; a record that names what does not exist maps nothing."""
+        objects: list[tuple[MappedObject, Entry | None]] = []
+        for sub in range(1, min(64, self._store.number(record)) + 1):
+            index, subindex, bits = parse_mapping_entry(self._store.number(record, sub))
+            entry = self._store.od.get(index, subindex)
+            if index in DUMMY_TYPES:
+                objects.append((dummy(DUMMY_TYPES[index]), None))
+            elif entry is not None:
+                objects.append((MappedObject(index, subindex, bits, entry.data_type), entry))
+            else:
+                return []
+        return objects
+
+    def codec(self, record: int) -> tuple[PdoCodec, tuple[Entry | None, ...]]:
+        """Return the codec of a mapping record, and the mapped entries; None: a gap."""
+        objects = self._mapping(record)
+        try:
+            return PdoCodec([mapped for mapped, _ in objects]), tuple(entry for _, entry in objects)
+        except LocalProtocolError:  # a default mapping that cannot be
+            return PdoCodec(()), ()
+
+
+# What comes between the wire and the RPDOs of a node when a fault is on: RPDOs that arrive late, or not at all.
+#
+# Healthy, it hands every frame on at once and keeps nothing.
+
+
+class RpdoInput:
+    """Hands RPDO frames on. Seams: `delay_ns`, how late; `lost`, one of how many never is, 0: none is lost.
+
+    `delayed` are those that wait to be handed on, with the time of that; `received` counts what came.
+    """
+
+    def __init__(self) -> None:
+        self.delay_ns: Seam[int] = Seam(0)
+        self.lost: Seam[int] = Seam(0)
+        self.received = 0
+        self.delayed: deque[tuple[int, Receive, CanFrame]] = deque()
+
+    def receiver(self, receive: Receive) -> Receive:
+        """Return what takes a frame from the wire for `receive`."""
+
+        def take(frame: CanFrame, now: int) -> None:
+            self.received += 1
+            lost, delay = self.lost.value, self.delay_ns.value
+            if lost and self.received % lost == 0:
+                return
+            if delay:
+                self.delayed.append((now + delay, receive, frame))
+            else:
+                receive(frame, now)
+
+        return take
+
+    def tick(self, now: int) -> None:
+        """Hand on what was kept until now."""
+        delayed = self.delayed
+        while delayed and delayed[0][0] <= now:
+            _, receive, frame = delayed.popleft()
+            receive(frame, now)
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` hands on the next one."""
+        return self.delayed[0][0] if self.delayed else None
+
 
 _SET_POINTS = frozenset((o.TARGET_POSITION, o.TARGET_VELOCITY, o.TARGET_TORQUE, o.INTERPOLATION_DATA))
 _CONTROLWORD, _SET_POINT = 1, 2  # what an RPDO brings an axis

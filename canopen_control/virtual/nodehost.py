@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.port import BusEventKind
 from canopen_control.bus.port_abilities import set_filter
-from canopen_control.cia301.sdo_records import deliver
+from canopen_control.cia301.sdo_codec import deliver
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD, CanFrame, pack_records
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.bus.port import BusEvent, Port
-    from canopen_control.host.reactor import Reactor, Timer
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.host.timer import Timer
     from canopen_control.virtual.virtual_node import VirtualNode
 
-__all__ = ["NodeHost"]
 
 _ECHOES = 64  # frames between nodes of one host, for each turn; more is a storm
 

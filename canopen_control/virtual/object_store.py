@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_server import SdoServerAbort
-from canopen_control.od.codec import decode, default_of, encode
-from canopen_control.od.limits import above_limit, below_limit
+from canopen_control.od.codec import above_limit, below_limit, decode, default_of, encode
 from canopen_control.od.model import DataType, Entry, ObjectDictionary, Value
 from canopen_control.virtual.fault_seam import Seam
 
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Address
 
-__all__ = ["Guard", "ObjectStore", "Source", "Watcher", "check_limits", "refuse"]
 
 if TYPE_CHECKING:
     Source = Callable[[], Value]

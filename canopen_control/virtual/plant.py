@@ -19,22 +19,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.world_shape import WorldShape
     from canopen_control.virtual.trajectory import Piece, Trajectory
 
-__all__ = [
-    "WORLD_NOTE",
-    "ChangeableWorld",
-    "CoupledPlant",
-    "FurnishedWorld",
-    "IdealPlant",
-    "LagPlant",
-    "Leader",
-    "LoadedPlant",
-    "PlainWorld",
-    "Plant",
-    "ServoGains",
-    "SharedWorld",
-    "TellingWorld",
-    "World",
-]
 
 WORLD_NOTE: Final = "world: "
 """What a line of a process of drives begins with that tells what its world had to guess."""

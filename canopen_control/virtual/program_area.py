@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from canopen_control.virtual.node_outbox import Clock
     from canopen_control.virtual.object_store import ObjectStore
 
-__all__ = ["FACTORY_PROGRAM", "FlashError", "ProgramArea", "ProgramState", "whole_program"]
 
 DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
 _LOADER_OBJECTS: Final = frozenset(

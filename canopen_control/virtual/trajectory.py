@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["INFINITE", "Piece", "Trajectory", "cruise", "hold", "linear_to", "move_to", "ramp_to"]
 
 INFINITE = math.inf
 _NS = 1e-9

@@ -8,29 +8,34 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.emcy_codes import ErrorRegister
+from canopen_control.cia301.emcy import ErrorRegister
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.loop_gains import LoopGain, gain_objects
 from canopen_control.cia402.modes import mode_name, supported_modes
-from canopen_control.cia402.options import OPTION_CODES, Reaction
-from canopen_control.cia402.state import HALT_BIT, State, command_of
+from canopen_control.cia402.objects import OPTION_CODES, Reaction
+from canopen_control.cia402.state import (
+    HALT_BIT,
+    INTERNAL_LIMIT,
+    REMOTE,
+    TARGET_REACHED,
+    VOLTAGE_ENABLED,
+    WARNING,
+    State,
+    command_of,
+)
 from canopen_control.rpc.messages.drive import AxisState, PlantState
-from canopen_control.virtual.axis_limits import AxisLimits
-from canopen_control.virtual.axis_objects import UNIT_OBJECTS, AxisObjects
-from canopen_control.virtual.axis_readings import SOURCES, AxisReadings
+from canopen_control.virtual.axis_objects import UNIT_OBJECTS, AxisObjects, wrap32
 from canopen_control.virtual.device_model import GENERIC, DeviceModel
 from canopen_control.virtual.drive_modes import MODES, DriveModes, possible_modes
-from canopen_control.virtual.mode_base import Axis
+from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.mode_base import Axis, SetPointMeter
 from canopen_control.virtual.mover import Mover
-from canopen_control.virtual.overload import OVERLOAD, TORQUE_LIMITS, OverloadGuard
 from canopen_control.virtual.plant import IdealPlant, Plant, ServoGains
-from canopen_control.virtual.power_machine import PowerMachine
-from canopen_control.virtual.set_point_meter import SetPointMeter
-from canopen_control.virtual.touch_probes import TouchProbes
+from canopen_control.virtual.power_machine import AxisLimits, PowerMachine
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,7 +47,243 @@ if TYPE_CHECKING:
     from canopen_control.virtual.object_store import ObjectStore
     from canopen_control.virtual.trajectory import Trajectory
 
-__all__ = ["VirtualDrive"]
+
+# What a drive shows of one axis: the statusword, and the other objects whose value is made at the moment of reading.
+#
+# Nothing here changes anything. Positions are user counts and wrap at 32 bits as a counter does, velocities and torques
+# are cut to their type.
+
+
+def clamp(value: float, bits: int = 32) -> int:
+    """Return the nearest whole number of a signed type."""
+    edge = 1 << bits - 1
+    return max(-edge, min(edge - 1, round(value)))
+
+
+class Statusword:
+    """0x6041 of one axis.
+
+    Seams: `remote` (bit 9), `warning` (bit 7), the bits `forced` and `suppressed`, and `replaced`, the word as a whole.
+    """
+
+    def __init__(self, axis: Axis, modes: DriveModes) -> None:
+        self._power, self._limits, self._mover, self._modes = axis.power, axis.limits, axis.mover, modes
+        self._velocity_bits = axis.objects.model.velocity_bits
+        self.remote: Seam[bool] = Seam(True)
+        self.warning: Seam[bool] = Seam(False)
+        self.forced: Seam[int] = Seam(0)
+        self.suppressed: Seam[int] = Seam(0)
+        self.replaced: Seam[int | None] = Seam(None)
+
+    def value(self) -> int:
+        """Return the word at the time the axis was brought to."""
+        if self.replaced.value is not None:
+            return self.replaced.value
+        power, mode = self._power, self._modes.active
+        word = power.bits | self.forced.value
+        if self._velocity_bits is not None:
+            word |= self._velocity_bits(mode.measured_velocity())
+        if power.voltage.value:
+            word |= VOLTAGE_ENABLED
+        if self.remote.value:
+            word |= REMOTE
+        if self.warning.value:
+            word |= WARNING
+        if self._limits.active:
+            word |= INTERNAL_LIMIT
+        enabled = power.state is State.OPERATION_ENABLED
+        bits = mode.bits() if enabled else mode.unpowered_bits()
+        if not enabled or power.halted:
+            bits = bits & ~TARGET_REACHED | (TARGET_REACHED if self._mover.standing else 0)
+        return (word | bits) & ~self.suppressed.value
+
+
+class AxisReadings:
+    """The values that one axis shows; `inputs` are further bits of 0x60FD. Seam `inverted`: the sign is wrong."""
+
+    def __init__(self, axis: Axis, modes: DriveModes) -> None:
+        self.mover, self.limits, self.modes = axis.mover, axis.limits, modes
+        self.objects, self.units = axis.objects, axis.objects.units
+        self.statusword: Statusword = Statusword(axis, modes)
+        self.inputs = 0
+        self.inverted: Seam[bool] = Seam(False)
+
+    @property
+    def sign(self) -> float:
+        """-1 where position and velocity are shown with the wrong sign."""
+        return -1.0 if self.inverted.value else 1.0
+
+    def demand(self) -> tuple[float, float]:
+        """Return position and velocity of the demand, in plant counts."""
+        return self.mover.state(self.mover.time)
+
+    def position(self) -> int:
+        """Return 0x6064."""
+        units = self.units
+        return wrap32((self.mover.plant.position - units.zero) * self.sign / units.position)
+
+    def velocity(self) -> int:
+        """Return 0x606C."""
+        return clamp(self.modes.active.measured_velocity() * self.sign / self.units.velocity)
+
+    def rpm(self, velocity: float) -> int:
+        """Return a velocity in counts/s in the unit of the velocity mode."""
+        return clamp(velocity / self.objects.counts_per_rpm * self.units.turn, 16)
+
+    def torque(self) -> int:
+        """Return 0x6077."""
+        return clamp(self.mover.plant.torque, 16)
+
+    def torque_demand(self) -> int:
+        """Return 0x6074."""
+        torque = self.mover.torque
+        return 0 if torque is None else clamp(torque.at(self.mover.time)[1], 16)
+
+    def digital_inputs(self) -> int:
+        """Return 0x60FD."""
+        return self.mover.switches.inputs(self.mover.plant.position) | self.inputs
+
+
+SOURCES: dict[int, Callable[[AxisReadings], int]] = {
+    o.STATUSWORD: lambda axis: axis.statusword.value(),
+    o.VL_VELOCITY_DEMAND: lambda axis: axis.rpm(axis.demand()[1]),
+    o.VL_VELOCITY_ACTUAL: lambda axis: axis.rpm(axis.modes.active.measured_velocity()),
+    o.MODES_OF_OPERATION_DISPLAY: lambda axis: axis.modes.number,
+    o.POSITION_DEMAND: lambda axis: axis.units.user(axis.demand()[0]),
+    o.POSITION_ACTUAL_INTERNAL: lambda axis: wrap32((axis.mover.plant.position - axis.units.zero) * axis.sign),
+    o.POSITION_ACTUAL: AxisReadings.position,
+    o.VELOCITY_SENSOR_ACTUAL: AxisReadings.velocity,
+    o.VELOCITY_DEMAND: lambda axis: clamp(axis.demand()[1] / axis.units.velocity),
+    o.VELOCITY_ACTUAL: AxisReadings.velocity,
+    o.TORQUE_DEMAND: AxisReadings.torque_demand,
+    o.TORQUE_ACTUAL: AxisReadings.torque,
+    o.CURRENT_ACTUAL: AxisReadings.torque,
+    o.FOLLOWING_ERROR_ACTUAL: lambda axis: clamp(axis.limits.following_error / axis.units.position),
+    o.POSITION_DEMAND_INTERNAL: lambda axis: wrap32(axis.demand()[0] - axis.units.zero),
+    o.DIGITAL_INPUTS: AxisReadings.digital_inputs,
+}
+"""Index of axis 0 to how its value is made; objects the dictionary lacks are not served."""
+
+
+# Overload protection (I2t) of a motor: how much more than its rated current it had, and for how long.
+#
+# The heat above that of the rated torque grows with the square of the torque and is given off again below it. What a
+# motor takes is twice its rated torque for two seconds, or three times for three quarters of one; then its drive
+# reports continuous over-current (0x2310) and faults. Torques are in per mille of the rated one.
+
+
+OVERLOAD: Final = 0x2310
+TORQUE_LIMITS: Final = (o.MAX_TORQUE, o.MAX_CURRENT)
+"""Objects that bound the torque of all loops: current and torque of a motor are proportional."""
+
+_HEAT_S: Final = 6.0  # s that a motor takes the heat of its rated torque once more
+_GAP_S: Final = 0.1  # between two looks, longer than any while it has power
+
+
+class OverloadGuard:
+    """The heat of one motor, looked at again and again; `heat` is what is above that of the rated torque, in s."""
+
+    def __init__(self) -> None:
+        self.heat = 0.0
+        self._looked: int | None = None
+
+    def exceeded(self, torque: float, now: int) -> bool:
+        """Whether it is too hot at `now`, in ns, having had `torque` since the last look; after a pause it had none."""
+        seconds = 0.0 if self._looked is None else (now - self._looked) * 1e-9
+        self._looked = now
+        ratio = 0.0 if seconds > _GAP_S else torque / 1000.0
+        self.heat = max(0.0, self.heat + (ratio * ratio - 1.0) * seconds)
+        return self.heat > _HEAT_S
+
+
+# The two touch probes of an axis: positions caught at an edge (CiA 402-2, 9.3.4).
+#
+# 0x60B8 arms them, 0x60B9 shows what was caught, 0x60BA to 0x60BD hold the positions. The probe inputs are bits 16 and
+# 17 of 0x60FD; a probe may look at the index pulse of the encoder instead, which has rising edges only. A single probe
+# catches once until it is armed anew, a continuous one every time.
+
+
+_ENABLE, _CONTINUOUS, _INDEX, _RISING, _FALLING = 1 << 0, 1 << 1, 1 << 2, 1 << 4, 1 << 5
+_CAUGHT_RISING, _CAUGHT_FALLING = 1 << 1, 1 << 2
+_SHIFTS = (0, 8)  # of probe 1 and 2 in 0x60B8 and 0x60B9
+_FIRST_INPUT = 16
+_POSITIONS = (
+    (o.TOUCH_PROBE_1_POSITIVE, o.TOUCH_PROBE_1_NEGATIVE),
+    (o.TOUCH_PROBE_2_POSITIVE, o.TOUCH_PROBE_2_NEGATIVE),
+)
+
+
+class TouchProbes:
+    """The probes of one axis."""
+
+    def __init__(self, objects: AxisObjects, mover: Mover, outbox: NodeOutbox) -> None:
+        self._objects, self._mover, self._outbox = objects, mover, outbox
+        self._armed = 0
+
+    def reset(self) -> None:
+        """Forget everything: power-on."""
+        self._armed = 0
+
+    def update(self, now: int) -> None:
+        """Take 0x60B8: what is switched on now is armed, what is switched off forgets what it caught."""
+        function = self._objects.number(o.TOUCH_PROBE_FUNCTION)
+        if function == self._armed:
+            return
+        status = self._objects.number(o.TOUCH_PROBE_STATUS)
+        for shift in _SHIFTS:
+            before, after = self._armed >> shift & 0xFF, function >> shift & 0xFF
+            if before != after:
+                status = status & ~(0xFF << shift) | ((after & _ENABLE) << shift)
+        self._armed = function
+        self._show(status)
+        self._mover.watch_index(now)
+
+    def inputs_changed(self, before: int, after: int) -> None:
+        """Look at the edges of the probe inputs."""
+        position = self._mover.plant.position
+        for probe, shift in enumerate(_SHIFTS):
+            bit = 1 << _FIRST_INPUT + probe
+            if (before ^ after) & bit and not self._armed >> shift & _INDEX:
+                self._catch(probe, position, rising=bool(after & bit))
+
+    def index_passed(self, place: float) -> None:
+        """Look at an index pulse, at `place` in plant counts."""
+        for probe, shift in enumerate(_SHIFTS):
+            if self._armed >> shift & _INDEX:
+                self._catch(probe, place, rising=True)
+
+    @property
+    def wants_index(self) -> bool:
+        """Whether a probe waits for an index pulse."""
+        return any(self._armed >> shift & (_ENABLE | _INDEX) == _ENABLE | _INDEX for shift in _SHIFTS)
+
+    def next_index(self, demand: Trajectory, now: int) -> tuple[int, float] | None:
+        """Return when `demand` passes the next index pulse, and where; None: it does not, or nobody waits for it."""
+        if not self.wants_index:
+            return None
+        position = demand.at(now)[0]
+        period = self._mover.switches.index_period
+        ahead = (math.floor(position / period) + 1) * period
+        behind = (math.ceil(position / period) - 1) * period
+        found = [(due, place) for place in (ahead, behind) if (due := demand.time_of(place, now)) is not None]
+        return min(found, default=None)
+
+    def _catch(self, probe: int, place: float, *, rising: bool) -> None:
+        shift = _SHIFTS[probe]
+        function, status = self._armed >> shift, self._objects.number(o.TOUCH_PROBE_STATUS)
+        wanted, caught = (_RISING, _CAUGHT_RISING) if rising else (_FALLING, _CAUGHT_FALLING)
+        if not function & _ENABLE or not function & wanted:
+            return
+        if status >> shift & caught and not function & _CONTINUOUS:
+            return
+        index = _POSITIONS[probe][0 if rising else 1]
+        self._objects.set(index, self._objects.units.user(place))
+        self._show(status | caught << shift)
+
+    def _show(self, status: int) -> None:
+        self._objects.set(o.TOUCH_PROBE_STATUS, status)
+        self._outbox.values_changed()
+
 
 _OPTIONS = (o.QUICK_STOP_OPTION, o.SHUTDOWN_OPTION, o.DISABLE_OPERATION_OPTION, o.HALT_OPTION, o.FAULT_REACTION_OPTION)
 

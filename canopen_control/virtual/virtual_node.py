@@ -11,24 +11,30 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
-from canopen_control.cia301.emcy import EmcyProducer
+from canopen_control.cia301.emcy import EmcyProducer, ErrorRegister
 from canopen_control.cia301.guarding import GuardingSlave
 from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatProducer
-from canopen_control.cia301.lss import UNCONFIGURED
+from canopen_control.cia301.lss import (
+    BIT_TIMINGS,
+    MASTER_COB_ID,
+    UNCONFIGURED,
+    LssActivateBitTiming,
+    LssIdentity,
+    LssNodeIdAssigned,
+    LssSlave,
+)
 from canopen_control.cia301.nmt import NmtCommand, NmtResetRequested, NmtSlave, NmtState, NmtStateChanged
 from canopen_control.cia301.outbox import drain_all
 from canopen_control.cia301.sdo_codec import ANSWER_BASE, REQUEST_BASE
 from canopen_control.cia301.sdo_server import SdoServer
-from canopen_control.cia301.sync import SyncConsumer
+from canopen_control.cia301.sync import SyncConsumer, SyncEventKind
 from canopen_control.cia402 import objects as o
-from canopen_control.virtual.communication_objects import CommunicationObjects, Services
+from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, Service, cob_id, is_restricted
+from canopen_control.virtual.communication_objects import CommunicationObjects, ErrorControl, Services
 from canopen_control.virtual.device_function import make_function
 from canopen_control.virtual.device_model import GENERIC, DeviceModel
-from canopen_control.virtual.error_control import ErrorControl
 from canopen_control.virtual.fault_seam import Seam
-from canopen_control.virtual.frame_routes import FrameRoutes
-from canopen_control.virtual.node_events import NodeIdChanged
-from canopen_control.virtual.node_lss import NodeLss
+from canopen_control.virtual.node_events import BitRateActivated, NodeIdChanged
 from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, Clock, NodeOutbox
 from canopen_control.virtual.node_pdos import ProcessData
 from canopen_control.virtual.object_store import ObjectStore
@@ -45,7 +51,172 @@ if TYPE_CHECKING:
     from canopen_control.virtual.fault_seam import FaultFilter
     from canopen_control.virtual.plant import Plant
 
-__all__ = ["Timed", "VirtualNode"]
+    Receiver = Callable[[CanFrame, int], None]
+    Holder = Callable[[CanFrame, int], bool]
+
+
+# Which service of a virtual node takes which frames: a table by identifier, made anew when an identifier changes.
+
+
+SYNC_LENGTH_ERROR = 0x8240
+
+
+class FrameRoutes:
+    """Receivers of one node by identifier, with linux/can.h's flags; `version` grows when the identifiers change.
+
+    `holders` take what waits for SYNC without a consequence until then, and whose identifier has no other receiver.
+    """
+
+    def __init__(
+        self,
+        nmt: NmtSlave,
+        sdo: SdoServer,
+        consumer: HeartbeatConsumer,
+        guarding: GuardingSlave,
+        sync: SyncConsumer,
+        pdos: ProcessData,
+        lss: NodeLss | None,
+        outbox: NodeOutbox,
+        advance_drives: Callable[[int], None],
+    ) -> None:
+        self.table: dict[int, Receiver] = {}
+        self.holders: dict[int, Holder] = {}
+        self.version = 0
+        self._nmt, self._sdo, self._consumer, self._guarding, self._sync = nmt, sdo, consumer, guarding, sync
+        self._pdos, self._lss, self._outbox, self._advance_drives = pdos, lss, outbox, advance_drives
+
+    @property
+    def sdo_alone(self) -> bool:
+        """Whether nobody but the SDO server takes its requests."""
+        return self.table.get(self._sdo.request_cob_id) == self._on_sdo
+
+    def begin(self) -> None:
+        """Leave LSS alone in the table: a node that initialises hears nothing else."""
+        self.table = self._lss_routes()
+        self.holders = {}
+        self.version += 1
+
+    def rebuild(self) -> None:
+        """Make the table anew: an identifier changed."""
+        if self._nmt.state is NmtState.INITIALISING:
+            return
+        error_control = cob_id(Service.HEARTBEAT, self._nmt.node_id)
+        consumer = self._consumer
+        routes: list[tuple[int, Receiver]] = [
+            *self._lss_routes().items(),
+            (0x000, self._nmt.receive),
+            (self._sdo.request_cob_id, self._on_sdo),
+            (error_control | REMOTE_FLAG, self._guarding.receive),
+            *self._sync_routes(),
+            *((cob_id(Service.HEARTBEAT, node_id), consumer.receive) for node_id in consumer.watched()),
+            *self._pdos.routes(),
+        ]
+        identifiers = [can_id for can_id, _ in routes]
+        self.holders = {can_id: hold for can_id, hold in self._pdos.holders() if identifiers.count(can_id) == 1}
+        table = merged(routes)
+        if table.keys() != self.table.keys():
+            self.version += 1
+        self.table = table
+
+    def _lss_routes(self) -> dict[int, Receiver]:
+        return {} if self._lss is None else {MASTER_COB_ID: self._lss.receive}
+
+    def _sync_routes(self) -> list[tuple[int, Receiver]]:
+        """Return who takes SYNC; nobody where 0x1005 holds 0 or another identifier that is no SYNC's."""
+        can_id = self._sync.cob_id
+        return [] if not can_id & EXTENDED_FLAG and is_restricted(can_id) else [(can_id, self._on_sync)]
+
+    def _on_sdo(self, frame: CanFrame, now: int) -> None:
+        if self._nmt.state is not NmtState.STOPPED:
+            self._sdo.receive(frame, now)
+
+    def _on_sync(self, frame: CanFrame, now: int) -> None:
+        if self._nmt.state is NmtState.STOPPED:
+            return
+        self._advance_drives(now)
+        self._sync.receive(frame, now)
+        events = self._sync.events()
+        if len(events) > 1 and any(event.kind is SyncEventKind.LENGTH_ERROR for event in events):
+            self._outbox.emergency(SYNC_LENGTH_ERROR, ErrorRegister.COMMUNICATION)
+        else:
+            self._outbox.clear_error(SYNC_LENGTH_ERROR)
+        for event in events:
+            if event.kind is SyncEventKind.SYNC and self._nmt.state is NmtState.OPERATIONAL:
+                self._pdos.sync(event.counter, now)
+
+
+def merged(routes: Iterable[tuple[int, Receiver]]) -> dict[int, Receiver]:
+    """Return the table of routes; two receivers of one identifier both hear its frames, in the order of the routes."""
+    table: dict[int, Receiver] = {}
+    for can_id, receiver in routes:
+        table[can_id] = _both(table[can_id], receiver) if can_id in table else receiver
+    return table
+
+
+def _both(first: Receiver, second: Receiver) -> Receiver:
+    def receive(frame: CanFrame, now: int) -> None:
+        first(frame, now)
+        second(frame, now)
+
+    return receive
+
+
+# A virtual node's layer setting services: where its file says LSS_Supported, the node has an LSS slave (CiA 305).
+#
+# The slave's node id is the pending one until a reset of communication takes it, and is gone with the power unless it
+# was stored. A node without an id (255) does nothing but LSS until it has one. A virtual bus has no bit rate: a new one
+# is told, kept and stored, nothing else.
+
+
+class NodeLss:
+    """The LSS slave of a node; `stored_node_id` and `stored_bitrate` (bit/s, None: none) outlast the power.
+
+    `assigned` is called with the first id of a node that had none; `stored` when what outlasts the power changed, it
+    returns whether that is kept.
+    """
+
+    def __init__(
+        self,
+        store: ObjectStore,
+        node_id: int,
+        outbox: NodeOutbox,
+        *,
+        assigned: Callable[[int, int], None],
+        stored: Callable[[], bool],
+    ) -> None:
+        self._store, self._outbox, self._assigned, self._stored = store, outbox, assigned, stored
+        self.stored_node_id = node_id
+        self.stored_bitrate: int | None = None
+        rates = store.od.device.bit_rates
+        timings = frozenset(index for index, rate in BIT_TIMINGS.items() if not rates or rate in rates)
+        self.slave = LssSlave(LssIdentity(0, 0, 0, 0), node_id, bit_timings=timings, store=self._keep)
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        """Serve a frame of the LSS master."""
+        self.slave.identity = LssIdentity(*(self._store.number(0x1018, part) for part in range(1, 5)))
+        self.slave.receive(frame, now)
+        for event in self.slave.events():
+            if isinstance(event, LssNodeIdAssigned):
+                self._assigned(event.node_id, now)
+            elif isinstance(event, LssActivateBitTiming):
+                self._outbox.tell(BitRateActivated(event.bitrate))
+
+    def reset(self, *, power: bool) -> int:
+        """Take the pending node id (a reset), or the stored one (a power-on); return it."""
+        if power:
+            self.slave.pending_node_id, self.slave.pending_bitrate = self.stored_node_id, self.stored_bitrate
+        self.slave.reset()
+        return self.slave.node_id
+
+    def _keep(self, node_id: int, bitrate: int | None) -> bool:
+        before = self.stored_node_id, self.stored_bitrate
+        self.stored_node_id = node_id
+        self.stored_bitrate = self.stored_bitrate if bitrate is None else bitrate
+        if self._stored():
+            return True
+        self.stored_node_id, self.stored_bitrate = before
+        return False
+
 
 PROTOCOL_ERRORS = 0x82  # the high byte of what is wrong with PDOs and SYNC
 

@@ -29,7 +29,6 @@ from canopen_control.yamlfile.node import NOWHERE, Node
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-__all__ = ["INVALID", "convert", "derived", "fields_of", "key_of", "keys_of", "part", "position", "setting"]
 
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _Values: typing.TypeAlias = dict[str, Any]  # of a dataclass by field, converted

@@ -6,8 +6,6 @@ from typing import Any, Final
 
 from canopen_control.yamlfile.problems import Problems
 
-__all__ = ["NOWHERE", "Node"]
-
 
 class Node:
     """A place in a YAML file: its value, and where it stands.

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from canopen_control.errors import ConfigError
 
-__all__ = ["LINE_END", "Place", "Problem", "Problems"]
 
 LINE_END: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 """What ends a line in YAML 1.1, so that our lines are those of the parser."""

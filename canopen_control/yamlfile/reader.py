@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from canopen_control.errors import ConfigError
     from canopen_control.yamlfile.problems import Problem
 
-__all__ = ["load", "parse", "read", "read_text", "tree"]
 
 T = TypeVar("T")
 

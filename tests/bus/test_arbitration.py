@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.bus.arbitration import PacedWire, priority
-from canopen_control.bus.timing import duration_ns, frame_bits
+from canopen_control.bus.arbitration import PacedWire, duration_ns, frame_bits, priority
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame, frames_of, pack_records
 
 S = 1_000_000_000

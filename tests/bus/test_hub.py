@@ -17,15 +17,16 @@ import pytest
 from support.host import eventually
 from support.jsonserver import line_of
 
-from canopen_control.bus.hello import HELLO_SIZE, VERSION, pack_hello, parse_hello
+from canopen_control.bus.arbitration import duration_ns, frame_bits
 from canopen_control.bus.hub import LINGER_NS, Hub
 from canopen_control.bus.local import LocalPort, open_local
-from canopen_control.bus.timing import duration_ns, frame_bits
+from canopen_control.bus.wanted import HELLO_SIZE, VERSION, pack_hello, parse_hello
 from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.lineclient import LineClient
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import list_sockets, lock, peer_pid, socket_path
+from canopen_control.host.timer import ManualClock
 
 MS = 1_000_000
 

@@ -17,10 +17,9 @@ from support.jsonserver import json_server, say
 from support.localbus import TIMEOUT_S, hub_status, kill_hub, receive
 
 from canopen_control.bus.error_frames import bus_off_frame, overrun_frame
-from canopen_control.bus.hello import HELLO_SIZE, VERSION, pack_hello
 from canopen_control.bus.local import LocalPort, ask_hub, greet, open_local
-from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.port_parts import SEND_LIMIT
+from canopen_control.bus.port import SEND_LIMIT, BusEventKind
+from canopen_control.bus.wanted import HELLO_SIZE, VERSION, pack_hello
 from canopen_control.errors import BusClosed, BusError, BusNotOpen, ConfigError, LocalProtocolError
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import Reactor

@@ -7,8 +7,7 @@ import select
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.bus.port import BusEvent, BusEventKind
-from canopen_control.bus.port_parts import EVENT_LIMIT, EventLog, SendQueue, WakeDescriptor
+from canopen_control.bus.port import EVENT_LIMIT, BusEvent, BusEventKind, EventLog, SendQueue, WakeDescriptor
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from support.error_frames import DRIVER_FRAMES, NAMES
 
 from canopen_control.bus.error_frames import overrun_frame
-from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.port_parts import SEND_LIMIT
+from canopen_control.bus.port import SEND_LIMIT, BusEventKind
 from canopen_control.bus.socketcan import SocketCanPort, open_socketcan
 from canopen_control.errors import BusClosed, BusError, InterfaceDown, InterfaceNotFound, LocalProtocolError
 from canopen_control.frame import CanFrame, frames_of, pack_records

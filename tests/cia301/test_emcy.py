@@ -7,8 +7,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from support.services import MS, frame, vectors
 
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.emcy import EmcyConsumer, EmcyMessage, EmcyProducer
-from canopen_control.cia301.emcy_codes import ErrorRegister
+from canopen_control.cia301.emcy import EmcyConsumer, EmcyMessage, EmcyProducer, ErrorRegister
 from canopen_control.frame import CanFrame
 
 EMCY = vectors()["emcy"]

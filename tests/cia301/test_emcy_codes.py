@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from support.services import vectors
 
-from canopen_control.cia301.emcy_codes import ERROR_TEXTS, ErrorRegister, error_text, register_text
+from canopen_control.cia301.emcy import ERROR_TEXTS, ErrorRegister, error_text, register_text
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.services import MS, frame, vectors
 
-from canopen_control.cia301.lss import LssIdentity, LssMode
-from canopen_control.cia301.lss_master import LssMaster, LssRequest
-from canopen_control.cia301.lss_slave import LssSlave
+from canopen_control.cia301.lss import LssIdentity, LssMaster, LssMode, LssRequest, LssSlave
 from canopen_control.errors import LocalProtocolError, RemoteProtocolError
 
 FRAMES = {vector["name"]: frame(vector["frame"]) for vector in vectors()["lss"]["vectors"]}

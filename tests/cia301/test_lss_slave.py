@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 import pytest
 from support.services import frame, vectors
 
-from canopen_control.cia301.lss import LssIdentity, LssMode
-from canopen_control.cia301.lss_slave import LssActivateBitTiming, LssNodeIdAssigned, LssSlave
+from canopen_control.cia301.lss import LssActivateBitTiming, LssIdentity, LssMode, LssNodeIdAssigned, LssSlave
 
 if TYPE_CHECKING:
     from canopen_control.frame import CanFrame

@@ -4,7 +4,8 @@ import pytest
 from support.sdo import MS, NODE, SECOND, Line, MemoryStore, frame
 
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.sdo_client import SdoClient, SdoOptions
+from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.cia301.sdo_exchange import SdoOptions
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.errors import BusClosed, LocalProtocolError, SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.od.model import DataType, Entry

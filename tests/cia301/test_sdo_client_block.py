@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 from support.sdo import NODE, frame
 
-from canopen_control.cia301.sdo_client import SdoClient, SdoOptions
+from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.cia301.sdo_exchange import SdoOptions
 
 HALF = 500_000_000
 SEGMENTS = ["583#0100010203040506", "583#020708090A0B0C0D", "583#830E0F1011121300"]

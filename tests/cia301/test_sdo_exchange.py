@@ -8,11 +8,8 @@ from hypothesis import strategies as st
 from support.sdo import MS, NODE, MemoryStore, frame
 
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.sdo_client import SdoClient
-from canopen_control.cia301.sdo_exchange import SdoExchange
-from canopen_control.cia301.sdo_initiate import BLOCK_ERRORS
-from canopen_control.cia301.sdo_phases import first_phase
-from canopen_control.cia301.sdo_request import SdoOptions, SdoRequest
+from canopen_control.cia301.sdo_client import SdoClient, first_phase
+from canopen_control.cia301.sdo_exchange import BLOCK_ERRORS, SdoExchange, SdoOptions, SdoRequest
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.errors import BusClosed, SdoAbort, SdoTimeout
 from canopen_control.frame import CanFrame

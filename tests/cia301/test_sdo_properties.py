@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from support.properties import examples
 from support.sdo import MS, NODE, SECOND, BadLine, Line, MemoryStore
 
-from canopen_control.cia301.sdo_client import SdoClient, SdoOptions
+from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.cia301.sdo_exchange import SdoOptions
 from canopen_control.cia301.sdo_server import SdoServer, SdoServerAbort
 from canopen_control.errors import SdoAbort, SdoTimeout
 from canopen_control.frame import CanFrame

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from support.sdo import NODE, MemoryStore, frame
 
-from canopen_control.cia301.sdo_client import SdoClient, SdoOptions, SdoRequest
+from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.cia301.sdo_exchange import SdoOptions, SdoRequest
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.errors import SdoAbort
 

@@ -18,14 +18,10 @@ from canopen_control import cia301
 from canopen_control.cia301.emcy import EmcyConsumer, EmcyProducer
 from canopen_control.cia301.guarding import GuardingEventKind, GuardingMaster, GuardingSlave
 from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatEventKind, HeartbeatProducer
-from canopen_control.cia301.lss import LssIdentity
-from canopen_control.cia301.lss_master import LssMaster
-from canopen_control.cia301.lss_slave import LssSlave
+from canopen_control.cia301.lss import LssIdentity, LssMaster, LssSlave
 from canopen_control.cia301.nmt import NmtCommand, NmtMaster, NmtSlave, NmtState, nmt_frame
-from canopen_control.cia301.pdo import PdoParameters
-from canopen_control.cia301.rpdo import RpdoConsumer
+from canopen_control.cia301.pdo import PdoParameters, RpdoConsumer, TpdoProducer
 from canopen_control.cia301.sync import SyncConsumer, SyncProducer
-from canopen_control.cia301.tpdo import TpdoProducer
 from canopen_control.frame import CanFrame
 
 IDENTITY = LssIdentity(1, 2, 3, 4)

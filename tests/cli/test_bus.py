@@ -11,7 +11,7 @@ from support.localbus import receive, runtime_folders
 from canopen_control.bus import can_interfaces
 from canopen_control.bus.local import open_local
 from canopen_control.cli.main import main
-from canopen_control.cli.support.node_names import KnownNode
+from canopen_control.cli.support.completion_words import KnownNode
 from canopen_control.frame import CanFrame, frames_of, pack_records
 
 pytestmark = pytest.mark.process
@@ -25,7 +25,7 @@ CAN0 = can_interfaces.CanInterface(
 @pytest.fixture(autouse=True)
 def runtime(monkeypatch):
     monkeypatch.setattr(can_interfaces, "list_can_interfaces", lambda run=None: [VCAN0, CAN0])
-    monkeypatch.setattr("canopen_control.cli.support.bus_interfaces.find_listeners", lambda name: [])
+    monkeypatch.setattr("canopen_control.cli.bus.find_listeners", lambda name: [])
     with runtime_folders(monkeypatch.setenv) as folder:
         yield folder
 

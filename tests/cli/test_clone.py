@@ -12,7 +12,7 @@ from canopen_control.od.dcf import eds_text
 from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, Entry
 from canopen_control.rpc.messages.hub import SetBitrate
-from canopen_control.service.backup_choice import parameters_of
+from canopen_control.service.parameter_set import parameters_of
 
 
 @pytest.fixture

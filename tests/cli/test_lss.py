@@ -6,8 +6,7 @@ import pytest
 from support.host import eventually
 from support.onbus import OnBus
 
-from canopen_control.cia301.lss import LssIdentity, LssMode
-from canopen_control.cia301.lss_slave import LssSlave
+from canopen_control.cia301.lss import LssIdentity, LssMode, LssSlave
 from canopen_control.cli import lss as verb
 from canopen_control.cli.main import main
 

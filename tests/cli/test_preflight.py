@@ -8,7 +8,7 @@ from support.host import eventually
 
 from canopen_control.cli import preflight
 from canopen_control.cli.main import main
-from canopen_control.cli.support.preflight_steps import Step
+from canopen_control.cli.preflight import Step
 
 pytestmark = pytest.mark.process
 

@@ -11,8 +11,7 @@ from support.tuneplant import COULOMB, COUNTS, INERTIA, VISCOUS, loaded
 
 from canopen_control.cia402.state import State
 from canopen_control.cli.main import main
-from canopen_control.service.loop_design import LoopGains, phase_margin
-from canopen_control.service.plant_model import PlantModel
+from canopen_control.service.tune_gains import LoopGains, PlantModel, phase_margin
 
 TURN = 65536
 TRUE_PLANT = PlantModel(INERTIA, VISCOUS, COULOMB, 0.0, 0.0, 1.0)  # of the motor, which `tune` is not told

@@ -10,8 +10,7 @@ from canopen_control.cli.support.output import Announcer
 from canopen_control.errors import ConfigError
 from canopen_control.master.event_log import Event
 from canopen_control.view import require_view
-from canopen_control.view.access_rules import AccessRules
-from canopen_control.view.page_address import PageAddress
+from canopen_control.view.page_address import AccessRules, PageAddress
 
 
 @pytest.fixture(autouse=True)

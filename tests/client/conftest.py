@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 import pytest
 from support.host import use_private_folders
 
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.timer import ManualClock
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

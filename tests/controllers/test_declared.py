@@ -4,14 +4,13 @@ import math
 
 import pytest
 
-from canopen_control.controllers.battery_params import read_params as read_battery
+from canopen_control.controllers.broadcasters import read_params as read_battery
 from canopen_control.controllers.declared import checked, declared_by, given_in
-from canopen_control.controllers.diff_drive_params import read_params
-from canopen_control.controllers.gpio_params import GpioParams
-from canopen_control.controllers.gripper_params import EffortGripperParams
-from canopen_control.controllers.gripper_params import read_params as read_gripper_params
-from canopen_control.controllers.params import Params
-from canopen_control.controllers.standard_params import BroadcasterParams, GroupParams
+from canopen_control.controllers.diff_drive import read_params
+from canopen_control.controllers.gpio_command import GpioParams
+from canopen_control.controllers.gripper import EffortGripperParams
+from canopen_control.controllers.gripper import read_params as read_gripper_params
+from canopen_control.controllers.params import BroadcasterParams, GroupParams, Params
 from canopen_control.controllers.trajectory.params import read_params as read_trajectory_params
 from canopen_control.errors import ControlError
 from canopen_control.rpc.messages.parameters import ParameterValue

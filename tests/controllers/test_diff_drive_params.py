@@ -5,7 +5,8 @@ import math
 import pytest
 from support.control import vectors
 
-from canopen_control.controllers.diff_drive_params import read_params, tf_prefix
+from canopen_control.controllers.base_params import tf_prefix
+from canopen_control.controllers.diff_drive import read_params
 from canopen_control.controllers.limiter import Limits, RateLimiter
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError

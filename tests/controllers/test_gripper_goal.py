@@ -5,8 +5,8 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canopen_control.controllers.command_life import GoalState
 from canopen_control.controllers.gripper_goal import GripperGoal, Progress, Way
-from canopen_control.controllers.trajectory.goal import GoalState
 
 MS = 1_000_000
 

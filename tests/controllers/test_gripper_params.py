@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from canopen_control.controllers.gripper_params import (
+from canopen_control.controllers.gripper import (
     EffortGripperParams,
     GripperParams,
     ParallelGripperParams,

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.bases import cases, differences
 
-from canopen_control.controllers.mecanum_kinematics import MecanumKinematics
+from canopen_control.controllers.mecanum import MecanumKinematics
 
 WHEELS = ("front_left", "front_right", "rear_right", "rear_left")
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.bases import cases, differences
 
-from canopen_control.controllers.omni_kinematics import OmniKinematics
+from canopen_control.controllers.omni import OmniKinematics
 
 NS = 1e9
 

@@ -5,7 +5,7 @@ from support.faultbench import LEFT, RIGHT, FaultBench
 from support.robots import copy_robby
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.joint import Action, AxisState
+from canopen_control.hardware.axis_power import Action, AxisState
 
 RPDOS = [base + LEFT for base in (0x200, 0x300, 0x400, 0x500)]
 DEVICE = '<param name="device_name">${side}_drive</param>'

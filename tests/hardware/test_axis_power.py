@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.cia402.drive import DriveMachine
-from canopen_control.cia402.drive_goal import Goal
+from canopen_control.cia402.drive import DriveMachine, Goal
 from canopen_control.hardware.axis_power import (
     FALLING,
     LIMITS_NS,

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from canopen_control.cia402.drive_goal import Goal
+from canopen_control.cia402.drive import Goal
 from canopen_control.errors import SdoAbort, SdoTimeout
-from canopen_control.hardware.axis_status import (
+from canopen_control.hardware.axis import (
     BLIND_STOP_NS,
     GRACE_NS,
     POLL_NS,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from canopen_control.hardware.command_limits import CommandLimits
 from canopen_control.hardware.interfaces import InterfaceRegistry
-from canopen_control.hardware.mock import GenericSystem
+from canopen_control.hardware.plugins import GenericSystem
 from canopen_control.urdf.description import parse_description
 
 URDF = """<robot name="r"><link name="a"/><link name="b"/>

@@ -4,9 +4,10 @@ import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.robots import Bench
 
-from canopen_control.controllers.trajectory.goal import Goal, GoalState
+from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.trajectory.goal import Goal
 from canopen_control.errors import CanopenError
-from canopen_control.hardware.joint import Action
+from canopen_control.hardware.axis_power import Action
 
 NODES = (2, 3, 4, 5, 6, 7)
 POSITION_COMMAND = '<command_interface name="position"/>'

@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.cia402.units import PositionUnwrapper, Scale, wrap_int32
 from canopen_control.hardware.axis import AxisLimits
-from canopen_control.hardware.feedback import Feedback
-from canopen_control.hardware.velocity_units import doubt_unit
+from canopen_control.hardware.feedback import Feedback, doubt_unit
 from canopen_control.master.cycle import ProcessImage
 from canopen_control.od.model import DataType
-from canopen_control.urdf.declared_interface import InterfaceInfo
+from canopen_control.urdf.joint_element import InterfaceInfo
 from canopen_control.urdf.ros2_control import ControlJoint
 
 pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint

@@ -8,7 +8,7 @@ from support.robots import LEFT, RIGHT, Bench, copy_robby
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
 from canopen_control.errors import RobotConfigError, UnsupportedMode
-from canopen_control.hardware.joint import Action, AxisState
+from canopen_control.hardware.axis_power import Action, AxisState
 from canopen_control.runtime.axis_request import reached
 
 

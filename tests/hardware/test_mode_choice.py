@@ -9,7 +9,7 @@ from support.robots import Bench, copy_robby
 
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.errors import DriveError, RobotConfigError, UnsupportedMode
-from canopen_control.hardware.joint import Action
+from canopen_control.hardware.axis_power import Action
 from canopen_control.hardware.mode_choice import choose_mode, listed_modes
 
 

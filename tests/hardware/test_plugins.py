@@ -1,17 +1,21 @@
 import pytest
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.mock import GenericSystem
-from canopen_control.hardware.plugins import KNOWN, Kind, kind_of, made_up, transmitted
+from canopen_control.hardware.plugins import (
+    KNOWN,
+    GenericSystem,
+    Kind,
+    TransmittedSystem,
+    kind_of,
+    made_up,
+    transmitted,
+)
 from canopen_control.hardware.simulation import SimulatedSystem
-from canopen_control.hardware.transmitted_system import TransmittedSystem
-from canopen_control.urdf.declared_interface import InterfaceInfo
 from canopen_control.urdf.description import Description
 from canopen_control.urdf.document import Place
-from canopen_control.urdf.joint_element import Joint
+from canopen_control.urdf.joint_element import InterfaceInfo, Joint
 from canopen_control.urdf.robot_model import RobotModel
-from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
-from canopen_control.urdf.transmission import Transmission
+from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem, Transmission
 
 JOINT = ControlJoint("j", {}, {"velocity": InterfaceInfo("velocity")}, {"position": InterfaceInfo("position")})
 ROBOT = Description("r.urdf", "", RobotModel("r", joints={"j": Joint("j", "continuous", "a", "b")}))

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
 from canopen_control.hardware.simulation import PLUGINS, FirstOrderMotor, SimulatedSystem
-from canopen_control.urdf.declared_interface import InterfaceInfo
-from canopen_control.urdf.joint_element import Joint, Limits, Mimic
+from canopen_control.urdf.joint_element import InterfaceInfo, Joint, Limits, Mimic
 from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 MS = 1_000_000

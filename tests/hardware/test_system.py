@@ -6,8 +6,8 @@ from support.robots import LEFT, RIGHT, Bench, copy_robby
 
 from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface
+from canopen_control.hardware.axis_power import Action, AxisState
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
-from canopen_control.hardware.joint import Action, AxisState
 
 DEVICE = '<param name="device_name">${side}_drive</param>'
 VELOCITIES = ["left_wheel_joint/velocity", "right_wheel_joint/velocity"]

@@ -14,8 +14,9 @@ from support.properties import examples
 
 from canopen_control.host import lineserver, sockets
 from canopen_control.host.lines import MAX_REQUEST
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse, runtime_dir, socket_path
+from canopen_control.host.timer import ManualClock
 
 SECOND = 1_000_000_000
 

@@ -14,7 +14,8 @@ from support.host import open_descriptors
 
 from canopen_control.errors import LocalProtocolError
 from canopen_control.host import reactor as reactor_module
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.timer import ManualClock
 
 MS = 1_000_000
 SECOND = 1000 * MS

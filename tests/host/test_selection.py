@@ -1,7 +1,8 @@
 import selectors
 
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
 from canopen_control.host.selection import MarkedSelector, open_asker
+from canopen_control.host.timer import ManualClock
 
 
 def test_who_is_marked_is_readable_until_it_is_unmarked():

@@ -15,9 +15,10 @@ from support.host import SECOND_NS, eventually, open_descriptors, python, runs
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host import spawn as spawn_module
 from canopen_control.host.environment import LIFELINE, READY
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.files import state_dir as logs
+from canopen_control.host.reactor import Reactor
 from canopen_control.host.spawn import Child, end_children, spawn, spawn_detached
-from canopen_control.host.spawn import state_dir as logs
+from canopen_control.host.timer import ManualClock
 
 pytestmark = pytest.mark.process
 

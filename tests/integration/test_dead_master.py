@@ -10,7 +10,7 @@ from support.channel import channel_of
 from support.host import eventually
 from support.processes import seconds_until
 
-from canopen_control.od.concise import encode_concise
+from canopen_control.od.dcf import encode_concise
 
 pytestmark = pytest.mark.timed
 

@@ -10,12 +10,10 @@ import pytest
 
 from canopen_control.cia301.emcy import EmcyConsumer, EmcyMessage, EmcyProducer
 from canopen_control.cia301.heartbeat import HeartbeatConsumer, HeartbeatEventKind, HeartbeatProducer
-from canopen_control.cia301.lss import LssIdentity
-from canopen_control.cia301.lss_slave import LssSlave
+from canopen_control.cia301.lss import LssIdentity, LssSlave
 from canopen_control.cia301.nmt import NmtCommand, NmtSlave, NmtState, nmt_frame
 from canopen_control.cia301.pdo import MappedObject, PdoCodec
-from canopen_control.cia301.sync import SyncConsumer, SyncEventKind, SyncProducer
-from canopen_control.cia301.time_of_day import TimeOfDay, parse_time
+from canopen_control.cia301.sync import SyncConsumer, SyncEventKind, SyncProducer, TimeOfDay, parse_time
 from canopen_control.data_files import data_path
 from canopen_control.frame import CanFrame
 from canopen_control.od.model import DataType

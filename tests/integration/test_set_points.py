@@ -4,7 +4,8 @@ import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.robots import Bench
 
-from canopen_control.controllers.trajectory.goal import Goal, GoalState
+from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.trajectory.goal import Goal
 
 DRIVES = (2, 3, 4, 5, 6, 7)
 

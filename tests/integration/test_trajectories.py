@@ -6,9 +6,10 @@ import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, copy_looped_arm, planned
 from support.robots import Bench
 
-from canopen_control.controllers.trajectory.goal import Goal, GoalState, ResultCode
+from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.trajectory.goal import Goal, ResultCode
 from canopen_control.errors import ControlError
-from canopen_control.hardware.joint import Action
+from canopen_control.hardware.axis_power import Action
 
 MS = 1_000_000
 

@@ -7,8 +7,10 @@ from support.conversation import plan as scripted
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.errors import BootError, SdoAbort, SdoTimeout
-from canopen_control.master.boot import LETTERS, AwaitBootUp, AwaitState, Command, Read, Step, Write, boot
-from canopen_control.master.plan import Identity, NodePlan, PdoLayout, PlannedWrite
+from canopen_control.master.boot import boot
+from canopen_control.master.plan import Identity, NodePlan
+from canopen_control.master.plan_builder import PdoLayout, PlannedWrite
+from canopen_control.master.requests import LETTERS, AwaitBootUp, AwaitState, Command, Read, Step, Write
 from canopen_control.od.model import DataType
 
 IDENTITY = {(0x1000, 0): 0x192, (0x1018, 1): 0x286, (0x1018, 2): 0x4F6, (0x1018, 3): 0x3001A, (0x1018, 4): 7}

@@ -5,8 +5,9 @@ from dataclasses import replace
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia301.sdo_client import SdoClient
 from canopen_control.frame import CanFrame
-from canopen_control.master.boot_task import BootTask
-from canopen_control.master.plan import Identity, NodePlan, PlannedWrite
+from canopen_control.master.boot import BootTask
+from canopen_control.master.plan import Identity, NodePlan
+from canopen_control.master.plan_builder import PlannedWrite
 
 MS = 1_000_000
 PLAN = NodePlan(

@@ -9,8 +9,7 @@ from support.onbus import GENERIC, TMCM, OnBus
 
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.bus.port import BusEvent, BusEventKind
-from canopen_control.cia301.lss import LssIdentity, LssMode
-from canopen_control.cia301.lss_slave import LssSlave
+from canopen_control.cia301.lss import LssIdentity, LssMode, LssSlave
 from canopen_control.cia301.nmt import NmtCommand, NmtConfirmed, NmtState, NmtUnconfirmed
 from canopen_control.errors import (
     BusClosed,

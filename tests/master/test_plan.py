@@ -8,7 +8,7 @@ import pytest
 
 from canopen_control.data_files import data_path
 from canopen_control.master.config import inspect_bus, read_bus
-from canopen_control.od.concise import encode_concise
+from canopen_control.od.dcf import encode_concise
 
 DATA = Path(__file__).parents[1] / "data"
 ROBBY = data_path("config", "robby") / "bus.yml"

@@ -7,10 +7,10 @@ import pytest
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError
 from canopen_control.master.config import read_bus
-from canopen_control.master.plan_pdos import is_pdo_record, pdo_of
-from canopen_control.od.concise import encode_concise
-from canopen_control.od.dcf import write_dcf
+from canopen_control.master.plan_pdos import is_pdo_record
+from canopen_control.od.dcf import encode_concise, write_dcf
 from canopen_control.od.eds import read_eds
+from canopen_control.od.pdos import pdo_of
 
 EDS = data_path("eds", "TMCM-1270.eds")
 

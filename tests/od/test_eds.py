@@ -14,8 +14,9 @@ from support.properties import examples
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
 from canopen_control.od.codec import default_of, encode
-from canopen_control.od.concise import encode_concise
-from canopen_control.od.eds import Severity, parse_eds, read_eds
+from canopen_control.od.dcf import encode_concise
+from canopen_control.od.eds import parse_eds, read_eds
+from canopen_control.od.issues import Severity
 from canopen_control.od.model import DataType, ObjectCode
 
 HERE = Path(__file__).parent

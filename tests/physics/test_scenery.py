@@ -4,11 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from canopen_control.physics.mesh_parts import MeshPart
+from canopen_control.physics.physics_world import shapes_of
 from canopen_control.physics.scenery import add_scenery
-from canopen_control.physics.sdf_world import Solid
+from canopen_control.physics.sdf_world import MeshPart, Solid
 from canopen_control.physics.world_file import Box, Ramp, Wall, WorldDescription
-from canopen_control.physics.world_shapes import shapes_of
 from canopen_control.urdf.geometry import Pose, about
 
 

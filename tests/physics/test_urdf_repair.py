@@ -6,7 +6,7 @@ from canopen_control.physics.body_model import compiled, read_spec
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.urdf_repair import repaired
 from canopen_control.urdf.description import parse_description
-from canopen_control.urdf.triangles import obj_triangles
+from canopen_control.urdf.meshes import obj_triangles
 
 WEDGE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 FLAT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 3 2\n"

@@ -8,8 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from canopen_control.ros.action_goals import FollowedGoal
-from canopen_control.ros.action_server import GoalRequest
+from canopen_control.ros.action_goals import FollowedGoal, GoalRequest
 from canopen_control.rpc.messages.gripper import GripperVerdict
 
 pytestmark = pytest.mark.ros

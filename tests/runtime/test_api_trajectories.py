@@ -8,7 +8,7 @@ from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.robots import Bench
 
 from canopen_control.controllers.command_life import CommandLife
-from canopen_control.rpc.messages.robot import MAX_POINTS
+from canopen_control.rpc.messages.trajectory import MAX_POINTS
 from canopen_control.runtime import api_trajectories
 from canopen_control.runtime.api import ApiServer
 

@@ -11,7 +11,7 @@ from canopen_control.bus.memory import MemoryBus
 from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError
 from canopen_control.frame import CanFrame
-from canopen_control.hardware.joint import Action
+from canopen_control.hardware.axis_power import Action
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.core import RobotCore, RobotState

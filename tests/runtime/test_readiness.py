@@ -6,7 +6,7 @@ from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby
 from support.samples import state_dict
 
 from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
-from canopen_control.hardware.joint import Action
+from canopen_control.hardware.axis_power import Action
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotState
 

@@ -3,9 +3,8 @@
 import pytest
 from support.robots import LEFT, MS, Bench, copy_robby
 
-from canopen_control.bus.error_frames import ERROR_FLAG
 from canopen_control.errors import BusError
-from canopen_control.frame import CanFrame
+from canopen_control.frame import ERROR_FLAG, CanFrame
 from canopen_control.runtime.core import RobotState
 
 

@@ -13,8 +13,8 @@ from canopen_control.controllers.types import TYPES
 from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
+from canopen_control.od.issues import Severity
 from canopen_control.runtime.check import CheckOptions, check_robot
-from canopen_control.runtime.check_data import Severity
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.scaffold.bases import BASES
 from canopen_control.scaffold.drive_choice import GUESSED_COUNTS

@@ -4,7 +4,6 @@ import math
 import pytest
 
 from canopen_control.errors import DriveError
-from canopen_control.service.excitation import Chirp, Prbs
 from canopen_control.service.frequency_response import (
     HIGHEST,
     Bode,
@@ -13,6 +12,7 @@ from canopen_control.service.frequency_response import (
     bode_lines,
     frequency_response,
 )
+from canopen_control.service.tune_run import Chirp, Prbs
 
 PERIOD = 0.01
 POLE, LATE = 0.6, 2  # y[k+1] = POLE y[k] + (1 - POLE) u[k - LATE]

@@ -6,18 +6,19 @@ from support.drive_shapes import MAKERS, SHAPES
 from canopen_control.data_files import data_path
 from canopen_control.errors import EdsError
 from canopen_control.od.codec import default_of
-from canopen_control.od.concise import concise_of
+from canopen_control.od.dcf import concise_of
 from canopen_control.od.eds import parse_eds, read_eds
 from canopen_control.od.model import DataType, Entry, ObjectDictionary
-from canopen_control.service.backup_choice import parameters_of, without_unused_slots
-from canopen_control.service.parameter_diff import differences
 from canopen_control.service.parameter_set import (
     DeviceIdentity,
     ParameterSet,
     backup_text,
+    differences,
     lost_in_text,
+    parameters_of,
     read_backup,
     same_value,
+    without_unused_slots,
 )
 
 TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od

@@ -8,9 +8,14 @@ from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError, SdoAbort, SdoTimeout
 from canopen_control.od.eds import read_eds
-from canopen_control.service.parameter_diff import differences
-from canopen_control.service.parameter_set import DeviceIdentity, ParameterSet, backup_text, read_backup
-from canopen_control.service.read_parameters import read_parameters
+from canopen_control.service.parameter_set import (
+    DeviceIdentity,
+    ParameterSet,
+    backup_text,
+    differences,
+    read_backup,
+    read_parameters,
+)
 from canopen_control.service.restore import Restore, RestoreStep, check_device, refuse_moving, store
 
 TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od

@@ -10,14 +10,13 @@ from support.onbus import OnBus
 from support.parameter_node import session_with
 
 from canopen_control.cli.main import main
-from canopen_control.cli.support.restoring import restore_into
+from canopen_control.cli.support.open_session import restore_into
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.host.files import state_dir
 from canopen_control.od.eds import read_eds
-from canopen_control.service.parameter_set import DeviceIdentity, read_backup
-from canopen_control.service.read_parameters import read_parameters
-from canopen_control.service.restore_journal import Reached, RestoreJournal, unfinished_words
+from canopen_control.service.parameter_set import DeviceIdentity, read_backup, read_parameters
+from canopen_control.service.restore import Reached, RestoreJournal, unfinished_words
 
 TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 WANTED = {(0x6081, 0): 91, (0x6083, 0): 92, (0x6084, 0): 93}

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from canopen_control.data_files import data_path
 from canopen_control.od.codec import default_of
 from canopen_control.od.eds import read_eds
-from canopen_control.service.backup_choice import parameters_of, without_unused_slots
-from canopen_control.service.restore_order import restore_groups
+from canopen_control.service.parameter_set import parameters_of, without_unused_slots
+from canopen_control.service.restore import restore_groups
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 HELD = without_unused_slots({entry.address: default_of(entry) for entry in parameters_of(OD)})

@@ -2,11 +2,9 @@ import pytest
 from support.tuneplant import COULOMB, INERTIA, loaded, pushed
 
 from canopen_control.errors import ConfigError, DriveError
-from canopen_control.service.excitation import Prbs
-from canopen_control.service.jog_units import JogScale, parse_quantity
-from canopen_control.service.tune_motion import TuneRecord, TuneSample
+from canopen_control.service.jog_motion import JogScale, parse_quantity
 from canopen_control.service.tune_report import _pairs, findings, identified, report, step_of
-from canopen_control.service.tune_request import TuneRequest, TuneTest
+from canopen_control.service.tune_run import Prbs, TuneRecord, TuneRequest, TuneSample, TuneTest
 
 SCALE = JogScale(4096.0, told=True)
 IDENTIFY = TuneRequest(TuneTest.IDENTIFY, 4.0, 0.01, torque=150.0)

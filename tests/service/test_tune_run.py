@@ -5,10 +5,8 @@ from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import MappedValue, ProcessData
 from canopen_control.rpc.messages.state import AxisReading, CycleTimes, JointReading, NodeReading, StateSample
 from canopen_control.service.driven_axis import JogDrive
-from canopen_control.service.excitation import Step
 from canopen_control.service.jog_motion import JogEnd, JogKind, JogLimits
-from canopen_control.service.tune_motion import TuneMotion, TuneRecord
-from canopen_control.service.tune_run import TuneRun
+from canopen_control.service.tune_run import Step, TuneMotion, TuneRecord, TuneRun
 
 DRIVE = JogDrive("jog_5", "drive", "joint", "controller", "CSV")
 LIMITS = JogLimits(6.0, 10.0, 500.0)

@@ -1,7 +1,7 @@
 import pytest
 from support.simulated import BASE, FORWARD, MS, Judged, S, setup_of
 
-from canopen_control.controllers.running import RunningControllers
+from canopen_control.controllers.switcher import RunningControllers
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.simulation.acts import Act
 from canopen_control.simulation.motion_rules import MotionRules

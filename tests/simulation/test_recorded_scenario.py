@@ -7,6 +7,7 @@ from canopen_control.rpc.messages import robot as messages
 from canopen_control.rpc.messages.robot import ROBOT, Asked
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.rpc.messages.state import RobotEvent
+from canopen_control.rpc.messages.trajectory import SetTrajectory, TrajectoryData
 from canopen_control.rpc.wire import Raw, text_of
 from canopen_control.simulation.recorded_scenario import RecordedRobot, scenario_of_recording
 
@@ -67,7 +68,7 @@ def test_the_points_of_a_trajectory_come_in_the_controllers_order():
     )  # fmt: skip
     joints = [f"joint_{number}" for number in range(1, 7)]
     points = [TrajectoryPoint(positions=[0.1 * n for n in range(6)], time_from_start=1.0 + at) for at in (0, 1)]
-    said = messages.TrajectoryData(points=points[:1]), messages.SetTrajectory(
+    said = TrajectoryData(points=points[:1]), SetTrajectory(
         controller=name, joints=joints[::-1], points=points[1:]
     )  # fmt: skip
     recorded = RecordedRobot(

@@ -1,7 +1,7 @@
 import pytest
 
+from canopen_control.bus.arbitration import duration_ns, frame_bits
 from canopen_control.bus.port import BusEventKind
-from canopen_control.bus.timing import duration_ns, frame_bits
 from canopen_control.bus.wire_faults import DropRule
 from canopen_control.errors import BusClosed
 from canopen_control.frame import CanFrame, frames_of, pack_records

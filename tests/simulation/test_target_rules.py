@@ -2,7 +2,7 @@ import pytest
 from support.mutants import MUTANTS
 from support.simulated import BASE, FORWARD, MS, Judged, S, setup_of
 
-from canopen_control.controllers.running import RunningControllers
+from canopen_control.controllers.switcher import RunningControllers
 from canopen_control.hardware.axis import AxisLimits as AxisLimitsOfMaster
 from canopen_control.hardware.joint_targets import JointTargets
 from canopen_control.runtime.robot_files import find_robot
@@ -11,7 +11,7 @@ from canopen_control.simulation.acts import Act
 from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.target_rules import TargetRules
-from canopen_control.virtual.axis_limits import AxisLimits
+from canopen_control.virtual.power_machine import AxisLimits
 
 
 def rules(judged, views, tell):

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from support.guest import eventually, ip
 
+from canopen_control.bus.can_interfaces import count_hearing
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.kernel_sync import KernelSync
-from canopen_control.bus.listeners import count_hearing
 from canopen_control.frame import CanFrame
 
 pytestmark = pytest.mark.socketcan
@@ -92,7 +92,7 @@ def test_status_tells_frames_who_listens_and_what_the_kernel_sends(stage, vcan, 
 
 NOBODY_LOOKS = """
 import os, sys
-from canopen_control.bus.listeners import count_hearing, find_listeners
+from canopen_control.bus.can_interfaces import count_hearing, find_listeners
 os.setgid(65534)
 os.setuid(65534)
 print(len(find_listeners(sys.argv[1])), "named,", count_hearing(sys.argv[1]), "hear")

@@ -16,9 +16,8 @@ from support.host import eventually
 
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.error_frames import lost_frames
-from canopen_control.bus.port import BusEventKind
+from canopen_control.bus.port import SEND_LIMIT, BusEventKind
 from canopen_control.bus.port_abilities import Arrivals
-from canopen_control.bus.port_parts import SEND_LIMIT
 from canopen_control.errors import InterfaceDown, InterfaceNotFound
 from canopen_control.frame import CanFrame, frames_of, pack_records
 

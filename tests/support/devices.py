@@ -11,8 +11,6 @@ from support.virtualbench import Bench as NodeBench
 from canopen_control.data_files import data_path
 from canopen_control.virtual.device import make_device
 
-__all__ = ["IO", "DeviceBench", "put", "virtual", "with_device", "with_measured_joint"]
-
 IO = 5
 _ANCHOR = '    <xacro:drive side="right"/>\n'
 OUTPUTS = """

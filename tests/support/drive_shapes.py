@@ -9,8 +9,6 @@ from support.virtualbench import pdo_entries, servo_od
 from canopen_control.od.dcf import eds_text
 from canopen_control.od.model import DataType, Entry, ObjectCode, ObjectInfo
 
-__all__ = ["MAKERS", "SHAPES", "UNWATCHED", "commissioned", "shape", "write_shape"]
-
 NODE = 5
 PDOS = (0x1400, 0x1401, 0x1600, 0x1601, 0x1800, 0x1801, 0x1A00, 0x1A01)
 WORD, MODE, POSITION, SPEED = 0x60400010, 0x60600008, 0x607A0020, 0x60FF0020

@@ -8,8 +8,6 @@ from hypothesis import strategies as st
 from canopen_control import od
 from canopen_control.od.eds import parse_eds
 
-__all__ = ["DEVIATIONS", "DEVICE_TYPE", "MALFORMED", "codes", "eds", "lines_executed", "mutated", "parse", "section"]
-
 TESTS = Path(__file__).parents[1]
 MALFORMED = TESTS / "od" / "malformed"
 DEVIATIONS = TESTS / "od" / "deviations"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from support.virtualbench import Aborted, Bench, servo
 
-from canopen_control.virtual.fault_switches import FaultSwitches
-from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.fault_table import FAULTS, FaultSwitches
 
 
 class Faulty(Bench):

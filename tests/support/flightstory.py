@@ -10,8 +10,7 @@ from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.state import RobotEvent, Status, TimedSnapshot
 from canopen_control.rpc.wire import convert, text_of
 from canopen_control.runtime.api import ApiServer
-from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta, candump_lines, save
-from canopen_control.trace.flight_ring import KeptFrame
+from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta, KeptFrame, candump_lines, save
 
 FAULT = "node 3 (left_drive)"
 

@@ -6,8 +6,6 @@ import re
 
 from canopen_control.data_files import data_path
 
-__all__ = ["JOINTS", "MODES", "write_generic", "write_two_axes"]
-
 JOINTS = ("one", "two")
 MODES = {"PP": 1, "VL": 2, "PV": 3, "TQ": 4, "HM": 6, "IP": 7, "CSP": 8, "CSV": 9, "CST": 10}
 _BUS = """

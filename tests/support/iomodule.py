@@ -5,8 +5,6 @@ from __future__ import annotations
 import yaml
 from support.robots import copy_robby
 
-__all__ = ["EDS_TEXT", "IO", "eds_of", "io_eds", "with_io_module"]
-
 IO = 5
 _OBJECTS = {
     "1000": ("Device type", 7, "ro", "0x00030191", 0),

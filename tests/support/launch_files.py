@@ -6,8 +6,6 @@ import shutil
 
 from canopen_control.data_files import data_path
 
-__all__ = ["LAUNCH", "make_package"]
-
 LAUNCH = """\
 import os
 

@@ -25,7 +25,6 @@ from canopen_control.host import reactor, timer
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = ["Lockstep", "lockstep", "typed_into"]
 
 _SECOND = 1_000_000_000
 _NEVER = 1 << 62

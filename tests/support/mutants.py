@@ -6,21 +6,20 @@ from canopen_control.cia301.heartbeat import HeartbeatEventKind
 from canopen_control.controllers.command_life import CommandLife
 from canopen_control.controllers.joint_state import JointStateBroadcaster
 from canopen_control.controllers.manager import ControllerManager
-from canopen_control.controllers.running import RunningControllers
+from canopen_control.controllers.switcher import RunningControllers
 from canopen_control.hardware.interfaces import OK
 from canopen_control.hardware.joint import JointDrive
 from canopen_control.hardware.joint_targets import VelocityTarget
-from canopen_control.hardware.recovery import Recovery
-from canopen_control.hardware.system import CanopenSystem
+from canopen_control.hardware.system import CanopenSystem, Recovery
 from canopen_control.host.lineserver import Connection, LineServer
 from canopen_control.master.network import Network
 from canopen_control.master.remote_node import RemoteNode
 from canopen_control.runtime import node_readings, status
 from canopen_control.runtime.core import RobotCore, RobotState
-from canopen_control.runtime.latch import StopLatch
 from canopen_control.runtime.node_readings import NodeReadings
 from canopen_control.runtime.pacer import Pacer
-from canopen_control.virtual.axis_limits import AxisLimits
+from canopen_control.runtime.readiness import StopLatch
+from canopen_control.virtual.power_machine import AxisLimits
 
 
 def stop_is_late(patch):

@@ -10,9 +10,9 @@ from support.samples import controllers_of, sample_of, status_of
 from canopen_control.rpc.messages.drive import FaultListing
 from canopen_control.rpc.messages.robot import BusPlace, Description, NodeListing, NodePlace
 from canopen_control.service.node_session import NodeSession
-from canopen_control.view.fault_client import DriveFaults
 from canopen_control.view.node_desk import NodeDesk
-from canopen_control.view.robot_info import read_robot_info
+from canopen_control.view.page_content import DriveFaults
+from canopen_control.view.robot_connection import read_robot_info
 from canopen_control.view.robot_view import RobotView
 from canopen_control.view.trajectory_player import TrajectoryPlayer
 

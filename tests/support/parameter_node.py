@@ -8,8 +8,6 @@ from canopen_control.errors import SdoAbort, SdoTimeout
 from canopen_control.service.node_session import NodeSession
 from canopen_control.virtual.device import make_device
 
-__all__ = ["DeviceTransfers", "session_with"]
-
 BOOTED = 1_000_000_000
 
 

@@ -9,8 +9,6 @@ from support.iomodule import eds_of
 
 from canopen_control.data_files import data_path
 
-__all__ = ["NAMES", "ROBOTS", "write_peer_files"]
-
 _DATA = Path(__file__).parents[1] / "data" / "ros2_canopen"
 NAMES = sorted(path.stem for path in _DATA.glob("*.yml"))
 ROBOTS = sorted(path.parent.name for path in _DATA.glob("*/bus.yml"))  # those with controllers

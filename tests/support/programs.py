@@ -5,8 +5,6 @@ from __future__ import annotations
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 
-__all__ = ["PROGRAM_EDS", "program_od"]
-
 PROGRAM_EDS = "generic_cia402_program.eds"
 
 

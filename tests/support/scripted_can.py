@@ -7,8 +7,6 @@ import threading
 
 import can
 
-__all__ = ["ScriptedBus"]
-
 
 class ScriptedBus(can.BusABC):
     """An adapter whose receiving and sending do what a test says."""

@@ -10,7 +10,8 @@ from canopen_control.cia301.sdo_server import SdoServer, SdoServerAbort
 from canopen_control.frame import CanFrame
 
 if TYPE_CHECKING:
-    from canopen_control.cia301.sdo_client import SdoClient, SdoRequest
+    from canopen_control.cia301.sdo_client import SdoClient
+    from canopen_control.cia301.sdo_exchange import SdoRequest
 
 NODE = 3
 MS = 1_000_000

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["TransformBuffer", "stamp_ns"]
-
 
 class TransformBuffer:
     """Takes TFMessages; `lookup` tells where a frame is in another one at a time in ns."""

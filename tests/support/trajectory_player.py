@@ -12,9 +12,8 @@ from canopen_control.controllers.base import ControllerState
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.trajectory.controller import JointTrajectoryController
 from canopen_control.controllers.trajectory.goal import Goal
-from canopen_control.controllers.trajectory.params import read_params
+from canopen_control.controllers.trajectory.params import GoalTolerances, JointTolerance, read_params
 from canopen_control.controllers.trajectory.point import Point
-from canopen_control.controllers.trajectory.tolerances import GoalTolerances, JointTolerance
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.urdf.joint_element import Joint, Limits

@@ -14,8 +14,7 @@ from support.samples import controllers_of, event_of, sample_of
 
 from canopen_control.errors import ConfigError
 from canopen_control.runtime.api import ApiServer
-from canopen_control.trace.bag import BagWriter
-from canopen_control.trace.bag_messages import BagMessages
+from canopen_control.trace.bag import BagMessages, BagWriter
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed: pip install canopen-control[bag]")
 

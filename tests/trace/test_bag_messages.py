@@ -9,8 +9,7 @@ from support.samples import sample_of
 from support.trajectories import close
 
 from canopen_control.rpc.messages.samples import MecanumSample, PidSample, SteeringSample, TrajectorySample
-from canopen_control.trace.bag import BagWriter
-from canopen_control.trace.bag_messages import BagMessages
+from canopen_control.trace.bag import BagMessages, BagWriter
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed: pip install canopen-control[bag]")
 

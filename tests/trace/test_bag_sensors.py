@@ -15,9 +15,7 @@ from canopen_control.rpc.messages.samples import (
     WrenchSample,
 )
 from canopen_control.rpc.messages.state import StateSample
-from canopen_control.trace.bag import BagWriter
-from canopen_control.trace.bag_messages import BagMessages
-from canopen_control.trace.bag_sensors import SENSORS
+from canopen_control.trace.bag import SENSORS, BagMessages, BagWriter
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed: pip install canopen-control[bag]")
 SAMPLES = {

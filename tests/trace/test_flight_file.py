@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from canopen_control.bus.candump import line_of
+from canopen_control.bus.recordings import line_of
 from canopen_control.errors import ConfigError, DiskFull
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, RECORD, CanFrame, pack_records, remote_frame
 from canopen_control.rpc.messages.layout import BusLayout, Layout, NodeLayout
@@ -22,6 +22,7 @@ from canopen_control.trace import flight_file
 from canopen_control.trace.flight_file import (
     MAX_FILES,
     FlightMeta,
+    KeptFrame,
     candump_lines,
     is_flight_file,
     newest,
@@ -30,7 +31,6 @@ from canopen_control.trace.flight_file import (
     save,
     write_flight,
 )
-from canopen_control.trace.flight_ring import KeptFrame
 from canopen_control.trace.report_build import facts_of
 from canopen_control.trace.report_page import page_of
 

@@ -6,8 +6,9 @@ from support.samples import event_of, sample_of
 
 from canopen_control.errors import ConfigError
 from canopen_control.host.lineclient import LineClient
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import socket_path
+from canopen_control.host.timer import ManualClock
 from canopen_control.rpc.messages.robot import Description
 from canopen_control.rpc.messages.state import RobotEvent
 from canopen_control.rpc.messages.world_shape import WorldShape

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from urdf.test_xacro_run import HEAD, run_xacro, write
+from urdf.test_description_xacro_run import HEAD, run_xacro, write
 
 from canopen_control.urdf.xacro_child import REFUSED, URDF, _run, _where
 

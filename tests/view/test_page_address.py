@@ -4,8 +4,7 @@ import stat
 import pytest
 
 from canopen_control.host.sockets import runtime_dir
-from canopen_control.view.access_rules import AccessRules
-from canopen_control.view.page_address import PageAddress, killed_port, page_addresses
+from canopen_control.view.page_address import AccessRules, PageAddress, killed_port, page_addresses
 
 pytestmark = pytest.mark.usefixtures("private_folders")
 

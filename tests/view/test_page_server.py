@@ -17,14 +17,14 @@ import websockets.asyncio.client as wsclient
 import websockets.exceptions
 
 from canopen_control.errors import ConfigError
-from canopen_control.view.access_rules import AccessRules
+from canopen_control.view.page_address import AccessRules
 from canopen_control.view.page_server import access_problem, listen
 
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 TOKEN = "secret"
 SERVE = """
 import asyncio, sys
-from canopen_control.view.access_rules import AccessRules
+from canopen_control.view.page_address import AccessRules
 from canopen_control.view import page_server as server
 host, token, tamper = sys.argv[1:]
 if tamper:

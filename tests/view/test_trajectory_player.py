@@ -6,11 +6,16 @@ import threading
 import pytest
 
 from canopen_control.errors import RemoteError
-from canopen_control.rpc.messages.robot import CancelTrajectory, SendTrajectory, TrajectoryEnd
 from canopen_control.rpc.messages.samples import TrajectoryPoint
-from canopen_control.rpc.messages.trajectory import TrajectoryHeartbeat, TrajectoryResult, TrajectoryVerdict
-from canopen_control.view.loaded_trajectory import LoadedTrajectory
-from canopen_control.view.trajectory_player import HERE_HZ, SILENT_S, Played, TrajectoryPlayer
+from canopen_control.rpc.messages.trajectory import (
+    CancelTrajectory,
+    SendTrajectory,
+    TrajectoryEnd,
+    TrajectoryHeartbeat,
+    TrajectoryResult,
+    TrajectoryVerdict,
+)
+from canopen_control.view.trajectory_player import HERE_HZ, SILENT_S, LoadedTrajectory, Played, TrajectoryPlayer
 
 WAVE = LoadedTrajectory("wave", ["a"], [TrajectoryPoint(positions=[1.0], time_from_start=2.0)])
 ACCEPTED = TrajectoryVerdict(accepted=True)

@@ -19,7 +19,7 @@ from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import GetNodes, GetStatus, Stop
 from canopen_control.scaffold.new_robot import Device
 from canopen_control.service.jog_motion import JogKind
-from canopen_control.service.tune_request import TuneTest
+from canopen_control.service.tune_run import TuneTest
 from canopen_control.view.node_desk import NodeDesk, NodeWork
 from canopen_control.view.tune_job import (
     Presence,

@@ -21,10 +21,9 @@ from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.robot import Release
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
 from canopen_control.view import view_app
-from canopen_control.view.dead_man import joint_motion
-from canopen_control.view.loaded_trajectory import LoadedTrajectory
 from canopen_control.view.page_address import page_addresses
-from canopen_control.view.robot_connection import RobotConnection
+from canopen_control.view.robot_connection import RobotConnection, joint_motion
+from canopen_control.view.trajectory_player import LoadedTrajectory
 from canopen_control.view.view_app import SEEN_HZ, STILL_HZ, UNSEEN_HZ, ViewApp
 
 FORWARD = "robby_forward_controller"

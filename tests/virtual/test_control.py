@@ -11,18 +11,18 @@ from support.virtualbench import S, servo
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.lineclient import LineClient
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import socket_path
+from canopen_control.host.timer import ManualClock
 from canopen_control.rpc.messages.declare import PROTOCOL
 from canopen_control.rpc.messages.drive import BasePose, WorldState
 from canopen_control.rpc.messages.world_shape import WorldShape
 from canopen_control.version import __version__
 from canopen_control.virtual.control import NodeControl
-from canopen_control.virtual.diffbase import DiffBase
 from canopen_control.virtual.fault_table import FAULTS
 from canopen_control.virtual.nodehost import NodeHost
 from canopen_control.virtual.plant import LoadedPlant, PlainWorld
-from canopen_control.virtual.wheel import WheelPlant
+from canopen_control.virtual.worldfile import DiffBase, WheelPlant
 
 
 class Controlled:

@@ -9,11 +9,10 @@ from support.virtualbench import TMCM, Bench, T, entry, servo_od
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, EdsError
 from canopen_control.od.model import ObjectDictionary
-from canopen_control.virtual.device import device_model_of, make_device, make_devices
+from canopen_control.virtual.device import TMCM1270, device_model_of, make_device, make_devices
 from canopen_control.virtual.device_model import GENERIC
 from canopen_control.virtual.plant import LagPlant, PlainWorld
 from canopen_control.virtual.scenario import ScenarioError
-from canopen_control.virtual.tmcm1270 import TMCM1270
 
 EDS = data_path("eds", "generic_cia402.eds")
 

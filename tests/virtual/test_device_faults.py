@@ -16,7 +16,7 @@ from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.errors import ConfigError
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.fault_switches import FaultSwitches
+from canopen_control.virtual.fault_table import FaultSwitches
 from canopen_control.virtual.program_area import whole_program
 
 

@@ -7,7 +7,7 @@ from support.setpoints import StreamBench
 from support.virtualbench import TMCM, Bench, T, entry, servo, servo_od
 
 from canopen_control.od.eds import read_eds
-from canopen_control.virtual.device import device_model_of, make_device
+from canopen_control.virtual.device import TMCM1270, device_model_of, make_device
 from canopen_control.virtual.device_model import (
     ELMO,
     GENERIC,
@@ -17,7 +17,6 @@ from canopen_control.virtual.device_model import (
     MissingSetPoint,
     vendor_model,
 )
-from canopen_control.virtual.tmcm1270 import TMCM1270
 
 STANDS = MissingSetPoint()
 

@@ -18,7 +18,7 @@ from canopen_control.virtual.node_events import (
 )
 
 
-@pytest.mark.parametrize("name", [name for name in node_events.__all__ if name[0].isupper()])
+@pytest.mark.parametrize("name", [name for name, kind in vars(node_events).items() if dataclasses.is_dataclass(kind)])
 def test_events_are_plain_frozen_data(name):
     kind = getattr(node_events, name)
     assert dataclasses.is_dataclass(kind)

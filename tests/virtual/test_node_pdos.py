@@ -8,7 +8,7 @@ from support.virtualbench import MS, Bench, servo, tmcm
 from canopen_control.cia301.emcy import EmcyConsumer
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.frame import REMOTE_FLAG, CanFrame
-from canopen_control.virtual.fault_switches import FaultSwitches
+from canopen_control.virtual.fault_table import FaultSwitches
 
 VALID, INVALID, NO_RTR = 0, 1 << 31, 1 << 30
 

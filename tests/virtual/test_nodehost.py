@@ -8,10 +8,10 @@ from support.virtualbench import MS, S, generic, servo, tmcm
 
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.cia301.nmt import NmtStateChanged
-from canopen_control.cia301.sdo_codec import crc16
-from canopen_control.cia301.sdo_records import segment_frames
+from canopen_control.cia301.sdo_codec import crc16, segment_frames
 from canopen_control.frame import ERROR_FLAG, CanFrame, frames_of, pack_records
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.timer import ManualClock
 from canopen_control.virtual.nodehost import NodeHost
 
 

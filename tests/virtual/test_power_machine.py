@@ -3,7 +3,7 @@ from __future__ import annotations
 from support.virtualbench import Bench, S, servo
 
 from canopen_control.cia402.state import POWERED_STATES, State
-from canopen_control.virtual.fault_switches import FaultSwitches
+from canopen_control.virtual.fault_table import FaultSwitches
 from canopen_control.virtual.node_events import in_words
 
 

@@ -12,15 +12,14 @@ from canopen_control.bus.memory import MemoryBus
 from canopen_control.bus.port import BusEvent, BusEventKind
 from canopen_control.errors import BusClosed
 from canopen_control.frame import CanFrame, frames_of, pack_records
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import list_sockets, socket_path
+from canopen_control.host.timer import ManualClock
 from canopen_control.rpc.messages.drive import WorldState
 from canopen_control.virtual import process
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.node_id_check import NodeIdTaken
-from canopen_control.virtual.process import DriveProcess
+from canopen_control.virtual.process import BusNodes, DriveProcess, NodeIdTaken
 from canopen_control.virtual.scenario import Switching
-from canopen_control.virtual.served_bus import BusNodes
 
 PORTS = []
 

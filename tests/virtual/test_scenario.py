@@ -6,7 +6,8 @@ import pytest
 from support.virtualbench import S, servo
 
 from canopen_control.bus.memory import MemoryBus
-from canopen_control.host.reactor import ManualClock, Reactor
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.timer import ManualClock
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, SetGrip
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.nodehost import NodeHost

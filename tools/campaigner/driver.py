@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from campaigner.stage import Stage
     from canopen_control.rpc.messages.declare import Request
 
-__all__ = ["STOP_ANSWER_S", "Driver"]
 
 A = TypeVar("A")
 

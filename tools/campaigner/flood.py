@@ -17,7 +17,6 @@ from canopen_control.frame import EXTENDED_FLAG, CanFrame, pack_records, remote_
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["KINDS", "main"]
 
 _TAKEN: Final = (0, 1, 2, 3)  # node ids of the robot, and the broadcast services
 _PERIOD_S: Final = 0.01

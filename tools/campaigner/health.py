@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from campaigner.processes import Run
 
-__all__ = ["GONE_S", "GROWTH_MB", "LINES_PER_MINUTE", "Logs", "Memory", "watch_orphans"]
 
 GROWTH_MB: Final = 16.0
 WARM_UP_S: Final = 20.0

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["KINDS", "main"]
 
 _SOCKETS: Final = 8
 _IDLE: Final = 80

@@ -22,7 +22,6 @@ from canopen_control.rpc.messages.drive import GetDriveState
 if TYPE_CHECKING:
     from campaigner.observer import Breach, Command, Enable, Observer, Reason
 
-__all__ = ["Listener"]
 
 _LOOK_S: Final = 0.01
 _STALL_S: Final = 0.03

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
     from canopen_control.runtime.setup import RobotSetup
 
-__all__ = ["PLANS", "code_sum", "main", "run_plans", "wanted_of"]
 
 ROOT: Final = Path(__file__).parents[2]
 RESULTS: Final = ROOT / "docs" / "reference" / "seeds.json"

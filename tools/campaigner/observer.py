@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from campaigner.wire import Wire
 
-__all__ = ["GRACE_S", "Breach", "Command", "Enable", "Observer", "Reason"]
 
 GRACE_S: Final = 0.25  # a cycle or two, the way through a socket, and the scheduling of a busy machine
 MOTOR_S: Final = 0.1  # what a shaft lags behind its ramp

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["MARK", "Program", "Run", "marked", "resident_mb", "start_helper"]
 
 MARK: Final = "CANOPEN_CONTROL_CAMPAIGN"
 _PAGE: Final = os.sysconf("SC_PAGE_SIZE")

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-__all__ = ["FAULTS", "FLOODS", "HARMLESS", "HOSTILE", "KINDS", "TOP_SPEED", "Action", "make_script", "read_script"]
 
 TOP_SPEED: Final = 12.0  # rad/s
 _SLOWEST: Final = 2.0

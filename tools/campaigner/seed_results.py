@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from canopen_control.simulation.campaign import SeedResult
 
-__all__ = ["SIMULATED", "Plan", "Results", "RobotResults", "page_of", "read_results", "write_results"]
 
 SIMULATED: Final = "docs/reference/seeds.json"
 REPAIRED: Final = {

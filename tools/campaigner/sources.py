@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from campaigner.processes import Program
     from canopen_control.rpc.messages.declare import Request
 
-__all__ = ["CONTROLLER", "ShellStream", "SocketStream", "ask", "command_once", "enable"]
 
 A = TypeVar("A")
 CONTROLLER: Final = "robby_forward_controller"

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from campaigner.listen import Listener
 
-__all__ = ["Stage"]
 
 NAME: Final = "campaign"
 START_S: Final = 30.0

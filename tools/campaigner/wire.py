@@ -15,16 +15,6 @@ import yaml
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = [
-    "CONTROLWORD",
-    "STATUSWORD",
-    "TARGET_VELOCITY",
-    "VELOCITY",
-    "Field",
-    "Limits",
-    "Wire",
-    "read_wire",
-]
 
 CONTROLWORD: Final = 0x6040
 STATUSWORD: Final = 0x6041

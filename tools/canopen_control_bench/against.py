@@ -35,7 +35,6 @@ from canopen_control_bench.runner import FAMILIES, GROUPS
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-__all__ = ["Ratio", "Side", "main", "ratios", "table"]
 
 FEWEST: Final = 7
 _ROOT: Final = Path(__file__).resolve().parents[2]

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-__all__ = ["CONTROLLER", "ENDS", "JOINTS", "NODES", "POSITIONS", "arm_at", "copy_arm", "edit", "planned"]
 
 JOINTS = [f"joint_{index}" for index in range(1, 7)]
 NODES = tuple(range(2, 8))

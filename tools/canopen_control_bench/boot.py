@@ -24,11 +24,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.errors import BusError
-    from canopen_control.master.boot_task import BootStep
+    from canopen_control.master.boot import BootStep
     from canopen_control.master.config import BusConfig
     from canopen_control_bench.runner import Options
 
-__all__ = ["Boot", "boot", "measure"]
 
 LIMITS_S = {2: 0.3, 64: 2.0}
 ROUNDS = 5

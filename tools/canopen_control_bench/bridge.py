@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     from canopen_control_bench.runner import Options
 
-__all__ = ["BridgeBench", "measure"]
 
 ROUNDS = 3
 SECONDS, QUICK_SECONDS = 20.0, 6.0  # of publishing, all rounds together, ours and the peer's each

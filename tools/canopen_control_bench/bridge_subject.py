@@ -19,7 +19,6 @@ from canopen_control_bench.turns import say
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["BridgeSubject", "main"]
 
 CONTROLLER = "robby_base_controller"
 

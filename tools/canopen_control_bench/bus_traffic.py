@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
 
-__all__ = ["Ears", "send_all"]
 
 _TPDO = 0x180
 _TICK_S = 0.001

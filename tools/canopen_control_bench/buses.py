@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from canopen_control_bench.runner import Options
 
-__all__ = ["Carried", "carried", "measure"]
 
 MOST = 140_000  # frames a second on one bus
 EIGHT = 8  # buses, each full

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from canopen_control_bench.stage import Contender
     from canopen_control_bench.turns import Turn
 
-__all__ = ["has_extra", "has_ros", "measure", "on_a_terminal", "p99_of", "stopped"]
 
 INFLUENCE_LIMIT = 1.05
 PERIOD_US = 10_000

@@ -13,8 +13,6 @@ from canopen_control.errors import ConfigError
 from canopen_control.host.signals import interrupt, on_signals
 from canopen_control_bench.runner import FAMILIES, GROUPS, Options, run_families
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""

@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
     from canopen_control_bench.turns import Turn
 
-__all__ = ["CANOPEN", "NAMES", "OURS", "PYTHON_CAN", "Arena", "absolutes_of", "ask_robot", "measure", "rounds_of"]
 
 A = TypeVar("A")
 OURS, PYTHON_CAN = "runtime", "python-can"

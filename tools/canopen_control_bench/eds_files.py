@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["DUMMIES", "SHAPES", "Shape", "written"]
 
 _WORDS = re.findall(
     r"[a-z]+",

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["Figure", "compared", "limited", "percentile", "percentiles"]
 
 AT_MOST, AT_LEAST = "at most", "at least"
 _POINTS = (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0))

@@ -14,7 +14,6 @@ from canopen_control.data_files import data_path
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["CONTROLLER", "FIRST_NODE", "RADIUS_M", "SCALE", "write_fleet"]
 
 SCALE = 254.64790894703253  # microsteps for each rad: 1600 a revolution
 RADIUS_M, SEPARATION_M = 0.035, 0.24

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from canopen_control_bench.figure import Figure
 
-__all__ = ["MOST_RUNS", "SLOWER", "kept_rows", "row_of", "slower_than_before"]
 
 MOST_RUNS = 500
 SLOWER = 1.25  # times what it was is worth a word: a ratio of medians differs by a tenth from run to run

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
     from canopen_control_bench.stage import Program, Stage
 
-__all__ = ["RUNTIME_LIMIT", "VIEW_LIMITS", "measure"]
 
 RUNTIME_LIMIT: Final = 0.015  # of a core
 #: browsers -> cores of the view

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from canopen_control_bench.runner import Options
 
-__all__ = ["ROBOT", "measure", "seconds_of"]
 
 ROBOT = "bench"
 HELP_LIMIT, STATUS_LIMIT = 2.5, 5.0

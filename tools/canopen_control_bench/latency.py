@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Port
     from canopen_control_bench.runner import Options
 
-__all__ = ["command_latencies", "measure", "rpdo_with"]
 
 TOPIC_LIMIT_MS = 3.0
 PERIOD_US = 1000

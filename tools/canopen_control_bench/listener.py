@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
 
-__all__ = ["Verdict", "cycles_of", "judge", "listening"]
 
 SYNC = 0x080
 _PDOS = range(0x180, 0x580, 0x80)

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
     from canopen_control_bench.turns import Turn
 
-__all__ = ["FULL_BUS", "LIMIT", "measure"]
 
 FULL_BUS = 8749  # frames/s
 LIMIT = 0.35  # of a core

@@ -22,7 +22,6 @@ from canopen_control.version import build
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-__all__ = ["apart", "cpu_ns", "describe", "idle_part", "may_be_realtime", "resident_bytes", "wakeups"]
 
 _CPU_CLOCK = 2  # of linux/posix-timers.h: the scheduler's clock of a process
 _IDLE = (3, 4)  # idle and iowait, columns of /proc/stat

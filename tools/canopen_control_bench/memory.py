@@ -23,7 +23,6 @@ from canopen_control_bench.stage import TIMEOUT_S, Stage, stage
 if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
 
-__all__ = ["grow", "measure"]
 
 LIMIT_MB = 1.0
 CYCLES, QUICK_CYCLES = 1_000_000, 30_000

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from canopen_control.virtual.device_model import DeviceModel
     from canopen_control_bench.runner import Options
 
-__all__ = ["Sync", "accept_goals", "beside", "by_default", "follow_in_turns", "measure"]
 
 CPU_LIMIT: Final = 1.5
 HELD_LIMIT_US: Final = 1000.0

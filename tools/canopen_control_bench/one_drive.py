@@ -28,11 +28,10 @@ from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, Entry
 from canopen_control.rpc.messages.drive import GetDriveState
 from canopen_control.rpc.messages.hub import SetBitrate
-from canopen_control.service.backup_choice import parameters_of
-from canopen_control.service.guarded_restore import quiet_node
 from canopen_control.service.node_session import NodeSession
-from canopen_control.service.program_download import DownloadProgress, ProgramOptions
-from canopen_control.service.program_session import download
+from canopen_control.service.parameter_set import parameters_of
+from canopen_control.service.program_download import DownloadProgress, ProgramOptions, download
+from canopen_control.service.restore import quiet_node
 from canopen_control.virtual.program_area import whole_program
 from canopen_control_bench.figure import AT_LEAST, Figure, limited
 from canopen_control_bench.stage import TIMEOUT_S, stage
@@ -44,7 +43,6 @@ if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
     from canopen_control_bench.stage import Stage
 
-__all__ = ["measure"]
 
 FIRST_TURN_S, DEAD_MAN_S, CLONE_S = 30.0, 0.5, 10.0
 RATE_KB_S: Final = 0.8 * 51.0  # of what block transfer can carry at 1 Mbit/s

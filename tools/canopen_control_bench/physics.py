@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
     from canopen_control_bench.stage import Stage
 
-__all__ = ["measure"]
 
 CORE_LIMIT: Final = 6.0  # % of a core
 REST_LIMIT: Final = 0.1  # s of 60

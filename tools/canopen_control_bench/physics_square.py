@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from canopen_control.physics.physics_world import PhysicsWorld
     from canopen_control.virtual.trajectory import Trajectory
 
-__all__ = ["BelievedWheels", "Ending", "MisjudgedBase", "digest_after", "rest_cpu", "square", "world_of"]
 
 MS: Final = 1_000_000
 LEFT, RIGHT = (3, 0), (2, 0)

@@ -27,7 +27,6 @@ from canopen_control_bench.slaves import replays
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["RecordedFleet"]
 
 STEP_NS = 20_000_000
 _START_NS = 1_000_000_000

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from canopen_control_bench.figure import Figure
 
-__all__ = ["FAMILIES", "GROUPS", "Options", "Report", "module_of", "run_families", "table"]
 
 #: family -> what it measures; each is a module of this room with `measure(options) -> list[Figure]`
 FAMILIES = {

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
     from canopen_control_bench.turns import Turn
 
-__all__ = ["COUNTS", "MOST", "measure", "shortest_period_us"]
 
 MOST = 126  # drives: with the master 127 nodes
 COUNTS = (2, 8, 16, 32, 64, MOST)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import open_port
 from canopen_control.cia301.abort import AbortCode
-from canopen_control.cia301.sdo_records import deliver
+from canopen_control.cia301.sdo_codec import deliver
 from canopen_control.cia301.sdo_server import SdoServer, SdoServerAbort
 from canopen_control.errors import BusClosed
 from canopen_control.frame import pack_records
@@ -24,7 +24,6 @@ from canopen_control.master.direct import DirectBus
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = ["BLOCK", "BLOCK_BYTES", "BUS", "NODE", "NUMBER", "Client", "Store", "our_client", "serve"]
 
 NODE = 3
 BUS = "services"

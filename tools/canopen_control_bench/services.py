@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from canopen_control_bench.eds_files import Shape
     from canopen_control_bench.runner import Options
 
-__all__ = ["check", "measure"]
 
 CANOPEN = "canopen"
 CPU_LIMIT, EDS_LIMIT, LARGE_EDS_LIMIT, BLOCK_LIMIT = 0.5, 0.5, 0.35, 5.0

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import MemoryBus
-from canopen_control.controllers.trajectory.goal import Goal, GoalState
+from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.trajectory.goal import Goal
 from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.reactor import Reactor
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from canopen_control.virtual.device_model import DeviceModel
     from canopen_control.virtual.virtual_node import VirtualNode
 
-__all__ = ["MS", "STEP_NS", "SimulatedArm"]
 
 MS: Final = 1_000_000
 STEP_NS: Final = MS // 10

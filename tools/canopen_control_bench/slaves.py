@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import BusEvent, Port, PortStats, Records
 
-__all__ = ["ReplayPort", "main", "replays"]
 
 _SYNC = 0x080
 _TPDOS, _RPDOS = (0x180, 0x280), (0x200, 0x300)

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from canopen_control_bench.runner import Options
 
-__all__ = ["FAULTS", "Soak", "measure"]
 
 PERIOD_US = 10_000
 DRIVES = 2

@@ -29,7 +29,6 @@ from canopen_control_bench.turns import Turn
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-__all__ = ["EDS", "Contender", "Stage", "stage"]
 
 EDS = str(data_path("eds", "TMCM-1270.eds"))
 TIMEOUT_S = 60.0

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from canopen_control_bench.runner import Options
     from canopen_control_bench.stage import Program
 
-__all__ = ["measure", "run_robby", "until_commanded", "until_joint_states"]
 
 COMMANDED_LIMIT_S, JOINT_STATES_LIMIT_S = 0.6, 1.5
 ROUNDS, QUICK_ROUNDS = 9, 3

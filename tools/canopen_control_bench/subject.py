@@ -27,8 +27,6 @@ from canopen_control_bench.turns import Turn, say
 if TYPE_CHECKING:
     from canopen_control.master.cycle import ReceivedPdo
 
-__all__ = ["Subject", "main"]
-
 
 class Subject:
     """A session that serves turns from standard input."""

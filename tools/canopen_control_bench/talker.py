@@ -12,8 +12,6 @@ import time
 from canopen_control.bus.channel import open_port
 from canopen_control.frame import RECORD
 
-__all__ = ["talk"]
-
 _TPDO2 = 0x280
 _RANGE = 50  # counts: a drive that stands still, as its encoder sees it
 

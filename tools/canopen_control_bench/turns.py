@@ -23,8 +23,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, MutableSequence
 
-__all__ = ["Turn", "say", "serve_turns"]
-
 
 def _numbers() -> array[int]:
     """Return what holds a number for each cycle: none that the garbage collector of who is measured would look at."""

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control_bench.runner import Options
 
-__all__ = ["Simulated", "measure", "simulate"]
 
 #: how many times real time at least, by build; a quick run may share its processors with others, and judges a quarter
 LIMITS: Final[dict[str, dict[str, float]]] = {

@@ -22,8 +22,6 @@ from canopen_control_bench.turns import say
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["main", "unwitnessed", "watch"]
-
 
 def watch(
     period_ns: int,

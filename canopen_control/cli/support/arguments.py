@@ -10,18 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = [
-    "LONGEST_S",
-    "add_duration",
-    "add_new_name",
-    "finite",
-    "node_id",
-    "number",
-    "seconds",
-    "timeout_seconds",
-    "whole",
-    "whole_number",
-]
 
 LONGEST_S: Final = 1e9  # some thirty years
 

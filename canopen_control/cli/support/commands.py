@@ -29,15 +29,6 @@ if TYPE_CHECKING:
 
     Command = CommandByName | CommandController | TwistController
 
-__all__ = [
-    "add_repeat_arguments",
-    "ask_for_controllers",
-    "positions_of",
-    "send",
-    "target_interface",
-    "the_controller",
-    "values_at_the_end",
-]
 
 PERIOD_S = 0.1
 TARGET = "target"

@@ -9,14 +9,18 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
 import argcomplete
 from argcomplete.completers import DirectoriesCompleter, FilesCompleter, SuppressCompleter
 
+from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.verbs import VERBS, parser_of
-from canopen_control.errors import CanopenError
+from canopen_control.client import RobotClient, find_robots
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.rpc.messages.robot import GetNodes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -25,7 +29,68 @@ if TYPE_CHECKING:
 
     Found = Iterable[tuple[str, str]]
 
-__all__ = ["answer_shell", "parser_for"]
+
+# The nodes of running robots by the words of their users: node name, joint name or node id.
+#
+# For the verbs that reach past the robot, to its wires and its virtual drives. A robot that does not answer has no
+# names here: what these verbs do must work while it hangs.
+
+
+_NODE_TIMEOUT_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class KnownNode:
+    """A node of a running robot: where it is, and all its names."""
+
+    robot: str
+    channel: str
+    node_id: int
+    name: str
+    joints: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.node_id})"
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What a user may call it."""
+        return (self.name, str(self.node_id), *self.joints)
+
+
+def known_nodes(channel: str | None = None) -> list[KnownNode]:
+    """Return the nodes of the robots that run; those on `channel` alone where one is given."""
+    return ask_nodes(channel)[0]
+
+
+def ask_nodes(channel: str | None = None) -> tuple[list[KnownNode], dict[str, CanopenError]]:
+    """Return the nodes as `known_nodes`, and why robots that run have told none: they hang, or end just now."""
+    wanted = None if channel is None else str(parse_channel(channel))
+    found: list[KnownNode] = []
+    silent: dict[str, CanopenError] = {}
+    for name in find_robots():
+        try:
+            found.extend(_nodes_of(name))
+        except CanopenError as error:
+            silent[name] = error
+    return [node for node in found if wanted in (None, node.channel)], silent
+
+
+def _nodes_of(robot: str) -> list[KnownNode]:
+    with RobotClient.connect(robot, timeout=_NODE_TIMEOUT_S) as client:
+        listing = client.ask(GetNodes())
+    channels = {name: bus.channel for name, bus in listing.buses.items()}
+    return [KnownNode(robot, channels[node.bus], node.node_id, node.name, tuple(node.joints)) for node in listing.nodes]
+
+
+def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
+    """Return the node that `word` means, None where it means none; ConfigError where several robots have one."""
+    found = [node for node in nodes if word in node.words]
+    if len(found) > 1:
+        places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in found)
+        raise ConfigError(f"{word!r} means more than one: {places}; choose one with --can CHANNEL")
+    return found[0] if found else None
+
 
 A = TypeVar("A")
 FILES, DIRS = "@files", "@dirs"  # the paths that the typed word begins
@@ -125,8 +190,6 @@ def _nodes_or_all(line: argparse.Namespace) -> Found:
 
 def _drives(_line: argparse.Namespace) -> Found:
     """Return the nodes of all running robots, as `fault` and `bus fault` take them."""
-    from canopen_control.cli.support.node_names import known_nodes
-
     return [(node.name, f"node {node.node_id}") for node in known_nodes()]
 
 

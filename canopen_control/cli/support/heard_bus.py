@@ -9,25 +9,25 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from canopen_control.bus.channel import parse_channel
+from canopen_control.bus.recordings import RecordedFrame, Recording
 from canopen_control.cli.support.target import find_eds, robot_on
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.robot import GetLayout
-from canopen_control.trace.eds_network import network_of_eds
-from canopen_control.trace.network_description import NetworkDescription, network_of_layout
+from canopen_control.trace.flight_file import is_flight_file
+from canopen_control.trace.network_description import NetworkDescription, network_of_eds, network_of_layout
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from canopen_control.master.config import BusConfig
     from canopen_control.master.pdo_layout import LinearAxes
     from canopen_control.rpc.messages.layout import BusLayout
-
-__all__ = ["HeardBus", "add_network_arguments", "config_layout", "described", "heard_bus"]
+    from canopen_control.trace.flight_file import FlightFile
 
 
 T = TypeVar("T")
@@ -175,3 +175,65 @@ def _robot_there(channel: str) -> tuple[str, BusLayout | None]:
 def _tell(network: NetworkDescription) -> None:
     for note in network.notes:
         print(f"canopen-control: {note}", file=sys.stderr)
+
+
+# Which frames a FILE holds and how they are named: a recording of frames, or a flight recording, which names its own.
+#
+# Of a flight recording with several buses one is read, chosen by --bus. What the arguments describe (ROBOT, --eds) wins
+# over what the recording says of itself.
+
+
+class FlightSource:
+    """The frames of one bus of a flight recording, to be read as a `Recording` is; `network` says who is on it."""
+
+    def __init__(self, path: str, bus: str | None) -> None:
+        from canopen_control.trace.flight_file import read_flight
+        from canopen_control.trace.report_build import networks_of
+
+        file = read_flight(Path(path))
+        chosen = _chosen_channel(path, file, bus)
+        self.path = Path(path)
+        self.network = networks_of(file).get(chosen)
+        self.skipped = file.unread_lines
+        self._frames = [RecordedFrame(time_ns, frame) for time_ns, name, frame in file.frames if name == chosen]
+        self.problem = "" if self._frames else f"{path}: no frame of bus {chosen} is in it"
+
+    def __iter__(self) -> Iterator[RecordedFrame]:
+        return iter(self._frames)
+
+
+Source: TypeAlias = Recording | FlightSource
+
+
+def open_frames(path: str, bus: str | None = None) -> Source:
+    """Open FILE, of several buses `bus`; ConfigError where it cannot be read."""
+    return FlightSource(path, bus) if is_flight_file(Path(path)) else Recording(path)
+
+
+def tell_gaps(source: Source) -> None:
+    """Say on standard error, after a reading, what of a source was left out and why it ends too early, if it does."""
+    if source.skipped:
+        lines = "1 line is no frame" if source.skipped == 1 else f"{source.skipped} lines are no frames"
+        print(f"canopen-control: {source.path}: {lines} of classic CAN, left out", file=sys.stderr)
+    if source.problem:
+        print(f"canopen-control: {source.problem}", file=sys.stderr)
+
+
+def network_for(args: argparse.Namespace, source: Source) -> NetworkDescription:
+    """Describe the bus of a source by the arguments, else by what the source knows, else not at all."""
+    own = source.network if isinstance(source, FlightSource) else None
+    by_arguments = args.config is not None or args.name is not None or bool(args.eds)
+    return described(args) if by_arguments or own is None else own
+
+
+def _chosen_channel(path: str, file: FlightFile, wanted: str | None) -> str:
+    """Return the bus that is meant."""
+    buses = list(file.meta.buses)
+    if wanted is None and len(buses) == 1:
+        return buses[0]
+    if wanted is not None and wanted in buses:
+        return wanted
+    if not buses:
+        raise ConfigError(f"{path}: the robot had no bus: it ran on mock hardware, or simulated")
+    problem = "several buses are in it" if wanted is None else f"no bus {wanted!r} is in it"
+    raise ConfigError(f"{path}: {problem}; choose with --bus: {', '.join(buses)}")

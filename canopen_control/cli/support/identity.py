@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import ObjectDictionary
 
-__all__ = ["KnownEds", "NodeIdentity", "differences", "match_eds", "read_known", "vendor_and_product"]
 
 #: field: (object, what it is called)
 FIELDS: dict[str, tuple[tuple[int, int], str]] = {

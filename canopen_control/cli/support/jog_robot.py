@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from canopen_control.scaffold.drive_choice import AxisChoice, Supervision
     from canopen_control.scaffold.new_robot import Device, NewRobot
 
-__all__ = ["DEAD_MAN_S", "choose_jog", "dead_man_words", "own_robot"]
 
 HEARTBEAT_MS: Final = 50
 COMMAND_LIFE_S: Final = 0.4

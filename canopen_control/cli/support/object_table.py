@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.output import Progress, Table
 from canopen_control.od.model import SCALAR_CODES
-from canopen_control.service.object_rows import READS_PER_S, LiveObject, ObjectRow
-from canopen_control.service.object_selection import is_scanned
-from canopen_control.service.read_parameters import read_values
+from canopen_control.service.object_rows import READS_PER_S, LiveObject, ObjectRow, is_scanned
+from canopen_control.service.parameter_set import read_values
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
     from canopen_control.service.node_session import NodeSession
 
-__all__ = ["csv_text", "live_objects", "table_lines", "tree_lines", "values_of"]
 
 _WIDEST: Final = 60  # of a value in words
 

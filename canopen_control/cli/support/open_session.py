@@ -7,20 +7,25 @@ its nodes are reached through it, also where --can names the channel.
 from __future__ import annotations
 
 import contextlib
+import math
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cia301.nmt import RESETS, NmtState, NmtUnconfirmed
 from canopen_control.cli.support.arguments import timeout_seconds
-from canopen_control.cli.support.target import (
-    BusTarget,
-    RobotTarget,
-    add_target_arguments,
-    find_eds,
-    robot_on,
-)
+from canopen_control.cli.support.output import Progress, json_text
+from canopen_control.cli.support.target import BusTarget, RobotTarget, add_target_arguments, find_eds, robot_on
 from canopen_control.client import RobotClient
-from canopen_control.errors import CanopenError, DriveError
+from canopen_control.errors import CanopenError, ConfigError, DriveError
+from canopen_control.rpc.messages.declare import Document
+from canopen_control.service.drive_faults import fault_words, why_not_free
+from canopen_control.service.driven_axis import drive_of_robot
+from canopen_control.service.jog_motion import JogScale
 from canopen_control.service.node_session import NodeSession, Transfers
+from canopen_control.service.parameter_set import read_backup, read_parameters, read_same
+from canopen_control.service.restore import Reached, RestoreOptions, first_of, guarded_restore, unfinished_words
 
 if TYPE_CHECKING:
     import argparse
@@ -28,8 +33,13 @@ if TYPE_CHECKING:
 
     from canopen_control.cia301.nmt import NmtCommand
     from canopen_control.cli.support.target import TargetNode
+    from canopen_control.master.event_log import Event
+    from canopen_control.scaffold.drive_choice import AxisChoice
+    from canopen_control.scaffold.new_robot import Device, NewRobot
+    from canopen_control.service.driven_axis import JogDrive
+    from canopen_control.service.parameter_set import LeftOut, ParameterSet
+    from canopen_control.service.restore import RestoreReport
 
-__all__ = ["add_session_arguments", "open_session", "open_sessions"]
 
 _HEARTBEATS = 2.5  # of its own heartbeat times, a node is listened to
 _LONGEST_S = 3.0
@@ -134,3 +144,217 @@ class BusTransfers(Transfers):
     def taken_out(self) -> bool:
         """Return True: no robot runs on it."""
         return True
+
+
+# The one drive that `jog` and `tune` move: looked at on its bare bus, or found in a robot that runs.
+
+
+def running_drive(
+    args: argparse.Namespace, name: str | None, mode: str, stack: contextlib.ExitStack
+) -> tuple[JogDrive, JogScale]:
+    """Return a drive of a running robot, in a mode of operation; the robot knows its units."""
+    client = stack.enter_context(RobotClient.connect(name))
+    drive = drive_of_robot(client, args.node, args.axis, mode)
+    text = f"node {args.node} is {drive.joint} of the running robot {client.robot}, and moved through it"
+    print(text, file=sys.stderr if getattr(args, "json", False) else sys.stdout)
+    return drive, JogScale(args.counts or math.tau, told=True, of_joint=True)
+
+
+def look_at_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Device:
+    """Return the device with what itself says of its units; ConfigError and DriveError for what must not be moved."""
+    from canopen_control.cli.init import ask_drives
+    from canopen_control.scaffold.new_robot import Device
+
+    with open_session(args) as node:
+        if not len(node.axes()):
+            raise ConfigError(f"{args.eds} has no controlword (0x6040): it describes no CiA 402 drive, nothing to turn")
+        if differing := node.identity_differences():
+            raise ConfigError(f"{node} is not the device of {args.eds}: {'; '.join(differing)}; give its own EDS")
+        if not with_fault and (words := fault_words(node)):
+            again = f"canopen-control jog {args.node} --can {args.can} --eds {args.eds} --fault-reset"
+            raise DriveError(f"{node} has a fault: {words}; nothing is reset by itself: {again}")
+        if reason := why_not_free(node):
+            raise DriveError(reason)
+        if unfinished := unfinished_words(node, reached(args)):
+            raise DriveError(f"{unfinished}; nothing moves with a part of each; where that is meant, delete the file")
+        device = Device(node.node_id, find_eds(args.eds).resolve(), node.dictionary)
+    ask_drives(args.can, [device], args.timeout or 0.5)
+    return device
+
+
+def axis_of(robot: NewRobot, args: argparse.Namespace) -> AxisChoice:
+    """Return the axis that the arguments name; ConfigError where it has none of that number."""
+    number: int = args.axis
+    if number >= len(robot.joints):
+        raise ConfigError(f"node {args.node} has no axis {number}; it has {len(robot.joints)}, counted from 0")
+    return robot.joints[number].axis
+
+
+def with_counts(robot: NewRobot, counts: float | None) -> NewRobot:
+    """Return the same with what the user says of its counts."""
+    if counts is None:
+        return robot
+    nodes = tuple(
+        replace(
+            node,
+            drive=node.drive and replace(node.drive, axes=tuple(replace(a, counts=counts) for a in node.drive.axes)),
+            joints=tuple(replace(joint, axis=replace(joint.axis, counts=counts)) for joint in node.joints),
+        )
+        for node in robot.nodes
+    )
+    return replace(robot, nodes=nodes)
+
+
+def tell_event(event: Event) -> None:
+    """Print what went wrong while the drive is booted and moved."""
+    from canopen_control.master.event_log import Level
+
+    if event.level >= Level.WARNING:
+        print(f"\r\x1b[K{event.sentence}" if sys.stdout.isatty() else event.sentence, file=sys.stderr, flush=True)
+
+
+# Restores a parameter set for `restore` and `clone`: their options, the progress, and the report that they print.
+
+
+# What `diff`, `restore` and `clone` are given: a DCF file, or a node whose parameters are read.
+
+
+_ENDINGS = (".dcf", ".eds")
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """Parameters, and those that a node refused."""
+
+    parameters: ParameterSet
+    left_out: tuple[LeftOut, ...] = ()
+
+
+def as_file(word: str) -> Path | None:
+    """Return the file that a word names, None where it means a node; ConfigError for one that is not there."""
+    path = Path(word).expanduser()
+    if path.is_file():
+        return path
+    if path.suffix.lower() in _ENDINGS or "/" in word:
+        what = "is a folder" if path.is_dir() else "no such file"
+        raise ConfigError(f"{word}: {what}; a node is a name or a node id")
+    return None
+
+
+def backup_file(word: str) -> ParameterSet:
+    """Read a DCF that has to be one."""
+    path = as_file(word)
+    if path is None:
+        raise ConfigError(f"{word}: no such file; `backup NODE -o {word}` makes one")
+    return read_backup(path)
+
+
+def read_all(session: NodeSession, *, twice: bool = True) -> Side:
+    """Read all parameters of a node, with progress."""
+    with Progress(f"reading {session}", "objects") as progress:
+        parameters, left_out = read_parameters(session, twice=twice, told=progress.at)
+    return Side(parameters, tuple(left_out))
+
+
+def like_file(session: NodeSession, file: ParameterSet) -> NodeSession:
+    """Let a session without an EDS take the dictionary of the file, which is a complete one."""
+    if session.od is None:
+        session.od = file.od.for_node(session.node_id)
+    return session
+
+
+def read_like(session: NodeSession, file: ParameterSet) -> Side:
+    """Read from a node what a file holds, by the types of the file, with progress."""
+    with Progress(f"reading {session}", "objects") as progress:
+        parameters, left_out = read_same(session, file, progress.at)
+    return Side(parameters, tuple(left_out))
+
+
+def sides(a: str, b: str, args: argparse.Namespace) -> tuple[Side, Side]:
+    """Read what two words name; of a file and a node the node is asked for what the file holds."""
+    files = [None if path is None else read_backup(path) for path in (as_file(a), as_file(b))]
+    found = []
+    for word, file, other in zip((a, b), files, reversed(files), strict=True):
+        if file is not None:
+            found.append(Side(file))
+            continue
+        with open_session(args, word) as session:
+            found.append(
+                read_all(session, twice=False) if other is None else read_like(like_file(session, other), other)
+            )
+    return found[0], found[1]
+
+
+class RestoreDocument(Document, frozen=True, kw_only=True):
+    """What `restore --json` and `clone --json` print; `refused` and `protected` name objects with the reason.
+
+    `foreign` are objects of the file that no restore writes: read-only ones, commands, live values.
+    """
+
+    source: str
+    node_id: int
+    written: int
+    verified: int
+    protected: list[str]
+    foreign: list[str]
+    refused: list[str]
+    undone: bool
+    stored: bool
+
+
+def add_restore_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what restore and clone have in common."""
+    parser.add_argument(
+        "--protect",
+        metavar="GLOB",
+        action="append",
+        default=[],
+        help="do not write these: an address as in '0x2*', or a name (repeatable)",
+    )
+    parser.add_argument("--include-protected", action="store_true", help="also write the calibration of another drive")
+    parser.add_argument("--keep", action="store_true", help="keep the accepted values if the drive refuses others")
+    parser.add_argument("--store", action="store_true", help="store in the drive (0x1010) after verification")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def reached(args: argparse.Namespace) -> Reached:
+    """Return how the arguments reach a node, for commands that are told to the user."""
+    include = bool(getattr(args, "include_protected", False))
+    return Reached(getattr(args, "can", None) or "", getattr(args, "name", None) or "", include)
+
+
+def restore_into(session: NodeSession, source: ParameterSet, args: argparse.Namespace) -> int:
+    """Write `source` into the node, print the report, and return the exit code."""
+    options = RestoreOptions(args.protect, args.include_protected, args.keep, args.store, reached(args))
+    with Progress(f"writing {session}", "groups") as progress:
+        report = guarded_restore(session, source, options, note=_note, told=progress.at)
+    _print(report, session, as_json=args.json)
+    return 1 if report.refused else 0
+
+
+def _note(line: str) -> None:
+    print(f"canopen-control: {line}", file=sys.stderr)
+
+
+def _print(report: RestoreReport, session: NodeSession, *, as_json: bool) -> None:
+    if as_json:
+        document = RestoreDocument(
+            source=report.source,
+            node_id=session.node_id,
+            written=report.written,
+            verified=report.verified,
+            protected=report.protected,
+            foreign=report.foreign,
+            refused=report.refused,
+            undone=report.undone,
+            stored=report.stored,
+        )
+        print(json_text(document))
+        return
+    for line in report.refused:
+        _note(f"refused: {line}")
+    for line in report.protected:
+        print(f"kept as it is: {line}")
+    if report.foreign:
+        print(f"never written (read-only, commands, live values): {first_of(report.foreign)}")
+    print(report.words(session) + ("" if report.refused or report.stored else " (--store)"))

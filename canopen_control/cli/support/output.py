@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     Sample = tuple[int, int | None]
     from collections.abc import Sequence
 
-__all__ = ["Announcer", "Progress", "Table", "json_line", "json_text", "watched"]
 
 SOON_S: Final = 0.5  # on a terminal: work that takes less shows nothing
 REDRAW_S: Final = 0.2

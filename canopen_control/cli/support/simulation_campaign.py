@@ -13,8 +13,7 @@ from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.simulation.campaign import Campaign, Totals
 from canopen_control.simulation.campaign_files import html_summary, junit_summary, make_folder, write_breach, write_text
-from canopen_control.simulation.fault_coverage import cells_words
-from canopen_control.simulation.state_coverage import coverage_words
+from canopen_control.simulation.fault_coverage import cells_words, coverage_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.campaign import SeedResult
 
-__all__ = ["CampaignDocument", "CampaignOrder", "run_campaign"]
 
 _SHRUNK: Final = 5  # breaches of a campaign that are shrunk: each takes a hundred simulations
 _INTERRUPTED: Final = 130  # as a shell has it for Ctrl-C

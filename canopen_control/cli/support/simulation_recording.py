@@ -13,18 +13,19 @@ from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages import robot as messages
 from canopen_control.rpc.messages.robot import ROBOT, Asked
 from canopen_control.rpc.messages.samples import TrajectoryPoint
+from canopen_control.rpc.messages.trajectory import SetTrajectory
 from canopen_control.rpc.wire import Raw, text_of
 from canopen_control.runtime.status import event_message, layout_message, state_sample, status_message
 from canopen_control.simulation.recorded_scenario import RecordedRobot, scenario_of_recording
 from canopen_control.trace.flight_file import (
     NO_FAULT,
     FlightMeta,
+    KeptFrame,
     candump_lines,
     is_flight_file,
     read_flight,
     write_flight,
 )
-from canopen_control.trace.flight_ring import KeptFrame
 from canopen_control.trace.flight_trigger import is_fault, is_sum
 
 if TYPE_CHECKING:
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from canopen_control.simulation.scenario_steps import Scenario
     from canopen_control.simulation.simulation_run import SimulationRun
 
-__all__ = ["SimulationRecorder", "check_recording_name", "recorded_scenario"]
 
 _SAMPLE_NS: Final = 100_000_000
 
@@ -117,7 +117,7 @@ def _requests_of(act: Act, active: Mapping[str, str]) -> list[Request[Any]]:
     if act.kind == "trajectory":
         point = TrajectoryPoint(positions=values, time_from_start=(act.for_ns or _SAMPLE_NS) / 1e9)
         joints = [str(number) for number in range(len(values))]
-        return [messages.SetTrajectory(controller=name, joints=joints, points=[point])]
+        return [SetTrajectory(controller=name, joints=joints, points=[point])]
     if act.kind in ("stop", "latch"):
         return [messages.Stop(latch=act.kind == "latch")]
     if act.kind == "release":

@@ -19,7 +19,7 @@ from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import DirectBus
 from canopen_control.od.eds import read_eds
 from canopen_control.rpc.messages.robot import GetNodes, NodeListing
-from canopen_control.service.robot_transfers import RobotTransfers
+from canopen_control.service.node_session import RobotTransfers
 
 if TYPE_CHECKING:
     import argparse
@@ -27,18 +27,6 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import ObjectDictionary
 
-__all__ = [
-    "LABEL",
-    "BusTarget",
-    "RobotTarget",
-    "Target",
-    "TargetNode",
-    "add_target_arguments",
-    "find_eds",
-    "open_target",
-    "parse_node_id",
-    "robot_on",
-]
 
 LABEL = "canopen-control"  # what others on the bus see of a verb
 

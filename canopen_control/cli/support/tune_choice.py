@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from canopen_control.scaffold.new_robot import Device, NewRobot
     from canopen_control.service.jog_motion import JogKind
 
-__all__ = ["choose_tuned"]
 
 _CYCLIC: Final = {OperationMode.PV: OperationMode.CSV, OperationMode.TQ: OperationMode.CST}
 """What commands the same without a ramp of the drive's own."""

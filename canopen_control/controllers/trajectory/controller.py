@@ -8,34 +8,386 @@ sentence that names it; once all follow again they are held where they are, neve
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+import copy
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final, overload
 
 from canopen_control.controllers.base import Controller
-from canopen_control.controllers.trajectory.acceptance import Acceptance
-from canopen_control.controllers.trajectory.follower import Follower
-from canopen_control.controllers.trajectory.goal import Goal, GoalState, ResultCode
+from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.trajectory.follower import Follower, SpeedScaling
+from canopen_control.controllers.trajectory.goal import Goal, ResultCode
 from canopen_control.controllers.trajectory.joint_group import JointGroup
-from canopen_control.controllers.trajectory.judgement import Judgement
-from canopen_control.controllers.trajectory.params import TrajectoryParams, read_params
-from canopen_control.controllers.trajectory.point import JointTrajectory, Point
-from canopen_control.controllers.trajectory.scaling import SpeedScaling
-from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, resolve
-from canopen_control.controllers.trajectory.upsampling import positions_alone, upsampled
+from canopen_control.controllers.trajectory.params import (
+    SegmentTolerances,
+    TrajectoryParams,
+    read_params,
+    resolve,
+    within,
+)
+from canopen_control.controllers.trajectory.point import JointTrajectory, Point, Points, whole_turns
+from canopen_control.controllers.trajectory.point_limiter import PointLimiter
+from canopen_control.controllers.trajectory.validation import (
+    NONE,
+    JointLimits,
+    PackedPoints,
+    Refused,
+    Rules,
+    Survey,
+    SurveyedPoints,
+    beyond,
+    broken_rule,
+    far_start,
+    lost_start,
+    survey_of,
+    unreachable,
+)
 from canopen_control.errors import ControlError, RobotConfigError, TrajectoryRefused
-from canopen_control.hardware.interfaces import OK, POSITION, ReturnType
+from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.rpc.messages.samples import TrajectorySample
 from canopen_control.rpc.messages.trajectory import TrajectoryAt
+from canopen_control.urdf.joint_element import POSITION
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping
 
     from canopen_control.controllers.params import Params
     from canopen_control.controllers.trajectory.followed import Motion
-    from canopen_control.controllers.trajectory.judgement import Verdict
+    from canopen_control.controllers.trajectory.params import StateTolerance
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import Sample
+    from canopen_control.urdf.joint_element import Joint
 
-__all__ = ["JointTrajectoryController"]
+
+# Whether a trajectory is taken: upstream's rules, then what the joints and the objects behind them can bear.
+#
+# The law of the file: it is judged outside of the cycle, by what its points came to as they arrived (`survey`), so that
+# its length costs the moment of the answer nothing.
+
+
+_NEXT: Final = 20_000_000
+"""By then a trajectory has been taken up, in ns: two cycles at 100 Hz."""
+
+
+class Acceptance:
+    """Judges trajectories for a group of joints; `limits` are those of the description and of the interfaces."""
+
+    def __init__(self, params: TrajectoryParams, group: JointGroup, description: Mapping[str, Joint]) -> None:
+        self.limits = {each: _limits_of(_joint_of(each, description)) for each in params.joints}
+        self._params, self._group = params, group
+
+    @property
+    def continuous(self) -> list[bool]:
+        """Which joints turn without end."""
+        return [self.limits[each].continuous for each in self._params.joints]
+
+    def take_params(self, params: TrajectoryParams) -> None:
+        """Judge by other parameters."""
+        self._params = params
+
+    def cannot_brake(self) -> str | None:
+        """Say why `decelerate_on_cancel` has no effect, None if it has, or is not wanted."""
+        given = self._params
+        if not given.decelerate_on_cancel:
+            return None
+        lacks = None
+        if not self._group.knows_velocity:
+            lacks = "state_interfaces have no velocity; add it"
+        for joint, constraints in zip(given.joints, given.constraints, strict=True):
+            if not constraints.max_deceleration_on_cancel:
+                lacks = lacks or f"{joint} has no constraints.{joint}.max_deceleration_on_cancel; give it"
+            if self.limits[joint].velocity == math.inf:
+                lacks = lacks or f"the description has no velocity limit of {joint}; give it"
+        return (
+            None if lacks is None else f"decelerate_on_cancel has no effect, what is cancelled is held at once: {lacks}"
+        )
+
+    def point_limiter(self) -> PointLimiter | None:
+        """Return what keeps each point within the limits, None where none is wanted."""
+        if not self._params.joint_limiter_type:
+            return None
+        pairs = zip(self.limits.values(), self._params.joint_limits, strict=True)
+        return PointLimiter([given.hard(known.lower, known.upper, known.velocity) for known, given in pairs])
+
+    def take_limits(self) -> None:
+        """Take the limits that the hardware interfaces know beside the description's.
+
+        A joint whose positions are bounded by its interface does not turn without end, whatever its type.
+        """
+        for index, command in enumerate(self._group.commands.get(POSITION, ())):
+            joint = self._params.joints[self._group.places[index]]
+            known = self.limits[joint]
+            lower, upper = max(known.lower, command.minimum), min(known.upper, command.maximum)
+            endless = known.continuous and math.isinf(command.minimum) and math.isinf(command.maximum)
+            self.limits[joint] = JointLimits(lower, upper, known.velocity, endless)
+
+    def mistake(self, message: JointTrajectory, now: int, begin: Sequence[float]) -> Refused | None:
+        """Say why a trajectory is refused, None if it is taken.
+
+        `now` in ns; `begin` are the positions of the joints from which it would lead on.
+        """
+        given, survey = self._params, survey_of(message)
+        rules = Rules(
+            given.joints,
+            given.allow_partial_joints_goal,
+            given.allow_nonzero_velocity_at_trajectory_end,
+            given.allow_integration_in_goal_trajectories,
+            self._group.has_effort,
+        )
+        if (refused := broken_rule(message, survey, rules, now)) is not None:
+            return refused
+        here = dict(zip(given.joints, begin, strict=True))
+        unbearable = (
+            beyond(message, survey, self.limits)
+            or lost_start(message, now + _NEXT)
+            or far_start(message, here, self.limits, given.allowed_start_tolerance)
+            or (self._unreachable(message) if given.unreachable_points == "refuse" else None)
+            or self._misfit(message, survey, here)
+        )
+        return None if unbearable is None else Refused(None, unbearable)
+
+    def doubt(self, message: JointTrajectory) -> str | None:
+        """Say what of a trajectory that is taken the joints cannot do, where that is to be told, else None."""
+        return self._unreachable(message) if self._params.unreachable_points == "warn" else None
+
+    def _unreachable(self, message: JointTrajectory) -> str | None:
+        """Say which point a joint cannot reach in time; a limiter of points is there for those."""
+        return None if self._params.joint_limiter_type else unreachable(message, survey_of(message), self.limits)
+
+    def _misfit(self, message: JointTrajectory, survey: Survey, here: Mapping[str, float]) -> str | None:
+        """Say which position the object behind a command cannot hold, None if it holds all.
+
+        A joint that turns without end goes there on the turn on which it is.
+        """
+        joints, group = self._params.joints, self._group
+        for index, command in enumerate(group.commands.get(POSITION, ())):
+            joint = joints[group.places[index]]
+            if joint not in message.joint_names or not survey.positions.ranges:
+                continue
+            place = message.joint_names.index(joint)
+            first = message.points[0].positions if self.limits[joint].continuous else ()
+            turns = whole_turns(here[joint], first[place]) if place < len(first) else 0.0
+            for value in (survey.positions.lowest[place], survey.positions.highest[place]):
+                if (fits := command.misfit(value + turns)) is not None:
+                    return f"it leads {joint} to {value:g}, and {fits}; plan within that"
+        return None
+
+
+def _joint_of(name: str, description: Mapping[str, Joint]) -> Joint | None:
+    """Return a joint of the description, also by the name that a controller exports it under: "loops/joint_1"."""
+    return description.get(name) or description.get(name.rpartition("/")[2])
+
+
+def _limits_of(joint: Joint | None) -> JointLimits:
+    if joint is None:
+        return JointLimits()
+    limits = joint.limits
+    return JointLimits(limits.lower, limits.upper, limits.speed, joint.type == "continuous")
+
+
+# Whether the joints are within the tolerances of a trajectory, on the way and at its end, and what is said if not.
+#
+# The law of the file (ros2_controllers jazzy): on the way, and in the first cycle, the path tolerances count, at the
+# end those of the goal; a goal that is missed is late `goal_time` after the end, and never where that is 0.
+
+
+_NOBODY = -1
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a goal ends, and the sentence that says why."""
+
+    state: GoalState
+    code: ResultCode
+    text: str
+
+
+class _Tolerated:
+    """Tolerances of all joints, laid out for a look in every cycle: positions first, which often are all there is."""
+
+    __slots__ = ("_all", "_more", "_positions")
+
+    def __init__(self, tolerances: Sequence[StateTolerance]) -> None:
+        self._all = tolerances
+        self._positions = [each.position if each.position > 0.0 else math.inf for each in tolerances]
+        self._more = any(each.velocity > 0.0 or each.acceleration > 0.0 for each in tolerances)
+
+    def exceeded(self, error: Point) -> int:
+        """Return the last joint whose error is beyond its tolerance, or nobody."""
+        found, off, most = _NOBODY, error.positions, self._positions
+        for joint in range(len(most)):
+            if abs(off[joint]) > most[joint] or (self._more and not within(self._all[joint], error, joint)):
+                found = joint
+        return found
+
+
+class Judgement:
+    """What was found in one cycle of the joints of a group: who `left` the path, who is `outside` at the end."""
+
+    def __init__(self, group: JointGroup) -> None:
+        self._group = group
+        self.left = self.outside = _NOBODY
+        self.over = self.late = False
+        self._path, self._goal = _Tolerated(()), _Tolerated(())
+        self._known: SegmentTolerances | None = None
+
+    @property
+    def stops(self) -> bool:
+        """Whether nothing more is to be commanded of the trajectory."""
+        return self.left >= 0 or self.late
+
+    def look(self, tolerances: SegmentTolerances, follower: Follower, *, over: bool, past: float) -> None:
+        """Compare the errors of this cycle with the tolerances; `past` is how long it is over, in s."""
+        self.left, self.outside, self.over, self.late = _NOBODY, _NOBODY, over, False
+        if follower.holding:
+            return
+        if tolerances is not self._known:
+            self._known = tolerances
+            self._path, self._goal = _Tolerated(tolerances.path), _Tolerated(tolerances.goal)
+        if follower.fresh or not over:
+            self.left = self._path.exceeded(self._group.error)
+        if over:
+            self.outside = self._goal.exceeded(self._group.error)
+        self.late = self.outside >= 0 and 0.0 < tolerances.goal_time < past
+
+    def verdict(self, tolerances: SegmentTolerances) -> Verdict | None:
+        """Return how the trajectory ends by what was found, None if it goes on."""
+        joints, errors = self._group.joints, self._group.error.positions
+        if self.left >= 0:
+            off, allowed = errors[self.left], tolerances.path[self.left].position
+            who = f"{joints[self.left]} is {off:g} off its path, and {allowed:g} is its tolerance"
+            return Verdict(GoalState.ABORTED, ResultCode.PATH_TOLERANCE_VIOLATED, f"{who}; see what holds it back")
+        if self.over and self.outside < 0:
+            return _REACHED
+        if self.late:
+            off, time = errors[self.outside], tolerances.goal_time
+            who = f"{joints[self.outside]} is {off:g} off its goal {time:g} s after the end"
+            return Verdict(GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, f"{who}; see what holds it back")
+        return None
+
+
+_REACHED = Verdict(GoalState.SUCCEEDED, ResultCode.SUCCESSFUL, "the goal was reached")
+
+
+# Velocities for trajectories of positions alone, as policies send them: a cubic spline through all points.
+#
+# The law of the file (ros2_controllers rolling, positions_upsampling): the spline has continuous accelerations and
+# rests at both ends. Ours: the velocities of a few points are worked out when the joints come there, so that a long
+# trajectory costs neither its acceptance nor a cycle. What is farther away counts 0.27 times as much with each point
+# where they come evenly, and half as much at worst: `_REACH` points away 1e-14 of a velocity, at worst 1e-7.
+
+
+_REACH: Final = 24
+_BLOCK: Final = 16  # points whose velocities are worked out together
+
+Block = list[list[float]]
+
+
+def positions_alone(message: JointTrajectory) -> bool:
+    """Whether the points say nothing but positions."""
+    return not any(set(each) - {0} for each in survey_of(message).sizes[1:])
+
+
+def upsampled(message: JointTrajectory, frequency: float) -> UpsampledPoints | None:
+    """Return the points of a trajectory with the velocities of the spline through their positions, None for none.
+
+    Without any time they have those of a policy that runs at `frequency` in Hz; 0 leaves them.
+    """
+    survey, points = survey_of(message), message.points
+    if len(survey.sizes[0]) != 1 or 0 in survey.sizes[0]:
+        return None
+    times: Sequence[int] = points.times if isinstance(points, Points) else [each.time for each in points]
+    if frequency > 0.0 and not any(times):
+        times, survey = PolicyTimes(len(times), frequency), copy.copy(survey)
+        survey.not_increasing = NONE
+    return UpsampledPoints(points, times, survey) if survey.not_increasing == NONE else None
+
+
+class PolicyTimes(Sequence[int]):
+    """The times of a policy's points, in ns: each a period after the one before, the first after one."""
+
+    def __init__(self, count: int, frequency: float) -> None:
+        self._count, self._frequency = count, frequency
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> int: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[int]: ...
+    def __getitem__(self, index: int | slice) -> int | list[int]:
+        """Return one of them, or some."""
+        if isinstance(index, slice):
+            return [self[each] for each in range(*index.indices(self._count))]
+        if not -self._count <= index < self._count:
+            raise IndexError(index)
+        return int((index % self._count + 1) / self._frequency * 1e9)
+
+
+class UpsampledPoints(SurveyedPoints):
+    """Points of positions with the velocities of the spline; `source` has the positions, `times` are theirs."""
+
+    def __init__(self, source: Sequence[Point] | Points, times: Sequence[int], survey: Survey) -> None:
+        self.times, self.survey = times, survey
+        self._source = source
+        self._blocks: dict[int, Block] = {}  # the two that were asked for last, by their first points
+
+    def __getitem__(self, index: int) -> Point:
+        """Return a point of its own."""
+        if index < 0:
+            index += len(self)
+        begin = index - index % _BLOCK
+        block = self._blocks.get(begin)
+        if block is None:
+            block = self._worked_out(begin)
+            if len(self._blocks) > 1:
+                del self._blocks[next(iter(self._blocks))]
+            self._blocks[begin] = block
+        return Point(self._source[index].positions, block[index - begin], time=self.times[index])
+
+    def _worked_out(self, begin: int) -> Block:
+        """Return the velocities of a block, as if all rested beyond the reach of it."""
+        last = len(self) - 1
+        first, end = max(0, begin - _REACH), min(last, begin + _BLOCK - 1 + _REACH)
+        if not last:
+            return [[]]
+        source = self._source
+        if isinstance(source, PackedPoints):
+            positions = source.positions(first, end + 1)
+        else:
+            positions = [source[index].positions for index in range(first, end + 1)]
+        times = [self.times[index] for index in range(first, end + 1)]
+        found = _spline(positions, [(b - a) / 1e9 for a, b in itertools.pairwise(times)])
+        return found[begin - first : begin - first + _BLOCK]
+
+
+def _spline(positions: Sequence[Sequence[float]], steps: Sequence[float]) -> Block:
+    """Solve the tridiagonal equations of the velocities at the inner points (Thomas); those of the ends are 0."""
+    still = [0.0] * len(positions[0])
+    uppers, rows = [0.0], [still]
+    for i, (h, k) in enumerate(itertools.pairwise(steps)):
+        p0, p1, p2 = positions[i : i + 3]
+        upper, before = uppers[-1], rows[-1]
+        diagonal = (2.0 - upper) / h + 2.0 / k
+        ahead, behind = 3.0 / (k * k), 3.0 / (h * h)
+        rows.append(
+            [
+                (ahead * (c - b) + behind * (b - a) - r / h) / diagonal
+                for a, b, c, r in zip(p0, p1, p2, before, strict=True)
+            ]
+        )
+        uppers.append(1.0 / (k * diagonal))
+    found = [still]
+    for upper, row in zip(reversed(uppers), reversed(rows), strict=True):
+        found.append([r - upper * v for r, v in zip(row, found[-1], strict=True)])
+    found.reverse()
+    found[0] = list(still)
+    return found
+
 
 NS = 1_000_000_000
 

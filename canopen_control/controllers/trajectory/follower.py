@@ -9,16 +9,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.trajectory.blend import Blend
 from canopen_control.controllers.trajectory.followed import Motion, Trajectory
 from canopen_control.controllers.trajectory.joint_group import Loops
-from canopen_control.controllers.trajectory.packed import SurveyedPoints
 from canopen_control.controllers.trajectory.point import Arrangement, JointTrajectory, Point
-from canopen_control.controllers.trajectory.scaling import scaled
-from canopen_control.controllers.trajectory.stop import Stop
-from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, POSITION, VELOCITY
+from canopen_control.controllers.trajectory.validation import SurveyedPoints
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
 from canopen_control.rpc.messages.trajectory import TrajectoryAt
+from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,8 +23,258 @@ if TYPE_CHECKING:
     from canopen_control.controllers.trajectory.joint_group import JointGroup
     from canopen_control.controllers.trajectory.params import TrajectoryParams
     from canopen_control.controllers.trajectory.point_limiter import PointLimiter
+    from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
-__all__ = ["Follower"]
+
+# A new trajectory that takes over from the one that is followed: blended in at its start, for the joints it names.
+#
+# The law of the file (ros2_controllers rolling, allow_trajectory_replacement): until the start of the new trajectory
+# the joints follow the old one; there it goes on from what the old one says, with its velocity and acceleration; joints
+# that it does not name follow the old one to its end. Ours: they follow its own points, where upstream takes samples of
+# it.
+
+
+MOST_WAITING: Final = 8
+"""So many trajectories may wait for their start; one more takes the place of the last."""
+
+
+class _Track:
+    """A motion, and the joints that follow it; `said` is its last sample."""
+
+    __slots__ = ("joints", "motion", "said")
+
+    def __init__(self, motion: Motion, joints: list[int]) -> None:
+        self.motion, self.joints, self.said = motion, joints, Point()
+
+
+class _Waiting:
+    """A trajectory that takes over some joints at `handoff`, in ns of the follower's time."""
+
+    __slots__ = ("handoff", "joints", "trajectory")
+
+    def __init__(self, trajectory: Trajectory, handoff: int, joints: list[int]) -> None:
+        self.trajectory, self.handoff, self.joints = trajectory, handoff, joints
+
+
+class Blend(Motion):
+    """Joints that follow one trajectory or several, each its own, and those that are to take over."""
+
+    def __init__(self, old: Motion, wrap: Sequence[bool]) -> None:
+        super().__init__(old.start, 1)
+        self.sampled, self._wrap = True, wrap
+        self._tracks = [_Track(old, list(range(len(wrap))))]
+        self._waiting: list[_Waiting] = []
+        if isinstance(old, Blend):
+            self._tracks, self._waiting = old._tracks, old._waiting  # noqa: SLF001 - it goes on in its place
+        self._end = 0
+
+    def take(self, trajectory: Trajectory, handoff: int, joints: Sequence[int]) -> None:
+        """Have a trajectory take over these joints at `handoff`; what was to begin later than that is dropped."""
+        kept = [each for each in self._waiting if each.handoff < handoff][: MOST_WAITING - 1]
+        self._waiting = [*kept, _Waiting(trajectory, handoff, list(joints))]
+        self.start = trajectory.start or handoff
+        trajectory.begin(handoff)
+
+    def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
+        """Do nothing: it goes on from what it follows."""
+
+    def time_of(self, index: int) -> int:
+        """Return when all are over, from start in ns."""
+        del index
+        motions = [each.motion for each in self._tracks] + [each.trajectory for each in self._waiting]
+        return max(each.start + each.time_of(each.size - 1) for each in motions) - self.start
+
+    def end_point(self) -> Point:
+        """Return the point at which all stay when it is over."""
+        found = Point()
+        self._mix(self.start + self.time_of(0), found, ahead=True)
+        return found
+
+    def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
+        """Write the point at `t` into `out`, see `Motion`; who begins by then takes over."""
+        while self._waiting and self._waiting[0].handoff <= t:
+            self._hand_over(self._waiting.pop(0))
+        found = self._mix(t, out, ahead=ahead)
+        over = not self._waiting
+        for each in self._tracks:
+            over = over and each.motion.is_over
+        self.first, self.following = 0, 1 if over else 0
+        return found
+
+    def query(self, t: int, out: Point) -> bool:
+        """Write what is said of any time into `out`; before the first point of one to come it is the old one's."""
+        later = [each for each in self._waiting if each.trajectory.start + each.trajectory.time_of(0) <= t]
+        found = self._mix(t, out, ahead=True, asked=True)
+        for each in later:
+            said = Point()
+            self._lead(each)
+            if each.trajectory.query(t, said):
+                _copy(said, out, each.joints)
+        return found
+
+    def _hand_over(self, coming: _Waiting) -> None:
+        """Let joints follow another trajectory, from where the one that they follow is then."""
+        self._lead(coming)
+        tracks = []
+        for each in self._tracks:
+            left = [joint for joint in each.joints if joint not in coming.joints]
+            if left:
+                tracks.append(_Track(each.motion, left))
+        self._tracks = [*tracks, _Track(coming.trajectory, coming.joints)]
+
+    def _lead(self, coming: _Waiting) -> None:
+        """Let a trajectory lead on from where the joints are when it takes over."""
+        before = Point()
+        self._mix(coming.handoff, before, ahead=True)
+        coming.trajectory.set_before(coming.handoff, before, self._wrap)
+
+    def _mix(self, t: int, out: Point, *, ahead: bool, asked: bool = False) -> bool:
+        """Write what each joint's motion says at `t`; where one says nothing, what stands stays."""
+        joints = len(self._wrap)
+        if len(out.positions) != joints or len(out.effort) != joints or len(out.velocities) != joints:
+            out.positions[:] = out.velocities[:] = out.accelerations[:] = out.effort[:] = [0.0] * joints
+        if len(out.accelerations) != joints:
+            out.accelerations[:] = [0.0] * joints
+        found = True
+        for each in self._tracks:
+            motion, said = each.motion, each.said
+            said_it = motion.query(t, said) if asked else motion.sample(t, said, ahead=ahead)
+            if said_it:
+                _copy(said, out, each.joints)
+            found = found and said_it
+        out.time = t - self.start
+        return found
+
+
+def _copy(said: Point, out: Point, joints: Sequence[int]) -> None:
+    """Copy the values of some joints."""
+    for joint in joints:
+        out.positions[joint] = said.positions[joint]
+        out.velocities[joint] = said.velocities[joint]
+        out.accelerations[joint] = said.accelerations[joint]
+        out.effort[joint] = said.effort[joint]
+
+
+# Coming to rest: each joint with its own deceleration from the speed that it has, or at once where it is.
+#
+# The law of the file (ros2_controllers jazzy, decelerate_on_cancel): the way is that of a constant deceleration. Ours,
+# and safer: a new stop begins with itself, where upstream rewrites the one that runs and jumps to where its time is;
+# and it is computed when it is sampled, so that the cycle in which it begins makes no list of points.
+
+
+_AT_REST: Final = 2.0**-23
+"""Below this a joint is at rest, in rad/s."""
+
+
+class Stop(Motion):
+    """The way to rest of all joints from where they are with `set_before`; `decelerations` in rad/s2, above 0.
+
+    Its time is real, however slowly trajectories run; `pace` is by how much they did, where it begins from what was
+    commanded and not from what is measured.
+    """
+
+    def __init__(self, decelerations: Sequence[float]) -> None:
+        super().__init__(0, 1)
+        joints, self.pace = len(decelerations), 1.0
+        self._decelerations, self.duration = list(decelerations), 0
+        self._positions, self._velocities = [0.0] * joints, [0.0] * joints
+        self._slopes, self._times, self._targets = [0.0] * joints, [0.0] * joints, [0.0] * joints
+
+    def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
+        """Take where the joints are and how fast they go: from there they come to rest."""
+        del time, wrap
+        self._positions[:] = point.positions
+        self._velocities[:] = point.velocities or [0.0] * len(self._decelerations)
+        for index, deceleration in enumerate(self._decelerations):
+            known = self._velocities[index]
+            velocity = self._velocities[index] = known * self.pace if math.isfinite(known) else 0.0
+            sign = 1.0 if velocity >= 0.0 else -1.0
+            self._slopes[index] = -sign * deceleration
+            self._times[index] = abs(velocity) / deceleration
+            self._targets[index] = self._positions[index] + sign * velocity * velocity / (2.0 * deceleration)
+        self.duration = int(max(self._times, default=0.0) * 1e9)
+
+    def time_of(self, index: int) -> int:
+        """Return when all are at rest, from start in ns."""
+        del index
+        return self.duration
+
+    def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
+        """Write the point at `t` into `out`, see `Motion`."""
+        del ahead
+        self.begin(t)
+        elapsed = max((t - self.start) / 1e9, 0.0)
+        joints = len(self._positions)
+        if len(out.velocities) != joints or len(out.accelerations) != joints or len(out.effort) != joints:
+            zeros = [0.0] * joints
+            out.velocities[:] = out.accelerations[:] = out.effort[:] = zeros
+        if len(out.positions) != joints:
+            out.positions[:] = self._positions
+        for i in range(joints):
+            velocity, slope, out.effort[i] = self._velocities[i], self._slopes[i], 0.0
+            if elapsed < self._times[i] and abs(velocity) > _AT_REST:
+                out.positions[i] = self._positions[i] + velocity * elapsed + slope * elapsed * elapsed / 2.0
+                out.velocities[i] = velocity + slope * elapsed
+                out.accelerations[i] = slope
+            else:
+                out.positions[i], out.velocities[i], out.accelerations[i] = self._targets[i], 0.0, 0.0
+        out.time = t - self.start
+        self.first, self.following = 0, 0 if t - self.start < self.duration else 1
+        return True
+
+
+# Speed scaling: how fast the time of trajectories runs, told by a user or by a state interface.
+#
+# The law of the file (ros2_controllers jazzy): what a user says goes to the command interface too, what a state
+# interface says counts. Ours, and safer: time stands while nobody knows how fast it runs.
+
+
+def scaled(time: int, factor: float) -> int:
+    """Return a time in ns at a speed, cut to whole ns: 10 ms at 0.3 are 2,999,999 ns, since 0.3 is a bit less.
+
+    The product is exact, as upstream's is in extended precision: rounded to a double it would be 1 ns more.
+    """
+    if factor == 1.0:
+        return time
+    numerator, denominator = factor.as_integer_ratio()
+    return time * numerator // denominator
+
+
+class SpeedScaling:
+    """`factor` of the time of trajectories: 1 is their own speed, 0 lets it stand.
+
+    `allowed` says that users may set it: where positions alone are commanded, since the velocities of a trajectory that
+    runs slower would have to be scaled too.
+    """
+
+    def __init__(self, factor: float = 1.0, *, allowed: bool = False) -> None:
+        self.allowed = allowed
+        self.factor = self._wanted = factor if allowed else 1.0
+        self._state: StateInterface | None = None
+        self._command: CommandInterface | None = None
+
+    def take(self, state: StateInterface | None, command: CommandInterface | None) -> None:
+        """Take the interfaces, where there are some."""
+        self._state, self._command = state, command
+
+    def mistake(self, factor: float) -> str | None:
+        """Say why a factor cannot be set, None if it can."""
+        if not self.allowed:
+            return "cannot scale its speed: it commands more than positions"
+        return None if 0.0 <= factor < math.inf else f"cannot scale its speed by {factor:g}; give 0 or more"
+
+    def set(self, factor: float) -> None:
+        """Run at a factor from the next cycle on."""
+        self._wanted = self.factor = factor
+
+    def update(self) -> None:
+        """Read and write the interfaces, in the cycle."""
+        if self._state is not None:
+            factor = self._state.value
+            self.factor = factor if 0.0 <= factor < math.inf else 0.0
+        if self._command is not None:
+            self._command.value = self._wanted
+
 
 NS: Final = 1_000_000_000
 

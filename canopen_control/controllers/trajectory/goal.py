@@ -6,14 +6,12 @@ import enum
 from typing import TYPE_CHECKING
 
 from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.trajectory.tolerances import GoalTolerances
+from canopen_control.controllers.trajectory.params import GoalTolerances
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.controllers.trajectory.point import JointTrajectory
-
-__all__ = ["Goal", "GoalState", "ResultCode"]
 
 
 class ResultCode(enum.IntEnum):

@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING
 
 from canopen_control.controllers.pid import Pid
 from canopen_control.controllers.trajectory.point import Point, shortest_angular_distance
-from canopen_control.hardware.interfaces import ACCELERATION, EFFORT, POSITION, VELOCITY
+from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.controllers.trajectory.params import JointGains
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
-
-__all__ = ["JointGroup", "Loops"]
 
 
 class JointGroup:

@@ -11,32 +11,179 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from canopen_control.controllers.params import CommonParams
-from canopen_control.controllers.standard_params import LoopGains
-from canopen_control.controllers.trajectory.interfaces import (
-    wrong_commands,
-    wrong_joints,
-    wrong_states,
-    wrong_together,
-)
-from canopen_control.controllers.trajectory.tolerances import SegmentTolerances, StateTolerance
-from canopen_control.urdf.joint_element import HardLimits
+from canopen_control.controllers.params import CommonParams, LoopGains
+from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, VELOCITY, HardLimits
 from canopen_control.yamlfile.convert import derived, setting
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator, Sequence
 
     from canopen_control.controllers.params import Params
+    from canopen_control.controllers.trajectory.point import Point
 
-__all__ = [
-    "OLD_KEYS",
-    "POINT_LIMITER",
-    "JointConstraints",
-    "JointGains",
-    "LimitParams",
-    "TrajectoryParams",
-    "read_params",
-]
+
+# Which command and state interfaces a joint trajectory controller can have together.
+#
+# The law of the file (ros2_controllers jazzy): the validators of its parameters, and what it checks when configured.
+
+
+COMMANDS: Final = (POSITION, VELOCITY, ACCELERATION, EFFORT)
+STATES: Final = (POSITION, VELOCITY, ACCELERATION)
+
+
+def wrong_commands(given: Sequence[str]) -> str | None:
+    """Say what is wrong with a list of command interfaces, None if nothing is."""
+    if (wrong := _wrong_list("command_interfaces", given, COMMANDS)) is not None:
+        return wrong
+    if VELOCITY in given and len(given) > 1 and POSITION not in given:
+        return "command_interfaces: velocity goes alone or with position; add position"
+    if ACCELERATION in given and VELOCITY not in given and POSITION not in given:
+        return "command_interfaces: acceleration goes with position or velocity; add one"
+    if EFFORT in given and set(given) not in ({EFFORT}, {POSITION, EFFORT}):
+        return "command_interfaces: effort goes alone or with position; leave the others out"
+    return None
+
+
+def wrong_states(given: Sequence[str]) -> str | None:
+    """Say what is wrong with a list of state interfaces, None if nothing is."""
+    if (wrong := _wrong_list("state_interfaces", given, STATES)) is not None:
+        return wrong
+    if VELOCITY in given and POSITION not in given:
+        return "state_interfaces: velocity goes with position; add position"
+    if ACCELERATION in given and not {POSITION, VELOCITY}.issubset(given):
+        return "state_interfaces: acceleration goes with position and velocity; add both"
+    return None
+
+
+def wrong_together(commands: Collection[str], states: Collection[str]) -> str | None:
+    """Say which states the loops over these commands lack, None if none."""
+    looped = set(commands) in ({VELOCITY}, {EFFORT}, {POSITION, EFFORT})
+    if looped and not {POSITION, VELOCITY}.issubset(states):
+        return (
+            f"state_interfaces: commanding {' and '.join(commands)} needs position and velocity; "
+            f"give state_interfaces: [position, velocity]"
+        )
+    return None
+
+
+def wrong_joints(joints: Sequence[str], command_joints: Sequence[str]) -> str | None:
+    """Say what is wrong with the joints that are commanded, None if nothing is.
+
+    As many as joints may have any names, those of another hardware; fewer are some of the joints.
+    """
+    if len(command_joints) > len(joints):
+        return f"command_joints: {len(command_joints)} are more than the {len(joints)} joints; leave some out"
+    strange = [each for each in command_joints if each not in joints]
+    if strange and len(command_joints) != len(joints):
+        return f"command_joints: {', '.join(strange)}: not among joints ({', '.join(joints)}); name some of those"
+    return None
+
+
+def _wrong_list(key: str, given: Sequence[str], known: Sequence[str]) -> str | None:
+    if not given:
+        return f"{key} is empty; give one or more of {', '.join(known)}"
+    if len(set(given)) != len(given):
+        return f"{key} names one twice: {', '.join(given)}; name each once"
+    strange = [each for each in given if each not in known]
+    if strange:
+        return f"{key}: {', '.join(strange)}: there are {', '.join(known)}"
+    return None
+
+
+# How far a joint may be from its trajectory, on the way and at the end, and what a goal says of it.
+#
+# The law of the file (ros2_controllers jazzy): of a goal's number above 0 is a tolerance, 0 is the parameters', -1 is
+# none at all. A number or a joint that cannot be makes the whole set that of the parameters; the goal is taken all the
+# same.
+
+
+_FLOAT_EPSILON: Final = 2.0**-23
+
+
+@dataclass(frozen=True)
+class StateTolerance:
+    """The largest errors of a joint: rad, rad/s, rad/s2 (m); 0 and less are none."""
+
+    position: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+
+
+@dataclass(frozen=True)
+class JointTolerance(StateTolerance):
+    """What a goal says of one joint (control_msgs/JointTolerance)."""
+
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class GoalTolerances:
+    """What a goal says of its tolerances; `goal_time` in s."""
+
+    path: tuple[JointTolerance, ...] = ()
+    goal: tuple[JointTolerance, ...] = ()
+    goal_time: float = 0.0
+
+
+@dataclass(frozen=True)
+class SegmentTolerances:
+    """The tolerances of all joints on the way and at the end; at `goal_time` s after it the end is late, 0 never."""
+
+    path: tuple[StateTolerance, ...]
+    goal: tuple[StateTolerance, ...]
+    goal_time: float = 0.0
+
+
+def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
+    """Whether the errors of a joint are within; an error of nan is, and so is one that nobody knows."""
+    if tolerance.position > 0.0 and abs(error.positions[joint]) > tolerance.position:
+        return False
+    speeds = error.velocities
+    if tolerance.velocity > 0.0 and joint < len(speeds) and abs(speeds[joint]) > tolerance.velocity:
+        return False
+    changes = error.accelerations
+    return not (tolerance.acceleration > 0.0 and joint < len(changes) and abs(changes[joint]) > tolerance.acceleration)
+
+
+def resolve(
+    goal: GoalTolerances, joints: Sequence[str], default: SegmentTolerances
+) -> tuple[SegmentTolerances, str | None]:
+    """Return the tolerances of a goal, and why they are the parameters' where it is wrong."""
+    try:
+        time = _resolved(goal.goal_time, default.goal_time, "goal_time_tolerance")
+        path = _of_joints(goal.path, joints, default.path, "path_tolerance")
+        end = _of_joints(goal.goal, joints, default.goal, "goal_tolerance")
+    except ValueError as error:
+        return default, f"{error}; the tolerances of the parameters hold"
+    return SegmentTolerances(path, end, time), None
+
+
+def _of_joints(
+    given: Sequence[JointTolerance], joints: Sequence[str], default: Sequence[StateTolerance], what: str
+) -> tuple[StateTolerance, ...]:
+    found = list(default)
+    for each in given:
+        if each.name not in joints:
+            raise ValueError(f"{what} is for {each.name!r}, which is not among {', '.join(joints)}")
+        index, who = joints.index(each.name), f"{what} of {each.name}"
+        known = default[index]
+        found[index] = StateTolerance(
+            _resolved(each.position, known.position, f"{who}: position"),
+            _resolved(each.velocity, known.velocity, f"{who}: velocity"),
+            _resolved(each.acceleration, known.acceleration, f"{who}: acceleration"),
+        )
+    return tuple(found)
+
+
+def _resolved(given: float, default: float, what: str) -> float:
+    if given > 0.0:
+        return given
+    if abs(given + 1.0) < _FLOAT_EPSILON:
+        return 0.0
+    if given < 0.0:
+        raise ValueError(f"{what} is {given:g}; it is above 0, 0 for that of the parameters, or -1 for none")
+    return default
+
 
 POINT_LIMITER: Final = "joint_limits/JointTrajectoryPointSaturationLimiter"
 

@@ -14,7 +14,6 @@ from mypy_extensions import mypyc_attr
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-__all__ = ["Arrangement", "JointTrajectory", "Point", "Points", "shortest_angular_distance", "whole_turns"]
 
 _HALF_TURN: Final = 1e-9
 """So near to half a turn both ways are the shortest, and the sign of the difference decides; rad."""

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from canopen_control.controllers.trajectory.point import Point
     from canopen_control.urdf.joint_element import HardLimits
 
-__all__ = ["PointLimiter"]
 
 _ZERO: Final = 1e-10  # what is not larger is not given
 

@@ -21,7 +21,7 @@ from canopen_control.errors import CanopenError
 from canopen_control.ros.interfaces.cdr import Codecs
 from canopen_control.ros.interfaces.classes import action_class, message_class, service_class
 from canopen_control.ros.interfaces.definition import DEFINITIONS, owner_of, parts_of
-from canopen_control.ros.interfaces.type_description import Registry, hash_text
+from canopen_control.ros.interfaces.support import Registry, hash_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -104,8 +104,7 @@ class _Factory:
     def supports(self) -> Supports:
         """Return what makes type supports; loads ROS's libraries."""
         if self._supports is None:
-            from canopen_control.ros.interfaces.libraries import Libraries
-            from canopen_control.ros.interfaces.support import Supports
+            from canopen_control.ros.interfaces.support import Libraries, Supports
 
             self._supports = Supports(Libraries(), self.registry, self.codecs)
         return self._supports

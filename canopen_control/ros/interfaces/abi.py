@@ -26,39 +26,6 @@ from ctypes import (
 )
 from typing import Any, Final, TypeVar
 
-__all__ = [
-    "CONVERT_FROM_PY",
-    "CONVERT_TO_PY",
-    "CREATE",
-    "DESTROY",
-    "MAKE_EVENT",
-    "REMOVE_EVENT",
-    "SLOTS",
-    "ActionSupport",
-    "Bytes",
-    "CallbackSettings",
-    "EventInfo",
-    "FastCallbacks",
-    "FastService",
-    "FieldDescription",
-    "FieldTypeDescription",
-    "Hash",
-    "IndividualDescription",
-    "Layout",
-    "LayoutField",
-    "Member",
-    "Members",
-    "MessageSupport",
-    "ServiceMembers",
-    "ServiceSupport",
-    "Source",
-    "TypeDescription",
-    "address",
-    "keep",
-    "sequence",
-    "string",
-]
-
 T = TypeVar("T")
 _kept: Final[list[object]] = []
 

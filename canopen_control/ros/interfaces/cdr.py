@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     Decoder = Callable[[memoryview, int], tuple[Any, int]]
     Codec = tuple[Encoder, Decoder]
 
-__all__ = ["NUMBERS", "Codecs", "size_of"]
 
 #: struct and array codes of the numbers by type id
 NUMBERS: Final = {2: "b", 3: "B", 4: "h", 5: "H", 6: "i", 7: "I", 8: "q", 9: "Q", 10: "f", 11: "d"}

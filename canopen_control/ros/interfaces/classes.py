@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from canopen_control.ros.interfaces.definition import Structure
     from canopen_control.ros.interfaces.support import Supports
 
-__all__ = ["MadeMessage", "action_class", "message_class", "service_class"]
 
 #: what rclpy looks for in a metaclass, in the order of `Capsules`
 _CAPSULES: Final = (

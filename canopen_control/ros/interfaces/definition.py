@@ -15,21 +15,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-__all__ = [
-    "BOUNDED_STRING",
-    "DEFINITIONS",
-    "DUMMY",
-    "NESTED",
-    "STRING",
-    "Field",
-    "FieldType",
-    "Shape",
-    "Structure",
-    "owner_of",
-    "parse",
-    "parts_of",
-]
-
 DEFINITIONS: Final[dict[str, list[str]]] = json.loads(
     Path(__file__).with_name("definitions.json").read_text(encoding="utf-8")
 )

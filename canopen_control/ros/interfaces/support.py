@@ -12,25 +12,297 @@ standard error.
 from __future__ import annotations
 
 import ctypes
+import hashlib
+import importlib
+import json
+import platform
 import sys
-from ctypes import c_char_p, c_void_p
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from ctypes import c_bool, c_char_p, c_int, c_size_t, c_uint, c_uint32, c_void_p
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypedDict
 
 from canopen_control.ros.interfaces import abi
-from canopen_control.ros.interfaces.abi import address, keep
+from canopen_control.ros.interfaces.abi import SLOTS, Bytes, CallbackSettings, address, keep
 from canopen_control.ros.interfaces.cdr import size_of
-from canopen_control.ros.interfaces.definition import BOUNDED_STRING, NESTED, STRING, Shape, parts_of
-from canopen_control.ros.interfaces.type_description import hash_of
+from canopen_control.ros.interfaces.definition import (
+    BOUNDED_STRING,
+    NESTED,
+    STRING,
+    Field,
+    FieldType,
+    Shape,
+    Structure,
+    owner_of,
+    parse,
+    parts_of,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from canopen_control.ros.interfaces.cdr import Codecs
-    from canopen_control.ros.interfaces.definition import FieldType
-    from canopen_control.ros.interfaces.libraries import Libraries
-    from canopen_control.ros.interfaces.type_description import DescribedStructure, Description, Registry
 
-__all__ = ["Capsules", "Supports"]
+
+# The functions and names of ROS's C libraries that a type support made at run time stands on.
+#
+# The law of the file: a ROS message of ours is a `std_msgs/String` in C whose text is the CDR body; so creating,
+# destroying and copying are upstream's own functions. The type supports' identifiers are compared by address and so
+# must be the libraries' own. Where in a Fast CDR object the end of its buffer stands is found by making one and
+# looking. What Fast DDS calls while it holds its mutexes is `callbacks.c`, made for each processor: see there why it is
+# not Python.
+
+
+_CDR: Final = "_ZN8eprosima7fastcdr3Cdr"  # eprosima::fastcdr::Cdr
+_BUFFER_MADE: Final = "_ZN8eprosima7fastcdr10FastBufferC1EPcm"
+_CDR_MADE: Final = f"{_CDR}C1ERNS0_10FastBufferENS1_10EndiannessENS0_10CdrVersionE"
+_PUT: Final = f"{_CDR}15serialize_arrayEPKcm"
+_POSITION: Final = f"{_CDR}20get_current_positionEv"
+_LITTLE_ENDIAN: Final = 1
+_XCDR1: Final = 1
+
+
+class Libraries:
+    """Loads the libraries; OSError or AttributeError when one, or a function in it, is missing."""
+
+    def __init__(self) -> None:
+        self._folder = _library_folder()
+        runtime, cdr = self._open("librosidl_runtime_c.so"), self._open("libfastcdr.so.2")
+        strings = self._open("libstd_msgs__rosidl_generator_c.so")
+        self.dispatch_id = self._identifier("rosidl_typesupport_c", "typesupport_identifier")
+        self.fast_id = self._identifier("rosidl_typesupport_fastrtps_c", "identifier")
+        self.introspection_id = self._identifier("rosidl_typesupport_introspection_c", "identifier")
+        self.create = _symbol_address(strings.std_msgs__msg__String__create)
+        self.destroy = _symbol_address(strings.std_msgs__msg__String__destroy)
+        self._assign = _declared(runtime.rosidl_runtime_c__String__assignn, c_bool, c_void_p, c_char_p, c_size_t)
+        position = _declared(cdr[_POSITION], c_void_p, c_void_p)
+        self.callbacks = Callbacks(
+            put=_symbol_address(cdr[_PUT]),
+            position=_symbol_address(position),
+            assign=_symbol_address(self._assign),
+            end_offset=_find_end(cdr, position),
+        )
+
+    def set_body(self, message: int, body: bytes) -> bool:
+        """Let a message in C hold a body."""
+        return bool(self._assign(message, body, len(body)))
+
+    def body_of(self, message: int) -> bytes:
+        """Return what a message in C holds."""
+        held = Bytes.from_address(message)
+        return ctypes.string_at(held.data, held.size) if held.size else b""
+
+    def _open(self, name: str) -> ctypes.CDLL:
+        try:
+            return ctypes.CDLL(name)  # loaded already, or on the library path
+        except OSError:
+            return ctypes.CDLL(str(self._folder / name))
+
+    def _identifier(self, package: str, symbol: str) -> int:
+        return int(c_void_p.in_dll(self._open(f"lib{package}.so"), f"{package}__{symbol}").value or 0)
+
+
+class Callbacks:
+    """The functions of `callbacks.c`, as addresses; OSError when there is none for this processor."""
+
+    def __init__(self, put: int, position: int, assign: int, end_offset: int) -> None:
+        path = Path(__file__).with_name(f"callbacks_{platform.machine()}.so")
+        if not path.exists():
+            make = f"cc -O2 -shared -fPIC -o {path} {path.with_name('callbacks.c')}"
+            raise OSError(f"there is no {path.name} for this processor; make it with: {make}")
+        self._library = keep(ctypes.CDLL(str(path)))
+        self._settings = keep(CallbackSettings.in_dll(self._library, "settings"))
+        self._settings.put, self._settings.position, self._settings.assign = put, position, assign
+        self._settings.end_offset = end_offset
+        self._dropped = (c_uint32 * SLOTS).in_dll(self._library, "dropped")
+        self._dropped_in_all = c_uint32.in_dll(self._library, "dropped_in_all")
+        self._slot = _declared(self._library.slot, c_void_p, c_uint)
+        self._names: list[str] = []
+        self._told, self._told_in_all = [0] * SLOTS, 0
+
+    def __getitem__(self, name: str) -> int:
+        """Return the address of a function."""
+        return _symbol_address(self._library[name])
+
+    def deserializer(self, name: str, layout: int) -> int:
+        """Return the function that takes a message of a new type; RuntimeError when there is no room for another."""
+        slot = len(self._names)
+        if slot == SLOTS:
+            raise RuntimeError(f"more than {SLOTS} types of messages in one process")
+        self._names.append(name)
+        self._settings.layouts[slot] = layout
+        return int(self._slot(slot))
+
+    def newly_dropped(self) -> list[str]:
+        """Return the types of which messages of another layout came, and were dropped, since the last call."""
+        if self._dropped_in_all.value == self._told_in_all:
+            return []
+        self._told_in_all = self._dropped_in_all.value
+        counts = list(self._dropped)
+        names = [name for slot, name in enumerate(self._names) if counts[slot] != self._told[slot]]
+        self._told = counts
+        return names
+
+
+def _library_folder() -> Path:
+    """Return where this ROS has its libraries: beside the site-packages that its generators are in."""
+    generator = importlib.import_module("rosidl_generator_py")
+    return Path(str(generator.__file__)).resolve().parents[4] / "lib"
+
+
+def _declared(function: Any, result: Any, *arguments: Any) -> Any:  # noqa: ANN401 - ctypes functions are
+    function.restype, function.argtypes = result, arguments
+    return function
+
+
+def _symbol_address(function: Any) -> int:  # noqa: ANN401 - as above
+    return int(ctypes.cast(function, c_void_p).value or 0)
+
+
+def _find_end(cdr: ctypes.CDLL, position: Any) -> int:  # noqa: ANN401 - as above
+    """Return the offset of the end pointer in a Cdr; RuntimeError when it is not there exactly once."""
+    size, words = 16, 128
+    raw = keep(ctypes.create_string_buffer(size))
+    buffer, made = keep(ctypes.create_string_buffer(64)), keep(ctypes.create_string_buffer(words * 8))
+    _declared(cdr[_BUFFER_MADE], None, c_void_p, c_void_p, c_size_t)(buffer, raw, size)
+    _declared(cdr[_CDR_MADE], None, c_void_p, c_void_p, c_int, c_int)(made, buffer, _LITTLE_ENDIAN, _XCDR1)
+    held = list((c_size_t * words).from_buffer(made))
+    end = ctypes.addressof(raw) + size
+    if held.count(end) != 1 or position(made) != ctypes.addressof(raw):
+        raise RuntimeError("this Fast CDR is laid out in another way than the one known here")
+    return 8 * held.index(end)
+
+
+# Type descriptions and their hashes: what two ROS programs compare before they talk.
+#
+# The law of the file (REP 2011, rosidl's RIHS01): the hash is the SHA-256 of the description as JSON with ", " and ": "
+# as separators, without default values, the referenced types sorted by name, all of them, whatever refers to them.
+# Descriptions of installed packages come from the JSON files that they install.
+
+
+class DescribedFieldType(TypedDict):
+    """type_description_interfaces/msg/FieldType."""
+
+    type_id: int
+    capacity: int
+    string_capacity: int
+    nested_type_name: str
+
+
+class DescribedField(TypedDict):
+    """type_description_interfaces/msg/Field, without its default value."""
+
+    name: str
+    type: DescribedFieldType
+
+
+class DescribedStructure(TypedDict):
+    """type_description_interfaces/msg/IndividualTypeDescription."""
+
+    type_name: str
+    fields: list[DescribedField]
+
+
+class Description(TypedDict):
+    """type_description_interfaces/msg/TypeDescription: dicts in this order, since they are hashed as JSON."""
+
+    type_description: DescribedStructure
+    referenced_type_descriptions: list[DescribedStructure]
+
+
+class Registry:
+    """Structures by full name: the ones that were added, and those of installed packages below `shares`."""
+
+    def __init__(self, shares: Iterable[Path] = ()) -> None:
+        self._shares = list(shares)
+        self._structures: dict[str, Structure] = {}
+        self._texts: dict[str, list[str]] = {}
+
+    def add(self, definitions: Mapping[str, list[str]]) -> None:
+        """Add interfaces by their texts, as {"package/msg/Name": lines}; they are read when they are asked for."""
+        for name, lines in definitions.items():
+            self._texts[name] = lines
+            for known in [each for each in self._structures if owner_of(each) == name]:
+                del self._structures[known]
+
+    def get(self, name: str) -> Structure:
+        """Return a structure; LookupError if nobody has it, neither a definition nor an installed package.
+
+        ValueError names a bad line of a definition.
+        """
+        if name not in self._structures:
+            owner = owner_of(name)
+            if owner in self._texts:
+                self._structures |= {each.name: each for each in parse(owner, self._texts[owner])}
+            if name not in self._structures:
+                self._load(name)
+        return self._structures[name]
+
+    def referenced(self, name: str) -> list[Structure]:
+        """Return every structure that a structure is made of, itself not, sorted by name."""
+        seen: set[str] = set()
+        todo = [name]
+        while todo:
+            nested = {each.type.nested for each in self.get(todo.pop()).fields if each.type.nested}
+            todo += nested - seen
+            seen |= nested
+        return [self.get(each) for each in sorted(seen)]
+
+    def describe(self, name: str) -> Description:
+        """Return the type description, as type_description_interfaces/msg/TypeDescription has it."""
+        return {
+            "type_description": _describe(self.get(name)),
+            "referenced_type_descriptions": [_describe(each) for each in self.referenced(name)],
+        }
+
+    def _load(self, name: str) -> None:
+        package, kind, short = parts_of(name)
+        paths = [share / package / kind / f"{short}.json" for share in self._shares]
+        found = next((path for path in paths if path.exists()), None)
+        if found is None:
+            raise LookupError(f"no description of {name}; is the package {package} installed?")
+        described = json.loads(found.read_text(encoding="utf-8"))["type_description_msg"]
+        for each in (described["type_description"], *described["referenced_type_descriptions"]):
+            self._structures.setdefault(each["type_name"], _structure(each))
+
+
+def hash_of(description: Description) -> bytes:
+    """Return the 32 bytes of the RIHS01 hash."""
+    return hashlib.sha256(json.dumps(description, separators=(", ", ": ")).encode()).digest()
+
+
+def hash_text(description: Description) -> str:
+    """Return the hash as `ros2 topic info -v` prints it."""
+    return f"RIHS01_{hash_of(description).hex()}"
+
+
+def _describe(structure: Structure) -> DescribedStructure:
+    return {
+        "type_name": structure.name,
+        "fields": [
+            {
+                "name": each.name,
+                "type": {
+                    "type_id": each.type.type_id,
+                    "capacity": each.type.capacity,
+                    "string_capacity": each.type.string_capacity,
+                    "nested_type_name": each.type.nested,
+                },
+            }
+            for each in structure.fields
+        ],
+    }
+
+
+def _structure(described: DescribedStructure) -> Structure:
+    fields = []
+    for each in described["fields"]:
+        kind = each["type"]
+        field_type = FieldType.of_id(
+            kind["type_id"], kind["capacity"], kind["string_capacity"], kind["nested_type_name"]
+        )
+        fields.append(Field(each["name"], field_type))
+    return Structure(described["type_name"], tuple(fields))
+
 
 _GETTERS: Final = ("hash", "description", "sources")
 _NUMBER, _TEXT, _NESTED = range(3)  # enum kind of `callbacks.c`

@@ -22,8 +22,6 @@ import msgspec
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-__all__ = ["PROTOCOL", "Api", "BitRate", "Bits", "Count", "Document", "Done", "Effect", "Identifier", "Index", "Method",
-           "NodeId", "Refusal", "Request", "Subindex", "UnixTime"]  # fmt: skip
 
 PROTOCOL: Final = 2
 """The version of all sockets; it goes up when what one side says may be misunderstood by the other."""

@@ -13,11 +13,6 @@ import msgspec
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 from canopen_control.rpc.messages.world_shape import WorldShape
 
-__all__ = ["DRIVE", "ActiveFaults", "AddPayload", "AxisState", "BasePose", "BlockJoint", "DriveEvent", "DriveHello",
-           "DriveState", "FaultListing", "GetDriveState", "GetWorld", "GetWorldShapes", "ListFaults", "PlantState",
-           "PushRobot", "RestartQuality", "SetGrip", "SetInputs", "SetPlant", "SetPointQuality", "SetSignals",
-           "SignalState", "Spread", "SwitchFault", "WorldAct", "WorldState"]  # fmt: skip
-
 Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
 

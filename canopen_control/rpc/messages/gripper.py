@@ -11,9 +11,6 @@ import msgspec
 
 from canopen_control.rpc.messages.declare import Done, Effect, Request
 
-__all__ = ["GRIPPER_METHODS", "CancelGripper", "GripperEnd", "GripperResult", "GripperVerdict", "MoveGripper",
-           "SendGripper"]  # fmt: skip
-
 A = TypeVar("A")
 
 

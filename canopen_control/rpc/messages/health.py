@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.state import AxisReading, NodeReading
 
-__all__ = ["Health", "Verdict", "judge", "judge_axis", "judge_node", "stale"]
 
 _FAULTS: Final = ("FAULT", "FAULT_REACTION_ACTIVE")
 _ENABLED: Final = "OPERATION_ENABLED"

@@ -12,11 +12,6 @@ import msgspec
 
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
-__all__ = [
-    "HUB", "BusOff", "ClearFaults", "Cut", "DelayFrames", "DropFrames", "DropState", "ErrorKind", "GetHubStatus",
-    "HubHello", "HubStatus", "Member", "Restart", "SendErrorFrame", "SetBitrate", "Uncut",
-]  # fmt: skip
-
 _MAX_BITRATE: Final = 1_000_000  # classic CAN
 _MAX_DELAY: Final = 60_000
 

@@ -8,8 +8,6 @@ import msgspec
 
 from canopen_control.rpc.messages.declare import BitRate, Bits, Count, Identifier, Index, NodeId, Subindex
 
-__all__ = ["BusLayout", "Direction", "Layout", "MappedEntry", "NodeLayout", "PdoLayout"]
-
 Direction = Literal["rpdo", "tpdo"]
 
 

@@ -12,20 +12,6 @@ import msgspec
 
 from canopen_control.rpc.messages.declare import Done, Effect, Request
 
-__all__ = [
-    "KINDS",
-    "MANAGER",
-    "PARAMETER_METHODS",
-    "SCALARS",
-    "GetParameters",
-    "ParameterReading",
-    "ParameterValue",
-    "SetParameters",
-    "Told",
-    "number_of",
-    "told",
-]  # fmt: skip
-
 MANAGER: Final = "controller_manager"
 #: the types of a parameter, each with that of its elements where it is a list
 KINDS: Final = {

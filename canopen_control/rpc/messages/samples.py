@@ -10,11 +10,6 @@ from typing import Any, TypeAlias, TypeVar
 
 import msgspec
 
-__all__ = ["BatteriesSample", "BatteryReading", "ControllerSample", "DiagnosticsSample", "DofReading", "GpioSample",
-           "GripperSample", "ImuSample", "JointDiagnosis", "JointStatesSample", "MecanumSample", "OdometrySample",
-           "PidSample", "PoseSample", "RangeSample", "Sample", "SteeringSample", "TrajectoryPoint", "TrajectorySample",
-           "Values", "WrenchSample", "grown", "kind_of", "stamped"]  # fmt: skip
-
 Values: TypeAlias = dict[str, float | None]
 S = TypeVar("S", bound="Sample")
 M = TypeVar("M", bound=msgspec.Struct)

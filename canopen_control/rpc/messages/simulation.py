@@ -14,9 +14,6 @@ import msgspec
 from canopen_control.rpc.messages.declare import Effect, Request
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
 
-__all__ = ["MAX_STEPS", "SIMULATION_METHODS", "GetLaserScans", "GetSimulation", "LaserScanReading", "PauseSimulation",
-           "ResetSimulation", "Simulation", "StepSimulation"]  # fmt: skip
-
 MAX_STEPS: Final = 1_000_000
 
 

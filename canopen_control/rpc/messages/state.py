@@ -14,10 +14,6 @@ import msgspec
 from canopen_control.rpc.messages.declare import Count, NodeId, UnixTime
 from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
 
-__all__ = ["AxisReading", "BootStep", "BusTraffic", "ControllerReading", "CycleTimes", "EventDetails",
-           "JointReading", "NodeReading", "Planar", "RobotEvent", "SdoCounts", "Snapshot", "StateSample", "Status",
-           "TimedSnapshot", "TrackingReading", "TruePose"]  # fmt: skip
-
 S = TypeVar("S", bound=Sample)
 Planar: TypeAlias = tuple[float, float, float]
 """x and y in m, heading in rad."""

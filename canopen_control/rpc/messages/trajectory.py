@@ -13,12 +13,6 @@ import msgspec
 from canopen_control.rpc.messages.declare import Done, Effect, Request
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 
-__all__ = [
-    "MAX_POINTS", "TRAJECTORY_METHODS", "CancelTrajectory", "FollowTrajectory", "QueryTrajectory", "ScaleTrajectory",
-    "SendTrajectory", "SetTrajectory", "TrajectoryAt", "TrajectoryData", "TrajectoryEnd", "TrajectoryHeartbeat",
-    "TrajectoryResult", "TrajectoryTolerance", "TrajectoryVerdict",
-]  # fmt: skip
-
 A = TypeVar("A")
 MAX_POINTS: Final = 20_000  # of a trajectory
 

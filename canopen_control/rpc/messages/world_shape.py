@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import msgspec
 
-__all__ = ["WorldShape"]
-
 
 class WorldShape(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A thing in a world beside the robot: `kind` is "box", "cylinder" (along z), "ellipsoid", or "patch" of the floor.

@@ -6,24 +6,297 @@ stands in the page's address, so that a page loaded anew is where it was.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlencode
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 
+from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.service.drive_faults import error_history
+from canopen_control.service.object_rows import statusword_bits
 from canopen_control.view.drive.drive_tab import DriveTabContext
-from canopen_control.view.drive.drive_tabs import TABS
+from canopen_control.view.drive.parameters_tab import FirmwareTab, ParametersTab
+from canopen_control.view.drive.scope_tab import ScopeTab
+from canopen_control.view.drive.tune_tab import TuneTab
+from canopen_control.view.elements.nicegui_elements import ObjectTree
+from canopen_control.view.object_list import ObjectList, address_text
 from canopen_control.view.panels.panel import Html
-from canopen_control.view.words import axis_rows, chip
+from canopen_control.view.panels.target_panel import PowerPanel, TargetPanel
+from canopen_control.view.robot_connection import in_thread
+from canopen_control.view.words import BAD, GOOD, WARN, axis_rows, chip, event_log, sentence
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from nicegui.element import Element
 
+    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.rpc.messages.state import AxisReading, NodeReading
     from canopen_control.view.drive.drive_tab import DriveTab
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
 
-__all__ = ["DriveView"]
+
+# The Objects tab: the whole dictionary of the node as a tree, live where it is in sight, with edits and their undo.
+
+
+_NO_EDS: Final = "Nothing tells what the objects of this node are: bus.yml names no EDS for it."
+_READING: Final = "Reading the EDS ..."
+_ANEW: Final = 25  # showings
+
+
+class ObjectsTab:
+    """Reads what is in sight while the tab is; a page that only looks writes nothing."""
+
+    def __init__(self, context: DriveTabContext) -> None:
+        self._context, self._client = context, ui.context.client
+        self._page = f"{self._client.id} {context.node}"
+        self._reader = context.panel.robot.live_reader  # of this robot, also when another one is there
+        self._list: ObjectList | None = None
+        self._tree: ObjectTree | None = None
+        self._seen: list[str] = []
+        self._is_left, self._is_heard, self._turns = False, False, 0
+        with ui.element("section").classes("cc-panel"):
+            with ui.element("div").classes("cc-row cc-acts"):
+                self._undo = ui.button("Undo", color="blue-grey-8", on_click=self._take_back).props("unelevated dense")
+                self._last = Html("cc-o-last")
+            self._told = Html()
+            self._place = ui.element("div")
+        self._told.show(sentence(_READING))
+        background_tasks.create(self._begin(), name="objects")
+
+    async def _begin(self) -> None:
+        """Read the EDS on a thread, then make the tree."""
+        try:
+            od = await in_thread(self._context.desk.dictionary)
+        except CanopenError as error:
+            self._told.show(sentence(str(error), BAD))
+            return
+        if od is None:
+            self._told.show(sentence(_NO_EDS, WARN))
+            return
+        self._told.show("")
+        self._list = await in_thread(lambda: ObjectList(od, self._context.place.node_id))
+        rows = await in_thread(lambda: self._list.rows if self._list is not None else [])
+        if not self._place.is_deleted:
+            with self._place:
+                self._tree = ObjectTree(rows, _product(od), self, writes=self._context.panel.teleop)
+
+    # ------------------------------------------------------------------------------------ what the frame asks of it
+
+    def show(self, content: PageContent) -> None:
+        """Send what was read since, and show what can be undone."""
+        desk = self._context.desk
+        if self._is_left:
+            self._is_left = False
+            self._watch()
+        if self._tree is not None and self._list is not None and self._is_heard:
+            self._turns += 1
+            if not self._turns % _ANEW:  # a browser that was away for a moment has not heard all
+                self._tell_seen()
+            if news := self._list.news(desk.live):
+                self._tree.values(news)
+            lost = desk.lost if self._seen and not content.lost else ""
+            self._told.show(sentence(lost, BAD))
+        last = desk.history.last
+        self._undo.set_enabled(last is not None and self._context.panel.teleop and not content.lost)
+        self._last.show(sentence(f"last write: {last.words}" if last is not None else "nothing was written yet"))
+
+    def leave(self) -> None:
+        """Read no more."""
+        self._is_left = True
+        self._reader.watch(self._page, self._context.desk, ())
+
+    # ------------------------------------------------------------------------------------ what the tree tells
+
+    def seen(self, addresses: list[str]) -> None:
+        """Have what is in sight read."""
+        self._seen, self._is_heard = addresses, True
+        self._tell_seen()
+        if not self._is_left:
+            self._watch()
+
+    def _tell_seen(self) -> None:
+        if self._tree is not None and self._list is not None:
+            self._tree.values(self._list.known(self._context.desk.live, self._seen))
+
+    def _watch(self) -> None:
+        entries = self._list.entries_with_mode(self._seen) if self._list is not None else []
+        self._reader.watch(self._page, self._context.desk, entries)
+
+    def search(self, text: str) -> None:
+        """Show what the words mean."""
+        if self._list is not None and self._tree is not None:
+            self._tree.matches(text, *self._list.search(text))
+
+    def write(self, address: str, text: str) -> None:
+        """Write an object, and say at it what came of that."""
+        background_tasks.create(self._write(address, text), name="write")
+
+    async def _write(self, address: str, text: str) -> None:
+        entry = self._list.entry(address) if self._list is not None else None
+        if entry is None or self._tree is None or not self._context.panel.teleop:
+            return  # no page of ours asks for it
+        try:
+            edit = await self._context.desk.write(entry, text)
+        except CanopenError as error:
+            self._tree.answer(address, str(error), good=False)
+        else:
+            self._tree.answer(address, f"written: {edit.words}", good=True)
+        self._reader.soon(self._context.desk, entry)
+
+    async def _take_back(self) -> None:
+        if not self._context.panel.teleop:
+            return
+        try:
+            edit = await self._context.desk.undo()
+        except CanopenError as error:
+            self._last.show(sentence(str(error), BAD))
+            ui.notify(str(error), type="negative", position="top", multi_line=True, close_button="OK")
+            return
+        if self._tree is not None:
+            self._tree.answer(address_text(edit.entry.address), f"undone: {edit.words}", good=True)
+        self._last.show(sentence(f"undone: {edit.words}", GOOD))
+        self._reader.soon(self._context.desk, edit.entry)
+
+
+def _product(od: ObjectDictionary) -> str:
+    """Return by what the favourites of the kind of drive are kept."""
+    return f"{od.device.vendor_number or 0:X}-{od.device.product_number or 0:X}-{od.device.product_name}"
+
+
+# The Status tab: what the node is and does, the bits of its statusword, its errors, and a target that is held.
+
+
+_NO_ERRORS: Final = "<p class='cc-note'>The drive remembers no error.</p>"
+_GONE: Final = "<p class='cc-note'>Nobody knows.</p>"
+
+
+class StatusTab:
+    """Shows the node as the robot knows it; its error history is read once, and again when somebody asks for it."""
+
+    def __init__(self, context: DriveTabContext) -> None:
+        self._context, self._client = context, ui.context.client
+        self._drives: TargetPanel | None = None
+        with ui.element("div").classes("cc-tab-columns"):
+            with ui.element("section").classes("cc-panel"):
+                ui.html("State", sanitize=False, tag="h2")
+                self._facts = Html("cc-stale")
+                self._power = PowerPanel(context.panel, context.node) if context.place.axes else None
+            with ui.element("section").classes("cc-panel") as bits:
+                ui.html("Statusword", sanitize=False, tag="h2")
+                self._bits = Html("cc-stale")
+            bits.visible = bool(context.place.axes)
+            with ui.element("section").classes("cc-panel"):
+                ui.html("Teleop by target: hold a button", sanitize=False, tag="h2")
+                self._drives = TargetPanel(context.panel, context.node)
+            with ui.element("section").classes("cc-panel"):
+                ui.html("Controlled by", sanitize=False, tag="h2")
+                self._who = Html("cc-stale")
+            with ui.element("section").classes("cc-panel"):
+                ui.html("Error history (0x1003)", sanitize=False, tag="h2")
+                self._errors = Html()
+                ui.button("Read again", color="blue-grey-6", on_click=self._read).props("outline dense")
+            with ui.element("section").classes("cc-panel"):
+                ui.html("Events of this node, newest first", sanitize=False, tag="h2")
+                self._events = Html("cc-log")
+        background_tasks.create(self._read(), name="errors")
+
+    def show(self, content: PageContent) -> None:
+        """Show what is known now."""
+        reading = self._context.reading(content)
+        if reading is not None:
+            self._facts.show(facts_table(reading))
+            self._bits.show("".join(_bits(axis) for axis in reading.axes) or _GONE)
+            self._who.show(_movers(content, reading))
+        if self._power is not None:
+            self._power.show(content)
+        if self._drives is not None:
+            self._drives.show(content)
+        self._events.show(event_log(each for each in content.events if each.node == self._context.node))
+
+    def leave(self) -> None:
+        """End what is driven from here."""
+        self._context.panel.let_go(self._client.id)
+
+    async def _read(self) -> None:
+        try:
+            found = await self._context.desk.ask(error_history)
+        except ConfigError as error:  # a drive need not have one
+            self._errors.show(sentence(str(error)))
+            return
+        except CanopenError as error:
+            self._errors.show(sentence(str(error), BAD))
+            return
+        self._errors.show("".join(f"<p class='cc-line'>{escape(each)}</p>" for each in found) or _NO_ERRORS)
+
+
+def facts_table(reading: NodeReading) -> str:
+    """Return what the robot knows of a node, as HTML."""
+    lines = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in _facts(reading))
+    return f"<table class='cc-table cc-known'>{lines}</table>"
+
+
+def _facts(reading: NodeReading) -> Iterator[tuple[str, str]]:
+    yield "node", f"{reading.node_id} on {reading.bus}" if reading.bus else str(reading.node_id)
+    taken = ", taken out of the robot" if reading.taken_out else ""
+    yield "NMT", f"{(reading.nmt_state or 'unknown').replace('_', '-').lower()}{taken}"
+    for axis in reading.axes:
+        name = axis.joint if len(reading.axes) > 1 else "drive"
+        yield name, f"{(axis.state or 'unknown').replace('_', ' ').lower()}, mode {axis.mode or '-'}"
+    yield "last seen", "never" if reading.age is None else f"{reading.age:.2f} s ago" if reading.age >= 0.25 else "live"
+    counts = reading.sdo
+    yield "SDO", f"{counts.reads} reads, {counts.writes} writes, {counts.failed} failed"
+    for error in dict.fromkeys(filter(None, (reading.error, *(axis.error for axis in reading.axes)))):
+        yield "error", error
+
+
+def _bits(axis: AxisReading) -> str:
+    """Return the bits of a statusword as HTML."""
+    if axis.statusword is None:
+        return _GONE
+    bits = "".join(
+        f"<span class='{'cc-set' if each.on else ''}'>{each.bit} {escape(each.name)}</span>"
+        for each in statusword_bits(axis.statusword, axis.mode)
+    )
+    return f"<p class='cc-note'>{escape(axis.joint)}: 0x{axis.statusword:04X}</p><div class='cc-bits'>{bits}</div>"
+
+
+def _movers(content: PageContent, reading: NodeReading) -> str:
+    """Say which controllers command the node's joints, as HTML."""
+    joints = {axis.joint for axis in reading.axes}
+    active = [each for each in content.controllers if each.state == "active"]
+    names = [each.name for each in active if any(claim.rpartition("/")[0] in joints for claim in each.claims)]
+    if not reading.axes:
+        return sentence("It is no drive: nothing moves it.")
+    if not names:
+        return sentence("No active controller commands it.")
+    return sentence(f"{', '.join(names)} command{'s' if len(names) == 1 else ''} it; the page drives through it.")
+
+
+# The tabs of the Drive view by their order; a new one is a class in this folder and a line here.
+
+
+@dataclass(frozen=True, slots=True)
+class TabSlot:
+    """A tab: its key, which stands in the page's address, what is written on it, and what makes it."""
+
+    key: str
+    title: str
+    make: Callable[[DriveTabContext], DriveTab]
+
+
+TABS: Final = (
+    TabSlot("status", "Status", StatusTab),
+    TabSlot("objects", "Objects", ObjectsTab),
+    TabSlot("scope", "Scope", ScopeTab),
+    TabSlot("tune", "Tune", TuneTab),
+    TabSlot("parameters", "Parameters", ParametersTab),
+    TabSlot("firmware", "Firmware", FirmwareTab),
+)
+
 
 _ROBOT, _DRIVE = "robot", "drive"
 _OPEN: Final = "cc-in-drive"

@@ -7,29 +7,181 @@ from typing import TYPE_CHECKING, Final
 from nicegui import ui
 
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.service.guarded_restore import RestoreOptions
-from canopen_control.service.restore_journal import Reached
-from canopen_control.view import parameter_jobs as jobs
-from canopen_control.view.drive.drive_tab import LOOK_ONLY
-from canopen_control.view.drive.release_panel import ReleasePanel
-from canopen_control.view.drive.work_bar import WorkBar
+from canopen_control.rpc.messages.robot import NmtRequest
+from canopen_control.service.restore import Reached, RestoreOptions
+from canopen_control.view import node_desk as jobs
+from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
 from canopen_control.view.elements.nicegui_elements import FileUpload
-from canopen_control.view.node_desk import NodeWork
-from canopen_control.view.panels.panel import Html
-from canopen_control.view.robot_connection import in_thread
-from canopen_control.view.words import BAD, IDLE, sentence
+from canopen_control.view.node_desk import MOST_FIRMWARE_BYTES, NodeWork, check_image, load_program, options_of
+from canopen_control.view.panels.panel import Html, tell
+from canopen_control.view.robot_connection import SOURCE, in_thread
+from canopen_control.view.words import BAD, GOOD, IDLE, WARN, sentence
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from nicegui.events import UploadEventArguments
 
+    from canopen_control.rpc.messages.state import NodeReading
     from canopen_control.service.node_session import NodeSession
     from canopen_control.service.parameter_set import ParameterSet
     from canopen_control.view.drive.drive_tab import DriveTabContext
     from canopen_control.view.page_content import PageContent
+    from canopen_control.view.words import Banner
 
-__all__ = ["ParametersTab"]
+
+# Whether a node may be written as a whole: without torque, and taken out of its robot; and the way there.
+
+
+_CONFIRMED: Final = ("PRE_OPERATIONAL", "STOPPED")  # the NMT states that a node is taken out by
+_TORQUE: Final = ("OPERATION_ENABLED", "QUICK_STOP_ACTIVE", "FAULT_REACTION_ACTIVE")
+
+
+class ReleasePanel:
+    """Says what the robot does with the node, takes it out, and gives it back."""
+
+    def __init__(self, context: DriveTabContext) -> None:
+        self._context = context
+        self._words = Html()
+        with ui.element("div").classes("cc-row cc-acts"):
+            self._take = ui.button("Take it out of the robot", color="blue-grey-8", on_click=self._take_out)
+            self._give = ui.button("Give it back", color="green-8", on_click=self._give_back)
+        self._take.props("unelevated dense")
+        self._give.props("unelevated dense")
+        self._take.visible = self._give.visible = False
+
+    def show(self, content: PageContent) -> None:
+        """Follow what the robot says of the node."""
+        reading = self._context.reading(content)
+        words, tone = release_words(reading, content.banner)
+        self._words.show(sentence(words, tone))
+        out = reading is not None and reading.taken_out
+        powered = reading is not None and any(axis.state in _TORQUE for axis in reading.axes)
+        free = self._context.panel.teleop and reading is not None and not self._context.desk.busy
+        self._take.visible, self._give.visible = not out, out
+        self._take.set_enabled(free and not powered)
+        self._give.set_enabled(free)
+
+    async def _take_out(self) -> None:
+        await self._ask("preop", "not taken out")
+
+    async def _give_back(self) -> None:
+        await self._ask("start", "not given back")
+
+    async def _ask(self, command: str, problem: str) -> None:
+        request = NmtRequest(command=command, node=self._context.node, source=SOURCE)
+        refused = await self._context.panel.ask(request)
+        if refused is not None:
+            tell(f"{self._context.node}: {problem}", refused)
+
+
+def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]:
+    """Say whether a node may be written as a whole, and with which tone; `robot` is how the robot as a whole is."""
+    if reading is None:
+        return "No connection: nobody knows what the drive does.", WARN
+    powered = [axis.joint for axis in reading.axes if axis.state in _TORQUE]
+    if powered:
+        names = ", ".join(powered)
+        return f"{names} is enabled: parameter sets cannot be written to an enabled drive. Disable it first.", WARN
+    if not reading.taken_out:
+        return "The robot controls this node. To write into it as a whole, take it out first.", IDLE
+    state = (reading.nmt_state or "unknown").replace("_", "-").lower()
+    if reading.age is None or reading.nmt_state not in _CONFIRMED:
+        return f"It was asked to leave the robot, and has not confirmed that: its NMT state is {state}.", WARN
+    if robot.tone == BAD and robot.action == "fault-reset":
+        return f"It is taken out of the robot ({state}), and the robot is in fault: {robot.cause}", BAD
+    return "It is taken out of the robot, which leaves it alone until it is given back.", GOOD
+
+
+# The Firmware tab: choose a program, load it with a progress that tells rate and remaining time, and its verdict.
+
+
+_FIRMWARE_KEY: Final = "firmware"
+_WHAT: Final = (
+    "The program is stopped and cleared (0x1F51), sent (0x1F50), checked (0x1F57, 0x1F56) and started. An "
+    "interrupted transfer restarts; a drive without a program waits in its boot loader for the next attempt. A "
+    "download cannot be cancelled from here: a partial program is unusable."
+)
+_FIRMWARE_TOO_LONG: Final = f"{MOST_FIRMWARE_BYTES} bytes at most go through a running robot"
+
+
+class FirmwareTab:
+    """Begins the download at the node's desk and follows it."""
+
+    def __init__(self, context: DriveTabContext) -> None:
+        self._context, self._desk = context, context.desk
+        self._image: tuple[str, bytes] | None = None
+        self._load: ui.button | None = None
+        with ui.element("section").classes("cc-panel"):
+            ui.html("Now", sanitize=False, tag="h2")
+            self._release = ReleasePanel(context)
+            self._bar = WorkBar(self._desk, _FIRMWARE_KEY, can_end=False)
+        with ui.element("section").classes("cc-panel"):
+            ui.html("Program", sanitize=False, tag="h2")
+            ui.html(f"<p class='cc-note'>{_WHAT}</p>", sanitize=False)
+            if context.panel.teleop:
+                self._make_form()
+            else:
+                ui.html(LOOK_ONLY, sanitize=False)
+
+    def _make_form(self) -> None:
+        self._upload = FileUpload(
+            "Choose the firmware file as supplied by the manufacturer",
+            self._take,
+            lambda: self._refuse(_FIRMWARE_TOO_LONG),
+            MOST_FIRMWARE_BYTES,
+        )
+        self._told = Html()
+        with ui.element("div").classes("cc-row"):
+            self._number = ui.input("program", value="1").props("dense").style("width: 6em")
+            self._expected = ui.input("0x1F56 has to be (optional)").props("dense").style("width: 16em")
+        with ui.element("div").classes("cc-row cc-acts"):
+            self._load = ui.button("Load it into the drive", color="orange-9", on_click=self._begin)
+            self._load.props("unelevated dense")
+
+    def show(self, content: PageContent) -> None:
+        """Follow the node and the work."""
+        self._release.show(content)
+        self._bar.show()
+        if self._load is not None:
+            self._load.set_enabled(not content.lost and not self._desk.busy and self._image is not None)
+
+    def leave(self) -> None:
+        """Leave it: a download that has begun goes on."""
+
+    async def _take(self, event: UploadEventArguments) -> None:
+        self._upload.reset()
+        name = event.file.name
+        try:
+            if event.file.size() > MOST_FIRMWARE_BYTES:
+                raise ConfigError(f"{name}: {_TOO_LONG}")
+            image = await event.file.read()
+            check_image(image, name)
+        except ConfigError as error:
+            self._refuse(str(error))
+            return
+        self._image = name, image
+        self._told.show(sentence(f"{name}: {len(image):,} bytes", IDLE))
+
+    def _refuse(self, why: str) -> None:
+        self._image = None
+        self._told.show(sentence(f"Not taken. {why}", BAD))
+
+    def _begin(self) -> None:
+        if self._image is None or not self._context.panel.teleop:
+            return
+        name, image = self._image
+        try:
+            options = options_of(str(self._number.value or ""), str(self._expected.value or ""))
+        except ConfigError as error:
+            tell("Not begun", str(error))
+            return
+        work = NodeWork(_FIRMWARE_KEY, f"Loading {name} into {self._context.node}", "bytes")
+        refused = self._desk.begin(work, lambda session, told: load_program(session, told, image, options))
+        if refused is not None:
+            tell("Not begun", refused)
+        self._bar.show()
+
 
 _KEY: Final = "parameters"
 _BACKUP: Final = (
@@ -40,7 +192,7 @@ _RESTORE: Final = (
     "Only differences are written, then everything is read back. If the drive refuses a value, all previous "
     "values are restored. Node id, bit rate and another drive's calibration stay."
 )
-_TOO_LONG: Final = f"A DCF of {jobs.MOST_BYTES} bytes at most is wanted"
+_TOO_LONG: Final = f"A DCF of {jobs.MOST_PARAMETER_BYTES} bytes at most is wanted"
 
 
 class ParametersTab:
@@ -75,7 +227,9 @@ class ParametersTab:
                     ui.html(LOOK_ONLY, sanitize=False)
 
     def _make_upload(self) -> None:
-        self._upload = FileUpload("Choose a DCF", self._take, lambda: self._refuse(_TOO_LONG), jobs.MOST_BYTES)
+        self._upload = FileUpload(
+            "Choose a DCF", self._take, lambda: self._refuse(_TOO_LONG), jobs.MOST_PARAMETER_BYTES
+        )
         self._upload.props("accept='.dcf,.eds'")
         self._told = Html()
 
@@ -119,7 +273,7 @@ class ParametersTab:
         self._upload.reset()
         name = event.file.name
         try:
-            if event.file.size() > jobs.MOST_BYTES:
+            if event.file.size() > jobs.MOST_PARAMETER_BYTES:
                 raise ConfigError(f"{name}: {_TOO_LONG}")
             data = await event.file.read()
             file = await in_thread(lambda: jobs.uploaded(data, name))

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import background_tasks, ui
 
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.service.scope_capture import Condition
-from canopen_control.service.scope_files import csv_of, parse_csv, write_bag
+from canopen_control.service.scope_capture import Condition, csv_of, parse_csv, write_bag
 from canopen_control.service.scope_signals import MOST_SIGNALS
 from canopen_control.view.elements.nicegui_elements import FileUpload
 from canopen_control.view.panels.panel import Html, tell
@@ -26,11 +25,10 @@ if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments
 
     from canopen_control.od.model import ObjectDictionary
-    from canopen_control.service.scope_files import NamedShot
+    from canopen_control.service.scope_capture import NamedShot
     from canopen_control.view.drive.drive_tab import DriveTabContext
     from canopen_control.view.page_content import PageContent
 
-__all__ = ["ScopeTab"]
 
 _NONE, _FAULT = "none", Condition.FAULT.value
 _TRIGGERS: Final = {

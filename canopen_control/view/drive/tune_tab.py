@@ -11,10 +11,9 @@ from nicegui import ui
 
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError
-from canopen_control.service.tune_request import TuneTest
+from canopen_control.service.tune_run import TuneTest
 from canopen_control.view import tune_job as jobs
-from canopen_control.view.drive.drive_tab import LOOK_ONLY
-from canopen_control.view.drive.work_bar import WorkBar
+from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
 from canopen_control.view.elements.nicegui_elements import Presence
 from canopen_control.view.node_desk import NodeWork
 from canopen_control.view.panels.panel import Html
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     from canopen_control.view.drive.drive_tab import DriveTabContext
     from canopen_control.view.page_content import PageContent
 
-__all__ = ["TuneTab"]
 
 _KEY: Final = "tune"
 _TIMEOUT_S: Final = 2.0

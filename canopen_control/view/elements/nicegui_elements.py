@@ -13,7 +13,7 @@ from nicegui.element import Element
 from nicegui.elements.upload_files import create_file_upload
 from starlette.responses import PlainTextResponse
 
-from canopen_control.view.dead_man import HOLD_HZ
+from canopen_control.view.robot_connection import HOLD_HZ
 from canopen_control.view.trajectory_player import HERE_HZ
 
 if TYPE_CHECKING:
@@ -22,13 +22,9 @@ if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments
     from starlette.requests import Request
 
-    from canopen_control.view.history import Row
-    from canopen_control.view.sampling import Chart
+    from canopen_control.view.sampling import Chart, Row
     from canopen_control.view.scene_tree import SceneDocument
     from canopen_control.view.world_view import WorldDocument
-
-__all__ = ["Feed", "FeedMessage", "FileUpload", "HoldButton", "HoldButtons", "ObjectTree", "ObjectWords", "PlotRows",
-           "Presence", "RobotScene", "SceneChange", "StripCharts", "TreeRow"]  # fmt: skip
 
 
 class SceneChange(TypedDict, total=False):

@@ -14,11 +14,8 @@ from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.words import active_faults, fault_text
 
 if TYPE_CHECKING:
-    from canopen_control.view.fault_client import DriveFaults
-    from canopen_control.view.page_content import PageContent
+    from canopen_control.view.page_content import DriveFaults, PageContent
     from canopen_control.view.panels.panel import PanelContext
-
-__all__ = ["FaultPanel"]
 
 
 class FaultPanel:

@@ -5,20 +5,20 @@ What is in a piece of HTML has been escaped by `words`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from nicegui import ui
 
+from canopen_control.view.elements.nicegui_elements import HoldButton, HoldButtons
+
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from canopen_control.rpc.messages.declare import Request
-    from canopen_control.view.dead_man import Motion
     from canopen_control.view.page_content import PageContent
+    from canopen_control.view.robot_connection import Motion
     from canopen_control.view.robot_view import RobotView
     from canopen_control.view.trajectory_player import TrajectoryPlayer
-
-__all__ = ["Html", "Panel", "PanelContext", "tell"]
 
 
 class PanelContext(Protocol):
@@ -82,3 +82,40 @@ class Html:
 def tell(title: str, text: str) -> None:
     """Show a notice on the page that asked."""
     ui.notify(f"{title}: {text}", type="negative", position="top", timeout=12_000, multi_line=True, close_button="OK")
+
+
+# Widgets of panels that drive: a slider with its value, and buttons that drive while they are held.
+#
+# What a held button sends is the panel's to say; that it ends, the page's dead man's.
+
+
+LARGEST: Final = {"velocity": 10.0, "position": 3.14, "effort": 1.0}
+"""The end of a slider where no limit is known: rad/s, rad, and the unit of efforts."""
+LOOK: Final = "<p class='cc-note'>This page only looks. To drive: <code>canopen-control view --teleop</code></p>"
+
+
+def value_slider(label: str, low: float, high: float, step: float, value: float) -> ui.slider:
+    """Make a slider between its name and its value."""
+    with ui.element("div").classes("cc-slider"):
+        ui.label(label)
+        slider = ui.slider(min=low, max=high, step=step, value=value).props(f'dense aria-label="{label}"')
+        ui.label().bind_text_from(slider, "value", lambda at: f"{float(at or 0.0):.2f}")
+    return slider
+
+
+def hold_buttons(
+    context: PanelContext, buttons: Sequence[HoldButton], motion: Callable[[str], Motion | None], kind: str = ""
+) -> HoldButtons:
+    """Make buttons that send `motion(key)` while they are held, nothing for None; the end is the page's."""
+    client = ui.context.client
+
+    def told(why: str) -> None:
+        with client:
+            tell("Not driven", why)
+
+    def hold(key: str) -> None:
+        wanted = motion(key)
+        if wanted is not None:
+            context.hold(client.id, wanted, told)
+
+    return HoldButtons(list(buttons), hold, lambda: context.let_go(client.id), kind)

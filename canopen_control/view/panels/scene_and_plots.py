@@ -7,14 +7,11 @@ from typing import TYPE_CHECKING, Final
 from nicegui import ui
 
 from canopen_control.view.elements.nicegui_elements import RobotScene, StripCharts
-from canopen_control.view.history import SPAN_S
-from canopen_control.view.sampling import charts
+from canopen_control.view.sampling import SPAN_S, charts
 
 if TYPE_CHECKING:
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
-
-__all__ = ["PlotsPanel", "ScenePanel"]
 
 
 _TABS: Final = {"joints": "Joints", "cycle": "Cycle and bus"}

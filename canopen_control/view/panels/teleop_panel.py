@@ -15,23 +15,20 @@ from nicegui import ui
 
 from canopen_control.rpc.messages.robot import SwitchControllers
 from canopen_control.urdf.joint_element import Limits
-from canopen_control.view.dead_man import joint_motion, trajectory_motion, twist_motion
-from canopen_control.view.drive_targets import drive_targets
 from canopen_control.view.elements.nicegui_elements import HoldButton
-from canopen_control.view.loaded_trajectory import follows_trajectories
-from canopen_control.view.panels.held import LARGEST, LOOK, hold_buttons, value_slider
-from canopen_control.view.panels.panel import tell
-from canopen_control.view.targets import Targets
+from canopen_control.view.panels.panel import LARGEST, LOOK, hold_buttons, tell, value_slider
+from canopen_control.view.robot_connection import joint_motion, trajectory_motion, twist_motion
+from canopen_control.view.targets import Targets, drive_targets
+from canopen_control.view.trajectory_player import follows_trajectories
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.rpc.messages.state import ControllerReading
-    from canopen_control.view.dead_man import Motion
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
+    from canopen_control.view.robot_connection import Motion
 
-__all__ = ["TeleopPanel"]
 
 #: button, sign, key of the keyboard, and what it makes of the speeds: factors forward, to the left, and around
 _PAD: Final = {

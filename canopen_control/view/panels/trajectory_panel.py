@@ -13,7 +13,10 @@ from nicegui import ui
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.samples import TrajectorySample
 from canopen_control.view.elements.nicegui_elements import Feed, FileUpload, Presence
-from canopen_control.view.loaded_trajectory import (
+from canopen_control.view.panels.panel import Html
+from canopen_control.view.robot_connection import in_thread
+from canopen_control.view.scene_tree import angles_of
+from canopen_control.view.trajectory_player import (
     MOST_BYTES,
     load,
     place_text,
@@ -21,19 +24,15 @@ from canopen_control.view.loaded_trajectory import (
     progress_of,
     trajectory_takers,
 )
-from canopen_control.view.panels.panel import Html
-from canopen_control.view.robot_connection import in_thread
-from canopen_control.view.scene_tree import angles_of
 from canopen_control.view.words import BAD, GOOD, sentence
 
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments
 
-    from canopen_control.view.loaded_trajectory import LoadedTrajectory
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
+    from canopen_control.view.trajectory_player import LoadedTrajectory
 
-__all__ = ["TrajectoryPanel"]
 
 _TOO_LONG: Final = f"{MOST_BYTES} bytes at most are read here; canopen-control trajectory play takes longer files"
 _LOOK: Final = "<p class='cc-note'>To play: <code>canopen-control view --teleop</code></p>"

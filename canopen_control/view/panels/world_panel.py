@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
 
-__all__ = ["WorldPanel"]
 
 _HEAVIEST: Final = "the heaviest link"
 _BUTTON: Final = "dense unelevated"

@@ -6,8 +6,7 @@ from canopen_control.cli.support.jog_run import JogRun, reset_fault
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.robot import CommandController
 from canopen_control.service.driven_axis import JogDrive
-from canopen_control.service.jog_motion import JogEnd, JogKind, JogLimits, JogMotion
-from canopen_control.service.jog_units import JogScale
+from canopen_control.service.jog_motion import JogEnd, JogKind, JogLimits, JogMotion, JogScale
 
 DRIVE = JogDrive("jog_5", "drive", "joint", "controller", "PV")
 LIMITS = JogLimits(2.0, 10.0, 1000.0)

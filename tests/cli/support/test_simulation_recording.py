@@ -54,7 +54,7 @@ def test_frames_alone_say_what_went_wrong(tmp_path, capsys):
         main(["simulate", "robby", "--scenario", str(tmp_path / "bug.yml"), "--record", str(tmp_path / "a.zip")]) == 0
     )
     log, seed = tmp_path / "a.log", tmp_path / "seed.yml"
-    from canopen_control.bus.candump import line_of
+    from canopen_control.bus.recordings import line_of
 
     log.write_text("".join(line_of(now, bus, frame) for now, bus, frame in read_flight(tmp_path / "a.zip").frames))
     capsys.readouterr()

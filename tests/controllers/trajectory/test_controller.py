@@ -10,11 +10,11 @@ from support.control import Hardware, S, add
 from support.trajectories import cases
 from support.trajectory_player import Player
 
+from canopen_control.controllers.command_life import GoalState
 from canopen_control.controllers.manager import ControllerManager
-from canopen_control.controllers.trajectory.goal import Goal, GoalState, ResultCode
-from canopen_control.controllers.trajectory.params import POINT_LIMITER
+from canopen_control.controllers.trajectory.goal import Goal, ResultCode
+from canopen_control.controllers.trajectory.params import POINT_LIMITER, GoalTolerances
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
-from canopen_control.controllers.trajectory.tolerances import GoalTolerances
 from canopen_control.errors import ControlError, TrajectoryRefused
 from canopen_control.hardware.interfaces import InterfaceRegistry
 from canopen_control.rpc.messages.parameters import ParameterValue

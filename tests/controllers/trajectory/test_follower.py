@@ -6,9 +6,9 @@ import pytest
 
 from canopen_control.controllers.trajectory.follower import Follower
 from canopen_control.controllers.trajectory.joint_group import JointGroup
-from canopen_control.controllers.trajectory.packed import PackedPoints
 from canopen_control.controllers.trajectory.params import JointConstraints, JointGains, TrajectoryParams
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
+from canopen_control.controllers.trajectory.validation import PackedPoints
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 

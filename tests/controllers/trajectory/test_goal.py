@@ -1,4 +1,5 @@
-from canopen_control.controllers.trajectory.goal import Goal, GoalState, ResultCode
+from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.trajectory.goal import Goal, ResultCode
 from canopen_control.controllers.trajectory.point import JointTrajectory
 
 

@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 from support.ros import Peer, domain, ros_environment, run_ros
 
 from canopen_control.ros.interfaces.cdr import Codecs
-from canopen_control.ros.interfaces.libraries import Callbacks
-from canopen_control.ros.interfaces.support import Supports
-from canopen_control.ros.interfaces.type_description import Registry
+from canopen_control.ros.interfaces.support import Callbacks, Registry, Supports
 
 DEFINITIONS = {
     "p/msg/Empty": [],
@@ -132,7 +130,7 @@ from pathlib import Path
 import importlib, numpy
 from rclpy.serialization import serialize_message, deserialize_message
 from canopen_control.ros.interfaces.cdr import Codecs
-from canopen_control.ros.interfaces.type_description import Registry
+from canopen_control.ros.interfaces.support import Registry
 from canopen_control.ros.interfaces.definition import parts_of
 share = Path(sys.prefix, "share")
 registry = Registry([share])
@@ -285,8 +283,8 @@ def test_a_ros_that_is_laid_out_in_another_way_is_told_in_one_sentence():
     code = """
 from canopen_control.errors import CanopenError
 from canopen_control.ros import interfaces
-from canopen_control.ros.interfaces import libraries
-libraries._BUFFER_MADE = "another_name"
+from canopen_control.ros.interfaces import support
+support._BUFFER_MADE = "another_name"
 try:
     interfaces.provide(["tf2_msgs"])
 except CanopenError as error:

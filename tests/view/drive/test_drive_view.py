@@ -8,8 +8,7 @@ from nicegui import ui
 from support.pages import NODE, FakeContext, html, settle, visited
 
 from canopen_control.view.drive import drive_view
-from canopen_control.view.drive.drive_tabs import TabSlot
-from canopen_control.view.drive.drive_view import DriveView
+from canopen_control.view.drive.drive_view import DriveView, TabSlot
 
 TWO = {"left_drive": NODE, "io": NODE | {"axes": [], "node_id": 4}}
 

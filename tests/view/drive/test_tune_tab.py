@@ -11,10 +11,9 @@ from support.service_node import NodeStub
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 from canopen_control.service.frequency_response import Bode, BodePoint
-from canopen_control.service.loop_design import LoopGains
-from canopen_control.service.scope_capture import Shot
-from canopen_control.service.scope_files import NamedShot
-from canopen_control.service.tune_request import TuneTest
+from canopen_control.service.scope_capture import NamedShot, Shot
+from canopen_control.service.tune_gains import LoopGains
+from canopen_control.service.tune_run import TuneTest
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.tune_tab import TuneTab
 from canopen_control.view.tune_job import TuneFound, TuneWish

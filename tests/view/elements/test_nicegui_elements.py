@@ -48,7 +48,7 @@ def test_a_held_button_says_so_and_a_foreign_word_is_nothing():
 
 
 def test_a_held_button_speaks_often_enough_for_the_dead_man():
-    from canopen_control.view.dead_man import LET_GO_NS
+    from canopen_control.view.robot_connection import LET_GO_NS
 
     async def act(_user, buttons):
         return buttons.props["period"]

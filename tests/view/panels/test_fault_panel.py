@@ -7,7 +7,7 @@ from support.pages import FakeContext, html, seen, settle, visited
 
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.drive import FaultListing
-from canopen_control.view.fault_client import DriveFaults
+from canopen_control.view.page_content import DriveFaults
 from canopen_control.view.panels.fault_panel import FaultPanel
 
 

@@ -5,7 +5,8 @@ pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install can
 from nicegui import ui
 from support.pages import ARM, BASE, FORWARD, LIFT, TARGET, FakeContext, drive_state, html, seen, settle, state, visited
 
-from canopen_control.rpc.messages.robot import CancelTrajectory, SwitchControllers
+from canopen_control.rpc.messages.robot import SwitchControllers
+from canopen_control.rpc.messages.trajectory import CancelTrajectory
 from canopen_control.view.elements.nicegui_elements import HoldButtons
 from canopen_control.view.panels.teleop_panel import TeleopPanel
 

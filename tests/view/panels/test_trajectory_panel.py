@@ -12,9 +12,8 @@ from support.pages import FORWARD, FakeContext, html, seen, settle, visited
 
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
 from canopen_control.view.elements.nicegui_elements import Feed, Presence
-from canopen_control.view.loaded_trajectory import MOST_BYTES
 from canopen_control.view.panels.trajectory_panel import TrajectoryPanel
-from canopen_control.view.trajectory_player import Played
+from canopen_control.view.trajectory_player import MOST_BYTES, Played
 
 ARM = FORWARD | {"name": "arm", "topic": None, "tells": "trajectory", "joints": ["lift"]}
 ARM_2 = ARM | {"name": "arm_2"}

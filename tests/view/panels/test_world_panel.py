@@ -8,7 +8,7 @@ from support.pages import FakeContext, seen, settle, visited
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
 from canopen_control.rpc.messages.robot import Tell
-from canopen_control.view.fault_client import DriveFaults
+from canopen_control.view.page_content import DriveFaults
 from canopen_control.view.panels.world_panel import WorldPanel
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["MODE", "RAMPS", "STEPS", "controlword", "target"]
-
 CONTROLWORDS = (0x00, 0x80, 0x06, 0x07, 0x0F)  # fault reset, shutdown, switch on, enable operation: CiA 402
 MODE = 3  # profile velocity
 RAMPS = ((0x6081, 100_000), (0x6083, 1_000_000), (0x6084, 1_000_000), (0x6085, 1_000_000))

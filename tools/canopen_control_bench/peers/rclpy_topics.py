@@ -21,7 +21,6 @@ from canopen_control_bench.turns import say
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["main"]
 
 HZ = 50.0
 KINDS = {

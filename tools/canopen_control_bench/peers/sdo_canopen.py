@@ -20,7 +20,6 @@ from canopen_control_bench.sdo_client import BLOCK, BUS, NODE, NUMBER, Client, S
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["import_eds", "their_client", "their_virtual_client"]
 
 _SEGMENT = 7  # its writers take a segment at a time
 _ANSWER_S = 5.0

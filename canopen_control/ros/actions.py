@@ -1,0 +1,222 @@
+"""Actions of ROS: FollowJointTrajectory, GripperCommand and ParallelGripperCommand."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, Final
+
+from canopen_control.ros.action_goals import HEARTBEAT_S, ActionGoals
+from canopen_control.ros.conversions import unknown_as_nan
+from canopen_control.ros.endpoint import COMMANDER
+from canopen_control.ros.interfaces import interface
+from canopen_control.ros.joint_states import time_message
+from canopen_control.ros.trajectory_topics import fill_point, goal_refusal, pieces_of, seconds, stamp_of, tolerances_of
+from canopen_control.rpc.messages.gripper import CancelGripper, GripperEnd, GripperResult, GripperVerdict, SendGripper
+from canopen_control.rpc.messages.samples import GripperSample, TrajectorySample
+from canopen_control.rpc.messages.trajectory import (
+    CancelTrajectory,
+    SendTrajectory,
+    TrajectoryEnd,
+    TrajectoryResult,
+    TrajectoryVerdict,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.ros.action_goals import TrajectorySender
+    from canopen_control.ros.endpoint import Ros, RosMessage
+    from canopen_control.rpc.messages.declare import Done, Request
+    from canopen_control.rpc.messages.samples import TrajectoryPoint
+    from canopen_control.rpc.messages.state import ControllerReading
+
+
+# `~/follow_joint_trajectory`: the action by which MoveIt and others have a joint trajectory controller follow a path.
+#
+# The law of the file (joint_trajectory_controller, Jazzy): a newer goal takes the place of the one that runs, feedback
+# is sent at the controller's `action_monitor_rate`; what a goal lives by, and how it ends, is in `action_goals`. Ours:
+# it outlives the client that sent it only where the controller's `continue_without_client` is true; who asks for the
+# result of a refused goal is told which rule it breaks.
+
+
+_INVALID_GOAL: Final = -1
+
+
+class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, TrajectorySample]):
+    """The action server of one controller."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._action: Any = interface("control_msgs/action/FollowJointTrajectory")
+        super().__init__(ros, controller, self._action, "follow_joint_trajectory", TrajectorySample)
+
+    def send(
+        self,
+        sender: TrajectorySender,
+        goal: RosMessage,
+        answer: Callable[[TrajectoryVerdict | None, str | None], object],
+    ) -> None:
+        """Send a trajectory, in as many pieces as it needs."""
+        refusal = goal_refusal(goal)
+        if refusal is not None:
+            raise ValueError(refusal)
+        sender.send(pieces_of(goal.trajectory), partial(self._request, goal), answer)
+
+    def _request(self, goal: RosMessage, points: list[TrajectoryPoint]) -> SendTrajectory:
+        return SendTrajectory(
+            controller=self._controller,
+            joints=list(goal.trajectory.joint_names),
+            points=points,
+            stamp=self._ros.unix(stamp_of(goal.trajectory)),
+            path_tolerance=tolerances_of(goal.path_tolerance),
+            goal_tolerance=tolerances_of(goal.goal_tolerance),
+            goal_time_tolerance=seconds(goal.goal_time_tolerance),
+            source=COMMANDER,
+            heartbeat=HEARTBEAT_S,
+        )
+
+    def refused(self, verdict: TrajectoryVerdict | None, text: str) -> RosMessage:
+        """Return the result, with the code of what it breaks."""
+        code = _INVALID_GOAL if verdict is None else verdict.error_code
+        return self._action.Result(error_code=code, error_string=text)
+
+    def asks_for_end(self) -> Request[TrajectoryResult]:
+        """Return `trajectory_end`."""
+        return TrajectoryEnd()
+
+    def cancels(self, why: str | None) -> Request[Done]:
+        """Return `cancel_trajectory`."""
+        return CancelTrajectory(controller=self._controller, own=True, why=why)
+
+    def failed(self, text: str) -> TrajectoryResult:
+        """Return an end without the robot's word."""
+        return TrajectoryResult(state="aborted", error_code=_INVALID_GOAL, text=text)
+
+    def told(self, result: TrajectoryResult, *, by_others: bool) -> RosMessage:
+        """Return the result for the client."""
+        code = _INVALID_GOAL if by_others else result.error_code
+        return self._action.Result(error_code=code, error_string=result.text)
+
+    def feedback(self, sample: TrajectorySample) -> RosMessage:
+        """Return where the joints are to be, and where they are."""
+        feedback = self._action.Feedback(joint_names=list(sample.joints))
+        feedback.header.stamp = time_message(sample.time)
+        fill_point(feedback.desired, sample.reference)
+        fill_point(feedback.actual, sample.feedback)
+        fill_point(feedback.error, sample.error)
+        return feedback
+
+
+# `~/gripper_cmd` of the gripper action controllers: a position with the most effort, and whether it was reached.
+#
+# The law of the file (gripper_controllers and parallel_gripper_controller, Jazzy): the action is a GripperCommand, or a
+# ParallelGripperCommand whose `command` is a JointState with one position and, where they are given, one velocity and
+# one effort. What a goal lives by, and how it ends, is in `action_goals`. Ours: feedback is sent at
+# `action_monitor_rate` (upstream sends none), and an effort of 0 is that of the parameters.
+
+
+class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
+    """The action server of one controller, with GripperCommand."""
+
+    name: ClassVar[str] = "control_msgs/action/GripperCommand"
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._action: Any = interface(self.name)
+        self._joint = next(iter(controller.joints), "")
+        super().__init__(ros, controller, self._action, "gripper_cmd", GripperSample)
+
+    def on_controller(self, controller: ControllerReading) -> None:
+        """Know its joint."""
+        self._joint = next(iter(controller.joints), "")
+
+    def request(self, goal: RosMessage) -> SendGripper:
+        """Return what a goal is to the robot; ValueError with why it is none."""
+        command = goal.command
+        return self._wanted(command.position, command.max_effort)
+
+    def result(self, told: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
+        """Fill a result or a feedback with where the gripper is."""
+        into.position, into.effort = unknown_as_nan(told.position), unknown_as_nan(told.effort)
+        into.stalled, into.reached_goal = told.stalled, told.reached_goal
+        return into
+
+    def feedback(self, sample: GripperSample) -> RosMessage:
+        """Return the feedback of a sample."""
+        return self.result(sample, self._action.Feedback())
+
+    def send(
+        self,
+        sender: TrajectorySender,
+        goal: RosMessage,
+        answer: Callable[[GripperVerdict | None, str | None], object],
+    ) -> None:
+        """Send a goal on its own connection."""
+        sender.client.ask(self.request(goal), answer)
+
+    def refused(self, verdict: GripperVerdict | None, text: str) -> RosMessage:
+        """Return an empty result: there is no room for the reason, which is logged."""
+        del verdict, text
+        return self.result(self.failed(""), self._action.Result())
+
+    def asks_for_end(self) -> Request[GripperResult]:
+        """Return `gripper_end`."""
+        return GripperEnd()
+
+    def cancels(self, why: str | None) -> Request[Done]:
+        """Return `cancel_gripper`."""
+        return CancelGripper(controller=self._controller, own=True, why=why)
+
+    def failed(self, text: str) -> GripperResult:
+        """Return an end without the robot's word."""
+        return GripperResult(state="aborted", text=text)
+
+    def told(self, result: GripperResult, *, by_others: bool) -> RosMessage:
+        """Return the result for the client, and log why, where it did not succeed: it has no room for words."""
+        del by_others
+        if result.state != "succeeded":
+            self._ros.warn(self._topic, f"{self._topic}: {result.text}")
+        return self.result(result, self._action.Result())
+
+    def _wanted(self, position: float, effort: float, velocity: float = 0.0) -> SendGripper:
+        for what, value in (("position", position), ("max_effort", effort), ("max_velocity", velocity)):
+            if value - value != 0.0:  # nan, infinite
+                raise ValueError(f"its {what} is {value}; give finite numbers")
+        return SendGripper(
+            controller=self._controller,
+            position=position,
+            max_effort=effort or None,
+            max_velocity=velocity or None,
+            source=COMMANDER,
+            heartbeat=HEARTBEAT_S,
+        )
+
+
+class ParallelGripperAction(GripperAction):
+    """The action server of one controller, with ParallelGripperCommand."""
+
+    name: ClassVar[str] = "control_msgs/action/ParallelGripperCommand"
+
+    def request(self, goal: RosMessage) -> SendGripper:
+        """Return what a goal is to the robot; ValueError with why it is none."""
+        command = goal.command
+        if len(command.position) != 1:
+            raise ValueError(f"it has {len(command.position)} positions; give one")
+        effort, velocity = (next(iter(each), 0.0) for each in (command.effort, command.velocity))
+        return self._wanted(float(command.position[0]), float(effort), float(velocity))
+
+    def result(self, told: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
+        """Fill a result with where the gripper is."""
+        self._put(told, into.state)
+        into.stalled, into.reached_goal = told.stalled, told.reached_goal
+        return into
+
+    def feedback(self, sample: GripperSample) -> RosMessage:
+        """Return the feedback of a sample: its state alone."""
+        into = self._action.Feedback()
+        self._put(sample, into.state)
+        into.state.header.stamp = time_message(sample.time)
+        into.state.velocity = [unknown_as_nan(sample.velocity)]
+        return into
+
+    def _put(self, told: GripperResult | GripperSample, state: RosMessage) -> None:
+        state.name = [self._joint]
+        state.position, state.effort = [unknown_as_nan(told.position)], [unknown_as_nan(told.effort)]

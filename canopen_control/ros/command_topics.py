@@ -1,0 +1,297 @@
+"""Topics of the controllers that take plain commands: forward command, GPIO and PID."""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import TYPE_CHECKING, Any
+
+from std_msgs.msg import Float64MultiArray
+
+from canopen_control.ros.controller_state import ControllerState
+from canopen_control.ros.conversions import unknown_as_nan, wrong
+from canopen_control.ros.endpoint import COMMANDER, Endpoint, success_of
+from canopen_control.ros.interfaces import interface
+from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
+from canopen_control.rpc.messages.robot import CommandByName, CommandController, SetFeedForward, SetMeasuredStates
+from canopen_control.rpc.messages.samples import PidSample
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
+    from canopen_control.rpc.messages.samples import DofReading
+    from canopen_control.rpc.messages.state import ControllerReading
+
+
+# `/<controller>/commands` of the forward controllers: Float64MultiArray, one number per joint.
+#
+# The law of the file (forward_command_controller, Jazzy): only `data` counts, in the order of the joints. A value that
+# is not finite, or a wrong number of them, drops the message; the runtime would refuse it as well.
+
+
+class ForwardCommands(Endpoint):
+    """The subscription of one forward controller."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller = ros, controller
+        self._subscription = ros.subscribe(
+            Float64MultiArray, f"{controller.name}/commands", self._on_message, SYSTEM_DEFAULT
+        )
+
+    def on_controller(self, controller: ControllerReading) -> None:
+        """Know whether it is active, and how many joints it has."""
+        self._controller = controller
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.unsubscribe(self._subscription)
+
+    def _on_message(self, message: Float64MultiArray) -> None:
+        values = list(message.data)
+        refusal = wrong(values, self._controller)
+        if refusal is not None:
+            self._ros.warn(f"{self._controller.name}/commands", refusal)
+            return
+        self._ros.command(
+            CommandController(controller=self._controller.name, values=values, source=COMMANDER, dead_man=True)
+        )
+
+
+# `~/commands` of a GPIO command controller: outputs of <gpio> parts by their names (DynamicInterfaceGroupValues).
+#
+# The law of the file (gpio_controllers, Jazzy): a message names some outputs, the others stay. Ours: one that does not
+# fit (an unknown name, one named twice, as many names as values nowhere, a value that is not finite) is dropped whole
+# with a sentence, and the controller goes on. What comes while the robot has not answered yet is put together, the
+# newest value of each output, so that no flood waits and no output is lost. The outputs end with this bridge.
+
+
+class GpioCommands(Endpoint):
+    """The subscription of one controller."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/commands"
+        self._lock = threading.Lock()
+        self._coming: dict[str, float] = {}
+        self._asking = False
+        message: Any = interface("control_msgs/msg/DynamicInterfaceGroupValues")
+        self._subscription = ros.subscribe(message, self._topic, self._on_message, SYSTEM_DEFAULT)
+
+    def on_controller(self, controller: ControllerReading) -> None:
+        """Know whether it is active, and its outputs; what waits for one that is not is gone."""
+        self._controller = controller
+        if not controller.active:
+            with self._lock:
+                self._coming.clear()
+
+    def close(self) -> None:
+        """Leave the topic."""
+        self._ros.unsubscribe(self._subscription)
+
+    def _on_message(self, message: RosMessage) -> None:
+        try:
+            values = outputs_of(message, self._controller)
+        except ValueError as error:
+            self._ros.warn(self._topic, f"{self._topic}: {error}; the message was dropped")
+            return
+        with self._lock:
+            wake = not self._coming and bool(values)
+            self._coming.update(values)
+        if wake:
+            self._ros.hand_over(self._send)
+
+    def _send(self) -> None:
+        """Have the robot set what has come, unless it has not answered yet."""
+        if self._asking:
+            return
+        with self._lock:
+            values, self._coming = self._coming, {}
+        if values:
+            self._asking = True
+            request = CommandByName(controller=self._controller.name, values=values, source=COMMANDER, dead_man=True)
+            self._ros.ask(request, self._on_answer)
+
+    def _on_answer(self, _done: object, error: str | None) -> None:
+        self._asking = False
+        if error is not None:
+            self._ros.warn(self._topic, f"{self._topic}: {error}")
+        self._send()
+
+
+def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, float]:
+    """Return the values of a message by "gpio/interface"; ValueError with why it cannot be taken."""
+    if not controller.active:
+        raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
+    groups, inner = list(message.interface_groups), list(message.interface_values)
+    if len(groups) != len(inner):
+        raise ValueError(f"{len(groups)} interface_groups with {len(inner)} interface_values; give as many")
+    known, found = controller.required_command_interfaces, dict[str, float]()
+    for group, each in zip(groups, inner, strict=True):
+        names, values = list(each.interface_names), list(each.values)
+        if len(names) != len(values):
+            raise ValueError(f"{group}: {len(names)} interface_names with {len(values)} values; give as many")
+        for name, value in zip((f"{group}/{name}" for name in names), values, strict=True):
+            if name not in known:
+                raise ValueError(f"{name!r} is no output; there are: {', '.join(known) or 'none'}")
+            if name in found:
+                raise ValueError(f"{name} is named twice")
+            if not math.isfinite(value):
+                raise ValueError(f"{name} is {value}; give finite numbers")
+            found[name] = float(value)
+    return found
+
+
+# The topics of a PID controller: `~/reference`, `~/controller_state`, and the service `~/set_feedforward_control`.
+#
+# The law of the file (pid_controller, Jazzy): a MultiDOFCommand is a reference for each degree of freedom, and with a
+# second reference interface its derivative, by their names or, without names, in their order; `~/controller_state`
+# comes with every update that the state stream carries; `~/measured_state` is there with
+# `use_external_measured_states`. While another controller commands the references, messages are refused by the robot.
+# Ours: a message that is not whole and finite is dropped, and does not refresh the reference; a reference ends with
+# this bridge.
+
+
+class PidReferences(Endpoint):
+    """The subscription of `~/reference`."""
+
+    topic = "reference"
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/{self.topic}"
+        self._subscription: object = None
+        self.on_controller(controller)
+
+    def on_controller(self, controller: ControllerReading) -> None:
+        """Know whether it is active, and its degrees of freedom; be there once it is wanted."""
+        self._controller = controller
+        if self._subscription is None and self.is_wanted(controller):
+            message: Any = interface("control_msgs/msg/MultiDOFCommand")
+            self._subscription = self._ros.subscribe(message, self._topic, self._on_message, REFERENCE)
+
+    def close(self) -> None:
+        """Leave the topic."""
+        if self._subscription is not None:
+            self._ros.unsubscribe(self._subscription)
+
+    @staticmethod
+    def is_wanted(controller: ControllerReading) -> bool:
+        """Whether there is something to hear; references are always."""
+        del controller
+        return True
+
+    def _on_message(self, message: RosMessage) -> None:
+        try:
+            values = self._values_of(message)
+        except ValueError as error:
+            self._ros.warn(self._topic, f"{self._topic}: {error}; the message was dropped")
+            return
+        self._hand_over(values)
+
+    def _hand_over(self, values: list[float]) -> None:
+        self._ros.command(
+            CommandController(controller=self._controller.name, values=values, source=COMMANDER, dead_man=True)
+        )
+
+    def _values_of(self, message: RosMessage) -> list[float]:
+        """Return the values, then their derivatives where it has some; ValueError with why there are none."""
+        controller = self._controller
+        if not controller.active:
+            raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
+        dofs = _dofs_of(controller)
+        order = _order(list(message.dof_names) or dofs, dofs)
+        values = _sorted("values", message.values, order, dofs)
+        # one that is nan throughout says nothing, as an empty one
+        if all(map(math.isnan, message.values_dot)):
+            return values
+        if len(controller.reference_interfaces) < 2 * len(dofs):
+            text = "values_dot is not used: there is one of reference_and_state_interfaces; give its derivative too"
+            self._ros.warn(f"{self._topic} values_dot", f"{self._topic}: {text}")
+            return values
+        return values + _sorted("values_dot", message.values_dot, order, dofs)
+
+
+class PidMeasuredStates(PidReferences):
+    """The subscription of `~/measured_state`, of a controller that claims no states of its own."""
+
+    topic = "measured_state"
+
+    def _hand_over(self, values: list[float]) -> None:
+        request = SetMeasuredStates(controller=self._controller.name, values=values)
+        self._ros.ask(request, lambda _done, error: self._refused(error))
+
+    def _refused(self, error: str | None) -> None:
+        if error is not None:
+            self._ros.warn(self._topic, f"{self._topic}: {error}")
+
+    @staticmethod
+    def is_wanted(controller: ControllerReading) -> bool:
+        """Whether it is configured to measure by messages."""
+        return bool(controller.required_command_interfaces) and not controller.required_state_interfaces
+
+
+class PidState(ControllerState[PidSample]):
+    """The publisher of `~/controller_state`."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        super().__init__(ros, controller, PidSample, "control_msgs/msg/MultiDOFStateStamped")
+        self._dof: Any = interface("control_msgs/msg/SingleDOFState")
+
+    def fill(self, message: RosMessage, sample: PidSample) -> None:
+        """Put each degree of freedom into the message."""
+        message.dof_states = [self._dof_message(each) for each in sample.dofs]
+
+    def _dof_message(self, dof: DofReading) -> RosMessage:
+        return self._dof(
+            name=dof.name,
+            reference=unknown_as_nan(dof.reference),
+            feedback=unknown_as_nan(dof.feedback),
+            feedback_dot=unknown_as_nan(dof.feedback_dot),
+            error=unknown_as_nan(dof.error),
+            error_dot=unknown_as_nan(dof.error_dot),
+            time_step=dof.time_step,
+            output=unknown_as_nan(dof.output),
+        )
+
+
+class FeedForwardSwitch(Endpoint):
+    """The service `~/set_feedforward_control`."""
+
+    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+        self._ros, self._controller = ros, controller.name
+        name = f"{controller.name}/set_feedforward_control"
+        self._service = ros.serve("std_srvs/srv/SetBool", name, self._answer)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._ros.unserve(self._service)
+
+    def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
+        wanted = SetFeedForward(controller=self._controller, enabled=request.data)
+        self._ros.ask(wanted, success_of(response, reply))
+
+
+def _dofs_of(controller: ControllerReading) -> list[str]:
+    """Return the degrees of freedom by the names of their references, in the order of the parameters."""
+    firsts = controller.reference_interfaces[: controller.width]
+    return [each.removeprefix(f"{controller.name}/").rpartition("/")[0] for each in firsts]
+
+
+def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
+    """Return where in a message each degree of freedom is; ValueError if it does not name each once."""
+    if sorted(names) == sorted(dofs):
+        return [names.index(each) for each in dofs]
+    strange = next((each for each in names if each not in dofs), None)
+    if strange is not None:
+        raise ValueError(f"{strange!r} is none of {', '.join(dofs)}")
+    raise ValueError(f"it names {', '.join(names)}; name each of {', '.join(dofs)} once")
+
+
+def _sorted(field: str, values: Sequence[float], order: Sequence[int], dofs: Sequence[str]) -> list[float]:
+    """Return the values in the order of the degrees of freedom; ValueError if there is not a finite one for each."""
+    if len(values) != len(order):
+        raise ValueError(f"{field} has {len(values)} numbers for {', '.join(dofs)}; give {len(order)}")
+    found = [float(values[index]) for index in order]
+    for dof, value in zip(dofs, found, strict=True):
+        if not math.isfinite(value):
+            raise ValueError(f"{field} of {dof} is {value}; give finite numbers")
+    return found

@@ -1,0 +1,190 @@
+"""Topics and services of a simulated world: laser scans, true poses, reset and pause."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from geometry_msgs.msg import PoseStamped
+
+from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.interfaces import interface
+from canopen_control.ros.joint_states import time_message
+from canopen_control.ros.qos import SYSTEM_DEFAULT
+from canopen_control.rpc.messages.samples import OdometrySample
+from canopen_control.rpc.messages.simulation import (
+    MAX_STEPS,
+    GetLaserScans,
+    PauseSimulation,
+    ResetSimulation,
+    StepSimulation,
+)
+from canopen_control.urdf.geometry import from_rpy
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.ros.endpoint import Handler, Reply, Ros, RosMessage
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.simulation import LaserScanReading, Simulation
+    from canopen_control.rpc.messages.state import StateSample, TruePose
+
+
+# LaserScan of the lidars of a simulated robot, on the topics of their tags (`/scan`), as mujoco_ros2_control has them.
+#
+# The law of the file: rays are cast when they are asked for, at the lidar's rate in simulated time; a robot without a
+# lidar is asked once. While the simulation is paused there is nothing new.
+
+
+_CLOSE_S: Final = 1e-6
+
+
+class LaserScans(Endpoint):
+    """The publishers, each made with the first scan on its topic."""
+
+    def __init__(self, ros: Ros) -> None:
+        self._ros = ros
+        self._publishers: dict[str, Any] = {}  # rclpy has no types
+        self._asking = self._none = False
+        self._due = 0.0  # simulated seconds of the next scan
+
+    def on_state(self, state: StateSample) -> None:
+        """Ask for a scan where one is due."""
+        seconds = state.sim_time
+        if seconds is None or state.sim_epoch is None or self._asking or self._none:
+            return
+        if seconds < self._due - _CLOSE_S:
+            return
+        self._asking = True
+        offset = state.time - seconds  # of ROS's time from the simulation's
+
+        def answer(scans: tuple[LaserScanReading, ...] | None, error: str | None) -> None:
+            self._asking, self._none = False, error is None and not scans
+            for scan in scans or ():
+                self._publish(scan, offset)
+            if scans:
+                period = min(scan.scan_time for scan in scans)
+                due = self._due + period  # on its grid, unless it has fallen behind
+                self._due = due if due > seconds else seconds + period
+            else:
+                self._due = seconds + 1.0
+
+        self._ros.ask(GetLaserScans(), answer)
+
+    def _publish(self, scan: LaserScanReading, offset: float) -> None:
+        if scan.topic not in self._publishers:
+            kind = interface("sensor_msgs/msg/LaserScan")
+            self._publishers[scan.topic] = self._ros.node.create_publisher(kind, scan.topic, SYSTEM_DEFAULT)
+        message = interface("sensor_msgs/msg/LaserScan")()
+        message.header.stamp = time_message(scan.seconds + offset)
+        message.header.frame_id = self._ros.frame(scan.frame_id)
+        for field in ("angle_min", "angle_max", "angle_increment", "range_min", "range_max", "scan_time"):
+            setattr(message, field, getattr(scan, field))
+        message.ranges = scan.ranges
+        self._publishers[scan.topic].publish(message)
+
+    def close(self) -> None:
+        """Leave the topics."""
+        for publisher in self._publishers.values():
+            self._ros.node.destroy_publisher(publisher)
+
+
+# `ground_truth`: where the base of a simulated robot truly is, in the frame of its odometry (PoseStamped).
+#
+# The law of the file: published for each new true pose, with its stamp, once a base controller has told the name of its
+# odometry frame, so that RViz shows it in the same fixed frame as `odom`; a robot whose true pose nobody knows has no
+# publisher of it. It is no transform: a frame has one parent, and that of the base is its odometry's.
+
+
+class GroundTruth(Endpoint):
+    """The publisher, made with the first true pose that odometry can be compared with."""
+
+    def __init__(self, ros: Ros) -> None:
+        self._ros = ros
+        self._publisher: Any = None  # rclpy has no types
+        self._frame, self._last = "", 0.0
+
+    def on_state(self, state: StateSample) -> None:
+        """Publish what is new."""
+        for sample in state.told(OdometrySample).values():
+            self._frame = sample.frame_id
+        truth = state.true_pose
+        if truth is None or truth.odom is None or not self._frame or truth.time == self._last:
+            return
+        if self._publisher is None:
+            self._publisher = self._ros.node.create_publisher(PoseStamped, "ground_truth", SYSTEM_DEFAULT)
+        self._last = truth.time
+        self._publisher.publish(pose_message(truth, self._ros.frame(self._frame)))
+
+    def close(self) -> None:
+        """Leave the topic."""
+        if self._publisher is not None:
+            self._ros.node.destroy_publisher(self._publisher)
+
+
+def pose_message(truth: TruePose, frame: str) -> PoseStamped:
+    """Return a true pose as a message in the frame of odometry."""
+    message = PoseStamped()
+    message.header.stamp, message.header.frame_id = time_message(truth.time), frame
+    place, turn = message.pose.position, message.pose.orientation
+    place.x, place.y, _ = truth.in_odometry or (0.0, 0.0, 0.0)
+    place.z = truth.z
+    turn.w, turn.x, turn.y, turn.z = from_rpy(truth.rpy or (0.0, 0.0, 0.0))
+    return message
+
+
+# `~/set_pause`, `~/step_simulation` and `~/reset_world` of a simulated robot, as mujoco_ros2_control has them.
+#
+# The law of the file: names and types are upstream's (mujoco_ros2_control_msgs), on the node that runs the controllers
+# there, `ros2_control_node`, and on the plugin's own, `mujoco_ros2_control_node`. A step is a cycle of the robot here,
+# which is what controllers and hardware do once; upstream it is one of the physics. They are there once the robot says
+# what time its simulation has: a real robot has none of them.
+
+
+_NODES: Final = ("ros2_control_node", "mujoco_ros2_control_node")
+_SERVICES: Final[dict[str, tuple[str, Callable[[RosMessage], Request[Simulation]]]]] = {
+    "set_pause": ("SetPause", lambda request: PauseSimulation(paused=request.paused)),
+    "step_simulation": ("StepSimulation", lambda request: StepSimulation(steps=request.steps)),
+    "reset_world": ("ResetWorld", lambda request: ResetSimulation(keyframe=request.keyframe)),
+}
+"""Service -> its type, and what the robot is asked."""
+
+
+class SimulationServices(Endpoint):
+    """The services, made with the first sample that carries a simulated time."""
+
+    def __init__(self, ros: Ros) -> None:
+        self._ros = ros
+        self._services: list[object] = []
+
+    def on_state(self, state: StateSample) -> None:
+        """Serve them from the first simulated time on."""
+        if self._services or state.sim_epoch is None:
+            return
+        for name, (kind, asking) in _SERVICES.items():
+            service = f"mujoco_ros2_control_msgs/srv/{kind}"
+            self._services += [self._ros.serve(service, f"{node}/{name}", self._handler(asking)) for node in _NODES]
+
+    def _handler(self, asking: Callable[[RosMessage], Request[Simulation]]) -> Handler:
+        def handler(request: RosMessage, response: RosMessage, reply: Reply) -> None:
+            def answer(done: Simulation | None, error: str | None) -> None:
+                response.success, response.message = error is None, error or _told(done)
+                reply(response)
+
+            if getattr(request, "steps", 1) not in range(1, MAX_STEPS + 1):
+                answer(None, f"steps is {request.steps}; it is a number of cycles from 1 to {MAX_STEPS}")
+            else:
+                self._ros.ask(asking(request), answer)
+
+        return handler
+
+    def close(self) -> None:
+        """Leave the graph."""
+        for service in self._services:
+            self._ros.unserve(service)
+
+
+def _told(simulation: Simulation | None) -> str:
+    if simulation is None:
+        return ""
+    how = "paused" if simulation.paused else "running"
+    return f"{how} at {simulation.seconds:.6g} s; a step is a cycle of {1000.0 * simulation.period:g} ms"

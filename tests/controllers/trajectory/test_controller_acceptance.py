@@ -1,0 +1,105 @@
+import pytest
+
+from canopen_control.controllers.trajectory.controller import Acceptance
+from canopen_control.controllers.trajectory.goal import ResultCode
+from canopen_control.controllers.trajectory.joint_group import JointGroup
+from canopen_control.controllers.trajectory.params import TrajectoryParams
+from canopen_control.controllers.trajectory.point import JointTrajectory, Point
+from canopen_control.controllers.trajectory.validation import PackedPoints
+from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+from canopen_control.rpc.messages.samples import TrajectoryPoint
+from canopen_control.urdf.joint_element import Joint, Limits
+
+S = 1_000_000_000
+JOINTS, HERE = ("a", "b"), [0.0, 0.0]
+
+
+class Counted(PackedPoints):
+    """Counts how many points are made."""
+
+    made = 0
+
+    def __getitem__(self, index):
+        self.made += 1
+        return super().__getitem__(index)
+
+
+def acceptance(lower=-3.0, upper=3.0, kind="revolute"):
+    params = TrajectoryParams(joints=JOINTS, command_interfaces=("position",), state_interfaces=("position",))
+    group = JointGroup(JOINTS, JOINTS, ("position",), ("position",))
+    commands = [CommandInterface(each, "position") for each in JOINTS]
+    group.take(commands, [StateInterface(each, "position", 0.0) for each in JOINTS])
+    group.read()
+    joints = {each: Joint(each, kind, "", "", limits=Limits(lower, upper, 2.0)) for each in JOINTS}
+    return Acceptance(params, group, joints), commands
+
+
+def packed(count, position=lambda index: [0.0, 0.0]):
+    made = Counted()
+    for at in range(0, count, 80):
+        indices = range(at, min(at + 80, count))
+        made.add([TrajectoryPoint(positions=position(each), time_from_start=float(each)) for each in indices])
+    return JointTrajectory(JOINTS, made)
+
+
+@pytest.mark.parametrize("count", [1, 500, 20_000])
+def test_its_length_costs_the_answer_nothing(count):
+    judge, _ = acceptance()
+    message = packed(count)
+    assert judge.mistake(message, S, HERE) is None
+    assert message.points.made <= 3
+
+
+@pytest.mark.parametrize("wrong", [0, 79, 80, 499])
+def test_what_is_beyond_a_limit_is_found_among_many_and_only_its_piece_is_looked_through(wrong):
+    judge, _ = acceptance()
+    message = packed(500, lambda index: [0.0, 3.5 if index == wrong else 0.0])
+    assert (
+        judge.mistake(message, S, HERE).text
+        == f"point {wrong}: b at 3.5 is beyond its limits of -3 to 3; plan within them"
+    )
+    assert message.points.made <= 90
+
+
+def test_limits_of_the_interfaces_count_beside_those_of_the_description():
+    judge, commands = acceptance()
+    commands[1].maximum = 1.0
+    judge.take_limits()
+    assert "beyond its limits of -3 to 1" in judge.mistake(packed(2, lambda index: [0.0, 1.5 * index]), S, HERE).text
+
+
+def test_a_joint_has_its_limits_under_the_name_that_a_controller_exports_it_by():
+    names = ("loops/a", "b")
+    params = TrajectoryParams(joints=names, command_interfaces=("position",), state_interfaces=("position",))
+    joints = {each: Joint(each, "revolute", "", "", limits=Limits(-3.0, 3.0, 2.0)) for each in JOINTS}
+    made = Acceptance(params, JointGroup(names, names, ("position",), ("position",)), joints)
+    assert [(each.upper, each.velocity) for each in made.limits.values()] == [(3.0, 2.0), (3.0, 2.0)]
+    told = made.mistake(JointTrajectory(names, [Point([4.0, 0.0], time=S)]), 0, [3.5, 0.0])
+    assert "loops/a" in told.text
+
+
+def test_joints_that_turn_without_end_have_no_limits():
+    judge, _ = acceptance(kind="continuous")
+    assert judge.continuous == [True, True]
+    assert judge.mistake(packed(8, lambda index: [0.0, 1.0 * index]), S, HERE) is None
+
+
+def test_what_the_object_behind_cannot_hold_is_named():
+    judge, commands = acceptance()
+    commands[0].lowest, commands[0].highest = -1.0, 1.0
+    text = judge.mistake(packed(3, lambda index: [-1.5 * (index == 1), 0.0]), S, HERE).text
+    assert text == "it leads a to -1.5, and a/position holds -1 to 1; plan within that"
+
+
+def test_points_that_came_in_process_are_judged_too():
+    judge, _ = acceptance()
+    assert (
+        "no joint of this controller" in judge.mistake(JointTrajectory(["a", "c"], [Point([0.0, 0.0])]), S, HERE).text
+    )
+
+
+def test_a_mistake_has_the_code_that_a_goal_is_refused_with():
+    judge, _ = acceptance()
+    unknown = judge.mistake(JointTrajectory(["a", "c"], [Point([0.0, 0.0])]), S, HERE)
+    beyond = judge.mistake(packed(2, lambda index: [0.0, 9.0 * index]), S, HERE)
+    assert (unknown.code, beyond.code) == (ResultCode.INVALID_JOINTS, ResultCode.INVALID_GOAL)

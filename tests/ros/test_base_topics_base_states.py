@@ -1,0 +1,112 @@
+"""What steering and mecanum controllers tell, with what ROS and the robot are to them; nothing is sent."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+pytest.importorskip("std_msgs")
+
+from support.endpoints import Ros, interface
+
+from canopen_control.ros import base_topics, controller_state, table
+from canopen_control.ros.base_topics import (
+    BaseOdometry,
+    MecanumState,
+    OdometrySetting,
+    SteeringState,
+    TfOdometry,
+    TwistCommands,
+)
+from canopen_control.ros.qos import SYSTEM_DEFAULT
+from canopen_control.rpc.messages.samples import MecanumSample, SteeringSample
+from canopen_control.rpc.messages.state import ControllerReading, StateSample
+
+pytestmark = pytest.mark.ros
+PLANAR, HOLONOMIC = ("linear.x", "angular.z"), ("linear.x", "linear.y", "angular.z")
+WHERE = {"time": 5.5, "x": 1.0, "y": 2.0, "heading": math.pi, "frame_id": "map", "child_frame_id": "base"}
+
+
+def reading(tells, axes, topic="reference"):
+    return ControllerReading(name="base", type="x/Y", state="active", topic=topic, tells=tells, twist_axes=axes)
+
+
+@pytest.fixture
+def ros(monkeypatch):
+    for module in (base_topics, base_topics, controller_state):
+        monkeypatch.setattr(module, "interface", interface, raising=False)
+    return Ros()
+
+
+@pytest.mark.parametrize(
+    ("tells", "axes", "state", "kind"),
+    [
+        ("steering", PLANAR, SteeringState, "SteeringControllerStatus"),
+        ("mecanum", HOLONOMIC, MecanumState, "MecanumDriveControllerState"),
+    ],
+)
+def test_they_have_upstreams_topics(ros, tells, axes, state, kind):
+    made = table.endpoints_for(ros, reading(tells, axes))
+    assert [type(each) for each in made] == [TwistCommands, OdometrySetting, BaseOdometry, TfOdometry, state]
+    assert list(ros.services) == ["base/set_odometry"]
+    assert [(each.topic, each.kind.__name__) for each in ros.publishers] == [
+        ("base/odometry", "Odometry"),
+        ("base/tf_odometry", "TFMessage"),
+        ("base/controller_state", kind),
+    ]
+    assert all(each.quality is SYSTEM_DEFAULT for each in ros.publishers)
+    kind, _, quality = ros.subscriptions["base/reference"]
+    assert kind.__name__ == "TwistStamped"
+    assert (quality.depth, quality.reliability.name) == (1, "BEST_EFFORT")
+    assert ros.subscriptions["base/reference_unstamped"][0].__name__ == "Twist"
+
+
+def test_an_omni_base_has_the_topics_of_the_diff_drive(ros):
+    table.endpoints_for(ros, reading("odometry", HOLONOMIC, "cmd_vel"))
+    assert list(ros.subscriptions) == ["base/cmd_vel", "base/cmd_vel_unstamped"]
+    assert [each.topic for each in ros.publishers] == ["base/odom"]
+    assert list(ros.services) == ["base/set_odometry"]
+
+
+def test_a_steered_base_tells_its_wheels(ros):
+    state = SteeringState(ros, reading("steering", PLANAR))
+    sample = SteeringSample(
+        **WHERE, traction_velocities=[1.0, None], steering=[0.25], traction_commands=[2.0, 3.0], steering_commands=[0.5]
+    )
+    state.on_state(StateSample(samples={"base": sample}))
+    (told,) = ros.publishers[0].told
+    assert (told.header.stamp.sec, told.header.frame_id) == (5, "map")
+    assert list(told.traction_wheels_position) == []
+    assert told.traction_wheels_velocity[0] == 1.0
+    assert math.isnan(told.traction_wheels_velocity[1])
+    assert (list(told.steer_positions), list(told.steering_angle_command)) == ([0.25], [0.5])
+    assert list(told.linear_velocity_command) == [2.0, 3.0]
+
+
+def test_a_base_on_mecanum_wheels_tells_them_and_its_twist(ros):
+    state = MecanumState(ros, reading("mecanum", HOLONOMIC))
+    sample = MecanumSample(**WHERE, wheels=[1.0, 2.0, 3.0, None], reference=[0.1, 0.2, None])
+    state.on_state(StateSample(samples={"base": sample}))
+    (told,) = ros.publishers[0].told
+    found = (told.front_left_wheel_velocity, told.back_left_wheel_velocity, told.back_right_wheel_velocity)
+    assert found == (1.0, 2.0, 3.0)
+    assert math.isnan(told.front_right_wheel_velocity)
+    assert (told.reference_velocity.linear.x, told.reference_velocity.linear.y) == (0.1, 0.2)
+    assert math.isnan(told.reference_velocity.angular.z)
+
+
+@pytest.mark.parametrize("broadcast", [True, False])
+def test_the_transform_of_odometry_is_told_once_where_it_is_broadcast(ros, broadcast):
+    endpoint = TfOdometry(ros, reading("mecanum", HOLONOMIC))
+    state = StateSample(samples={"base": MecanumSample(**WHERE, enable_odom_tf=broadcast)})
+    endpoint.on_state(state)
+    endpoint.on_state(state)
+    (publisher,) = ros.publishers
+    assert len(publisher.told) == int(broadcast)
+    if broadcast:
+        (transform,) = publisher.told[0].transforms
+        assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base")
+        assert (transform.transform.translation.x, transform.transform.rotation.z) == (1.0, pytest.approx(1.0))
+    endpoint.close()
+    assert ros.left == [publisher]

@@ -1,0 +1,106 @@
+"""The topics with what ROS and the robot are to them, nothing is sent."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+pytest.importorskip("sensor_msgs")
+
+from support.endpoints import Ros
+
+from canopen_control.ros import table
+from canopen_control.ros.state_topics import ImuTopic, PoseTopic, RangeTopic, WrenchTopic
+from canopen_control.rpc.messages.samples import ImuSample, PoseSample, RangeSample, WrenchSample
+from canopen_control.rpc.messages.state import ControllerReading, StateSample
+
+pytestmark = pytest.mark.ros
+SAMPLES = {
+    "imu": ImuSample(
+        time=2.25,
+        frame_id="imu_link",
+        orientation=(0.1, 0.2, 0.3, 0.9),
+        angular_velocity=(1.0, 2.0, None),
+        linear_acceleration=(0.0, 0.5, 9.81),
+        orientation_covariance=[float(each) for each in range(9)],
+        angular_velocity_covariance=[-1.0, *[0.0] * 8],
+        linear_acceleration_covariance=[0.5] * 9,
+    ),
+    "range": RangeSample(time=2.25, frame_id="front", range=1.25, radiation_type=1, field_of_view=0.5, min_range=0.125,
+                         max_range=4.0, variance=0.25),
+    "wrench": WrenchSample(time=2.25, frame_id="tool0", force=(1.0, None, -3.5), torque=(0.5, 0.25, 0.125)),
+    "pose": PoseSample(time=2.25, frame_id="map", position=(1.0, 2.0, None), orientation=(0.0, 0.6, 0.0, 0.8)),
+}  # fmt: skip
+TOPICS = {"imu": ImuTopic, "range": RangeTopic, "wrench": WrenchTopic, "pose": PoseTopic}
+
+
+def published(kind, sample=None):
+    """Return the publisher of a kind of sample, after one update."""
+    ros = Ros()
+    controller = ControllerReading(name="b", type="x/Y", state="active", tells=kind, is_broadcaster=True)
+    (endpoint,) = table.endpoints_for(ros, controller)
+    assert type(endpoint) is TOPICS[kind]
+    state = StateSample(samples={"b": sample or SAMPLES[kind]})
+    endpoint.on_state(state)
+    endpoint.on_state(state)  # the same publication once more
+    endpoint.close()
+    (publisher,) = ros.publishers
+    assert ros.left == [publisher]
+    return publisher
+
+
+@pytest.mark.parametrize("kind", TOPICS)
+def test_names_types_and_quality_are_upstreams(kind):
+    publisher = published(kind)
+    name = {"imu": "Imu", "range": "Range", "wrench": "WrenchStamped", "pose": "PoseStamped"}[kind]
+    assert (publisher.topic, publisher.kind.__name__) == (f"b/{kind}", name)
+    assert publisher.quality.reliability.name == "SYSTEM_DEFAULT"
+    (message,) = publisher.told
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (2, 250_000_000)
+    assert message.header.frame_id == SAMPLES[kind].frame_id
+
+
+def xyz(vector):
+    return [vector.x, vector.y, vector.z]
+
+
+def test_an_imu():
+    (message,) = published("imu").told
+    assert [*xyz(message.orientation), message.orientation.w] == [0.1, 0.2, 0.3, 0.9]
+    assert xyz(message.angular_velocity)[:2] == [1.0, 2.0]
+    assert math.isnan(message.angular_velocity.z)
+    assert xyz(message.linear_acceleration) == [0.0, 0.5, 9.81]
+    assert list(message.orientation_covariance) == [float(each) for each in range(9)]
+    assert message.angular_velocity_covariance[0] == -1.0
+    assert list(message.linear_acceleration_covariance) == [0.5] * 9
+
+
+def test_a_range():
+    (message,) = published("range").told
+    assert (message.range, message.radiation_type, message.field_of_view) == (1.25, 1, 0.5)
+    assert (message.min_range, message.max_range, message.variance) == (0.125, 4.0, 0.25)
+    (unknown,) = published("range", RangeSample(time=1.0, frame_id="front", range=None)).told
+    assert math.isnan(unknown.range)
+
+
+def test_a_wrench():
+    (message,) = published("wrench").told
+    assert (message.wrench.force.x, message.wrench.force.z) == (1.0, -3.5)
+    assert math.isnan(message.wrench.force.y)
+    assert xyz(message.wrench.torque) == [0.5, 0.25, 0.125]
+
+
+def test_a_pose():
+    (message,) = published("pose").told
+    assert xyz(message.pose.position)[:2] == [1.0, 2.0]
+    assert math.isnan(message.pose.position.z)
+    assert [*xyz(message.pose.orientation), message.pose.orientation.w] == [0.0, 0.6, 0.0, 0.8]
+
+
+def test_nothing_is_made_where_nobody_listens():
+    ros = Ros()
+    topic = WrenchTopic(ros, ControllerReading(name="b", type="x/Y", state="active", tells="wrench"))
+    ros.publishers[0].subscribers = 0
+    topic.on_state(StateSample(samples={"b": SAMPLES["wrench"]}))
+    assert ros.publishers[0].told == []

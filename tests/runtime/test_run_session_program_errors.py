@@ -1,0 +1,47 @@
+from canopen_control.master.event_log import Level
+from canopen_control.runtime.run_session import ProgramErrors
+
+
+def broken(number):
+    raise ZeroDivisionError(f"divided {number}")
+
+
+def caught(number):
+    try:
+        broken(number)
+    except ZeroDivisionError as error:
+        return error
+
+
+def test_a_fault_of_the_program_is_an_event_with_its_place_and_told_once(capsys):
+    told = []
+    program_errors = ProgramErrors(lambda: 7, told.append)
+    for number in (1, 2):
+        program_errors(caught(number))
+    (event,) = told
+    assert (event.time, event.kind, event.level) == (7, "program_error", Level.ERROR)
+    assert event.text.startswith("a fault of this program at ")
+    assert event.text.endswith(
+        "test_run_session_program_errors.py:6: ZeroDivisionError: divided 1; the robot goes on, please report it"
+    )
+    assert capsys.readouterr().err == ""
+
+
+def test_the_traceback_is_for_those_who_ask(capsys, monkeypatch):
+    monkeypatch.setenv("CANOPEN_CONTROL_DEBUG", "1")
+    ProgramErrors(lambda: 0, lambda _event: None)(caught(1))
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_an_exception_without_a_place_and_a_storm_of_places_do_no_harm():
+    told = []
+    program_errors = ProgramErrors(lambda: 0, told.append)
+    program_errors(ValueError("from nowhere"))
+    assert "at an unknown place: ValueError: from nowhere" in told[0].text
+    for line in range(1, 100):
+        code = compile("\n" * line + "1 / 0", "x.py", "eval")
+        try:
+            eval(code)
+        except ZeroDivisionError as error:
+            program_errors(error)
+    assert len(told) == 20

@@ -1,0 +1,51 @@
+"""What a robot's files say of how its axes stop."""
+
+import math
+
+import pytest
+from support.arm6 import copy_arm
+from support.robots import copy_robby
+
+from canopen_control.host.reactor import Reactor
+from canopen_control.host.selection import MarkedSelector
+from canopen_control.host.timer import ManualClock
+from canopen_control.runtime.core import RobotCore
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.runtime.stop_times import axis_facts, command_lives
+
+
+def facts_of(config):
+    return axis_facts(read_robot(find_robot(str(config))))
+
+
+def test_an_arm_has_its_limits_its_times_and_what_bus_yml_writes(tmp_path):
+    config = copy_arm(tmp_path)
+    first = facts_of(config)[0]
+    assert (first.joint, first.node, first.node_id, first.cycle_s) == ("joint_1", "joint_1_drive", 2, 0.02)
+    assert (first.silence_s, first.master_s) == (0.5, 0.5)
+    assert first.speed == pytest.approx(2.0 * 1043037.8350470454)
+    assert first.objects[0x6007] == 3
+    path = config / "bus.yml"
+    path.write_text(path.read_text().replace("sdo:\n", "sdo:\n    - {index: 0x6084, sub_index: 0, value: 1234}\n", 1))
+    assert facts_of(config)[0].objects[0x6084] == 1234
+
+
+def test_the_drives_own_limit_counts_where_it_is_smaller(tmp_path):
+    config = copy_arm(tmp_path)
+    path = config / "bus.yml"
+    path.write_text(path.read_text().replace("sdo:\n", "sdo:\n    - {index: 0x607F, sub_index: 0, value: 5000}\n", 1))
+    assert facts_of(config)[0].speed == 5000
+
+
+def test_wheels_without_a_limit_have_no_greatest_speed(tmp_path):
+    assert {each.speed for each in facts_of(copy_robby(tmp_path))} == {math.inf}
+
+
+def test_the_lives_of_commands_are_those_of_the_loaded_controllers():
+    setup = read_robot(find_robot("robby"))
+    with Reactor(ManualClock(), MarkedSelector()) as reactor:
+        core = RobotCore(setup, reactor)
+        lives = command_lives(core.manager)
+        core.close()
+    assert lives == {joint: {"robby_forward_controller": 2.0} for joint in ("left_wheel_joint", "right_wheel_joint")}

@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.host import eventually
+
+from canopen_control.errors import RobotConfigError
+from canopen_control.urdf.description import XacroLimits, XacroRun
+
+pytestmark = pytest.mark.process
+
+HEAD = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="r">'
+
+
+def write(folder, text: str, name: str = "r.urdf.xacro"):
+    path = folder / name
+    path.write_text(f"{HEAD}{text}</robot>", encoding="utf-8")
+    return path
+
+
+def run_xacro(path, mappings, limits=None):
+    with XacroRun(path, mappings, limits) as run:
+        return run.result()
+
+
+def test_arguments_macros_and_includes_work(tmp_path):
+    write(tmp_path, '<xacro:macro name="m" params="n"><link name="${n}_${2 * 3}"/></xacro:macro>', "m.xacro")
+    path = write(
+        tmp_path, '<xacro:arg name="who" default="left"/><xacro:include filename="m.xacro"/><xacro:m n="$(arg who)"/>'
+    )
+    assert '<link name="left_6"/>' in run_xacro(path, {})
+    assert '<link name="right_6"/>' in run_xacro(path, {"who": "right"})
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ('<link name="${unknown}"/>', "unknown"),
+        ('<xacro:include filename="none.xacro"/>', "none.xacro"),
+        ("<xacro:nothing/>", "nothing"),
+        ('<link name="${1 / 0}"/>', "division by zero"),
+        ("<link>", "mismatched tag"),
+        ('<link name="$(find no_such_package_here)"/>', "no_such_package_here"),
+        ('<link name="$(arg missing)"/>', "missing"),
+    ],
+)
+def test_whatever_xacro_refuses_is_one_error_with_the_file(tmp_path, text, wanted):
+    path = write(tmp_path, text)
+    with pytest.raises(RobotConfigError, match=wanted) as caught:
+        run_xacro(path, {})
+    assert str(caught.value).startswith(f"{path}: xacro: ")
+
+
+SMALL = XacroLimits(processor_s=1, wall_s=30, memory=256 << 20)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ('<link name="${9**9**9}"/>', "xacro took more than 1 s of the processor; look for a power"),
+        ('<link name="${[n for n in range(10**12) if n == -1]}"/>', "more than 1 s of the processor"),
+        ('<link name="${list(range(10**12))}"/>', "it needs too much memory"),
+        ('<link name="${str(0) * 2**40}"/>', "it needs too much memory"),
+        ('<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>', "it nests without end; a macro or an include"),
+        ('<xacro:include filename="r.urdf.xacro"/>', "it nests without end|more than 1 s|too much memory"),
+    ],
+)
+def test_what_never_ends_or_takes_all_memory_is_a_sentence(tmp_path, text, wanted):
+    path = write(tmp_path, text)
+    with pytest.raises(RobotConfigError, match=wanted) as caught:
+        run_xacro(path, {}, SMALL)
+    assert str(caught.value).startswith(f"{path}: xacro")
+    assert len(str(caught.value)) < 1000
+
+
+def test_what_waits_for_ever_is_ended_by_the_clock(tmp_path):
+    os.mkfifo(tmp_path / "silent.xacro")
+    path = write(tmp_path, '<xacro:include filename="silent.xacro"/>')
+    with pytest.raises(RobotConfigError, match=r"xacro took more than 1 s; look for"):
+        run_xacro(path, {}, XacroLimits(wall_s=1))
+
+
+def test_a_run_that_nobody_waits_for_leaves_no_process(tmp_path):
+    with XacroRun(write(tmp_path, '<link name="${9**9**9}"/>'), {}) as run:
+        process = run._process
+        assert process.poll() is None
+    assert process.returncode == -9
+
+
+def test_it_does_not_outlive_who_started_it(tmp_path):
+    path = write(tmp_path, '<link name="${9**9**9}"/>')
+    script = f"""
+import os, signal, sys, time
+from pathlib import Path
+from canopen_control.urdf.description import XacroRun
+run = XacroRun(Path({str(path)!r}), {{}})
+print(run._process.pid, flush=True)
+time.sleep(1.0)  # it is in the middle of it
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    done = subprocess.run([sys.executable, "-P", "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert eventually(lambda: not Path(f"/proc/{done.stdout.strip()}").exists(), 5)

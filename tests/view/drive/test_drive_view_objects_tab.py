@@ -1,0 +1,170 @@
+"""The Objects tab for a simulated user: what is read, what is sent, and what a write says."""
+
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from nicegui import ui
+from support.pages import FakeContext, StubDesk, html, seen, settle, visited
+from support.service_node import NodeStub
+
+from canopen_control.data_files import data_path
+from canopen_control.errors import ConfigError
+from canopen_control.od.eds import read_eds
+from canopen_control.service.object_rows import LiveObject
+from canopen_control.view.drive.drive_tab import DriveTabContext
+from canopen_control.view.drive.drive_view import ObjectsTab
+from canopen_control.view.elements.nicegui_elements import ObjectTree
+
+OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
+SPEED = OD[0x6081, 0]
+
+
+class Watched:
+    """Stands for the reader of live objects."""
+
+    def __init__(self):
+        self.watched, self.written = [], []
+
+    def watch(self, _page, _desk, entries):
+        self.watched.append([each.index for each in entries])
+
+    def soon(self, _desk, entry):
+        self.written.append(entry.index)
+
+
+@pytest.fixture
+def sent(monkeypatch):
+    """Return what is sent to the tree."""
+    calls = []
+    monkeypatch.setattr(ObjectTree, "run_method", lambda _tree, name, *args: calls.append((name, *args)))
+    return calls
+
+
+def played(act, *, od=OD, teleop=True, held=None):
+    page = FakeContext(teleop=teleop)
+    page.robot.live_reader = Watched()
+    desk = StubDesk(NodeStub(held or {(0x6081, 0): bytes(4)}), od)
+
+    async def begin(user, tab):
+        await settle(lambda: tab._tree is not None or od is not OD)
+        tab.show(page.content())
+        return await act(user, tab, page)
+
+    return visited(lambda: ObjectsTab(DriveTabContext(page, desk)), begin)
+
+
+def test_what_is_in_sight_is_read_until_the_tab_is_left(sent):
+    async def act(user, tab, page):
+        user.find(kind=ObjectTree).trigger("seen", ["0x6081:00", "0x6041:00"])
+        tab.leave()
+        tab.show(page.content())
+        tab.leave()
+        return page.robot.live_reader.watched
+
+    assert played(act) == [[0x6081, 0x6041, 0x6061], [], [0x6081, 0x6041, 0x6061], []]
+
+
+def test_values_are_sent_once_the_tree_is_there(sent):
+    async def act(user, tab, page):
+        tab._context.desk.keep(LiveObject(SPEED, 500))
+        tab.show(page.content())
+        before = list(sent)
+        user.find(kind=ObjectTree).trigger("seen", ["0x6081:00"])
+        tab.show(page.content())
+        tab.show(page.content())
+        return before, [each[1]["0x6081:00"]["value"] for each in sent]
+
+    before, after = played(act)
+    assert before == []
+    assert after == ["500", "500"]  # as it came into sight, and as news
+
+
+def test_a_search_is_answered_with_what_it_means(sent):
+    async def act(user, _tab, _page):
+        user.find(kind=ObjectTree).trigger("search", "0x6081")
+        user.find(kind=ObjectTree).trigger("search", "")
+        user.find(kind=ObjectTree).trigger("search", "nonsense")
+
+    played(act)
+    assert sent[0] == ("matches", ["0x6081:00"], "", "0x6081")
+    assert sent[1] == ("matches", None, "", "")
+    assert sent[2][:2] == ("matches", [])
+
+
+def test_a_write_is_answered_at_its_object_and_can_be_undone(sent):
+    async def act(user, tab, page):
+        user.find(kind=ObjectTree).trigger("write", {"address": "0x6081:00", "text": "1234"})
+        await settle(lambda: len(sent) > 0)
+        tab.show(page.content())
+        words = html(user)
+        user.find("Undo").click()
+        await settle(lambda: len(sent) > 1)
+        return words, tab._context.desk.stub.written, page.robot.live_reader.written
+
+    words, written, soon = played(act)
+    assert sent[0] == ("answer", "0x6081:00", "written: 0x6081:00 Profile velocity: 0 -> 1234", True)
+    assert "last write: 0x6081:00 Profile velocity: 0 -&gt; 1234" in words
+    assert sent[1][2] == "undone: 0x6081:00 Profile velocity: 1234 -> 0"
+    assert [each[2] for each in written] == [(1234).to_bytes(4, "little"), bytes(4)]
+    assert soon == [0x6081, 0x6081]
+
+
+def test_a_refusal_is_told_at_its_object(sent):
+    async def act(user, tab, _page):
+        for text in ("99999999999", "fast"):
+            user.find(kind=ObjectTree).trigger("write", {"address": "0x6081:00", "text": text})
+        user.find(kind=ObjectTree).trigger("write", {"address": "0x6041:00", "text": "1"})
+        tab._context.desk.stub.refused[0x6083, 0] = 0x08000022
+        tab._context.desk.stub.objects[0x6083, 0] = bytes(4)
+        user.find(kind=ObjectTree).trigger("write", {"address": "0x6083:00", "text": "1"})
+        await settle(lambda: len(sent) == 4)
+        return tab._context.desk.stub.written
+
+    assert played(act) == []
+    told = {each[1]: each[2] for each in sent}
+    assert "is read-only; nothing was written" in told["0x6041:00"]
+    assert "0x08000022" in told["0x6083:00"]
+    assert not any(good for *_, good in sent)
+
+
+def test_a_page_that_only_looks_writes_nothing_whatever_it_is_told(sent):
+    async def act(user, tab, page):
+        user.find(kind=ObjectTree).trigger("write", {"address": "0x6081:00", "text": "1234"})
+        await settle(turns=5)
+        return tab._context.desk.stub.written, seen(ui.button)[0].enabled, tab._tree._props["writes"]
+
+    assert played(act, teleop=False) == ([], False, False)
+
+
+def test_nonsense_from_a_browser_is_nothing(sent):
+    async def act(user, tab, _page):
+        for event, args in (("seen", "x"), ("seen", [1, None]), ("write", "x"), ("write", {"address": 1, "text": "2"})):
+            user.find(kind=ObjectTree).trigger(event, args)
+        user.find(kind=ObjectTree).trigger("write", {"address": "no such", "text": "2"})
+        await settle(turns=5)
+        return tab._context.desk.stub.written
+
+    assert played(act) == []
+
+
+@pytest.mark.rest
+def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_told():
+    async def act(user, _tab, _page):
+        await settle(turns=10)
+        return html(user)
+
+    assert "Nothing tells what the objects of this node are" in played(act, od=None)
+
+    class Broken(StubDesk):
+        def dictionary(self):
+            raise ConfigError("no EDS file left.eds")
+
+    page = FakeContext()
+    desk = Broken(NodeStub({}), None)
+
+    async def look(user, _tab):
+        await settle(turns=10)
+        return html(user)
+
+    assert "no EDS file left.eds" in visited(lambda: ObjectsTab(DriveTabContext(page, desk)), look)

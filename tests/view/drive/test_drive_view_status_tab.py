@@ -1,0 +1,96 @@
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from support.pages import AXIS, NODE, TARGET, FakeContext, StubDesk, drive_state, html, settle, state, visited
+from support.service_node import NodeStub
+
+from canopen_control.errors import SdoTimeout
+from canopen_control.rpc.messages.state import RobotEvent
+from canopen_control.view.drive.drive_tab import DriveTabContext
+from canopen_control.view.drive.drive_view import StatusTab
+from canopen_control.view.elements.nicegui_elements import HoldButtons
+from canopen_control.view.page_content import RecentEvents
+
+HISTORY = {(0x1003, 0): b"\1", (0x1003, 1): (0x2310).to_bytes(4, "little")}
+
+
+def played(act, page=None, *, new=None, held=HISTORY, axes=1):
+    page = page or FakeContext()
+    desk = StubDesk(NodeStub(held), None)
+    desk.place = type(desk.place)(name="left_drive", node_id=3, bus="can", axes=axes)
+
+    async def begin(user, tab):
+        tab.show(page.content(new))
+        await settle(turns=10)
+        return await act(user, tab)
+
+    return visited(lambda: StatusTab(DriveTabContext(page, desk)), begin)
+
+
+async def read(user, _tab):
+    return html(user)
+
+
+def test_it_shows_what_the_robot_knows_of_the_node():
+    text = played(read, new=drive_state({"statusword": 0x1637}, taken_out=True, sdo={"reads": 7}))
+    assert "operational, taken out of the robot" in text
+    assert "operation enabled, mode PV" in text
+    assert "7 reads, 0 writes, 0 failed" in text
+    assert "left: 0x1637" in text
+    assert "<span class='cc-set'>12 speed is zero</span>" in text
+    assert "forward commands it" in text
+
+
+@pytest.mark.rest
+def test_it_shows_the_errors_that_the_drive_remembers():
+    assert "0x2310" in played(read)
+    assert "remembers no error" in played(read, held={(0x1003, 0): b"\0"})
+    assert "keeps no error history" in played(read, held={})
+
+
+def test_a_node_that_does_not_answer_is_told():
+    async def act(user, tab):
+        tab._context.desk.stub.error = SdoTimeout(3, 0x1003, 0, 0.5)
+        user.find("Read again").click()
+        await settle(turns=10)
+        return html(user)
+
+    assert "no answer" in played(act)
+
+
+def test_only_the_events_of_this_node_are_there():
+    page = FakeContext()
+    page.robot.events = RecentEvents(
+        RobotEvent(time=1.0, kind="emcy", node=node, level="warning", text=f"of {node}")
+        for node in ("left_drive", "io")
+    )
+    text = played(read, page)
+    assert "of left_drive" in text
+    assert "of io" not in text
+
+
+def test_a_drive_that_takes_targets_is_driven_while_a_button_is_held_and_left_when_the_tab_is():
+    page = FakeContext(controllers=(TARGET,))
+
+    async def act(user, tab):
+        user.find(kind=HoldButtons).trigger("hold", "target")
+        tab.leave()
+
+    played(act, page)
+    assert len(page.held) == 1
+    assert page.let >= 1
+
+
+def test_what_is_no_drive_has_no_statusword_and_nothing_moves_it():
+    text = played(read, new=state(nodes={"left_drive": NODE | {"axes": []}}), axes=0)
+    assert "nothing moves it" in text
+    assert "0x1637" not in text
+
+
+def test_a_drive_that_nobody_commands_is_told():
+    page = FakeContext(controllers=())
+    new = drive_state(AXIS | {"error": "following error"})
+    text = played(read, page, new=new)
+    assert "No active controller commands it" in text
+    assert "following error" in text

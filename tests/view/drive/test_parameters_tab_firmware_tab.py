@@ -1,0 +1,98 @@
+import pytest
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+from nicegui import ui
+from support.pages import FakeContext, StubDesk, html, seen, settle, upload, visited
+from support.service_node import NodeStub
+
+from canopen_control.view.drive import parameters_tab
+from canopen_control.view.drive.drive_tab import DriveTabContext
+from canopen_control.view.drive.parameters_tab import FirmwareTab
+from canopen_control.view.node_desk import NodeWork
+from canopen_control.view.words import BAD
+
+
+def played(act, **how):
+    page, desk = FakeContext(**how), StubDesk(NodeStub({}), None)
+
+    async def begin(user, tab):
+        tab.show(page.content())
+        return await act(user, tab, page)
+
+    return visited(lambda: FirmwareTab(DriveTabContext(page, desk)), begin)
+
+
+@pytest.fixture
+def loaded(monkeypatch):
+    """Return what is loaded: image and options."""
+    calls = []
+
+    def load(_session, _work, image, options):
+        calls.append((image, options))
+        return "program 1 of 5 bytes runs"
+
+    monkeypatch.setattr(parameters_tab, "load_program", load)
+    return calls
+
+
+def buttons():
+    return {each.text: each.enabled for each in seen(ui.button)}
+
+
+def test_a_program_is_chosen_and_loaded(loaded):
+    async def act(user, tab, page):
+        before = buttons()["Load it into the drive"]
+        await upload(user, "a.bin", b"image")
+        tab._expected.value = "0x1A"
+        tab.show(page.content())
+        user.find("Load it into the drive").click()
+        await settle(lambda: tab._desk.work is not None and tab._desk.work.over)
+        tab.show(page.content())
+        return before, html(user), buttons()
+
+    before, text, after = played(act)
+    assert before is False
+    assert [(image, options.number, options.expected) for image, options in loaded] == [(b"image", 1, 0x1A)]
+    assert "a.bin: 5 bytes" in text
+    assert "program 1 of 5 bytes runs" in text
+    assert "Abort" not in after  # half a program is none
+
+
+def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):
+    async def act(user, tab, page):
+        await upload(user, "empty.bin", b"")
+        text = html(user)
+        tab.show(page.content())
+        off = buttons()["Load it into the drive"]
+        await upload(user, "a.bin", b"image")
+        tab._number.value = "fifth"
+        tab.show(page.content())
+        user.find("Load it into the drive").click()
+        await user.should_see("Not begun: 'fifth' and '': a number is wanted")
+        return text, off
+
+    text, off = played(act)
+    assert f"cc-{BAD}'>Not taken. empty.bin is empty" in text
+    assert (off, loaded) == (False, [])
+
+
+def test_nothing_begins_beside_other_work(loaded):
+    async def act(user, tab, page):
+        await upload(user, "a.bin", b"image")
+        tab.show(page.content())
+        tab._desk.work = NodeWork("parameters", "Restoring a.dcf")
+        user.find("Load it into the drive").click()
+        await user.should_see("left_drive is busy: Restoring a.dcf")
+
+    played(act)
+    assert loaded == []
+
+
+def test_a_page_that_only_looks_loads_nothing():
+    async def act(user, _tab, _page):
+        return html(user), list(buttons())
+
+    text, there = played(act, teleop=False)
+    assert "This page only looks" in text
+    assert "Load it into the drive" not in there

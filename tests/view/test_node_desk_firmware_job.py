@@ -1,0 +1,131 @@
+"""The long work of the Firmware tab: what is checked before, what pages see meanwhile, and what is said at its end."""
+
+import threading
+
+import pytest
+from support.parameter_node import session_with
+from support.programs import program_od
+
+from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.errors import ConfigError, DriveError
+from canopen_control.service.program_download import DownloadStep, ProgramOptions
+from canopen_control.view import node_desk
+from canopen_control.view.node_desk import MOST_FIRMWARE_BYTES, NodeWork, check_image, load_program, options_of
+
+NEW = b"version two " * 400
+
+
+@pytest.fixture
+def session():
+    session = session_with(program_od(), robot="robby")
+    session.transfers.command(NmtCommand.ENTER_PRE_OPERATIONAL)
+    return session
+
+
+@pytest.fixture
+def steps(monkeypatch):
+    """Return what the download does one after the other: that of `program_session` has its own tests."""
+    acts = []
+
+    def download(_session, _image, _options, progress):
+        for act in acts:
+            act(progress)
+        progress.step = DownloadStep.DONE
+
+    monkeypatch.setattr(node_desk, "download", download)
+    return acts
+
+
+def work():
+    return NodeWork("firmware", "loading", "bytes")
+
+
+def test_the_program_before_and_after_is_told_with_what_was_noted(session, steps):
+    def run(progress):
+        progress.old, progress.new = None, 0x1A2B
+        progress.notes.append("begun anew: CRC error")
+
+    steps.append(run)
+    done = work()
+    said = load_program(session, done, NEW, ProgramOptions(2))
+    assert said == f"node 5: program 2 of {len(NEW)} bytes runs: unknown -> 0x00001A2B"
+    assert done.lines == ["begun anew: CRC error"]
+
+
+def test_a_download_that_ends_half_way_says_what_may_be_gone(session, steps):
+    def break_off(progress):
+        progress.step = DownloadStep.SENDING
+        raise DriveError("the program was not taken: CRC error; the node waits in its boot-loader")
+
+    steps.append(break_off)
+    with pytest.raises(DriveError, match=r"node 5: sending: .*CRC error.*the same command begins anew"):
+        load_program(session, work(), NEW, ProgramOptions())
+
+
+def test_what_was_refused_before_anything_was_sent_is_told_as_it_is(session, steps):
+    def refuse(_progress):
+        raise ConfigError("program 1 of the node cannot be loaded over CANopen")
+
+    steps.append(refuse)
+    with pytest.raises(ConfigError, match=r"^program 1 of the node cannot be loaded"):
+        load_program(session, work(), NEW, ProgramOptions())
+
+
+def test_a_node_that_the_robot_controls_an_enabled_one_and_a_stranger_are_refused(session, steps):
+    session.transfers.robot_leaves_it = False
+    with pytest.raises(DriveError, match="controlled by the running robot robby; nothing was written"):
+        load_program(session, work(), NEW, ProgramOptions())
+    session.powered_axes = lambda: [0]
+    with pytest.raises(DriveError, match="is enabled; nothing was written"):
+        load_program(session, work(), NEW, ProgramOptions())
+    session.identity_differences = lambda: ["vendor 0x1 in the EDS, 0x2 found"]
+    with pytest.raises(ConfigError, match="is no device of that EDS"):
+        load_program(session, work(), NEW, ProgramOptions())
+    assert session.transfers.written == []
+
+
+def test_step_and_bytes_are_followed(session, steps, monkeypatch):
+    monkeypatch.setattr(node_desk, "_LOOK_S", 0.001)
+    session.transfers.progress = lambda: (700, None)
+    done, seen, turn = work(), [], threading.Event()
+
+    def wait_for(done_bytes):
+        for _ in range(4000):
+            if done.done == done_bytes and done.doing:
+                break
+            turn.wait(0.002)
+        seen.append((done.doing, done.done, done.total))
+
+    def send(progress):
+        progress.step = DownloadStep.SENDING
+        wait_for(700)
+
+    def check(progress):
+        progress.step = DownloadStep.CHECKING
+        wait_for(0)
+
+    steps += [send, check]
+    load_program(session, done, NEW, ProgramOptions())
+    assert seen == [("sending", 700, len(NEW)), ("waiting for the flash", 0, None)]
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (b"", "a.bin is empty; nothing was sent"),
+        (bytes(MOST_FIRMWARE_BYTES + 1), "a running robot passes on 400000"),
+        (b"\n[FileInfo]\nFileName=x", "is an EDS or a DCF and no program"),
+    ],
+)
+def test_a_file_that_cannot_be_a_program_is_told(image, words):
+    with pytest.raises(ConfigError, match=words):
+        check_image(image, "a.bin")
+    check_image(NEW, "a.bin")
+
+
+def test_what_a_person_writes_is_checked():
+    assert options_of("", "") == ProgramOptions(1, None)
+    assert options_of("2", "0x1A2B") == ProgramOptions(2, 0x1A2B)
+    for number, expected, words in (("x", "", "a number is wanted"), ("0", "", "1 to 254"), ("1", "-1", "32 bits")):
+        with pytest.raises(ConfigError, match=words):
+            options_of(number, expected)

@@ -1,0 +1,83 @@
+import pytest
+from support.host import use_private_folders
+from support.virtualbench import served, servo
+
+from canopen_control.errors import ConfigError, RemoteError
+from canopen_control.rpc.messages.drive import AddPayload, BlockJoint
+from canopen_control.rpc.messages.simulation import GetSimulation, Simulation
+from canopen_control.view import robot_view
+from canopen_control.view.robot_connection import VirtualNode
+from canopen_control.view.robot_view import WorldClient
+from canopen_control.virtual.plant import PlainWorld
+
+CAN = "memory:view-world"
+NODES = (VirtualNode("real", CAN, 4), VirtualNode("virtual", CAN, 5))
+
+
+class Noting(PlainWorld):
+    def __init__(self):
+        self.acts = []
+
+    def act(self, what):
+        if getattr(what, "joint", "") == "roof":
+            raise ConfigError("no drive moves a joint 'roof'")
+        self.acts.append(what)
+
+
+@pytest.fixture
+def served_in(tmp_path, monkeypatch):
+    use_private_folders(monkeypatch, tmp_path)
+    return lambda world: served(CAN, servo(5), world)
+
+
+def test_what_is_asked_for_happens_in_the_world_of_the_drives(served_in):
+    world = Noting()
+    with served_in(world):
+        client = WorldClient("robby", NODES)
+        assert client.changeable()
+        client.act(AddPayload(mass=3.0))
+        with pytest.raises(RemoteError, match="no drive moves a joint 'roof'"):
+            client.act(BlockJoint(joint="roof"))
+    assert world.acts == [AddPayload(mass=3.0)]
+
+
+def test_without_physics_nothing_can_be_asked_for(served_in):
+    with served_in(PlainWorld()):
+        assert not WorldClient("robby", NODES).changeable()
+        with pytest.raises(RemoteError, match="no world with physics"):
+            WorldClient("robby", NODES).act(AddPayload(mass=3.0))
+    assert not WorldClient("robby", NODES).changeable()
+
+
+class Asked:
+    """A robot's client that notes what it is asked for."""
+
+    def __init__(self, changeable):
+        self.acts, self._changeable = [], changeable
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def ask(self, request):
+        if isinstance(request, GetSimulation):
+            return Simulation(seconds=1.0, paused=False, period=0.02, changeable=self._changeable)
+        self.acts.append(request)
+        return None
+
+
+@pytest.mark.parametrize("changeable", [True, False])
+def test_a_robot_without_drives_is_asked_itself_and_tells_of_it(monkeypatch, changeable):
+    robot = Asked(changeable)
+    monkeypatch.setattr(robot_view.RobotClient, "connect", lambda name, _timeout: robot if name == "diffbot" else None)
+    client = WorldClient("diffbot", ())
+    assert client.changeable() is changeable
+    assert client.act(AddPayload(mass=3.0))
+    assert robot.acts == [AddPayload(mass=3.0)]
+
+
+def test_a_robot_that_is_gone_is_in_no_world(tmp_path, monkeypatch):
+    use_private_folders(monkeypatch, tmp_path)
+    assert not WorldClient("diffbot", ()).changeable()
