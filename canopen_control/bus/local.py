@@ -12,7 +12,8 @@ import os
 import socket
 from typing import TYPE_CHECKING, Final, NoReturn, TypeVar
 
-from canopen_control.bus.error_frames import has_error_frames, note_errors
+from canopen_control.bus.error_events import note_errors
+from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.port import BusEventKind, EventLog, PortStats, Records, SendQueue, whole_records
 from canopen_control.bus.wanted import (
     GIVES_STAMPS,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 from weakref import WeakValueDictionary
 
 from canopen_control.bus import error_frames
-from canopen_control.bus.error_frames import note_errors
+from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, WakeDescriptor, whole_records
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records

@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import can
 
-from canopen_control.bus.error_frames import has_error_frames, note_errors
+from canopen_control.bus.error_events import note_errors
+from canopen_control.bus.error_frames import has_error_frames
 from canopen_control.bus.port import (
     SEND_LIMIT,
     BusEvent,

@@ -14,7 +14,8 @@ import errno
 import time
 from typing import TYPE_CHECKING
 
-from canopen_control.bus.error_frames import has_error_frames, note_errors, overrun_frame
+from canopen_control.bus.error_events import note_errors
+from canopen_control.bus.error_frames import has_error_frames, overrun_frame
 from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, SendQueue, whole_records
 from canopen_control.bus.port_abilities import UnixOffset
 from canopen_control.bus.rawsocket import (

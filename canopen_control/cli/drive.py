@@ -167,7 +167,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("--json is for drive --status; running drives print their events as lines")
     if args.eds is None:
         raise ConfigError("drive needs --eds FILE: which device it is; --status asks a drive that runs already")
-    from canopen_control.virtual.process import Options, run_drives
+    from canopen_control.virtual.launch import Options, run_drives
 
     node_ids = parse_node_ids(args.node_id)
     eds, others = _eds_files(args.eds, node_ids)
@@ -181,7 +181,7 @@ def _run_buses(args: argparse.Namespace) -> int:
     given = [name for name in ("node_id", "can", "eds", "status", *_FILES) if getattr(args, name)]
     if given:
         raise ConfigError(f"--buses: its file says everything; leave --{given[0].replace('_', '-')} away")
-    from canopen_control.virtual.process import run_group
+    from canopen_control.virtual.bus_group import run_group
 
     return run_group(Path(args.buses), _say)
 

@@ -43,7 +43,6 @@ import contextlib
 import gc
 import math
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -51,12 +50,8 @@ from canopen_control.cli.run import add_file_arguments, bridge_arguments, find_f
 from canopen_control.cli.support.arguments import add_new_name, number, whole_number
 from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import ConfigError, nearest
-from canopen_control.runtime.shared_world import read_shared
-from canopen_control.simulation.shared_simulation import SharedSimulation
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.acts import Act
@@ -65,41 +60,6 @@ if TYPE_CHECKING:
 
 
 # `simulate --world FILE` without a robot: those that the file names, in one virtual time, and what came of each.
-
-
-_OF_ONE: Final = ("scenario", "recording", "record", "seeds", "jobs", "dask", "aim", "out")
-_OF_FILE: Final = ("can", "controller")
-
-
-def simulate_world(args: argparse.Namespace, duration_ns: int, faults: Sequence[str]) -> int:
-    """Simulate the robots of a file; 0 good, 1 with a breach. Ctrl-C ends it and keeps what there is."""
-    for option in _OF_ONE:
-        if getattr(args, option) is not None:
-            raise ConfigError(f"--{option} is of one robot; --world FILE alone simulates those that the file names")
-    for option in _OF_FILE:
-        if getattr(args, option):
-            raise ConfigError(f"--{option} is of one robot; the file of a world says it of each")
-    world = Path(args.world)
-    setups = [robot.setup for robot in read_shared(world)]
-    simulation = SharedSimulation(setups, world, args.seed or 0, duration_ns, faults)
-    progress = Progress("robot time", "s", stream=sys.stderr)
-    try:
-        for name, run in simulation.runs.items():
-            run.robot.on_event = None if args.json else partial(_say_world, name, progress)
-        with contextlib.suppress(KeyboardInterrupt), progress:
-            simulation.run(lambda robot_s: progress.at(int(robot_s), int(duration_ns / 1e9) or None), args.speed)
-        outcome = simulation.outcome
-    finally:
-        simulation.close()
-    if args.json:
-        print(json_line(outcome))
-        return 1 if outcome.breaches else 0
-    for name, each in outcome.robots.items():
-        print(f"{name}: seed {each.seed}, {each.frames} frames, {each.events} events, sha256 {each.sha256}")
-    print(f"{outcome.robot_s:g} s of {len(outcome.robots)} robots in {outcome.real_s:.1f} s, sha256 {outcome.sha256}")
-    for breach in outcome.breaches:
-        print(f"breach: {breach}")
-    return 1 if outcome.breaches else 0
 
 
 def _say_world(name: str, progress: Progress, event: Event) -> None:
@@ -288,6 +248,8 @@ def _run_world(args: argparse.Namespace) -> int:
             raise ConfigError(f"{option} is of one robot; give ROBOT, and --physics with --world")
     drawn = known_faults(physics=True)
     faults = drawn if args.faults == "all" else _faults("none" if args.faults is None else args.faults, known_faults())
+    from canopen_control.cli.support.simulation_world import simulate_world
+
     return simulate_world(args, args.length or DEFAULT_NS, faults)
 
 
@@ -431,13 +393,7 @@ def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, q
         recorder.write(Path(record))
 
 
-def _say(line: str, progress: Progress) -> None:
-    progress.end()
-    print(line)
-
-
 def _tell(outcome: Outcome, failure: str | None, *, as_json: bool) -> None:
-    from canopen_control.cli.support.output import json_line
 
     if as_json:
         print(json_line(outcome))
@@ -451,3 +407,8 @@ def _tell(outcome: Outcome, failure: str | None, *, as_json: bool) -> None:
         print(f"breach: {breach}")
     if failure is not None:
         print(f"the robot ended: {failure}")
+
+
+def _say(line: str, progress: Progress) -> None:
+    progress.end()
+    print(line)

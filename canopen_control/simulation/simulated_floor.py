@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.runtime.physics_plant import write_buses, write_plant
+from canopen_control.virtual.bus_group import open_world, read_group
 from canopen_control.virtual.plant import ChangeableWorld
-from canopen_control.virtual.process import open_world, read_group
 from canopen_control.virtual.worldfile import read_world
 
 if TYPE_CHECKING:

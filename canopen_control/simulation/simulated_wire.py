@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus import error_frames
 from canopen_control.bus.arbitration import PacedWire
-from canopen_control.bus.error_frames import note_errors
+from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.port import SEND_LIMIT, BusEvent, EventLog, PortStats, Records, whole_records
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD, RECORD_SIZE, CanFrame, pack_records

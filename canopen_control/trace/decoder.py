@@ -14,7 +14,7 @@ import enum
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.bus.error_frames import error_text, events_of
+from canopen_control.bus.error_events import error_text, events_of
 from canopen_control.bus.port import BusEventKind
 from canopen_control.cia301.emcy import EmcyMessage, register_text
 from canopen_control.cia301.lss import (

@@ -2,7 +2,7 @@
 
 From the outside in; a file imports those of its own line and of lines further down:
 
-- a process of drives, on one bus or several in one world: `process`
+- a process of drives: `bus_group` (on several buses, in one world), `launch`, `node_id_check`, `process`
 - devices: `device` (of an EDS), `scenario`, `control` (the socket), `nodehost`
 - their faults: `fault_table`, `device_faults`
 - a node: `virtual_node`, of `communication_objects`, `node_pdos`, `program_area`
@@ -11,7 +11,7 @@ From the outside in; a file imports those of its own line and of lines further d
 - its modes of operation: `profile_modes`, `cyclic_modes`, `mode_base`
 - what moves and stops an axis: `power_machine`, `mover`
 - what all share: `object_store`, `node_outbox`, `node_events`, `axis_objects`, `device_model`, `fault_seam`
-- what hangs on an axis: `worldfile`, `plant`, `trajectory` (motion over time)
+- what hangs on an axis: `worldfile`, `shaft`, `plant`, `trajectory` (motion over time)
 
 Nothing is imported here: a drive's process starts in the time its own parts need.
 """

@@ -23,8 +23,8 @@ from canopen_control.virtual.device_function import Follower
 from canopen_control.virtual.device_model import GENERIC, DeviceModel, Limit, MissingSetPoint, vendor_model
 from canopen_control.virtual.fault_table import FaultSwitches
 from canopen_control.virtual.plant import WORLD_NOTE, PlainWorld, TellingWorld, World
+from canopen_control.virtual.shaft import ShaftWorld
 from canopen_control.virtual.virtual_node import VirtualNode
-from canopen_control.virtual.worldfile import ShaftWorld
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

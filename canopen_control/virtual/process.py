@@ -8,156 +8,29 @@ opened again when it is back within three seconds, else BusClosed ends the proce
 
 from __future__ import annotations
 
-import contextlib
-import importlib
 import signal
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final
 
-from canopen_control.bus.channel import open_port, parse_channel
 from canopen_control.cia301.lss import UNCONFIGURED
-from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID
-from canopen_control.cia301.sdo_codec import ANSWER_BASE, INITIATE, REQUEST_BASE, UPLOAD
-from canopen_control.errors import BusError, ConfigError
-from canopen_control.frame import MAX_NODE_ID, CanFrame, frames_of, pack_records
 from canopen_control.host.lifeline import lifeline_fd, report_ready
-from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse
 from canopen_control.virtual.control import NodeControl
-from canopen_control.virtual.device import make_devices
 from canopen_control.virtual.node_events import NodeIdChanged, in_words
+from canopen_control.virtual.node_id_check import NodeIdTaken
 from canopen_control.virtual.nodehost import NodeHost
-from canopen_control.virtual.plant import WORLD_NOTE
-from canopen_control.virtual.worldfile import ShaftWorld
-from canopen_control.yamlfile.convert import position
-from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
-from canopen_control.yamlfile.reader import load
+from canopen_control.virtual.shaft import ShaftWorld
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Mapping, Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Hashable, Sequence
 
     from canopen_control.bus.port import BusEvent, Port
     from canopen_control.errors import BusClosed
-    from canopen_control.virtual.plant import SharedWorld, World
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.virtual.plant import World
     from canopen_control.virtual.scenario import Switching
     from canopen_control.virtual.virtual_node import VirtualNode
-    from canopen_control.yamlfile.problems import Problems
-
-
-# Asks on the bus whether node ids are free, before virtual drives take them.
-#
-# The question is an upload of 0x1000, which every node has; whoever answers it, or is heard with a heartbeat, holds the
-# id.
-
-
-PROBE_NS = 40_000_000  # how long a node that is there already may take to answer
-_DEVICE_TYPE = INITIATE.pack(UPLOAD, 0x1000, 0)
-
-
-class NodeIdTaken(BusError):
-    """Another node answers with the id."""
-
-    def __init__(self, node_id: int, channel: str) -> None:
-        self.node_id = node_id
-        super().__init__(f"node id {node_id} already answers on {channel}; choose another --node-id, or end that node")
-
-
-class NodeIdCheck:
-    """Asks whether `node_ids` are free on `port`, from the moment it is made.
-
-    A node without an id (255) holds none: CiA 305 lets any number of them wait for theirs on one bus.
-    """
-
-    def __init__(self, reactor: Reactor, port: Port, node_ids: Sequence[int]) -> None:
-        self._reactor, self._port = reactor, port
-        node_ids = [node_id for node_id in node_ids if node_id != UNCONFIGURED]
-        self._answers = {
-            base + node_id: node_id for node_id in node_ids for base in (ANSWER_BASE, ERROR_CONTROL_COB_ID)
-        }
-        self._taken: int | None = None
-        self._until = reactor.now() + PROBE_NS
-        port.send(pack_records([CanFrame(REQUEST_BASE + node_id, _DEVICE_TYPE) for node_id in node_ids]))
-
-    def finish(self) -> None:
-        """Wait for what is left of the time; raise NodeIdTaken when somebody was heard."""
-        self._reactor.add_reader(self._port, self._listen)
-        self._reactor.run_until(lambda: self._taken is not None, max(0, self._until - self._reactor.now()))
-        self._reactor.remove_reader(self._port)
-        if self._taken is not None:
-            raise NodeIdTaken(self._taken, self._port.channel)
-
-    def _listen(self) -> None:
-        for frame in frames_of(self._port.receive()):
-            self._taken = self._answers.get(frame.can_id, self._taken)
-
-
-# Starts the process of virtual drives quickly: the bus is asked first, everything else is imported while it answers.
-#
-# A node id that answers on the bus already is refused.
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """What to start besides the nodes: files, and faults ``name`` or ``name@seconds``.
-
-    `serial` is 0x1018:04, of several nodes the first one's; None: the node id. `others` are the EDS files of the nodes
-    that have another one.
-    """
-
-    faults: Sequence[str] = ()
-    serial: int | None = None
-    store: Path | None = None
-    scenario: Path | None = None
-    plant: Path | None = None
-    others: Mapping[int, Path] = field(default_factory=dict)
-
-
-def run_drives(node_ids: Sequence[int], eds: Path, channel: str, options: Options, say: Callable[[str], None]) -> int:
-    """Run the virtual devices of an EDS until told to end; return the exit code.
-
-    Raises EdsError and ConfigError for what cannot be started, BusError for the channel.
-    """
-    label = f"drive {node_ids[0]}" if len(node_ids) == 1 else f"drives {node_ids[0]}-{node_ids[-1]}"
-    with Reactor() as reactor:
-        port = open_port(channel, label=label)
-        try:
-            check = NodeIdCheck(reactor, port, node_ids)
-            from canopen_control.virtual.device import make_devices
-
-            devices = make_devices(
-                node_ids,
-                eds,
-                say,
-                faults=options.faults,
-                serial=options.serial,
-                store=options.store,
-                scenario=options.scenario,
-                plant=options.plant,
-                others=options.others,
-            )
-            check.finish()
-            with contextlib.closing(devices.world):
-                again = partial(reopen, channel, label)
-                bus = BusNodes(port, devices.nodes, again, devices.timeline, devices.world)
-                process = DriveProcess(reactor, [bus], say)
-                return process.run()
-        finally:
-            port.close()
-
-
-def reopen(channel: str, label: str) -> Port | None:
-    """Open a channel that was gone, None where it is not back. A local bus is not started for it.
-
-    It joins, for a hub that dies is still there to who looks whether it is, and gone to who then opens.
-    """
-    if parse_channel(channel).kind.in_process:
-        return None
-    try:
-        return open_port(channel, label=label, join=True)
-    except BusError:
-        return None
 
 
 # Virtual nodes on one bus, in a process of drives: their host, their control sockets, their log and their timeline.
@@ -447,123 +320,3 @@ class DriveProcess:
             self._reactor.call_later(_LOOK_NS, self._look_for_standstill)
         else:
             self._leave()
-
-
-# Virtual drives on several buses in one process and one world: a robot with several buses, or several robots.
-#
-# The file says which nodes are on which bus, and what of the world each robot is, by plant files of one engine:
-#
-#  |  engine: mujoco
-#  |  world: hall.yml                    # of several robots: where each begins; a robot alone has it in its plant file
-#  |  robots:
-#  |    robby1:
-#  |      plant: robby1/physics.yml
-#  |      buses:
-#  |        can: {channel: "local:robby1", nodes: {"2": TMCM-1270.eds, "3": TMCM-1270.eds}}
-#
-# The bus `can` is the main one of a robot, whose axes have no bus in the plant file. Paths are those beside the file.
-
-
-MAIN: Final = "can"
-"""The name of the main bus of a robot."""
-_ENGINES: Final = {"mujoco": "canopen_control.physics.engine"}  # imported only when a file asks for it
-
-# ruff: noqa: RUF009 - `position` makes a field
-
-
-class GroupError(ConfigError):
-    """A file of several buses holds mistakes."""
-
-
-@dataclass(frozen=True)
-class BusFile:
-    """One bus: its channel, and the EDS files by node ids."""
-
-    channel: str
-    nodes: dict[str, str]
-    here: Node = position()
-
-
-@dataclass(frozen=True)
-class RobotFile:
-    """One robot: its plant file, and its buses by name."""
-
-    plant: str
-    buses: dict[str, BusFile]
-    here: Node = position()
-
-
-@dataclass(frozen=True)
-class BusGroup:
-    """The file as a whole."""
-
-    robots: dict[str, RobotFile]
-    engine: Literal["mujoco"] = "mujoco"
-    world: str = ""
-    here: Node = position()
-
-
-def read_group(path: Path) -> BusGroup:
-    """Return the file; GroupError with every mistake and its line."""
-    return load(path, BusGroup, error=GroupError, check=_check)
-
-
-def _check(file: BusGroup, _problems: Problems) -> None:
-    if not file.robots:
-        file.here.error("robots: name one at least")
-    if len(file.robots) > 1 and not file.world:
-        file.here.error("world: say in which file it stands where each robot begins")
-    channels = set[str]()
-    for _, _, bus in _buses(file):
-        if bus.channel in channels or not bus.nodes:
-            bus.here.error("a bus has a channel of its own, and nodes")
-        channels.add(bus.channel)
-        for text in bus.nodes:
-            if not text.isdigit() or not 1 <= int(text) <= MAX_NODE_ID:
-                bus.here.error(f"{text!r} is no node id: 1 to {MAX_NODE_ID}")
-
-
-def run_group(path: Path, say: Callable[[str], None]) -> int:
-    """Run the drives of a file until told to end; return the exit code.
-
-    Raises EdsError and ConfigError for what cannot be started, BusError for a channel.
-    """
-    file = read_group(path)
-    with Reactor() as reactor, contextlib.ExitStack() as cleanup:
-        waiting = []
-        for _, _, bus in _buses(file):
-            label = f"drives {', '.join(bus.nodes)}"
-            port = open_port(bus.channel, label=label)
-            cleanup.callback(port.close)
-            waiting.append((port, label, NodeIdCheck(reactor, port, [int(each) for each in bus.nodes])))
-        world = cleanup.enter_context(contextlib.closing(open_world(file, path)))
-        for note in world.notes:
-            say(f"{WORLD_NOTE}{note}")
-        made = []
-        for (name, bus_name, bus), (port, label, check) in zip(_buses(file), waiting, strict=True):
-            side = world.side(name if file.world else "", "" if bus_name == MAIN else bus_name)
-            made.append(_nodes(bus, path, port, label, side, say))
-            check.finish()
-        return DriveProcess(reactor, made, say).run()
-
-
-def _buses(file: BusGroup) -> list[tuple[str, str, BusFile]]:
-    return [(name, each, bus) for name, robot in file.robots.items() for each, bus in robot.buses.items()]
-
-
-def _nodes(bus: BusFile, path: Path, port: Port, label: str, world: World, say: Callable[[str], None]) -> BusNodes:
-    """Return the nodes of a bus on their side of the world."""
-    others = {int(node): path.parent / eds for node, eds in bus.nodes.items()}
-    devices = make_devices(list(others), next(iter(others.values())), say, others=others, world=world)
-    return BusNodes(port, devices.nodes, partial(reopen, bus.channel, label), world=world)
-
-
-def open_world(file: BusGroup, path: Path) -> SharedWorld:
-    """Return the world that all share; `path` is that of the file."""
-    engine = importlib.import_module(_ENGINES[file.engine])
-    plants: Mapping[str, Path] = {name: path.parent / robot.plant for name, robot in file.robots.items()}
-    if not file.world:
-        alone: SharedWorld = engine.make(next(iter(plants.values())))
-        return alone
-    shared: SharedWorld = engine.make_shared(plants, path.parent / file.world)
-    return shared

@@ -22,11 +22,12 @@ from canopen_control.host.timer import ManualClock
 
 pytestmark = pytest.mark.process
 
+IMPORTS = "from canopen_control.host.lifeline import *; from canopen_control.host.spawn import *"
 SLEEP = python("import time; time.sleep(60)")
 #: waits for its lifeline to break, as every child of ours does
 FAITHFUL = python("""
 import select, sys
-from canopen_control.host.spawn import lifeline_fd
+from canopen_control.host.lifeline import lifeline_fd
 print("here", flush=True)
 select.select([lifeline_fd()], [], [])
 print("parent gone")
@@ -306,7 +307,7 @@ time.sleep(60)
 
 
 def detached(code):
-    return python(f"from canopen_control.host.spawn import *\nimport os, sys, time\n{code}")
+    return python(f"{IMPORTS}\nimport os, sys, time\n{code}")
 
 
 def test_a_detached_process_is_nobodys_child_and_outlives_its_starter(run_folder, tmp_path):
@@ -316,7 +317,7 @@ with open({str(tmp_path / "pid")!r}, "w") as file:
 report_ready()
 time.sleep(60)
 """)
-    starter = python(f"from canopen_control.host.spawn import *; spawn_detached({service!r}, 20)")
+    starter = python(f"{IMPORTS}; spawn_detached({service!r}, 20)")
     subprocess.run(starter, check=True, timeout=30)
     pid = int((tmp_path / "pid").read_text())
     try:

@@ -4,7 +4,7 @@ import pytest
 from support.physicsbench import ROBBY, robby
 
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.virtual.worldfile import ShaftWorld
+from canopen_control.virtual.shaft import ShaftWorld
 
 ENCODERS = ROBBY + 'encoders: {{"5": {{joint: left_wheel_joint, gear: 2, reversed: true}}}}\n'
 

@@ -6,7 +6,7 @@ from support.robots import Bench, setup_of
 
 from canopen_control.errors import RobotConfigError
 from canopen_control.runtime.physics_plant import PLANT_FILE, check_physics, plant_text, write_buses, write_plant
-from canopen_control.virtual.process import read_group
+from canopen_control.virtual.bus_group import read_group
 
 
 @pytest.fixture

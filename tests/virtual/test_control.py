@@ -22,7 +22,7 @@ from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.fault_table import FAULTS
 from canopen_control.virtual.nodehost import NodeHost
 from canopen_control.virtual.plant import LoadedPlant, PlainWorld
-from canopen_control.virtual.worldfile import DiffBase, WheelPlant
+from canopen_control.virtual.shaft import DiffBase, WheelPlant
 
 
 class Controlled:

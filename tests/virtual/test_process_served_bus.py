@@ -13,7 +13,8 @@ from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import drive_name, list_sockets
 from canopen_control.host.timer import ManualClock
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.process import WINDOW_NS, BusNodes, FoldedLog, NodeIdTaken, ServedBus
+from canopen_control.virtual.node_id_check import NodeIdTaken
+from canopen_control.virtual.process import WINDOW_NS, BusNodes, FoldedLog, ServedBus
 
 
 @pytest.fixture

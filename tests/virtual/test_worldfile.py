@@ -9,8 +9,9 @@ from support.virtualbench import Bench, S, servo_od
 from canopen_control.rpc.messages.drive import WorldState
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant
+from canopen_control.virtual.shaft import WheelPlant
 from canopen_control.virtual.trajectory import hold, move_to
-from canopen_control.virtual.worldfile import WheelPlant, WorldError, read_world
+from canopen_control.virtual.worldfile import WorldError, read_world
 
 BASE = """
 base: {left: 5, right: 6, wheel_radius: 0.1, wheel_separation: 0.4, counts_per_revolution: 1000, reversed: [right]}

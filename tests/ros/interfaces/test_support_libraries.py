@@ -60,7 +60,7 @@ def test_a_body_goes_into_a_message_in_c_and_out_again():
     code = """
 import ctypes, rclpy.serialization
 from canopen_control.ros.interfaces.support import Libraries
-libraries = Libraries()
+support = Libraries()
 message = ctypes.CFUNCTYPE(ctypes.c_void_p)(support.create)()
 assert support.body_of(message) == b""
 assert support.set_body(message, b"a\\0b")

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from canopen_control.virtual import trajectory
 from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant
-from canopen_control.virtual.worldfile import GRID_NS, WheelPlant
+from canopen_control.virtual.shaft import GRID_NS, WheelPlant
 
 MS, S = 1_000_000, 1_000_000_000
 

@@ -13,7 +13,7 @@ from msgspec.structs import astuple
 
 from canopen_control.errors import ConfigError
 from canopen_control.host.sockets import runtime_dir
-from canopen_control.virtual.worldfile import LEFT, RIGHT, DiffBase, SharedBase, open_shared, shared_path, slipped
+from canopen_control.virtual.shaft import LEFT, RIGHT, DiffBase, SharedBase, open_shared, shared_path, slipped
 
 MS, S = 1_000_000, 1_000_000_000
 SEPARATION = 0.4

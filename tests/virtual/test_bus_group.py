@@ -3,9 +3,9 @@ import types
 import pytest
 
 from canopen_control.data_files import data_path
-from canopen_control.virtual import process
+from canopen_control.virtual import bus_group
+from canopen_control.virtual.bus_group import GroupError, read_group, run_group
 from canopen_control.virtual.plant import PlainWorld
-from canopen_control.virtual.process import GroupError, read_group, run_group
 
 GROUP = """engine: mujoco
 world: hall.yml
@@ -54,9 +54,9 @@ class Shared(PlainWorld):
 def test_all_buses_are_served_on_their_sides_of_one_world(tmp_path, monkeypatch):
     shared, lines, made = Shared(), [], []
     engine = types.SimpleNamespace(make_shared=lambda plants, where: made.append((list(plants), where.name)) or shared)
-    monkeypatch.setattr(process.importlib, "import_module", lambda _name: engine)
+    monkeypatch.setattr(bus_group.importlib, "import_module", lambda _name: engine)
 
-    class Ending(process.DriveProcess):
+    class Ending(bus_group.DriveProcess):
         def run(self):
             self._look()
             return super().run()
@@ -67,7 +67,7 @@ def test_all_buses_are_served_on_their_sides_of_one_world(tmp_path, monkeypatch)
                 self._reactor.stop()
             self._reactor.call_later(20_000_000, self._look)
 
-    monkeypatch.setattr(process, "DriveProcess", Ending)
+    monkeypatch.setattr(bus_group, "DriveProcess", Ending)
     assert run_group(written(tmp_path), lines.append) == 0
     assert made == [(["a", "b"], "hall.yml")]
     assert shared.sides == [("a", ""), ("b", "")]

@@ -11,15 +11,8 @@ from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.virtual.device import make_device, make_devices
 from canopen_control.virtual.plant import LoadedPlant, PlainWorld
-from canopen_control.virtual.worldfile import (
-    Coupling,
-    ShaftFile,
-    ShaftWorld,
-    WheelPlant,
-    WorldError,
-    load_counts,
-    read_world,
-)
+from canopen_control.virtual.shaft import Coupling, ShaftFile, ShaftWorld, WheelPlant, load_counts
+from canopen_control.virtual.worldfile import WorldError, read_world
 
 DRIVE, ENCODER = 3, 5
 EDS = data_path("eds", "generic_cia406.eds")

@@ -10,7 +10,8 @@ import zlib
 import pytest
 from can.io import blf
 
-from canopen_control.bus.recordings import LARGEST_CONTAINER, Recording, RecordingWriter
+from canopen_control.bus.blf import LARGEST_CONTAINER
+from canopen_control.bus.recordings import Recording, RecordingWriter
 from canopen_control.frame import CanFrame
 
 OBJECT = struct.Struct("<4sHHLL")

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.error_frames import DRIVER_FRAMES, NAMES
 
-from canopen_control.bus.error_frames import error_text, events_of, note_errors, overrun_frame, protocol_error_frame
+from canopen_control.bus.error_events import error_text, events_of, note_errors
+from canopen_control.bus.error_frames import overrun_frame, protocol_error_frame
 from canopen_control.bus.port import BusEventKind, PortStats
 from canopen_control.frame import CanFrame, pack_records
 

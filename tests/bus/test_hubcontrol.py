@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from support.host import use_private_folders
 from support.properties import examples
 
-from canopen_control.bus.hub import ERROR_FRAMES, Exchange, HubControl
+from canopen_control.bus.exchange import Exchange
+from canopen_control.bus.hubcontrol import ERROR_FRAMES, HubControl
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import connect, listen, socket_path

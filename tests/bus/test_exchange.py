@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.bus import hub as exchange_module
+from canopen_control.bus import exchange as exchange_module
 from canopen_control.bus.arbitration import duration_ns, frame_bits
 from canopen_control.bus.error_frames import lost_frames, overrun_frame, protocol_error_frame
-from canopen_control.bus.hub import BACKLOG_LIMIT, Exchange
+from canopen_control.bus.exchange import BACKLOG_LIMIT, Exchange
 from canopen_control.bus.wanted import Chunk, chunks_of, pack_wanted, pack_wish
 from canopen_control.bus.wire_faults import DropRule
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records

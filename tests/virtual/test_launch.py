@@ -5,7 +5,7 @@ import pytest
 from canopen_control.bus import local
 from canopen_control.errors import ConfigError, EdsError
 from canopen_control.host.sockets import close_listener, listen, socket_path
-from canopen_control.virtual.process import Options, reopen, run_drives
+from canopen_control.virtual.launch import Options, reopen, run_drives
 
 
 def test_what_cannot_be_started_is_said_before_anything_runs(tmp_path):

@@ -1,0 +1,309 @@
+"""The routing core of a ``local:`` bus's hub: members, and which bytes go to whom. No sockets, no clock.
+
+Rule 1: a frame reaches everybody but its sender, and frames of one sender stay in order. Rule 2: nobody waits for
+anybody: a reader whose queue is full loses its own frames, and finds an error frame with their number where they are
+missing. Rule 3: bytes come in any split; only whole records go out. Rule 4: without faults and bit rate there is no
+work per frame, only per chunk: who has said what he wants to hear is left in peace by chunks that hold nothing of that,
+and gets any other as a whole. Rule 5: a chunk has one time, that of its arrival or of its last bit on a paced wire; who
+has asked for stamps gets it before the chunk, the same as everybody else, and none is as early as the one before.
+"""
+
+from __future__ import annotations
+
+import heapq
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.arbitration import PacedWire
+from canopen_control.bus.error_frames import bus_off_frame, has_error_frames, overrun_frame, restarted_frame
+from canopen_control.bus.wanted import MARK, STAMP_STEP_NS, Wanted, own_stamp, pack_stamp
+from canopen_control.bus.wire_faults import WireFaults
+from canopen_control.frame import ERROR_FLAG, RECORD, RECORD_SIZE, CanFrame, pack_records
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+QUEUE_LIMIT = 16384 * RECORD_SIZE
+"""Bytes that wait for one reader, beside what the kernel holds for it."""
+BACKLOG_LIMIT = 256
+"""Frames of one sender that wait for a paced wire before it is read no more."""
+DELAY_LIMIT = 65536
+"""Chunks of frames that a delay may hold back."""
+
+
+class Member:
+    """One opened end; counters are in frames and from its own point of view."""
+
+    __slots__ = ("label", "lost", "missed", "number", "outbox", "partial", "pid", "rx", "silent", "tx", "wanted")
+
+    def __init__(self, number: int, label: str, pid: int) -> None:
+        self.number, self.label, self.pid = number, label, pid
+        self.rx = self.tx = self.lost = 0
+        self.missed = 0  # lost and not told yet
+        self.silent = False
+        self.partial = b""
+        self.outbox = bytearray()
+        self.wanted = Wanted()
+
+
+class Exchange:
+    """One bus. The owner writes the `outbox` of each member in `dirty` and says with `sent` how much went."""
+
+    def __init__(self, *, limit: int = QUEUE_LIMIT) -> None:
+        self.members: dict[int, Member] = {}
+        self.faults = WireFaults()
+        self.frames = 0
+        self.dropped = 0
+        self.dirty: list[Member] = []
+        self.wire: PacedWire | None = None
+        self._limit = limit
+        self._next_number = 1
+        self._delayed: list[tuple[int, int, int, bytes]] = []  # due, serial, sender's number, records
+        self._last_due: dict[int, int] = {}
+        self._serial = 0
+        self._now = 0  # of the last chunk or tick
+        self._stamping = False  # whether anybody has asked for stamps
+        self._next_stamp = 0
+
+    # Members -------------------------------------------------------------------------------------------------------
+
+    def join(self, label: str, pid: int) -> Member:
+        """Add an end; its label is made unique."""
+        number, self._next_number = self._next_number, self._next_number + 1
+        member = Member(number, self._unique(label or f"pid-{pid}"), pid)
+        member.silent = self.faults.silences(member.label)
+        self.members[number] = member
+        return member
+
+    def _unique(self, label: str) -> str:
+        taken = {member.label for member in self.members.values()}
+        name, number = label, 1
+        while name in taken:
+            number += 1
+            name = f"{label}-{number}"
+        return name
+
+    def leave(self, member: Member) -> None:
+        """Remove an end; what it sent before still travels, except what waits for the wire."""
+        self.members.pop(member.number, None)
+        self._stamping = any(each.wanted.stamps for each in self.members.values())
+        self._last_due.pop(member.number, None)
+        if self.wire is not None:
+            self.wire.forget(member.number)
+
+    def labelled(self, label: str) -> list[Member]:
+        """Return the ends with this label, all of them for ""."""
+        return [member for member in self.members.values() if label in ("", member.label)]
+
+    # Frames --------------------------------------------------------------------------------------------------------
+
+    def receive(self, member: Member, data: bytes, now: int) -> None:
+        """Take bytes from an end, in any split."""
+        self._now = now
+        if member.partial:
+            data = member.partial + data
+            member.partial = b""
+        if excess := len(data) % RECORD_SIZE:
+            member.partial = data[-excess:]
+            data = data[:-excess]
+        if MARK in data:
+            data = member.wanted.take(data)
+            self._stamping = self._stamping or member.wanted.stamps
+        if not data:
+            return
+        member.tx += len(data) // RECORD_SIZE
+        if member.silent:
+            self._lose(member, data)
+        elif self.faults.active or self._delayed:
+            self._with_faults(member, data, now)
+        else:
+            self._transmit(member.number, data, now)
+
+    def _lose(self, member: Member, records: bytes) -> None:
+        count = len(records) // RECORD_SIZE
+        member.lost += count
+        self.dropped += count
+
+    def _with_faults(self, member: Member, records: bytes, now: int) -> None:
+        kept = self.faults.survivors(member.label, records)
+        self.dropped += (len(records) - len(kept)) // RECORD_SIZE
+        # Never before what is under way already: one sender's frames stay in order when its delay shrinks.
+        due = max(now + self.faults.delay_of(member.label), self._last_due.get(member.number, 0))
+        if not kept:
+            return
+        if due <= now:
+            self._transmit(member.number, kept, now)
+            return
+        if len(self._delayed) >= DELAY_LIMIT:
+            self._lose(member, kept)
+            return
+        self._last_due[member.number] = due
+        self._serial += 1
+        heapq.heappush(self._delayed, (due, self._serial, member.number, kept))
+
+    def _transmit(self, sender: int, records: bytes, now: int) -> None:
+        if self.wire is None:
+            self._deliver(sender, records, now)
+            return
+        self._advance(now)
+        reports, frames = _split_reports(records)
+        if reports:
+            self._deliver(sender, reports, now)
+        if frames:
+            self.wire.put(sender, frames, now)
+
+    def _deliver(self, sender: int, records: bytes, at: int) -> None:
+        self.frames += len(records) // RECORD_SIZE
+        can_ids: list[int] | None = None
+        stamp = self._stamp(records, at) if self._stamping else b""
+        for number, member in self.members.items():
+            if number == sender:
+                if stamp and member.wanted.echoes and not member.silent:
+                    self._put(member, records, own_stamp(stamp))
+                continue
+            if member.silent:
+                continue
+            wanted = member.wanted.ids
+            if wanted is not None:
+                if can_ids is None:
+                    can_ids = _plain_ids(records)
+                if can_ids and wanted.isdisjoint(can_ids):
+                    continue
+            self._put(member, records, stamp)
+
+    def _stamp(self, records: bytes, at: int) -> bytes:
+        """Return the stamp of a chunk, which is later than the last frame of the chunk before."""
+        if at < self._next_stamp:
+            at = self._next_stamp
+        self._next_stamp = at + len(records) // RECORD_SIZE * STAMP_STEP_NS
+        return pack_stamp(at)
+
+    def _put(self, member: Member, records: bytes, stamp: bytes) -> None:
+        outbox = member.outbox
+        if member.missed or len(outbox) + len(records) > self._limit:
+            records = self._squeeze(member, records)
+            if not records:
+                return
+        if not outbox:
+            self.dirty.append(member)
+        if stamp and member.wanted.stamps:
+            outbox += stamp
+        outbox += records
+        member.rx += len(records) // RECORD_SIZE
+
+    def _squeeze(self, member: Member, records: bytes) -> bytes:
+        """Return the records that still fit; the rest is lost and counted. Once one is lost, so is all that follows."""
+        room = 0 if member.missed else max(0, self._limit - len(member.outbox)) // RECORD_SIZE * RECORD_SIZE
+        lost = (len(records) - room) // RECORD_SIZE
+        member.missed += lost
+        member.lost += lost
+        return records[:room]
+
+    def sent(self, member: Member, size: int) -> None:
+        """Note that the first `size` bytes of the outbox are written; a reader that catches up learns what it lost."""
+        outbox = member.outbox
+        if size == len(outbox):
+            outbox.clear()
+        else:
+            del outbox[:size]
+        if member.missed and len(outbox) <= self._limit // 2:
+            self._append(member, overrun_frame(member.missed))
+            member.missed = 0
+
+    def _append(self, member: Member, frame: CanFrame) -> None:
+        if not member.outbox:
+            self.dirty.append(member)
+        record = pack_records([frame])
+        if member.wanted.stamps:
+            member.outbox += self._stamp(record, self._now)
+        member.outbox += record
+
+    def take_dirty(self) -> list[Member]:
+        """Return the ends whose outbox was empty and is not now, each once."""
+        dirty, self.dirty = self.dirty, []
+        return dirty
+
+    # Time ----------------------------------------------------------------------------------------------------------
+
+    def tick(self, now: int) -> None:
+        """Deliver what is due."""
+        self._now = now
+        while self._delayed and self._delayed[0][0] <= now:
+            due, _serial, sender, records = heapq.heappop(self._delayed)
+            self._transmit(sender, records, due)
+        self._advance(now)
+
+    def _advance(self, now: int) -> None:
+        wire = self.wire
+        while wire is not None and (due := wire.due_ns) is not None and due <= now:
+            if (passed := wire.finish()) is not None:
+                _, sender, _, record = passed
+                self._deliver(sender, record, due)
+
+    def next_deadline(self) -> int | None:
+        """Return when `tick` has something to do."""
+        due = [self._delayed[0][0]] if self._delayed else []
+        wire = self.wire.next_deadline() if self.wire is not None else None
+        return min([*due, wire] if wire is not None else due, default=None)
+
+    def may_read(self, member: Member) -> bool:
+        """Whether to read from this end: a paced wire that is behind pushes back on its senders."""
+        return self.wire is None or self.wire.backlog(member.number) < BACKLOG_LIMIT
+
+    # Control -------------------------------------------------------------------------------------------------------
+
+    def pace(self, bitrate: int | None, now: int) -> None:
+        """Set the bit rate in bit/s; None or 0 ends pacing, and what waits goes out at once."""
+        old, self.wire = self.wire, PacedWire(bitrate) if bitrate else None
+        if old is not None:
+            for sender, record in old.drain():
+                self._transmit(sender, record, now)
+
+    def load(self, now: int) -> float | None:
+        """Return the busy share of the wire in the last second; None without a bit rate."""
+        return None if self.wire is None else self.wire.load(now)
+
+    def cut(self, label: str, *, mend: bool = False) -> None:
+        """Cut, or mend, the cable of a label: nothing comes from it or gets there, and nobody is told."""
+        (self.faults.cut.discard if mend else self.faults.cut.add)(label)
+        self._refresh()
+
+    def bus_off(self, label: str, *, restart: bool = False) -> None:
+        """Send the controllers of a label off the bus, or restart them; an error frame tells them."""
+        (self.faults.bus_off.discard if restart else self.faults.bus_off.add)(label)
+        self._refresh()
+        self.report(label, restarted_frame() if restart else bus_off_frame())
+
+    def report(self, label: str, frame: CanFrame) -> None:
+        """Hand a frame, such as an error frame, to the ends of one label ("" for all)."""
+        for member in self.labelled(label):
+            self._append(member, frame)
+
+    def clear_faults(self) -> None:
+        """Mend everything; those that were bus-off are told of the restart."""
+        restarted = self.faults.bus_off
+        self.faults = WireFaults()
+        self._refresh()
+        for label in restarted:
+            self.report(label, restarted_frame())
+
+    def _refresh(self) -> None:
+        for member in self.members.values():
+            member.silent = self.faults.silences(member.label)
+
+
+def _plain_ids(records: bytes) -> list[int]:
+    """Return the identifiers of records; none where one has a flag: it may be an error frame, which everybody gets."""
+    return [] if has_error_frames(records) else memoryview(records).cast("I")[:: RECORD_SIZE // 4].tolist()
+
+
+def _split_reports(records: bytes) -> tuple[bytes, bytes]:
+    """Part error frames, which never are on a wire, from the frames."""
+    parts: Iterable[bytes] = (records[at : at + RECORD_SIZE] for at in range(0, len(records), RECORD_SIZE))
+    reports, frames = b"", b""
+    for record in parts:
+        if RECORD.unpack(record)[0] & ERROR_FLAG:
+            reports += record
+        else:
+            frames += record
+    return reports, frames

@@ -1,0 +1,138 @@
+"""The control socket of a hub: answers the requests of `rpc.messages.hub` about one `Exchange`.
+
+Its import costs more than all else of a hub, msgspec first of all: the hub does it when nobody waits for frames.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Final, NoReturn, TypeVar
+
+from canopen_control.bus import error_frames
+from canopen_control.bus.wire_faults import DropRule
+from canopen_control.errors import ConfigError
+from canopen_control.frame import RECORD_SIZE
+from canopen_control.host.sockets import socket_path
+from canopen_control.rpc.messages import hub
+from canopen_control.rpc.messages.declare import PROTOCOL, Done, Request
+from canopen_control.rpc.server import Call, Server
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Callable, Mapping
+
+    from canopen_control.bus.exchange import Exchange, Member
+    from canopen_control.frame import CanFrame
+    from canopen_control.host.reactor import Reactor
+
+
+R = TypeVar("R", bound=Request[Done])
+_NS_PER_MS: Final = 1_000_000
+
+ERROR_FRAMES: Final[Mapping[hub.ErrorKind, Callable[[], CanFrame]]] = {
+    "bus-error": error_frames.protocol_error_frame,
+    "error-passive": error_frames.passive_frame,
+    "error-active": error_frames.active_frame,
+    "overrun": lambda: error_frames.overrun_frame(0),
+}
+
+
+class HubControl:
+    """Serves the bus `name` on the socket that `listener` is of.
+
+    `started` is the reactor's time when the hub was; `after` is called when the exchange may have something to send.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        exchange: Exchange,
+        reactor: Reactor,
+        listener: socket.socket,
+        *,
+        started: int,
+        after: Callable[[], None],
+    ) -> None:
+        self._name, self._exchange, self._now, self._after = name, exchange, reactor.now, after
+        self._started = started
+        path = socket_path("busctl", name)
+        self._server: Server[hub.HubHello, NoReturn] = Server(hub.HUB, reactor, path, self._hello, listener=listener)
+        self._server.answers(hub.GetHubStatus, lambda call: call.reply(self._status()))
+        self._answer_faults()
+        self._server.check()
+
+    def close(self) -> None:
+        """End all connections and remove the socket; a second call does nothing."""
+        self._server.close()
+
+    def _hello(self) -> hub.HubHello:
+        return hub.HubHello(self._name, PROTOCOL, os.getpid())
+
+    def _answer_faults(self) -> None:
+        exchange, label = self._exchange, self._label
+        self._does(hub.Cut, lambda asked: exchange.cut(label(asked.label)))
+        self._does(hub.Uncut, lambda asked: exchange.cut(label(asked.label), mend=True))
+        self._does(hub.BusOff, lambda asked: exchange.bus_off(label(asked.label)))
+        self._does(hub.Restart, lambda asked: exchange.bus_off(label(asked.label), restart=True))
+        self._does(hub.SendErrorFrame, lambda asked: exchange.report(self._anybody(asked.label), _frame(asked)))
+        self._does(hub.DropFrames, self._drop)
+        self._does(hub.DelayFrames, self._delay)
+        self._does(hub.SetBitrate, lambda asked: exchange.pace(asked.bitrate, self._now()))
+        self._does(hub.ClearFaults, lambda _asked: exchange.clear_faults())
+
+    def _does(self, kind: type[R], do: Callable[[R], object]) -> None:
+        def handle(call: Call[R]) -> None:
+            self._exchange.tick(self._now())  # what was due before is done before
+            do(call.request)
+            self._after()
+            call.reply(Done())
+
+        self._server.answers(kind, handle)
+
+    def _label(self, label: str) -> str:
+        """Return a label that somebody has or whose wires are faulty; ConfigError for any other."""
+        faults = self._exchange.faults
+        known = [member.label for member in self._exchange.members.values()]
+        if label in known or faults.silences(label) or label in faults.delays:
+            return label
+        raise ConfigError(f"nobody called {label!r} on local:{self._name}; there are: {', '.join(known) or 'none'}")
+
+    def _anybody(self, label: str) -> str:
+        return self._label(label) if label else ""
+
+    def _drop(self, asked: hub.DropFrames) -> None:
+        rule = DropRule(self._anybody(asked.label), asked.can_id, asked.every, asked.count)
+        self._exchange.faults.drops.append(rule)
+
+    def _delay(self, asked: hub.DelayFrames) -> None:
+        self._exchange.faults.delay(self._anybody(asked.label), asked.ms * _NS_PER_MS)
+
+    def _status(self) -> hub.HubStatus:
+        exchange, faults, now = self._exchange, self._exchange.faults, self._now()
+        return hub.HubStatus(
+            bus=self._name,
+            pid=os.getpid(),
+            uptime_s=(now - self._started) / 1e9,
+            bitrate=None if exchange.wire is None else exchange.wire.bitrate,
+            load=exchange.load(now),
+            frames=exchange.frames,
+            dropped=exchange.dropped,
+            members=[_member(each) for each in exchange.members.values()],
+            cut=sorted(faults.cut),
+            bus_off=sorted(faults.bus_off),
+            delays_ms={label: delay / _NS_PER_MS for label, delay in faults.delays.items()},
+            drops=[_drop_state(rule) for rule in faults.drops],
+        )
+
+
+def _frame(asked: hub.SendErrorFrame) -> CanFrame:
+    return ERROR_FRAMES[asked.kind]()
+
+
+def _member(member: Member) -> hub.Member:
+    queued = len(member.outbox) // RECORD_SIZE
+    return hub.Member(member.label, member.pid, member.rx, member.tx, member.lost, queued)
+
+
+def _drop_state(rule: DropRule) -> hub.DropState:
+    return hub.DropState(rule.label, rule.can_id, rule.every, rule.count, rule.seen, rule.lost)

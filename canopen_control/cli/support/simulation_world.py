@@ -1,0 +1,60 @@
+"""`simulate --world FILE` without a robot: those that the file names, in one virtual time, and what came of each."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cli.support.output import Progress, json_line
+from canopen_control.errors import ConfigError
+from canopen_control.runtime.shared_world import read_shared
+from canopen_control.simulation.shared_simulation import SharedSimulation
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
+    from canopen_control.master.event_log import Event
+
+
+_OF_ONE: Final = ("scenario", "recording", "record", "seeds", "jobs", "dask", "aim", "out")
+_OF_FILE: Final = ("can", "controller")
+
+
+def simulate_world(args: argparse.Namespace, duration_ns: int, faults: Sequence[str]) -> int:
+    """Simulate the robots of a file; 0 good, 1 with a breach. Ctrl-C ends it and keeps what there is."""
+    for option in _OF_ONE:
+        if getattr(args, option) is not None:
+            raise ConfigError(f"--{option} is of one robot; --world FILE alone simulates those that the file names")
+    for option in _OF_FILE:
+        if getattr(args, option):
+            raise ConfigError(f"--{option} is of one robot; the file of a world says it of each")
+    world = Path(args.world)
+    setups = [robot.setup for robot in read_shared(world)]
+    simulation = SharedSimulation(setups, world, args.seed or 0, duration_ns, faults)
+    progress = Progress("robot time", "s", stream=sys.stderr)
+    try:
+        for name, run in simulation.runs.items():
+            run.robot.on_event = None if args.json else partial(_say, name, progress)
+        with contextlib.suppress(KeyboardInterrupt), progress:
+            simulation.run(lambda robot_s: progress.at(int(robot_s), int(duration_ns / 1e9) or None), args.speed)
+        outcome = simulation.outcome
+    finally:
+        simulation.close()
+    if args.json:
+        print(json_line(outcome))
+        return 1 if outcome.breaches else 0
+    for name, each in outcome.robots.items():
+        print(f"{name}: seed {each.seed}, {each.frames} frames, {each.events} events, sha256 {each.sha256}")
+    print(f"{outcome.robot_s:g} s of {len(outcome.robots)} robots in {outcome.real_s:.1f} s, sha256 {outcome.sha256}")
+    for breach in outcome.breaches:
+        print(f"breach: {breach}")
+    return 1 if outcome.breaches else 0
+
+
+def _say(name: str, progress: Progress, event: Event) -> None:
+    progress.end()
+    print(f"{event.time / 1e9 - 1.0:9.3f} {name}: {event.sentence}")

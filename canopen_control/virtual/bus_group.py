@@ -1,0 +1,148 @@
+"""Virtual drives on several buses in one process and one world: a robot with several buses, or several robots.
+
+The file says which nodes are on which bus, and what of the world each robot is, by plant files of one engine:
+
+    engine: mujoco
+    world: hall.yml                    # of several robots: where each begins; a robot alone has it in its plant file
+    robots:
+      robby1:
+        plant: robby1/physics.yml
+        buses:
+          can: {channel: "local:robby1", nodes: {"2": TMCM-1270.eds, "3": TMCM-1270.eds}}
+
+The bus `can` is the main one of a robot, whose axes have no bus in the plant file. Paths are those beside the file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Final, Literal
+
+from canopen_control.bus.channel import open_port
+from canopen_control.errors import ConfigError
+from canopen_control.frame import MAX_NODE_ID
+from canopen_control.host.reactor import Reactor
+from canopen_control.virtual.device import make_devices
+from canopen_control.virtual.launch import reopen
+from canopen_control.virtual.node_id_check import NodeIdCheck
+from canopen_control.virtual.plant import WORLD_NOTE
+from canopen_control.virtual.process import BusNodes, DriveProcess
+from canopen_control.yamlfile.convert import position
+from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
+from canopen_control.yamlfile.reader import load
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from canopen_control.bus.port import Port
+    from canopen_control.virtual.plant import SharedWorld, World
+    from canopen_control.yamlfile.problems import Problems
+
+
+MAIN: Final = "can"
+"""The name of the main bus of a robot."""
+_ENGINES: Final = {"mujoco": "canopen_control.physics.engine"}  # imported only when a file asks for it
+
+# ruff: noqa: RUF009 - `position` makes a field
+
+
+class GroupError(ConfigError):
+    """A file of several buses holds mistakes."""
+
+
+@dataclass(frozen=True)
+class BusFile:
+    """One bus: its channel, and the EDS files by node ids."""
+
+    channel: str
+    nodes: dict[str, str]
+    here: Node = position()
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """One robot: its plant file, and its buses by name."""
+
+    plant: str
+    buses: dict[str, BusFile]
+    here: Node = position()
+
+
+@dataclass(frozen=True)
+class BusGroup:
+    """The file as a whole."""
+
+    robots: dict[str, RobotFile]
+    engine: Literal["mujoco"] = "mujoco"
+    world: str = ""
+    here: Node = position()
+
+
+def read_group(path: Path) -> BusGroup:
+    """Return the file; GroupError with every mistake and its line."""
+    return load(path, BusGroup, error=GroupError, check=_check)
+
+
+def _check(file: BusGroup, _problems: Problems) -> None:
+    if not file.robots:
+        file.here.error("robots: name one at least")
+    if len(file.robots) > 1 and not file.world:
+        file.here.error("world: say in which file it stands where each robot begins")
+    channels = set[str]()
+    for _, _, bus in _buses(file):
+        if bus.channel in channels or not bus.nodes:
+            bus.here.error("a bus has a channel of its own, and nodes")
+        channels.add(bus.channel)
+        for text in bus.nodes:
+            if not text.isdigit() or not 1 <= int(text) <= MAX_NODE_ID:
+                bus.here.error(f"{text!r} is no node id: 1 to {MAX_NODE_ID}")
+
+
+def run_group(path: Path, say: Callable[[str], None]) -> int:
+    """Run the drives of a file until told to end; return the exit code.
+
+    Raises EdsError and ConfigError for what cannot be started, BusError for a channel.
+    """
+    file = read_group(path)
+    with Reactor() as reactor, contextlib.ExitStack() as cleanup:
+        waiting = []
+        for _, _, bus in _buses(file):
+            label = f"drives {', '.join(bus.nodes)}"
+            port = open_port(bus.channel, label=label)
+            cleanup.callback(port.close)
+            waiting.append((port, label, NodeIdCheck(reactor, port, [int(each) for each in bus.nodes])))
+        world = cleanup.enter_context(contextlib.closing(open_world(file, path)))
+        for note in world.notes:
+            say(f"{WORLD_NOTE}{note}")
+        made = []
+        for (name, bus_name, bus), (port, label, check) in zip(_buses(file), waiting, strict=True):
+            side = world.side(name if file.world else "", "" if bus_name == MAIN else bus_name)
+            made.append(_nodes(bus, path, port, label, side, say))
+            check.finish()
+        return DriveProcess(reactor, made, say).run()
+
+
+def _buses(file: BusGroup) -> list[tuple[str, str, BusFile]]:
+    return [(name, each, bus) for name, robot in file.robots.items() for each, bus in robot.buses.items()]
+
+
+def _nodes(bus: BusFile, path: Path, port: Port, label: str, world: World, say: Callable[[str], None]) -> BusNodes:
+    """Return the nodes of a bus on their side of the world."""
+    others = {int(node): path.parent / eds for node, eds in bus.nodes.items()}
+    devices = make_devices(list(others), next(iter(others.values())), say, others=others, world=world)
+    return BusNodes(port, devices.nodes, partial(reopen, bus.channel, label), world=world)
+
+
+def open_world(file: BusGroup, path: Path) -> SharedWorld:
+    """Return the world that all share; `path` is that of the file."""
+    engine = importlib.import_module(_ENGINES[file.engine])
+    plants: Mapping[str, Path] = {name: path.parent / robot.plant for name, robot in file.robots.items()}
+    if not file.world:
+        alone: SharedWorld = engine.make(next(iter(plants.values())))
+        return alone
+    shared: SharedWorld = engine.make_shared(plants, path.parent / file.world)
+    return shared

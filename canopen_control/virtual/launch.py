@@ -1,0 +1,85 @@
+"""Starts the process of virtual drives quickly: the bus is asked first, everything else is imported while it answers.
+
+A node id that answers on the bus already is refused.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.channel import open_port, parse_channel
+from canopen_control.errors import BusError
+from canopen_control.host.reactor import Reactor
+from canopen_control.virtual.node_id_check import NodeIdCheck
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from canopen_control.bus.port import Port
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What to start besides the nodes: files, and faults ``name`` or ``name@seconds``.
+
+    `serial` is 0x1018:04, of several nodes the first one's; None: the node id. `others` are the EDS files of the nodes
+    that have another one.
+    """
+
+    faults: Sequence[str] = ()
+    serial: int | None = None
+    store: Path | None = None
+    scenario: Path | None = None
+    plant: Path | None = None
+    others: Mapping[int, Path] = field(default_factory=dict)
+
+
+def run_drives(node_ids: Sequence[int], eds: Path, channel: str, options: Options, say: Callable[[str], None]) -> int:
+    """Run the virtual devices of an EDS until told to end; return the exit code.
+
+    Raises EdsError and ConfigError for what cannot be started, BusError for the channel.
+    """
+    label = f"drive {node_ids[0]}" if len(node_ids) == 1 else f"drives {node_ids[0]}-{node_ids[-1]}"
+    with Reactor() as reactor:
+        port = open_port(channel, label=label)
+        try:
+            check = NodeIdCheck(reactor, port, node_ids)
+            from canopen_control.virtual.device import make_devices
+            from canopen_control.virtual.process import BusNodes, DriveProcess
+
+            devices = make_devices(
+                node_ids,
+                eds,
+                say,
+                faults=options.faults,
+                serial=options.serial,
+                store=options.store,
+                scenario=options.scenario,
+                plant=options.plant,
+                others=options.others,
+            )
+            check.finish()
+            with contextlib.closing(devices.world):
+                again = partial(reopen, channel, label)
+                bus = BusNodes(port, devices.nodes, again, devices.timeline, devices.world)
+                process = DriveProcess(reactor, [bus], say)
+                return process.run()
+        finally:
+            port.close()
+
+
+def reopen(channel: str, label: str) -> Port | None:
+    """Open a channel that was gone, None where it is not back. A local bus is not started for it.
+
+    It joins, for a hub that dies is still there to who looks whether it is, and gone to who then opens.
+    """
+    if parse_channel(channel).kind.in_process:
+        return None
+    try:
+        return open_port(channel, label=label, join=True)
+    except BusError:
+        return None

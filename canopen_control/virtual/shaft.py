@@ -1,0 +1,434 @@
+"""The shaft that a virtual encoder (CiA 406) sits on: the motor of a virtual drive turns it, behind a gear.
+
+A drive in the same process is looked at; one in another process keeps the places of its shafts in a file that both
+name, brought up to date at the world's period. What is measured is the load's side: the backlash of a loaded plant is
+between it and the motor.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import math
+import os
+import stat
+import struct
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Protocol, TypedDict, runtime_checkable
+
+from canopen_control.errors import ConfigError
+from canopen_control.host.sockets import runtime_dir
+from canopen_control.rpc.messages.drive import BasePose
+from canopen_control.virtual.plant import LoadedPlant, World
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from canopen_control.virtual.plant import Plant
+    from canopen_control.virtual.trajectory import Trajectory
+
+
+# A diff-drive base on a floor: its pose, made from the way its two wheels have gone.
+#
+# Wheels report points (time, way in metres) of their motion on a grid of their own, in whatever order and from whatever
+# process; the pose is integrated exactly along the arc between neighbouring points, as far as both wheels are known. So
+# the result depends on the motion alone, not on who reported when. A wheel that was not heard for ten seconds stands.
+# Slip is noise on each wheel's steps, made from the seed and the number of the step.
+
+
+LEFT, RIGHT = 0, 1
+SILENT_NS = 10_000_000_000
+_MASK = (1 << 64) - 1
+Point = tuple[int, float]
+
+
+class _Record(TypedDict):
+    """Everything of a base, as its file holds it."""
+
+    x: float
+    y: float
+    heading: float
+    time_ns: int
+    last: list[Point | None]
+    next: list[list[Point]]
+
+
+class DiffBase:
+    """Integrates the pose of a base whose wheels are `separation` metres apart."""
+
+    def __init__(self, separation: float) -> None:
+        self.separation = separation
+        self.x = self.y = self.heading = 0.0
+        self._last: list[Point | None] = [None, None]
+        self._next: tuple[deque[Point], deque[Point]] = (deque(), deque())
+        self.time_ns = 0
+
+    def report(self, wheel: int, points: Sequence[Point]) -> None:
+        """Take points of `wheel`, later than those before; others are ignored."""
+        for time_ns, way in points:
+            last = self._next[wheel][-1] if self._next[wheel] else self._last[wheel]
+            if last is None:
+                self._last[wheel] = (time_ns, way)
+            elif time_ns > last[0]:
+                self._next[wheel].append((time_ns, way))
+        self._integrate()
+
+    def pose(self) -> BasePose:
+        """Return the pose at the last time that is known of both wheels."""
+        return BasePose(self.x, self.y, self.heading, self.time_ns)
+
+    def _integrate(self) -> None:
+        self._assume_standing()
+        while self._next[LEFT] and self._next[RIGHT]:
+            time_ns = min(self._next[LEFT][0][0], self._next[RIGHT][0][0])
+            self._advance(self._step(LEFT, time_ns), self._step(RIGHT, time_ns))
+            self.time_ns = time_ns
+
+    def _assume_standing(self) -> None:
+        for wheel in (LEFT, RIGHT):
+            other, since = self._next[1 - wheel], self._last[wheel] or self._last[1 - wheel]
+            if not self._next[wheel] and other and since is not None and other[-1][0] - since[0] > SILENT_NS:
+                last = self._last[wheel] = self._last[wheel] or (since[0], 0.0)
+                self._next[wheel].append((other[-1][0], last[1]))
+
+    def _step(self, wheel: int, time_ns: int) -> float:
+        """Bring a wheel to `time_ns`; return the way it went, on the straight line between its points."""
+        ahead, last = self._next[wheel], self._last[wheel] or self._next[wheel][0]
+        when, way = ahead[0]
+        if when == time_ns:
+            ahead.popleft()
+        else:
+            way = last[1] + (way - last[1]) * max(time_ns - last[0], 0) / (when - last[0])
+        self._last[wheel] = (max(time_ns, last[0]), way)
+        return way - last[1]
+
+    def _advance(self, left: float, right: float) -> None:
+        """Go along the arc that two constant wheel speeds make."""
+        way, turn = 0.5 * (left + right), (right - left) / self.separation
+        half = 0.5 * turn
+        chord = way * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
+        self.x += chord * math.cos(self.heading + half)
+        self.y += chord * math.sin(self.heading + half)
+        self.heading += turn
+
+    # -- as plain values, for a file
+
+    def dump(self) -> _Record:
+        """Return everything, JSON-able."""
+        return {
+            "x": self.x,
+            "y": self.y,
+            "heading": self.heading,
+            "time_ns": self.time_ns,
+            "last": self._last,
+            "next": [list(each) for each in self._next],
+        }
+
+    def load(self, content: _Record) -> None:
+        """Take what `dump` gave."""
+        self.x, self.y, self.heading = float(content["x"]), float(content["y"]), float(content["heading"])
+        self.time_ns = int(content["time_ns"])
+        self._last = [None if each is None else (int(each[0]), float(each[1])) for each in content["last"]]
+        left, right = (deque((int(when), float(way)) for when, way in each) for each in content["next"])
+        self._next = (left, right)
+
+
+class SharedBase:
+    """A `DiffBase` that several processes keep in the file at `path`, one after the other under its lock.
+
+    The file holds the pose as JSON for whoever wants to know it. ConfigError where it cannot be opened.
+    """
+
+    def __init__(self, separation: float, path: Path) -> None:
+        self._base = DiffBase(separation)
+        self._path = path
+        self._file: int | None = None
+
+    def report(self, wheel: int, points: Sequence[Point]) -> None:
+        """Take points of `wheel`."""
+        fd = self._open()
+        fcntl.flock(fd, fcntl.LOCK_EX)
+        try:
+            self._read(fd)
+            self._base.report(wheel, points)
+            data = json.dumps(self._base.dump()).encode()
+            os.pwrite(fd, data, 0)
+            os.ftruncate(fd, len(data))
+        finally:
+            fcntl.flock(fd, fcntl.LOCK_UN)
+
+    def pose(self) -> BasePose:
+        """Return the pose that all processes together have made."""
+        fd = self._open()
+        fcntl.flock(fd, fcntl.LOCK_SH)
+        try:
+            self._read(fd)
+        finally:
+            fcntl.flock(fd, fcntl.LOCK_UN)
+        return self._base.pose()
+
+    def _open(self) -> int:
+        if self._file is None:
+            self._file = open_shared(self._path)
+        return self._file
+
+    def _read(self, fd: int) -> None:
+        """Take the file's state; one that a killed process left in half is begun anew."""
+        try:
+            content = json.loads(os.pread(fd, 1 << 24, 0) or b"{}")
+            if content:
+                self._base.load(content)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            self._base = DiffBase(self._base.separation)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+
+def shared_path(text: str) -> Path:
+    """Return the file that a `share:` means: a name alone is one in this user's private folder."""
+    if "/" in text:
+        return Path(text).expanduser()
+    return runtime_dir() / f"share-{text}"
+
+
+def open_shared(path: Path) -> int:
+    """Open a file that several processes keep something in, made if it is not there; ConfigError if it cannot be.
+
+    A link, another user's file and one that others may write to are refused: in a folder of everybody, such as /tmp,
+    somebody else may have put it there.
+    """
+    try:
+        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
+    except OSError as error:
+        reason = "it is a symbolic link" if error.errno == errno.ELOOP else error.strerror
+        raise ConfigError(f"{path} cannot be shared: {reason}; {_SHARE}") from error
+    found = os.fstat(fd)
+    problem = ""
+    if not stat.S_ISREG(found.st_mode):
+        problem = "it is no file"
+    elif found.st_uid != os.getuid():
+        problem = f"it belongs to user id {found.st_uid}, not to yours ({os.getuid()})"
+    elif found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        problem = f"others may write to it (mode {stat.S_IMODE(found.st_mode):04o})"
+    if problem:
+        os.close(fd)
+        raise ConfigError(f"{path} cannot be shared: {problem}; {_SHARE}")
+    return fd
+
+
+_SHARE: Final = "write a name without / after share: for a file in your own private folder"
+
+
+def slipped(way: float, slip: float, seed: int, wheel: int, step: int) -> float:
+    """Return the way of one step of a wheel that slips by `slip` (a standard deviation, relative)."""
+    number = (seed * 0x9E3779B97F4A7C15 + wheel * 0xD1B54A32D192ED03 + step * 0xBF58476D1CE4E5B9) & _MASK
+    number = ((number ^ number >> 30) * 0xBF58476D1CE4E5B9) & _MASK  # splitmix64
+    number = ((number ^ number >> 27) * 0x94D049BB133111EB) & _MASK
+    uniform = (number ^ number >> 31) / (_MASK >> 1) - 1.0
+    return way * (1.0 + slip * math.sqrt(3.0) * uniform)
+
+
+# A wheel on a floor: a plant that reports the way it goes to the base it belongs to.
+#
+# The motion is the inner plant's; this one only cuts it at the points of a fixed grid, so that what is reported does
+# not depend on when somebody looks. Points are handed over in bundles.
+
+
+GRID_NS = 5_000_000
+_BUNDLE = 4
+
+
+class Floor(Protocol):
+    """Who takes the points."""
+
+    def report(self, wheel: int, points: Sequence[tuple[int, float]]) -> None:
+        """Take points of `wheel`: monotonic ns and metres."""
+
+
+class WheelPlant:
+    """`inner` on `floor` as its wheel number `side`; `metres` for each count, negative where it is reversed."""
+
+    def __init__(
+        self, inner: Plant, floor: Floor, side: int, metres: float, *, slip: float = 0.0, seed: int = 0
+    ) -> None:
+        self.inner, self._floor, self._side, self._metres = inner, floor, side, metres
+        self._slip, self._seed = slip, seed
+        self._way = 0.0  # gone on the floor, in metres
+        self._steps = 0  # that were gone at all
+        self._reported = inner.position  # counts at the last point
+        self._points: list[tuple[int, float]] = []
+
+    @property
+    def position(self) -> float:
+        """Counts of the motor."""
+        return self.inner.position
+
+    @position.setter
+    def position(self, value: float) -> None:
+        """Displace the motor; the wheel is lifted for it."""
+        self._reported += value - self.inner.position
+        self.inner.position = value
+
+    @property
+    def velocity(self) -> float:
+        """Counts/s."""
+        return self.inner.velocity
+
+    @velocity.setter
+    def velocity(self, value: float) -> None:
+        """Change the velocity."""
+        self.inner.velocity = value
+
+    @property
+    def torque(self) -> float:
+        """Per mille of the rated torque."""
+        return self.inner.torque
+
+    @torque.setter
+    def torque(self, value: float) -> None:
+        """Change the torque."""
+        self.inner.torque = value
+
+    @property
+    def stiff(self) -> bool:
+        """Whether the inner plant is."""
+        return self.inner.stiff
+
+    @stiff.setter
+    def stiff(self, value: bool) -> None:
+        """Change it."""
+        self.inner.stiff = value
+
+    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:
+        """Move as the inner plant follows."""
+        standing = demand.end_ns <= start_ns and not demand.final_velocity and demand.final_position == self.position
+        quiet = standing and self.stiff and not self.velocity
+        self._move(lambda start, end: self.inner.follow(demand, start, end), start_ns, end_ns, quiet=quiet)
+
+    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
+        """Move as the torque does."""
+        self._move(lambda start, end: self.inner.push(torque, start, end), start_ns, end_ns, quiet=False)
+
+    def release(self, start_ns: int, end_ns: int) -> None:
+        """Move without power."""
+        quiet = self.stiff and not self.velocity
+        self._move(self.inner.release, start_ns, end_ns, quiet=quiet)
+
+    def feed_forward(self, velocity: float, torque: float) -> None:
+        """Feed the inner plant's loops."""
+        self.inner.feed_forward(velocity, torque)
+
+    def _move(self, move: Callable[[int, int], None], start_ns: int, end_ns: int, *, quiet: bool) -> None:
+        clock = start_ns
+        first = (start_ns // GRID_NS + 1) * GRID_NS
+        if quiet:  # nothing moves: the last point of the grid is enough
+            first = max(first, end_ns // GRID_NS * GRID_NS)
+        for point in range(first, end_ns + 1, GRID_NS):
+            move(clock, point)
+            self._mark(point)
+            clock = point
+        move(clock, end_ns)
+        if len(self._points) >= _BUNDLE:
+            self.publish()
+
+    def _mark(self, now: int) -> None:
+        step = (self.inner.position - self._reported) * self._metres
+        self._reported = self.inner.position
+        if step:
+            self._steps += 1
+            self._way += slipped(step, self._slip, self._seed, self._side, self._steps) if self._slip else step
+        self._points.append((now, self._way))
+
+    def publish(self) -> None:
+        """Hand the points over."""
+        if self._points:
+            self._floor.report(self._side, self._points)
+            self._points = []
+
+
+_SLOT: Final = struct.Struct("<Qd")  # 1 where it is known, counts
+_AXES: Final = 8
+
+
+@runtime_checkable
+class ShaftWorld(World, Protocol):
+    """An engine that knows which encoders sit on which shafts."""
+
+    def shaft(self, node_id: int) -> Callable[[], float | None] | None:
+        """Return what tells the place of a node's shaft, in rad (m); None: it sits on none. None in it: not known."""
+
+    def publish(self) -> None:
+        """Tell other processes where the shafts are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coupling:
+    """How a motor turns the shaft of an encoder: counts for each motor turn, motor turns for each of the encoder's.
+
+    With a `lead` it is a way in m for each of these turns, of a linear encoder.
+    """
+
+    counts_per_revolution: float
+    gear: float = 1.0
+    reversed: bool = False
+    lead: float | None = None
+
+    def place(self, counts: float) -> float:
+        """Return where the encoder is when its motor is at `counts`, in rad or m."""
+        turns = counts / self.counts_per_revolution / self.gear
+        return (-turns if self.reversed else turns) * (self.lead or math.tau)
+
+
+def load_counts(plant: Plant) -> float:
+    """Return where the load of an axis is, in counts of its motor."""
+    inner = plant.inner if isinstance(plant, WheelPlant) else plant
+    return inner.load_position if isinstance(inner, LoadedPlant) and inner.backlash else inner.position
+
+
+class ShaftFile:
+    """The places of shafts by node id and axis, in a file of several processes; ConfigError where it cannot be had."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file: int | None = None
+
+    def put(self, node_id: int, axis: int, counts: float) -> None:
+        """Tell where a shaft is."""
+        fd = self._open()
+        fcntl.flock(fd, fcntl.LOCK_EX)
+        try:
+            os.pwrite(fd, _SLOT.pack(1, counts), self._place(node_id, axis))
+        finally:
+            fcntl.flock(fd, fcntl.LOCK_UN)
+
+    def get(self, node_id: int, axis: int) -> float | None:
+        """Return where a shaft is, None: nobody has told yet."""
+        fd = self._open()
+        fcntl.flock(fd, fcntl.LOCK_SH)
+        try:
+            data = os.pread(fd, _SLOT.size, self._place(node_id, axis))
+        finally:
+            fcntl.flock(fd, fcntl.LOCK_UN)
+        known, counts = _SLOT.unpack(data.ljust(_SLOT.size, b"\0"))
+        return float(counts) if known == 1 and math.isfinite(counts) else None
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def _place(self, node_id: int, axis: int) -> int:
+        return (node_id * _AXES + axis) * _SLOT.size
+
+    def _open(self) -> int:
+        if self._file is None:
+            self._file = open_shared(self._path)
+        return self._file
