@@ -95,11 +95,8 @@ REST_KINDS = ("alone", "timed", "wheel", "socketcan", "hardware")
 #: Files whose tests take long, below tests/: what they are about has quicker tests in the default run as well.
 REST_FILES = frozenset(
     {
-        "cli/test_preflight_steps.py",
         "cli/test_clone.py",
-        "cli/test_init.py",
         "cli/test_jog.py",
-        "cli/test_preflight.py",
         "cli/test_ros.py",
         "docs/test_adapter_howto.py",
         "docs/test_examples.py",
@@ -132,7 +129,6 @@ REST_FILES = frozenset(
         "integration/test_true_pose_of_a_run.py",
         "integration/test_tutorials.py",
         "integration/test_virtual_drive_and_canopen.py",
-        "monitor/test_monitor_app.py",
         "physics/test_ground_contact_mecanum_contact.py",
         "ros/test_bridge.py",
         "runtime/test_setpoints_properties.py",

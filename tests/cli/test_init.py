@@ -241,6 +241,7 @@ def test_a_bus_whose_nodes_nobody_knows_makes_nothing(monkeypatch, capsys):
     )
 
 
+@pytest.mark.rest
 @pytest.mark.process
 def test_two_commands_from_an_eds_to_a_motor_that_turns(stage):
     eds = data_path("eds", "generic_cia402.eds")
@@ -253,6 +254,7 @@ def test_two_commands_from_an_eds_to_a_motor_that_turns(stage):
     assert any(float(words[-2]) > 1.0 for words in row), played
 
 
+@pytest.mark.rest
 @pytest.mark.process
 def test_a_robot_is_made_of_the_drives_on_a_bus(stage):
     stage.drive("initbus", 6)

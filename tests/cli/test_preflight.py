@@ -10,8 +10,6 @@ from canopen_control.cli import preflight
 from canopen_control.cli.main import main
 from canopen_control.cli.preflight import Step
 
-pytestmark = pytest.mark.process
-
 NODES = (3, 2)
 
 
@@ -36,6 +34,8 @@ def real_run(stage, *options):
     return robot
 
 
+@pytest.mark.process
+@pytest.mark.rest
 def test_a_pass_is_written_and_lets_a_real_run_be_fast(stage, drives, tmp_path):
     done = flight(stage, "--yes", "--report", tmp_path / "report.json")
     assert done.wait() == 0, done
@@ -49,6 +49,8 @@ def test_a_pass_is_written_and_lets_a_real_run_be_fast(stage, drives, tmp_path):
     assert "limited" not in robot.out
 
 
+@pytest.mark.process
+@pytest.mark.rest
 def test_without_a_pass_a_real_run_is_slow_and_says_so(stage, drives):
     robot = real_run(stage)
     assert eventually(lambda: speeds() == pytest.approx([1.0, 1.0], rel=0.01))
@@ -57,6 +59,8 @@ def test_without_a_pass_a_real_run_is_slow_and_says_so(stage, drives):
     assert robot.end() == 0, robot
 
 
+@pytest.mark.process
+@pytest.mark.rest
 def test_full_speed_overrules(stage, drives):
     robot = real_run(stage, "--full-speed")
     assert eventually(lambda: speeds() == pytest.approx([10.0, 10.0], rel=0.01))
@@ -64,6 +68,8 @@ def test_full_speed_overrules(stage, drives):
     assert robot.end() == 0, robot
 
 
+@pytest.mark.process
+@pytest.mark.rest
 def test_looking_alone_moves_nothing_and_is_no_pass(stage, drives):
     done = flight(stage, "--no-jog")
     assert done.wait() == 0, done
@@ -71,6 +77,8 @@ def test_looking_alone_moves_nothing_and_is_no_pass(stage, drives):
     assert speeds() == [0.0, 0.0]
 
 
+@pytest.mark.process
+@pytest.mark.rest
 def test_without_drives_it_fails_and_moves_nothing(stage):
     stage.drive("flight", 3)
     done = flight(stage, "--yes")
@@ -80,6 +88,7 @@ def test_without_drives_it_fails_and_moves_nothing(stage):
     assert "robby has not passed: 1 of 6 steps failed" in done.out
 
 
+@pytest.mark.process
 def test_a_no_ends_it(drives, monkeypatch, capsys):
     answers = iter(["y\n", "yes\n", "n\n"])
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
@@ -91,6 +100,8 @@ def test_a_no_ends_it(drives, monkeypatch, capsys):
     assert "Turn right_wheel_joint" not in said
 
 
+@pytest.mark.process
+@pytest.mark.rest
 def test_control_c_at_a_question_ends_its_line_and_jogs_nothing(drives, monkeypatch, capsys):
     def interrupted():
         raise KeyboardInterrupt
@@ -102,6 +113,8 @@ def test_control_c_at_a_question_ends_its_line_and_jogs_nothing(drives, monkeypa
     assert speeds() == [0.0, 0.0]
 
 
+@pytest.mark.process
+@pytest.mark.rest
 def test_the_end_of_the_input_is_a_no_on_a_line_of_its_own(drives, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("sys.stdin.readline", lambda: "", raising=False)

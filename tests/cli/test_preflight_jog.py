@@ -22,7 +22,6 @@ def results(found):
     return [(step.name, step.passed) for step in found]
 
 
-@pytest.mark.rest
 def test_the_jog_measures_velocity_way_and_stop(private_folders):
     setup = read_robot(find_robot("robby"), can=["memory:jogged"])
     assert jog_interfaces(setup) == {"left_wheel_joint": "velocity", "right_wheel_joint": "velocity"}
@@ -32,7 +31,6 @@ def test_the_jog_measures_velocity_way_and_stop(private_folders):
     assert jog.turned == ["left_wheel_joint", "right_wheel_joint"]
 
 
-@pytest.mark.rest
 @pytest.mark.parametrize(
     ("edits", "words"),
     [
@@ -53,7 +51,6 @@ def test_a_wrong_scale_is_found_before_it_hurts(private_folders, tmp_path, edits
     assert words in step.text
 
 
-@pytest.mark.rest
 def test_a_joint_that_has_a_position_only_is_led_by_it_and_back_for_stop(private_folders):
     setup = read_robot(find_robot("arm6"), can=["memory:jogged-arm"])
     assert set(jog_interfaces(setup).values()) == {"position"}
@@ -70,7 +67,6 @@ def test_a_joint_that_has_a_position_only_is_led_by_it_and_back_for_stop(private
     assert (others, jog.turned) == ([0] * 5, ["joint_1"])
 
 
-@pytest.mark.rest
 def test_a_joint_without_room_before_its_limit_is_said_and_not_turned(private_folders):
     setup = read_robot(find_robot("arm6"), can=["memory:narrow-arm"])
     with drives_on("memory:narrow-arm", dict.fromkeys(range(2, 8), GENERIC)), Jog(setup, 1.0) as jog:

@@ -53,6 +53,7 @@ def test_a_channel_without_an_interface_is_only_told():
     assert results(link_steps("local:anything", 1000)) == [("link", None)]
 
 
+@pytest.mark.rest
 @pytest.mark.process
 def test_nodes_are_compared_to_bus_file_and_eds_and_strangers_are_named(stage):
     for node_id in (3, 2, 9):
@@ -65,6 +66,7 @@ def test_nodes_are_compared_to_bus_file_and_eds_and_strangers_are_named(stage):
     assert found[-1].text == "node 9 answers and is not in bus.yml"
 
 
+@pytest.mark.rest
 @pytest.mark.process
 def test_a_node_that_is_missing_or_another_one_fails(stage, tmp_path):
     stage.drive("wrong", 3)

@@ -151,6 +151,7 @@ def test_space_is_stop_and_it_is_latched():
     on_screen(check)
 
 
+@pytest.mark.rest
 @pytest.mark.parametrize("tab", "12345")
 def test_no_widget_that_can_have_the_focus_eats_the_stop_key(tab):
     async def check(app, pilot, source):
@@ -170,6 +171,7 @@ def test_no_widget_that_can_have_the_focus_eats_the_stop_key(tab):
     on_screen(check)
 
 
+@pytest.mark.rest
 def test_stop_works_while_a_filter_is_typed_and_leaves_the_text_alone():
     async def check(app, pilot, source):
         await pilot.press("slash", "h", "b", "space")
@@ -179,6 +181,7 @@ def test_stop_works_while_a_filter_is_typed_and_leaves_the_text_alone():
     on_screen(check)
 
 
+@pytest.mark.rest
 def test_stop_does_not_wait_for_what_else_was_asked():
     source = FakeSource()
     source.hold = threading.Event()
@@ -234,6 +237,7 @@ def test_keys_ask_the_robot(keys, expected):
     on_screen(check)
 
 
+@pytest.mark.rest
 def test_a_click_selects_a_drive():
     async def check(app, pilot, source):
         await pilot.click("#drives", offset=(5, 2))
@@ -299,6 +303,7 @@ def test_only_what_changed_is_drawn_again():
     on_screen(check)
 
 
+@pytest.mark.rest
 def test_events_and_emergencies_have_logs_of_their_own():
     async def check(app, pilot, source):
         source.lines = [LogLine(1.5, "robby runs"), LogLine(2.0, "left: fault [1]", Tone.BAD)]
@@ -314,6 +319,7 @@ def test_events_and_emergencies_have_logs_of_their_own():
     on_screen(check)
 
 
+@pytest.mark.rest
 def test_identifiers_are_a_table_and_stand_still_when_paused():
     async def check(app, pilot, source):
         source.hear(0x703, [5])
@@ -351,6 +357,7 @@ def test_the_trace_follows_its_filter():
     on_screen(check)
 
 
+@pytest.mark.rest
 def test_a_wrong_filter_is_told_and_can_be_mended():
     async def check(app, pilot, source):
         await pilot.press("slash", "x", "x", "enter")
@@ -363,6 +370,7 @@ def test_a_wrong_filter_is_told_and_can_be_mended():
     on_screen(check)
 
 
+@pytest.mark.rest
 def test_a_flood_is_told_instead_of_drawn():
     async def check(app, pilot, source):
         await pilot.press("4")
@@ -377,6 +385,7 @@ def test_a_flood_is_told_instead_of_drawn():
     on_screen(check)
 
 
+@pytest.mark.rest
 def test_the_drives_of_an_arm_fit_120_columns():
     source = FakeSource()
     source.rows = {
@@ -402,6 +411,7 @@ def test_the_drives_of_an_arm_fit_120_columns():
     on_screen(check, source)
 
 
+@pytest.mark.rest
 def test_a_robot_without_drives_has_no_table_of_them_until_it_has():
     source = FakeSource()
     drives, source.rows = source.content().drives, {}
@@ -455,6 +465,7 @@ def test_a_new_sample_is_drawn_when_it_comes():
     on_screen(check)
 
 
+@pytest.mark.rest
 def test_frames_are_listened_to_while_somebody_looks_at_them():
     async def check(app, pilot, source):
         app.refresh_picture()
@@ -468,6 +479,7 @@ def test_frames_are_listened_to_while_somebody_looks_at_them():
     on_screen(check)
 
 
+@pytest.mark.rest
 def test_a_changing_number_does_not_have_the_screen_laid_out_again(monkeypatch):
     async def check(app, pilot, source):
         app.refresh_picture()
@@ -487,6 +499,7 @@ def test_a_changing_number_does_not_have_the_screen_laid_out_again(monkeypatch):
 # -- a small terminal
 
 
+@pytest.mark.rest
 def test_on_80_columns_and_24_lines_the_errors_and_the_way_out_are_in_sight():
     """What tmux, a serial console and an old laptop have: the error of a drive, and how to quit."""
 
@@ -551,6 +564,7 @@ def test_the_objects_of_the_selected_drive_are_read_while_their_tab_is_open():
     on_screen(check, source)
 
 
+@pytest.mark.rest
 def test_a_search_of_objects_is_typed_like_a_filter_and_a_mistake_is_told():
     source = FakeSource()
     source.objects = FakeObjects()
@@ -570,6 +584,7 @@ def test_a_search_of_objects_is_typed_like_a_filter_and_a_mistake_is_told():
     on_screen(check, source)
 
 
+@pytest.mark.rest
 def test_a_monitor_that_only_listens_reads_no_objects():
     async def check(app, pilot, source):
         await pilot.press("5")
@@ -615,6 +630,7 @@ async def told(pilot, app):
     return [each.message for each in app._notifications]
 
 
+@pytest.mark.rest
 def test_what_may_be_done_with_a_drive_is_chosen_and_filled_in():
     source = FakeSource()
     source.objects = Objects()
@@ -647,6 +663,7 @@ def test_what_may_be_done_with_a_drive_is_chosen_and_filled_in():
     assert source.run.ended == 2  # with the monitor
 
 
+@pytest.mark.rest
 def test_stop_works_while_a_line_is_filled_in():
     source = FakeSource()
     source.objects = Objects()
@@ -663,6 +680,7 @@ def test_stop_works_while_a_line_is_filled_in():
     on_screen(check, source)
 
 
+@pytest.mark.rest
 def test_one_verb_runs_at_a_time_and_a_refusal_is_told():
     source = FakeSource()
     source.objects = Objects()
@@ -687,6 +705,7 @@ def test_one_verb_runs_at_a_time_and_a_refusal_is_told():
     on_screen(check, source)
 
 
+@pytest.mark.rest
 def test_an_object_is_written_and_the_write_is_undone():
     source = FakeSource()
     source.objects = Objects()
@@ -721,6 +740,7 @@ def test_who_only_listens_does_nothing_with_a_drive():
     on_screen(check, FakeSource(can_command=False))
 
 
+@pytest.mark.rest
 def test_every_key_is_reached_on_a_narrow_terminal_and_the_tables_show_their_other_columns():
     async def check(app, pilot, _source):
         await pilot.press("question_mark")

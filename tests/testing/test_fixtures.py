@@ -23,7 +23,6 @@ def test_the_tests_of_the_guide_pass(pytester):
     run(pytester).assert_outcomes(passed=11)
 
 
-@pytest.mark.rest
 def test_without_a_robot_it_says_what_is_missing(pytester):
     pytester.makepyfile("def test_it(robot):\n    pass\n")
     result = run(pytester)
@@ -31,11 +30,14 @@ def test_without_a_robot_it_says_what_is_missing(pytester):
     result.stdout.fnmatch_lines(["*needs to know which one: canopen_robot = FOLDER*"])
 
 
-@pytest.mark.rest
 def test_a_folder_beside_the_ini_file_is_found(pytester):
     shutil.copytree(find_robot("robby").controllers.parent, pytester.path / "mine")
     pytester.makeini("[pytest]\ncanopen_robot = mine\n")
-    pytester.makepyfile("def test_it(robot):\n    assert robot.simulated.setup.name == 'mine'\n")
+    pytester.makepyfile("""
+def test_it(robot, drives, bus, clock):
+    assert robot.simulated.setup.name == "mine"
+    assert (drives, bus, clock) == (robot.drives, robot.bus, robot.clock)
+""")
     run(pytester).assert_outcomes(passed=1)
 
 

@@ -14,7 +14,6 @@ def hall(tmp_path):
     return str(path)
 
 
-@pytest.mark.rest
 def test_robots_of_a_world_are_told_one_by_one(hall, capsys):
     assert main(["simulate", "--world", hall, "--for", "1"]) == 0
     said = capsys.readouterr().out
@@ -24,7 +23,6 @@ def test_robots_of_a_world_are_told_one_by_one(hall, capsys):
     assert "1 s of 2 robots in " in said
 
 
-@pytest.mark.rest
 def test_as_json_it_is_one_object(hall, capsys):
     assert main(["simulate", "--world", hall, "--for", "1", "--seed", "7", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -40,7 +38,6 @@ def test_what_is_of_one_robot_is_refused(hall, words, capsys):
     assert f"{words[0]} is of one robot; " in capsys.readouterr().err
 
 
-@pytest.mark.rest
 def test_a_world_without_robots_needs_one(tmp_path, capsys):
     path = tmp_path / "empty.yml"
     path.write_text("walls: [{from: [0, 1], to: [4, 1]}]\n")
