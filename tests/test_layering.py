@@ -62,9 +62,14 @@ MAY_IMPORT = {
         },
         STDLIB,
     ),
+    "check": (
+        {"od", "cia402", "bus", "host", "rpc", "master", "hardware", "controllers", "runtime", "yamlfile", "urdf"}
+        | {"cia301", "physics"},
+        STDLIB,
+    ),
     "simulation": (  # the only room that joins both sides of the wire
         {"od", "bus", "host", "rpc", "yamlfile", "master", "virtual", "hardware", "controllers", "runtime", "urdf"}
-        | {"cia301", "cia402", "data_files"},
+        | {"cia301", "cia402", "data_files", "check"},
         STDLIB | {"distributed", "cloudpickle"},
     ),
     "service": (
@@ -74,7 +79,7 @@ MAY_IMPORT = {
         STDLIB | {"numpy", "matplotlib"},
     ),
     "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
-    "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime"}, STDLIB),
+    "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime", "check"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "calibration": ({"client", "controllers", "rpc", "yamlfile"}, STDLIB),
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too

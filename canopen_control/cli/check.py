@@ -18,9 +18,9 @@ from canopen_control.rpc.messages.declare import Document
 if TYPE_CHECKING:
     import argparse
 
+    from canopen_control.check.checker import CheckReport
+    from canopen_control.check.stop_times import StopTime
     from canopen_control.master.budget import Budget
-    from canopen_control.runtime.check import CheckReport
-    from canopen_control.runtime.stop_times import StopTime
 
 
 EXAMPLE = "canopen-control check robby"
@@ -98,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print what was found; 0 good, 2 for errors, with --strict for warnings too."""
-    from canopen_control.runtime.check import CheckOptions, check_robot
+    from canopen_control.check.checker import CheckOptions, check_robot
     from canopen_control.runtime.robot_files import find_launch
 
     files = find_files(args)

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.can_interfaces import find_can_interface
 from canopen_control.bus.channel import ChannelKind, parse_channel
+from canopen_control.check.preflight_record import SLOW, config_hash, read_serials, save_record
 from canopen_control.cli.run import add_file_arguments, find_files
 from canopen_control.cli.support.arguments import add_new_name, number
 from canopen_control.cli.support.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
@@ -31,7 +32,6 @@ from canopen_control.master.direct import DirectBus
 from canopen_control.od.codec import fitted
 from canopen_control.robot import Robot
 from canopen_control.runtime.background import BackgroundRobot
-from canopen_control.runtime.clearance import SLOW, config_hash, keep_pass, read_serials
 from canopen_control.runtime.run_session import RunOptions
 from canopen_control.runtime.setup import read_robot
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
@@ -492,7 +492,7 @@ def _conclude(flight: Preflight, *, passed: bool, looked_only: bool, report: str
         _write_report(flight, Path(report), passed, serials)
     if passed:
         known = {name: serial for name, serial in serials.items() if serial is not None}
-        path = keep_pass(setup, known, flight.covered)
+        path = save_record(setup, known, flight.covered)
         slow = [joint for joint in jog_interfaces(setup) if joint not in flight.covered]
         but = f"; slow stays what was not turned: {', '.join(slow)}" if slow else ""
         print(f"{setup.name} has passed{but}; run it with --real ({path})")

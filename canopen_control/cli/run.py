@@ -21,9 +21,9 @@ from canopen_control.runtime.realtime import DEFAULT_PRIORITY, HIGHEST_PRIORITY
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from canopen_control.check.preflight_record import SlowReason
     from canopen_control.cli.support.output import Announcer
     from canopen_control.master.event_log import Event
-    from canopen_control.runtime.clearance import SlowReason
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.runtime.run_session import Session
     from canopen_control.runtime.setup import RobotSetup
@@ -351,23 +351,23 @@ def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
 
 def _unclear(setup: RobotSetup) -> SlowReason | None:
     """Say why a robot on real drives has to be slow; None: these files have passed on these drives."""
-    from canopen_control.runtime.clearance import doubt
+    from canopen_control.check.preflight_record import slow_reason
 
-    return doubt(setup)
+    return slow_reason(setup)
 
 
 def _warn(session: Session) -> None:
     """Tell what `check` warns of."""
+    from canopen_control.check.checker import start_warnings
     from canopen_control.master.event_log import Event, Level
-    from canopen_control.runtime.check import start_warnings
 
     for text in start_warnings(session.robot.setup):
         session.robot.report(Event(session.reactor.now(), "check", "", text, Level.WARNING))
 
 
 def _slow_down(session: Session, unclear: SlowReason) -> None:
+    from canopen_control.check.preflight_record import SLOW, limit_speed
     from canopen_control.master.event_log import Event, Level
-    from canopen_control.runtime.clearance import SLOW, limit_speed
 
     others = limit_speed(session.robot, unclear.joints)
     unbound = f"; NOT limited, since their speed is unknown: {', '.join(others)}" if others else ""

@@ -28,6 +28,7 @@ from canopen_control.runtime.axis_request import (
     find_node,
     whole_bases,
 )
+from canopen_control.runtime.ground_truth import TruePoseTracker
 from canopen_control.runtime.node_readings import NodeReadings
 from canopen_control.runtime.pacer import Pacer
 from canopen_control.runtime.readiness import (
@@ -47,7 +48,6 @@ from canopen_control.runtime.readiness import (
 from canopen_control.runtime.robot_bus import RobotBus
 from canopen_control.runtime.robot_clock import RobotClock, WallClock, step_words
 from canopen_control.runtime.startup_controllers import prepare_controllers, require_active, switch_controllers
-from canopen_control.runtime.true_pose import TruePoseTracker
 from canopen_control.urdf.robot_model import WheelGeometry
 
 if TYPE_CHECKING:

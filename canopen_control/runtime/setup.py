@@ -18,7 +18,12 @@ from canopen_control.hardware.mode_choice import with_interfaces_of_plugins
 from canopen_control.hardware.plugins import Kind, kind_of
 from canopen_control.master.config import read_bus
 from canopen_control.master.event_log import Level
-from canopen_control.runtime.bus_alone import controllers_of, description_of, doubts_about, with_free_drives
+from canopen_control.runtime.default_description import (
+    controllers_of,
+    default_warnings,
+    description_of,
+    with_free_drives,
+)
 from canopen_control.runtime.robot_bus import is_simulated
 from canopen_control.runtime.robot_files import MAIN_BUS
 from canopen_control.runtime.sync_choice import SyncChoice, SyncSender, choose_sync
@@ -85,7 +90,7 @@ class RobotSetup:
     @property
     def doubts(self) -> tuple[str, ...]:
         """What the drives of a bus without controllers cannot do, and what to change in bus.yml."""
-        return tuple(doubts_about(self.buses)) if self.files.bus_alone else ()
+        return tuple(default_warnings(self.buses)) if self.files.bus_alone else ()
 
     @property
     def told(self) -> Iterator[tuple[str, Level, str]]:

@@ -14,13 +14,13 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.cia402.objects import INTERPOLATION_TIME_PERIOD
 from canopen_control.controllers.broadcasters import QUANTITIES
 from canopen_control.errors import RobotConfigError
 from canopen_control.master.budget import HIGH
 from canopen_control.od.issues import Severity
 from canopen_control.profiles.device_type import Profile
-from canopen_control.runtime.check import CheckOptions, check_robot
 from canopen_control.runtime.robot_files import BUS, CONTROLLERS, find_robot
 from canopen_control.scaffold.bus_text import bus_text, remark
 from canopen_control.scaffold.description_text import RADIUS, SEPARATION, WHEELBASE, description_text
@@ -29,7 +29,7 @@ from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from canopen_control.runtime.check import CheckReport
+    from canopen_control.check.checker import CheckReport
     from canopen_control.scaffold.new_robot import NewJoint, NewNode, NewRobot
 
 

@@ -12,13 +12,13 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.runtime.stop_times import axis_facts, stop_time
+from canopen_control.check.stop_times import axis_facts, stop_time
 from canopen_control.simulation.simulated_robot import MASTER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from canopen_control.runtime.stop_times import AxisFacts
+    from canopen_control.check.stop_times import AxisFacts
     from canopen_control.simulation.acts import Act
     from canopen_control.simulation.motions import Motion
     from canopen_control.simulation.simulated_robot import SimulatedRobot

@@ -6,13 +6,13 @@ import pytest
 import yaml
 from canopen_control_bench.arm import planned
 
+from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.controllers.command_life import GoalState
 from canopen_control.controllers.trajectory.goal import Goal
 from canopen_control.controllers.trajectory.point import JointTrajectory
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.od.issues import Severity
-from canopen_control.runtime.check import CheckOptions, check_robot
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot

@@ -4,7 +4,7 @@ import pytest
 from support.arm6 import copy_arm
 from support.robots import copy_robby
 
-from canopen_control.runtime.check import CheckOptions, check_robot
+from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.runtime.sync_choice import SyncSender

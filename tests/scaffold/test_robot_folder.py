@@ -8,13 +8,13 @@ from support.drive_shapes import MAKERS, NODE, SHAPES, UNWATCHED, commissioned, 
 from support.eds import DEVIATIONS
 from support.robots import Bench
 
+from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.cia402.state import State
 from canopen_control.controllers.types import TYPES
 from canopen_control.data_files import data_path
 from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.od.issues import Severity
-from canopen_control.runtime.check import CheckOptions, check_robot
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.scaffold.bases import BASES
 from canopen_control.scaffold.drive_choice import GUESSED_COUNTS

@@ -4,9 +4,9 @@ import pytest
 import yaml
 from support.iomodule import io_eds
 
+from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
-from canopen_control.runtime.check import CheckOptions, check_robot
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.new_robot import Device, plan_robot

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from support.drive_shapes import FOUR_PAIRS, TWO_MORE, TWO_PAIRS, shape, slots_of, write_shape
 from support.properties import examples
 
+from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.od.eds import read_eds
-from canopen_control.runtime.check import CheckOptions, check_robot
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.scaffold.new_robot import Device, plan_robot
 from canopen_control.scaffold.robot_folder import write_robot

@@ -2,11 +2,11 @@
 
 import shutil
 
+from canopen_control.check.rules import find
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.data_files import data_path
 from canopen_control.master.config import read_bus
 from canopen_control.od.issues import Severity
-from canopen_control.runtime.check_rules import find
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.urdf.description import read_description
 

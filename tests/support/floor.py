@@ -14,8 +14,8 @@ from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.parameters import GetParameters, ParameterValue, SetParameters
 from canopen_control.rpc.messages.robot import ListControllers, Subscribe, TwistController
 from canopen_control.rpc.messages.state import TruePose
+from canopen_control.runtime.ground_truth import odometry_at
 from canopen_control.runtime.status import state_sample
-from canopen_control.runtime.true_pose import odometry_at
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.nodehost import NodeHost
 from canopen_control.virtual.worldfile import read_world

@@ -16,11 +16,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.check.preflight_record import limit_speed
 from canopen_control.client import find_robots
 from canopen_control.controllers.params import Params
 from canopen_control.errors import ConfigError, RobotConfigError
 from canopen_control.runtime.background import BackgroundRobot
-from canopen_control.runtime.clearance import limit_speed
 from canopen_control.runtime.robot_files import BUS, find_robot
 from canopen_control.runtime.run_session import RunOptions
 from canopen_control.runtime.setup import read_robot

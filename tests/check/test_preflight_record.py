@@ -1,21 +1,21 @@
-"""Clearance: a pass is for these files and these drives, and without one it is slow."""
+"""A passed preflight: valid for these files and these drives; without one, the speed is limited."""
 
 import pytest
 from support.devices import with_measured_joint
 from support.robots import Bench, copy_robby
 from support.samples import status_dict
 
-from canopen_control.runtime import clearance
-from canopen_control.runtime.clearance import (
+from canopen_control.check import preflight_record
+from canopen_control.check.preflight_record import (
     SLOW,
-    Clearance,
+    PreflightRecord,
     config_hash,
-    doubt,
     explain,
-    find_pass,
-    keep_pass,
+    find_record,
     limit_speed,
     read_serials,
+    save_record,
+    slow_reason,
 )
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
@@ -59,16 +59,16 @@ def test_the_eds_file_counts_too(tmp_path):
 
 def test_a_pass_is_kept_found_and_replaced(tmp_path):
     setup = setup_of(copy_robby(tmp_path))
-    assert find_pass(setup) is None
-    keep_pass(setup, {"left_drive": 1}, ())
-    path = keep_pass(setup, SERIALS, JOINTS)
-    found = find_pass(setup)
+    assert find_record(setup) is None
+    save_record(setup, {"left_drive": 1}, ())
+    path = save_record(setup, SERIALS, JOINTS)
+    found = find_record(setup)
     assert (found.config, found.serials, found.channel) == (config_hash(setup), SERIALS, "memory:clearance")
     assert found.joints == JOINTS
     assert explain(setup, found, SERIALS) is None
     for rubbish in ("", "[]", '{"serials": 3}', '{"config": 1, "serials": {"a": "b"}, "time": 0, "channel": ""}'):
         path.write_text(rubbish)
-        assert find_pass(setup) is None
+        assert find_record(setup) is None
 
 
 @pytest.mark.parametrize(
@@ -80,13 +80,13 @@ def test_a_pass_is_kept_found_and_replaced(tmp_path):
 )
 def test_another_drive_is_no_pass(tmp_path, serials, reason):
     setup = setup_of(copy_robby(tmp_path))
-    assert reason in explain(setup, Clearance(config_hash(setup), SERIALS), serials)
+    assert reason in explain(setup, PreflightRecord(config_hash(setup), SERIALS), serials)
 
 
 def test_no_pass_and_changed_files_are_told_apart(tmp_path):
     setup = setup_of(copy_robby(tmp_path))
     assert "has not passed" in explain(setup, None, SERIALS)
-    assert "files have changed" in explain(setup, Clearance("0", SERIALS), SERIALS)
+    assert "files have changed" in explain(setup, PreflightRecord("0", SERIALS), SERIALS)
 
 
 def test_a_limited_robot_is_slow_whatever_it_is_told():
@@ -119,10 +119,10 @@ def test_only_the_joints_in_doubt_are_slow():
 )
 def test_a_pass_covers_the_joints_that_were_turned(tmp_path, monkeypatch, private_folders, joints, doubted, why):
     setup = setup_of(copy_robby(tmp_path))
-    monkeypatch.setattr(clearance, "read_serials", lambda _setup: SERIALS)
+    monkeypatch.setattr(preflight_record, "read_serials", lambda _setup: SERIALS)
     if joints is not None:
-        keep_pass(setup, SERIALS, joints)
-    found = doubt(setup)
+        save_record(setup, SERIALS, joints)
+    found = slow_reason(setup)
     assert (None if found is None else found.joints) == doubted
     assert why in ("" if found is None else found.why)
 
@@ -143,6 +143,6 @@ def test_serial_numbers_are_asked_of_the_drives(private_folders):
 @pytest.mark.usefixtures("private_folders")
 def test_a_joint_that_is_only_measured_is_no_doubt(tmp_path, monkeypatch):
     setup = setup_of(with_measured_joint(tmp_path))
-    monkeypatch.setattr(clearance, "read_serials", lambda _setup: SERIALS)
-    keep_pass(setup, SERIALS, JOINTS)
-    assert doubt(setup) is None
+    monkeypatch.setattr(preflight_record, "read_serials", lambda _setup: SERIALS)
+    save_record(setup, SERIALS, JOINTS)
+    assert slow_reason(setup) is None

@@ -1,10 +1,10 @@
-"""The classic mistakes of cyclic set-points: what makes an axis in CSP or CSV grind, vibrate or tick.
+"""Common mistakes of cyclic set-points: what makes an axis in CSP or CSV grind, vibrate or tick.
 
-The law of this file (CiA 402-2, CiA 301, 7.5.2.35): a drive in a cyclic mode takes one set-point with each SYNC and
-interpolates over the SYNC period. RPDOs that act on arrival hand the host's jitter to the motor, set-points that come
-for every other SYNC stop it in between, feedback that an inhibit time holds back is older than a period. 0x60C2 is
-judged with the plan (`master.plan_interpolation`), which writes it. A deadline of an RPDO is met where a cycle may come
-late, whatever the mode: no sooner than two cycles.
+A drive in a cyclic mode takes one set-point with each SYNC and interpolates over the SYNC period (CiA 402-2; CiA 301,
+7.5.2.35). RPDOs that act on arrival pass the host's jitter to the motor; set-points for every other SYNC stop it in
+between; feedback that an inhibit time delays is older than a period. 0x60C2 is judged with the plan
+(`master.plan`), which writes it. A deadline of an RPDO (its event timer) shorter than two cycles expires
+where a cycle may be late, in any mode.
 """
 
 from __future__ import annotations

@@ -4,10 +4,10 @@ import pytest
 from support.busalone import IO, AloneBench, write_drives, write_io, write_two_axis_drive
 from support.generic import write_generic
 
+from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.errors import ConfigError, ControlError, DriveError, RobotConfigError
 from canopen_control.hardware.axis_power import Action
 from canopen_control.od.issues import Severity
-from canopen_control.runtime.check import CheckOptions, check_robot
 from canopen_control.runtime.core import RobotState
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot

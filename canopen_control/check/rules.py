@@ -1,8 +1,7 @@
-"""The classic mistakes between a robot's three files, each with its place and the way out.
+"""Common mistakes between a robot's three files, each with its place and its correction.
 
-The law of the file: a rule looks at what could be read (a file that could not is None) and yields findings; it never
-raises, opens nothing and changes nothing. What is refused at the start is an ERROR, what surprises somebody later a
-WARNING. The rules of wheels and of launch files have files of their own.
+A rule reads what could be parsed (a file that could not is None) and yields findings; it never raises, opens nothing
+and changes nothing. What a start refuses is an ERROR, what would surprise later a WARNING.
 """
 
 from __future__ import annotations
@@ -13,6 +12,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.check.launch_rules import check_launch
+from canopen_control.check.timing_rules import CheckedRobot, Finding
 from canopen_control.cia402 import objects
 from canopen_control.controllers.command_life import DEFAULT_LIFE_S, ENDLESS
 from canopen_control.controllers.controllers_file import ManagerParams, is_within
@@ -25,8 +26,6 @@ from canopen_control.hardware.plugins import KNOWN, Kind
 from canopen_control.master.keys import SCALES
 from canopen_control.od.issues import Severity
 from canopen_control.rpc.messages.robot import STREAM_RATE
-from canopen_control.runtime.check_launch import check_launch
-from canopen_control.runtime.check_timing import CheckedRobot, Finding
 from canopen_control.runtime.setup import started_controllers
 from canopen_control.yamlfile.convert import keys_of
 

@@ -1,9 +1,9 @@
-"""Clearance of a robot for full speed on real drives: what a passed pre-flight leaves, and what a run makes of it.
+"""Record of a passed preflight, and the speed limit of a run on real drives without one.
 
-The law of this file: a pass is for one configuration (the bytes of all its files and of the EDS files they name, and
-xacro's arguments) on these very drives (their serial numbers, 0x1018:04), and covers the joints that were turned. Any
-other file, argument, drive or missing answer is no pass; then a real run is slow (`speed_cap`) and says why. A joint
-that was not turned stays slow.
+A record is valid for one configuration (the bytes of all its files and of the EDS files they name, and xacro's
+arguments) on these drives (their serial numbers, 0x1018:04), and covers the joints that were turned. With any other
+file, argument or drive, or without an answer, a run on real drives is slow (`SpeedCap`) and reports why. A joint that
+was not turned stays slow.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ _ANSWER_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Clearance:
+class PreflightRecord:
     """A pass: `config` is the hash of the files, `serials` by node name, `time` in Unix seconds, `joints` it covers."""
 
     config: str
@@ -208,7 +208,7 @@ def read_serials(setup: RobotSetup) -> dict[str, int | None]:
     """
     found: dict[str, int | None] = {}
     for name, bus in setup.buses.items():
-        with DirectBus.open(setup.channels[name], label="clearance", timeout_s=_ANSWER_S, join=False) as direct:
+        with DirectBus.open(setup.channels[name], label="preflight", timeout_s=_ANSWER_S, join=False) as direct:
             answers = direct.read_many((node.node_id, *_SERIAL) for node in bus.nodes.values())
         for node in bus.nodes.values():
             answer = answers[node.node_id, *_SERIAL]
@@ -227,7 +227,7 @@ def _file(setup: RobotSetup) -> Path:
     return state_dir("preflight") / f"{setup.name}.json"
 
 
-def keep_pass(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[str]) -> Path:
+def save_record(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[str]) -> Path:
     """Write down that the robot has passed with these joints, instead of any earlier pass of this name.
 
     Return the file.
@@ -235,23 +235,23 @@ def keep_pass(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[st
     path = _file(setup)
     path.parent.mkdir(parents=True, exist_ok=True)
     channels = ", ".join(setup.channels.values())
-    passed = Clearance(config_hash(setup), dict(serials), time.time(), channels, tuple(joints))
+    passed = PreflightRecord(config_hash(setup), dict(serials), time.time(), channels, tuple(joints))
     write_whole(path, f"{json.dumps(asdict(passed), indent=2)}\n".encode())
     return path
 
 
-def find_pass(setup: RobotSetup) -> Clearance | None:
+def find_record(setup: RobotSetup) -> PreflightRecord | None:
     """Return the last pass of a robot of this name; None if there is none, or none that can be read."""
     try:
         held = json.loads(_file(setup).read_text())
         serials = {str(name): int(serial) for name, serial in held["serials"].items()}
         joints = tuple(str(joint) for joint in held["joints"])
-        return Clearance(str(held["config"]), serials, float(held["time"]), str(held["channel"]), joints)
+        return PreflightRecord(str(held["config"]), serials, float(held["time"]), str(held["channel"]), joints)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 
 
-def explain(setup: RobotSetup, passed: Clearance | None, serials: Mapping[str, int | None]) -> str | None:
+def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[str, int | None]) -> str | None:
     """Say in words why a pass does not clear the robot as it is; None: it does."""
     if passed is None:
         return "this robot has not passed a pre-flight on this machine"
@@ -265,13 +265,13 @@ def explain(setup: RobotSetup, passed: Clearance | None, serials: Mapping[str, i
     return None
 
 
-def doubt(setup: RobotSetup) -> SlowReason | None:
+def slow_reason(setup: RobotSetup) -> SlowReason | None:
     """Look for a pass and ask the drives for their serial numbers; return what speaks against full speed, if anything.
 
     Raises BusError where a channel cannot be opened.
     """
     joints = tuple(part.name for tag in setup.description.hardware for part in tag.joints if _turns(setup, part))
-    passed = find_pass(setup)
+    passed = find_record(setup)
     why = explain(setup, passed, {} if passed is None else read_serials(setup))
     if why is not None or passed is None:
         return SlowReason(why or "", joints)

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.robots import Bench
 
+from canopen_control.check.preflight_record import SpeedCap, limit_speed
 from canopen_control.hardware.axis import AxisLimits
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
-from canopen_control.runtime.clearance import SpeedCap, limit_speed
 
 PERIOD = 0.02
 

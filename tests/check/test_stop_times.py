@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from canopen_control.runtime.stop_times import AxisFacts, stop_time
+from canopen_control.check.stop_times import AxisFacts, stop_time
 
 OBJECTS = {0x6084: 2000, 0x6085: 5000, 0x6007: 3, 0x605A: 2, 0x605E: 2}
 

@@ -1,8 +1,8 @@
-"""Everything that is wrong, or odd, with a robot's files, without opening anything: what `check` prints.
+"""Check of a robot's files, without opening a bus: what `check` prints.
 
-The law of this file: each file is read for itself, so that a mistake in one does not hide those of another; then the
-rules between them (`check_rules`), the budget of each bus, and, if nothing is wrong so far, the very building that a
-start would do. A finding is told once.
+Each file is read by itself, so that a mistake in one does not hide those of another; then follow the rules between the
+files (`rules`), the load of each bus, and, without errors so far, the assembly that a start would do. Each finding is
+reported once.
 """
 
 from __future__ import annotations
@@ -10,6 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from canopen_control.check import rules as rules
+from canopen_control.check.stop_times import axis_facts, command_lives, stop_time
+from canopen_control.check.timing_rules import Finding, check_timing, cycle_ns, sorted_findings
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.hardware.mode_choice import with_interfaces_of_plugins
@@ -18,12 +21,9 @@ from canopen_control.host.timer import ManualClock
 from canopen_control.master.budget import HIGH, budget_of
 from canopen_control.master.config import inspect_bus
 from canopen_control.od.issues import Severity
-from canopen_control.runtime import check_rules
-from canopen_control.runtime.bus_alone import doubts_about, unmoved_drives
-from canopen_control.runtime.check_timing import Finding, check_timing, cycle_ns, sorted_findings
 from canopen_control.runtime.core import RobotCore
+from canopen_control.runtime.default_description import default_warnings, unmoved_drives
 from canopen_control.runtime.setup import clashes_of, plans_of, read_robot
-from canopen_control.runtime.stop_times import axis_facts, command_lives, stop_time
 from canopen_control.runtime.sync_choice import SyncSender
 from canopen_control.urdf.description import read_description
 
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
+    from canopen_control.check.stop_times import StopTime
     from canopen_control.controllers.controllers_file import ControllersFile
     from canopen_control.master.budget import Budget
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.robot_bus import RobotBus
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.runtime.stop_times import StopTime
     from canopen_control.runtime.sync_choice import SyncChoice
     from canopen_control.urdf.description import Description
     from canopen_control.yamlfile.problems import Problem
@@ -89,11 +89,11 @@ def start_warnings(setup: RobotSetup) -> list[str]:
     if setup.files.bus_alone:
         return []
     buses, control, description = dict(setup.buses), setup.controllers, setup.description
-    found = check_rules.find(setup.files, _one_bus(buses), control, description, mock=setup.mock, real=setup.on_drives)
+    found = rules.find(setup.files, _one_bus(buses), control, description, mock=setup.mock, real=setup.on_drives)
     for config in buses.values():
         found += check_timing(config, control, description)
         for note in config.notes:  # those with a place are warnings
-            told = check_rules.findings_of(note, config.path, 0, Severity.WARNING)
+            told = rules.findings_of(note, config.path, 0, Severity.WARNING)
             found += [each for each in told if each.line]
     warnings = [each for each in sorted_findings(found) if each.severity is Severity.WARNING]
     return [str(replace(each, source="")) for each in warnings]
@@ -117,11 +117,11 @@ class _Checker:
         self.findings += [_placed(text, self._files.description) for text in clashes_of(self._whole)]
         alone = self._files.bus_alone
         control, description = (None, None) if alone else (self._read_controllers(), self._read_description())
-        for text in doubts_about(self._whole) if alone else ():
-            self.findings += check_rules.findings_of(text, str(self._files.bus), 0, Severity.WARNING)
+        for text in default_warnings(self._whole) if alone else ():
+            self.findings += rules.findings_of(text, str(self._files.bus), 0, Severity.WARNING)
         for text in () if description is None else unmoved_drives(self._whole, description, control):
-            self.findings += check_rules.findings_of(text, str(self._files.bus), 0, Severity.NOTE)
-        self.findings += check_rules.find(
+            self.findings += rules.findings_of(text, str(self._files.bus), 0, Severity.NOTE)
+        self.findings += rules.find(
             self._files,
             _one_bus(self._buses),
             control,
@@ -146,7 +146,7 @@ class _Checker:
                 path, peer_merge=options.peer_merge, allow_unsupervised=options.allow_unsupervised
             )
         except ConfigError as error:
-            self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
+            self.findings += rules.findings_of(str(error), str(path), 0, Severity.ERROR)
             return
         self._buses[name] = config
         if not problems.errors:
@@ -162,7 +162,7 @@ class _Checker:
         try:
             return read_controllers(path, variables=self._files.variables)
         except ConfigError as error:
-            self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
+            self.findings += rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None
 
     def _read_description(self) -> Description | None:
@@ -172,7 +172,7 @@ class _Checker:
             # those of a bus with an error as well: a drive that is refused lacks no command interface for that
             return with_interfaces_of_plugins(read_description(path, mappings=mappings), plans_of(self._buses))
         except ConfigError as error:
-            self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
+            self.findings += rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None
 
     def _read_world(self) -> None:
@@ -185,10 +185,10 @@ class _Checker:
         try:
             world = read_world_description(path)
         except ConfigError as error:
-            self.findings += check_rules.findings_of(str(error), str(path), 0, Severity.ERROR)
+            self.findings += rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         else:
             for note in world.notes:
-                self.findings += check_rules.findings_of(note, str(path), 0, Severity.NOTE)
+                self.findings += rules.findings_of(note, str(path), 0, Severity.NOTE)
 
     def _build(self) -> None:
         """Build the robot as a start would, and open nothing: whatever is refused then is an error now."""
@@ -212,7 +212,7 @@ class _Checker:
             finally:
                 reactor.close()
         except CanopenError as error:
-            self.findings += check_rules.findings_of(str(error), str(self._files.description), 0, Severity.ERROR)
+            self.findings += rules.findings_of(str(error), str(self._files.description), 0, Severity.ERROR)
             return
         self.sync = {name: _sync_words(bus, setup.sync[name]) for name, bus in robot.buses.items()}
 
@@ -241,7 +241,7 @@ def _of_eds(config: BusConfig) -> Iterator[Finding]:
 
 
 def _placed(text: str, path: Path) -> Finding:
-    return next(iter(check_rules.findings_of(text, str(path), 0, Severity.ERROR)))
+    return next(iter(rules.findings_of(text, str(path), 0, Severity.ERROR)))
 
 
 def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:

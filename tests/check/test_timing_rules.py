@@ -6,8 +6,8 @@ import pytest
 from support.arm6 import copy_arm
 from support.robots import copy_robby
 
+from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.od.issues import Severity
-from canopen_control.runtime.check import CheckOptions, check_robot
 from canopen_control.runtime.robot_files import find_robot
 
 RPDO_TYPE = "      transmission: 0x01          # all axes take their set-points at the same SYNC\n"

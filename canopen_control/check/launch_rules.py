@@ -1,8 +1,7 @@
-"""The classic mistakes of launch files (in XML, of ROS 1 and 2, and in Python), held against the robot's files.
+"""Common mistakes of launch files (XML of ROS 1 and 2, and Python), compared with the robot's files.
 
-The law of the file: nothing is launched or included; `$(arg NAME)` is its default, and what else is in `$(...)` of XML
-is not judged. A launch file in Python is read by its syntax and never executed (`launch_python`); a name that it
-computes is told as one that is not known.
+Nothing is launched or included. `$(arg NAME)` is its default; other substitutions of XML are not judged. A launch file
+in Python is parsed and never executed (`runtime.launch_python`); a name that it computes is reported as unknown.
 """
 
 from __future__ import annotations
@@ -11,9 +10,9 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.check.timing_rules import Finding
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.od.issues import Severity
-from canopen_control.runtime.check_timing import Finding
 from canopen_control.runtime.launch_file import SPAWNER_VALUES, read_launch, words_of
 from canopen_control.runtime.launch_python import read_python
 from canopen_control.urdf.document import read_document
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from canopen_control.runtime.check_timing import CheckedRobot
+    from canopen_control.check.timing_rules import CheckedRobot
     from canopen_control.runtime.launch_file import LaunchFile
     from canopen_control.runtime.launch_python import LaunchNode
     from canopen_control.urdf.document import Element

@@ -9,8 +9,8 @@ from canopen_control.host.sockets import socket_path
 from canopen_control.rpc.messages.drive import DRIVE, BasePose, DriveHello, GetWorld, WorldState
 from canopen_control.rpc.messages.state import TruePose
 from canopen_control.rpc.server import Server
+from canopen_control.runtime.ground_truth import PERIOD_NS, TruePoseQuery, TruePoseTracker, odometry_at
 from canopen_control.runtime.status import state_sample, status_message
-from canopen_control.runtime.true_pose import PERIOD_NS, TruePoseQuery, TruePoseTracker, odometry_at
 
 BASE = "robby_base_controller"
 poses = st.tuples(*[st.floats(-5.0, 5.0)] * 3)

@@ -80,7 +80,7 @@ def with_free_drives(
     return replace(description, hardware=hardware), replace(control, controllers=controllers), names
 
 
-def doubts_about(buses: Mapping[str, BusConfig]) -> Iterator[str]:
+def default_warnings(buses: Mapping[str, BusConfig]) -> Iterator[str]:
     """Yield where `driver` and the EDS of a node disagree about what it is, each with its place."""
     for bus in buses.values():
         for node in bus.nodes.values():

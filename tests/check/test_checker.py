@@ -8,9 +8,9 @@ import pytest
 from support.peerfiles import write_peer_files
 from support.robots import copy_robby
 
+from canopen_control.check.checker import CheckOptions, check_robot, start_warnings
 from canopen_control.data_files import data_names, data_path
 from canopen_control.od.issues import Severity
-from canopen_control.runtime.check import CheckOptions, check_robot, start_warnings
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 
