@@ -40,7 +40,7 @@ _NO_GUEST: Final = 2  # of tools/guest/run_tests: this machine has no such guest
 _KIND: Final = "CANOPEN_CONTROL_GUEST_KIND"  # set for the tests of a guest
 _TURN_S: Final = 0.02  # adopted processes are reaped this often: tests look whether those they ended are gone
 _PROGRESS_TURNS: Final = 50
-_OF_CHECKS: Final = 600_000  # ruff and mypy take about as long as the tests in so many bytes
+_OF_CHECKS: Final = 450_000  # ruff and mypy take about as long as the tests in so many bytes
 _GIVING_WAY: Final = 3  # niceness of parts that only compute, beside tests that wait for other processes
 _KEPT_OUT: Final = "not socketcan and not hardware"  # these need a kernel with CAN: the guests have one
 
@@ -149,6 +149,7 @@ def checks() -> list[Part]:
 
 DEALT: Final = ("-n", "2", "--dist", "worksteal")  # tests that start nothing: no processor idles while a long file ends
 SHARED: Final = ("-n", "2", "--dist", "loadfile")  # the tests of a file share its fixtures: robots that run, browsers
+WAITING: Final = ("-n", "3", "--dist", "loadfile")  # one of three waits for the programs that it has started
 
 
 def default_lanes(*, again: bool = False) -> list[list[Part]]:
@@ -157,7 +158,7 @@ def default_lanes(*, again: bool = False) -> list[list[Part]]:
     The tests without a process run in two plain pytest processes. Workers of pytest-xdist would each collect all of
     them, which takes longer than an uneven end costs: the third lane fills it.
     """
-    slow = pytest("tests with processes", "process and not rest", *SHARED, *files_with(*PROCESS_MARKS), again=again)
+    slow = pytest("tests with processes", "process and not rest", *WAITING, *files_with(*PROCESS_MARKS), again=again)
     one, two = (
         replace(
             pytest(f"tests without a process, {number} of 2", "not process and not rest", *paths, again=again),
@@ -194,7 +195,7 @@ def rest_steps() -> list[list[list[Part]]]:
     Whole robots whose reactions have a limit in time (`timed`) run two at a time, what measures (`alone`) runs alone.
     """
     compiled = Path("build/compiled").absolute()
-    long = pytest("long tests with processes", "process and rest and not alone and not timed", *SHARED,
+    long = pytest("long tests with processes", "process and rest and not alone and not timed", *WAITING,
                   *files_with(*PROCESS_MARKS), again=True)  # fmt: skip
     long_fast = pytest("long tests without a process", "not process and rest and not alone and not timed", *DEALT,
                        again=True)  # fmt: skip
@@ -207,10 +208,10 @@ def rest_steps() -> list[list[list[Part]]]:
                              *(f"tests/{name}" for name in COMPILED_ROBOTS), compiled=compiled, again=True)  # fmt: skip
     timed = pytest("timed tests", "timed and not alone", *SHARED, *files_with("timed"), again=True)
     alone = pytest("tests that measure", "alone", *files_with("alone"), again=True)
-    compile_package = Part("compile", ("tools/compile",))
+    compile_package = Part("compile", ("tools/compile",), nice=_GIVING_WAY)
     return [
-        [[compile_package, compiled_fast, compiled_slow], [long, long_fast]],
-        [[guest] for guest in guests()],  # a guest's time goes slower than ours: nothing runs beside them
+        [[compile_package, compiled_fast, compiled_slow, long_fast], [long]],
+        guests(),  # a guest's time goes slower than ours: nothing runs beside them
         [[timed, compiled_robots]],
         [[alone]],
     ]
@@ -228,24 +229,26 @@ def files_of_compiled_modules() -> list[str]:
     return sorted(str(path) for path in files if path.exists())
 
 
-def guests() -> list[Part]:
-    """Return the parts that run in guests: robots on a kernel's CAN, the subpackage for it, emulated CAN cards."""
+def guests() -> list[list[Part]]:
+    """Return the lanes with guests: robots on a kernel's CAN, the subpackage for it, emulated CAN cards.
+
+    An emulated machine computes all the time, a kernel in user mode half of it: the second machine starts when the
+    robots have ended.
+    """
 
     def guest(name: str, kind: str, program: str, environment: dict[str, str], *paths: str) -> Part:
         command = ("tools/guest/run_tests", sys.executable, program, *(f"tests/{path}" for path in paths))
         return Part(name, command, {**environment, _KIND: kind}, second_look=command)
 
     on_vcan = {"CANOPEN_CONTROL_TEST_CHANNEL": "vcan0"}
+    emulated = ("hardware", "tools/can_hardware_guest", {"CANOPEN_CONTROL_TIME_SCALE": "10"})
     return [
-        guest("guest: robots on kernel CAN", "socketcan", "tools/socketcan_guest", on_vcan, *ROBOTS_ON_KERNEL_CAN),
-        guest("guest: kernel CAN", "socketcan", "tools/socketcan_guest", on_vcan, "socketcan"),
-        guest(
-            "guest: emulated CAN cards",
-            "hardware",
-            "tools/can_hardware_guest",
-            {"CANOPEN_CONTROL_TIME_SCALE": "10"},
-            "hardware_can",
-        ),
+        [guest("guest: emulated CAN cards", *emulated, "hardware_can/test_cards.py")],
+        [guest("guest: kernel CAN", "socketcan", "tools/socketcan_guest", on_vcan, "socketcan")],
+        [
+            guest("guest: robots on kernel CAN", "socketcan", "tools/socketcan_guest", on_vcan, *ROBOTS_ON_KERNEL_CAN),
+            guest("guest: from laptop to robot", *emulated, "hardware_can/test_laptop_to_robot.py"),
+        ],
     ]
 
 
