@@ -176,14 +176,14 @@ def controllers() -> str:
     from canopen_control.controllers import (
         broadcasters,
         canopen_device,
-        diff_drive,
+        diff_drive_params,
         gpio_command,
         gripper,
-        mecanum,
-        omni,
+        mecanum_params,
+        omni_params,
         params,
-        pid_controller,
-        steering,
+        pid_params,
+        steering_params,
         types,
     )
     from canopen_control.controllers.base_params import AxisLimits
@@ -191,7 +191,7 @@ def controllers() -> str:
     from canopen_control.controllers.params import BroadcasterParams, CommonParams
     from canopen_control.controllers.trajectory import params as trajectory
 
-    forward, diff = params, diff_drive
+    forward, diff = params, diff_drive_params
     groups = (
         ("Every controller", CommonParams, ""),
         ("Forward command: all joints of one interface", forward.ForwardParams, "ForwardCommandController"),
@@ -200,13 +200,13 @@ def controllers() -> str:
         ("One joint, as in ROS 1", forward.SingleParams, "/Joint(Position|Velocity|Effort)Controller"),
         ("One drive in whatever mode it is", forward.SingleParams, "/TargetController"),
         ("Diff drive", diff.DiffDriveParams, "DiffDrive"),
-        ("Bicycle steering", steering.BicycleParams, "BicycleSteering"),
-        ("Tricycle steering", steering.TricycleParams, "TricycleSteering"),
-        ("Ackermann steering", steering.AckermannParams, "AckermannSteering"),
-        ("Mecanum drive", mecanum.MecanumParams, "MecanumDrive"),
-        ("Omni wheel drive", omni.OmniParams, "OmniWheelDrive"),
+        ("Bicycle steering", steering_params.BicycleParams, "BicycleSteering"),
+        ("Tricycle steering", steering_params.TricycleParams, "TricycleSteering"),
+        ("Ackermann steering", steering_params.AckermannParams, "AckermannSteering"),
+        ("Mecanum drive", mecanum_params.MecanumParams, "MecanumDrive"),
+        ("Omni wheel drive", omni_params.OmniParams, "OmniWheelDrive"),
         ("Joint trajectories", trajectory.TrajectoryParams, "JointTrajectory"),
-        ("PID", pid_controller.PidParams, "/PidController"),
+        ("PID", pid_params.PidParams, "/PidController"),
         ("Joint states", BroadcasterParams, "JointState(Broadcaster|Controller)"),
         ("Outputs and inputs of `<gpio>` parts", gpio_command.GpioParams, "GpioCommand"),
         ("One node, as ros2_canopen shows it", canopen_device.DeviceParams, "canopen_ros2_controllers"),
@@ -237,15 +237,15 @@ def controllers() -> str:
                 "### Limits: `linear.x.KEY` and `angular.z.KEY`\n",
                 _keys(diff.SwitchedLimits, _parameters(diff.SwitchedLimits), {}),
             ]
-        if cls is mecanum.MecanumParams:
+        if cls is mecanum_params.MecanumParams:
             text += [
                 "### Limits: `linear.x.KEY`, `linear.y.KEY` and `angular.z.KEY`\n",
                 _keys(AxisLimits, CONTROLLERS["AxisLimits"], {}),
             ]
-        if cls is pid_controller.PidParams:
+        if cls is pid_params.PidParams:
             text += [
                 "### Each degree of freedom: `gains.DOF.KEY`\n",
-                _keys(pid_controller.DofGains, CONTROLLERS["DofGains"], {}),
+                _keys(pid_params.DofGains, CONTROLLERS["DofGains"], {}),
             ]
         if cls is broadcasters.PoseParams:
             part = broadcasters.PoseTransform

@@ -8,20 +8,16 @@ a timeout brakes along the limits, where upstream's does so for one update and t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import WheelBase, finite
-from canopen_control.controllers.base_params import AxisLimits, PrefixedParams, Six, refuse
 from canopen_control.controllers.holonomic_base import HOLONOMIC, HolonomicBase
+from canopen_control.controllers.mecanum_params import MecanumParams, read_params
 from canopen_control.controllers.planar_pose import MIN_DT, HolonomicPose
 from canopen_control.rpc.messages.samples import MecanumSample, grown
 from canopen_control.urdf.joint_element import VELOCITY
-from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from canopen_control.controllers.params import Params
     from canopen_control.rpc.messages.samples import OdometrySample, Sample
 
@@ -73,79 +69,6 @@ class MecanumKinematics(HolonomicPose):
         wheels[1] = (ahead + aside + turn) / radius
         wheels[2] = (ahead - aside + turn) / radius
         wheels[3] = (ahead + aside - turn) / radius
-
-
-# The parameters of the mecanum drive controller, in jazzy's words.
-
-
-WHEELS: Final = ("front_left", "front_right", "rear_right", "rear_left")
-"""The wheels in the order of the interfaces."""
-_RADIUS: Final = "kinematics.wheels_radius"
-_REACH: Final = "kinematics.sum_of_robot_center_projection_on_X_Y_axis"
-_COVARIANCE: Six = (0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
-
-
-@dataclass(frozen=True)
-class MecanumParams(PrefixedParams):
-    """Parameters of mecanum_drive_controller/MecanumDriveController: m, s, rad."""
-
-    pose_covariance_diagonal: Six = _COVARIANCE
-    twist_covariance_diagonal: Six = _COVARIANCE
-    reference_timeout: float = setting(0.0, low=0.0, high=1e9)
-    front_left_wheel_command_joint_name: str = ""
-    front_right_wheel_command_joint_name: str = ""
-    rear_right_wheel_command_joint_name: str = ""
-    rear_left_wheel_command_joint_name: str = ""
-    front_left_wheel_state_joint_name: str = ""
-    front_right_wheel_state_joint_name: str = ""
-    rear_right_wheel_state_joint_name: str = ""
-    rear_left_wheel_state_joint_name: str = ""
-    offset_x: float = setting(0.0, key="kinematics.base_frame_offset.x")
-    offset_y: float = setting(0.0, key="kinematics.base_frame_offset.y")
-    offset_angle: float = setting(0.0, key="kinematics.base_frame_offset.theta")
-    radius: float = setting(0.0, key=_RADIUS, low=0.0)
-    reach: float = setting(0.0, key=_REACH, low=0.0)
-    linear_x: AxisLimits = setting(AxisLimits(), key="linear.x", section=True)  # noqa: RUF009 - it is a field
-    linear_y: AxisLimits = setting(AxisLimits(), key="linear.y", section=True)  # noqa: RUF009 - it is a field
-    angular_z: AxisLimits = setting(AxisLimits(), key="angular.z", section=True)  # noqa: RUF009 - it is a field
-
-    @property
-    def commanded(self) -> tuple[str, ...]:
-        """The joints that are commanded, in the order of `WHEELS`."""
-        return tuple(getattr(self, f"{each}_wheel_command_joint_name") for each in WHEELS)
-
-    @property
-    def measured(self) -> tuple[str, ...]:
-        """The joints that are measured, those that are commanded unless they have other names."""
-        names = (getattr(self, f"{each}_wheel_state_joint_name") for each in WHEELS)
-        return tuple(name or joint for name, joint in zip(names, self.commanded, strict=True))
-
-    @property
-    def limits(self) -> tuple[AxisLimits, ...]:
-        """The limits of the axes of a twist."""
-        return self.linear_x, self.linear_y, self.angular_z
-
-    @property
-    def offset(self) -> tuple[float, float, float]:
-        """Where the frame of the base is, seen from the middle of the wheels: m, m, rad."""
-        return self.offset_x, self.offset_y, self.offset_angle
-
-    def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Say what is wrong, each with whether it is."""
-        for wheel, joint in zip(WHEELS, self.commanded, strict=True):
-            yield not joint, f"no {wheel}_wheel_command_joint_name; give the joint of this wheel"
-        known = [each for each in self.commanded if each]
-        both = sorted({each for each in known if known.count(each) > 1})
-        yield bool(both), f"{', '.join(both)} is the joint of several wheels; give each its own"
-        yield self.radius <= 0.0, f"{_RADIUS} is missing or 0; give it in m"
-        yield self.reach <= 0.0, f"{_REACH} is missing or 0; give the distances of a wheel along x and y, added, in m"
-
-
-def read_params(params: Params) -> MecanumParams:
-    """Return checked parameters; RobotConfigError with every mistake."""
-    given = params.read(MecanumParams)
-    refuse(params.name, given.mistakes())
-    return given
 
 
 class MecanumDriveController(HolonomicBase):

@@ -8,18 +8,16 @@ odometry starts at the first sample, and feedback is waited for, see `mobile_bas
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import WheelBase
-from canopen_control.controllers.base_params import PrefixedParams, Six, refuse
 from canopen_control.controllers.holonomic_base import HolonomicBase
+from canopen_control.controllers.omni_params import LEAST_WHEELS, OmniParams, read_params
 from canopen_control.controllers.planar_pose import HolonomicPose
 from canopen_control.urdf.joint_element import VELOCITY
-from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from canopen_control.controllers.params import Params
     from canopen_control.rpc.messages.samples import OdometrySample
@@ -32,7 +30,6 @@ if TYPE_CHECKING:
 # sums. Units: m, rad, s.
 
 
-LEAST_WHEELS: Final = 3
 _LEAST_DT: Final = 1e-6  # s between two positions
 
 
@@ -86,51 +83,6 @@ class OmniKinematics(HolonomicPose):
         for index in range(len(self.wheels)):
             along = self._sines[index] * forward - self._cosines[index] * left
             self.wheels[index] = (along - turn) / self._wheel_radius
-
-
-# The parameters of the omni wheel drive controller, in jazzy's words.
-
-
-_NONE: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class OmniParams(PrefixedParams):
-    """Parameters of omni_wheel_drive_controller/OmniWheelDriveController: m, s, rad."""
-
-    pose_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.pose")  # noqa: RUF009 - it is a field
-    twist_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.twist")  # noqa: RUF009 - it is a field
-    wheel_names: tuple[str, ...] = ()
-    wheel_offset: float | None = None
-    robot_radius: float = setting(0.0, low=0.0)
-    wheel_radius: float = setting(0.0, low=0.0)
-    open_loop: bool = False
-    position_feedback: bool = True
-    cmd_vel_timeout: float = setting(0.5, low=0.0, high=1e9)
-
-    def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Say what is wrong, each with whether it is."""
-        names = self.wheel_names
-        yield (
-            len(names) < LEAST_WHEELS,
-            f"wheel_names has {len(names)} joints; give {LEAST_WHEELS} or more, around the base against the clock",
-        )
-        both = sorted({each for each in names if names.count(each) > 1})
-        yield bool(both), f"wheel_names names one twice: {', '.join(both)}; name each once"
-        missing = "wheel_offset is missing; give the angle of the first wheel, seen from the middle, in rad"
-        yield self.wheel_offset is None, missing
-        yield (
-            self.robot_radius <= 0.0,
-            "robot_radius is missing or 0; give the distance of the wheels from the middle in m",
-        )
-        yield self.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"
-
-
-def read_params(params: Params) -> OmniParams:
-    """Return checked parameters; RobotConfigError with every mistake."""
-    given = params.read(OmniParams)
-    refuse(params.name, given.mistakes())
-    return given
 
 
 class OmniWheelDriveController(HolonomicBase):

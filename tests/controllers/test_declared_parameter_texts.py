@@ -8,10 +8,10 @@ from canopen_control.controllers.base_params import BaseParams
 from canopen_control.controllers.broadcasters import BatteryParams
 from canopen_control.controllers.controllers_file import ManagerParams
 from canopen_control.controllers.declared import TEXTS, declared_by, text_of
-from canopen_control.controllers.diff_drive import DiffDriveParams
+from canopen_control.controllers.diff_drive_params import DiffDriveParams
 from canopen_control.controllers.gpio_command import GpioParams
-from canopen_control.controllers.mecanum import MecanumParams
-from canopen_control.controllers.omni import OmniParams
+from canopen_control.controllers.mecanum_params import MecanumParams
+from canopen_control.controllers.omni_params import OmniParams
 from canopen_control.controllers.params import ForwardParams, SingleParams
 
 

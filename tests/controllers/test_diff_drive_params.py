@@ -6,7 +6,7 @@ import pytest
 from support.control import vectors
 
 from canopen_control.controllers.base_params import tf_prefix
-from canopen_control.controllers.diff_drive import read_params
+from canopen_control.controllers.diff_drive_params import read_params
 from canopen_control.controllers.limiter import Limits, RateLimiter
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError

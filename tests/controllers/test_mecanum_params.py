@@ -5,7 +5,7 @@ import math
 import pytest
 from support.bases import MECANUM, PARAMS
 
-from canopen_control.controllers.mecanum import read_params
+from canopen_control.controllers.mecanum_params import read_params
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from support.bases import OMNI, PARAMS
 
-from canopen_control.controllers.omni import read_params
+from canopen_control.controllers.omni_params import read_params
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.bases import cases, differences
 
-from canopen_control.controllers.steering import (
+from canopen_control.controllers.steering_kinematics import (
     AckermannKinematics,
     BicycleKinematics,
     SteeringKinematics,

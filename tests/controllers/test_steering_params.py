@@ -4,12 +4,7 @@ import pytest
 from support.bases import ACKERMANN, BICYCLE, PARAMS, TRICYCLE
 
 from canopen_control.controllers.params import Params
-from canopen_control.controllers.steering import (
-    AckermannParams,
-    BicycleParams,
-    TricycleParams,
-    read_params,
-)
+from canopen_control.controllers.steering_params import AckermannParams, BicycleParams, TricycleParams, read_params
 from canopen_control.errors import RobotConfigError
 
 KINDS = {BICYCLE: BicycleParams, TRICYCLE: TricycleParams, ACKERMANN: AckermannParams}

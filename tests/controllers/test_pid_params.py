@@ -4,7 +4,7 @@ import pytest
 
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.pid import AntiWindup
-from canopen_control.controllers.pid_controller import read_params
+from canopen_control.controllers.pid_params import read_params
 from canopen_control.errors import RobotConfigError
 
 GIVEN = {

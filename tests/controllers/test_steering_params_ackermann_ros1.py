@@ -7,7 +7,7 @@ from support.bases import ACKERMANN
 from support.control import Hardware, S, add, manager
 
 from canopen_control.controllers.params import Params
-from canopen_control.controllers.steering import is_ros1, read_ros1
+from canopen_control.controllers.steering_params import is_ros1, read_ros1
 from canopen_control.errors import RobotConfigError
 from canopen_control.rpc.messages.parameters import ParameterValue
 

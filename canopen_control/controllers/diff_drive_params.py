@@ -1,0 +1,176 @@
+"""The parameters of the diff drive controller, in the words of every ROS distribution.
+
+The law of the file: jazzy's names are ours; noetic's and humble's are translated and each is named once. Limits that
+are given are applied unless `has_*_limits` is false, as jazzy does and noetic and humble did not: a limit somebody
+wrote down is kept. `min_acceleration`, which jazzy declares and never reads, is `max_acceleration_reverse`, its exact
+equivalent.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.controllers.base_params import AxisLimits, PrefixedParams, refuse
+from canopen_control.yamlfile.convert import setting
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.controllers.base import Geometry
+    from canopen_control.controllers.limiter import Limits
+    from canopen_control.controllers.params import Params
+
+
+NAN: Final = math.nan
+
+
+@dataclass(frozen=True)
+class SwitchedLimits(AxisLimits):
+    """The limits of `linear.x` or `angular.z`; nan is none, and so is a group whose `has_` is false."""
+
+    has_velocity_limits: bool = True
+    has_acceleration_limits: bool = True
+    has_jerk_limits: bool = True
+
+    @property
+    def freezes(self) -> bool:
+        """Whether the limit of jerk counts and keeps the axis from ever changing its speed."""
+        return self.has_jerk_limits and super().freezes
+
+    def limits(self) -> Limits:
+        """Return what the limiter is given."""
+        found = super().limits()
+        if not self.has_velocity_limits:
+            found = replace(found, min_velocity=NAN, max_velocity=NAN)
+        if not self.has_acceleration_limits:
+            found = replace(
+                found,
+                max_acceleration_reverse=NAN,
+                max_acceleration=NAN,
+                max_deceleration=NAN,
+                max_deceleration_reverse=NAN,
+            )
+        return found if self.has_jerk_limits else replace(found, min_jerk=NAN, max_jerk=NAN)
+
+
+@dataclass(frozen=True)
+class DiffDriveParams(PrefixedParams):
+    """Parameters of diff_drive_controller/DiffDriveController: m, s, Hz, rad."""
+
+    left_wheel_names: tuple[str, ...] | str = ()
+    right_wheel_names: tuple[str, ...] | str = ()
+    wheel_separation: float = setting(0.0, low=0.0)
+    wheel_radius: float = setting(0.0, low=0.0)
+    wheel_separation_multiplier: float = 1.0
+    left_wheel_radius_multiplier: float = 1.0
+    right_wheel_radius_multiplier: float = 1.0
+    wheel_radius_multiplier: float = NAN
+    open_loop: bool = False
+    position_feedback: bool = True
+    cmd_vel_timeout: float = setting(0.5, low=0.0, high=1e9)
+    publish_limited_velocity: bool = False
+    velocity_rolling_window_size: int = setting(10, low=1, high=100_000)
+    publish_rate: float = setting(50.0, low=1e-3)
+    linear: SwitchedLimits = setting(SwitchedLimits(), key="linear.x", section=True)  # noqa: RUF009 - it is a field
+    angular: SwitchedLimits = setting(SwitchedLimits(), key="angular.z", section=True)  # noqa: RUF009 - it is a field
+
+    @property
+    def left(self) -> tuple[str, ...]:
+        """The wheels of the left side."""
+        return (self.left_wheel_names,) if isinstance(self.left_wheel_names, str) else self.left_wheel_names
+
+    @property
+    def right(self) -> tuple[str, ...]:
+        """The wheels of the right side."""
+        return (self.right_wheel_names,) if isinstance(self.right_wheel_names, str) else self.right_wheel_names
+
+    @property
+    def separation(self) -> float:
+        """The distance of the wheels that counts, in m."""
+        return self.wheel_separation * self.wheel_separation_multiplier
+
+    @property
+    def left_radius(self) -> float:
+        """The radius of the left wheels that counts, in m."""
+        return self.wheel_radius * self.left_wheel_radius_multiplier
+
+    @property
+    def right_radius(self) -> float:
+        """The radius of the right wheels that counts, in m."""
+        return self.wheel_radius * self.right_wheel_radius_multiplier
+
+    @property
+    def frozen(self) -> tuple[str, ...]:
+        """The axes that a jerk limit of 0 keeps from ever changing their speed."""
+        axes = {"linear.x": self.linear, "angular.z": self.angular}
+        return tuple(name for name, each in axes.items() if each.freezes)
+
+
+RENAMES: Final = {
+    "left_wheel": "left_wheel_names",
+    "right_wheel": "right_wheel_names",
+    "publish_cmd": "publish_limited_velocity",
+    "linear.x.min_acceleration": "linear.x.max_acceleration_reverse",
+    "angular.z.min_acceleration": "angular.z.max_acceleration_reverse",
+    "use_stamped_vel": "",  # Twist and TwistStamped are both taken
+    "wheels_per_side": "",  # upstream overwrites it with the length of the lists
+    "estimate_velocity_from_position": "position_feedback",
+    "allow_multiple_cmd_vel_publishers": "",
+    "publish_wheel_joint_controller_state": "",
+}
+"""Keys of noetic and humble to jazzy's; "" for what has no effect."""
+
+
+def _silent(_text: str) -> None:
+    """Tell nobody."""
+
+
+def read_params(
+    params: Params, geometry: Geometry | None = None, tell: Callable[[str], None] = _silent
+) -> DiffDriveParams:
+    """Return checked parameters; RobotConfigError with every mistake. What is legal and odd is a warning.
+
+    Wheel sizes that are not given are those of the description's `geometry` (as noetic does); `tell` is told of each.
+    """
+    given = _completed(params.read(DiffDriveParams, RENAMES), geometry, tell)
+    if not math.isnan(given.wheel_radius_multiplier):  # noetic: it overrides the sides' own
+        both = given.wheel_radius_multiplier
+        given = replace(given, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
+    refuse(params.name, _checks(given))
+    params.taken = given
+    return given
+
+
+def _completed(given: DiffDriveParams, geometry: Geometry | None, tell: Callable[[str], None]) -> DiffDriveParams:
+    if geometry is None:
+        return given
+    if given.wheel_separation <= 0.0 and (separation := geometry.separation(given.left, given.right)):
+        tell(f"wheel_separation is not given, the description's is taken: {separation:g} m")
+        given = replace(given, wheel_separation=separation)
+    if given.wheel_radius <= 0.0 and (radius := geometry.radius((*given.left, *given.right))):
+        tell(f"wheel_radius is not given, the description's is taken: {radius:g} m")
+        given = replace(given, wheel_radius=radius)
+    return given
+
+
+def _checks(given: DiffDriveParams) -> list[tuple[bool, str]]:
+    left, right = given.left, given.right
+    both = sorted({*left} & {*right})
+    positive = (given.separation > 0.0, given.left_radius > 0.0, given.right_radius > 0.0)
+    return [
+        (not left, "no left_wheel_names; give the joints of the left wheels"),
+        (not right, "no right_wheel_names; give the joints of the right wheels"),
+        (
+            bool(left and right) and len(left) != len(right),
+            f"{len(left)} left wheels and {len(right)} right ones; give as many of each",
+        ),
+        (bool(both), f"{', '.join(both)} is a wheel of both sides"),
+        (given.wheel_separation <= 0.0, "wheel_separation is missing or 0; give the distance of the wheels in m"),
+        (given.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"),
+        (
+            given.wheel_separation > 0.0 and given.wheel_radius > 0.0 and not all(positive),
+            "a multiplier of wheel_separation or wheel_radius is not above 0",
+        ),
+    ]

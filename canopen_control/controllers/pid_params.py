@@ -1,0 +1,101 @@
+"""The parameters of pid_controller/PidController, of jazzy."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, cast
+
+from canopen_control.controllers.params import CommonParams, LoopGains
+from canopen_control.errors import RobotConfigError
+from canopen_control.yamlfile.convert import derived, setting
+
+if TYPE_CHECKING:
+    from canopen_control.controllers.params import Params
+
+
+@dataclass(frozen=True)
+class DofGains(LoopGains):
+    """The gains of one degree of freedom; `antiwindup` is ROS 1's way of the strategy `legacy`, and deprecated."""
+
+    INEFFECTIVE: ClassVar[dict[str, str]] = {"activate_state_publisher": "~/controller_state tells all of it"}
+
+    antiwindup: bool = False
+    error_deadband: float = 1e-16
+    feedforward_gain: float = 0.0
+    angle_wraparound: bool = False
+    save_i_term: bool = True
+    activate_state_publisher: bool = False
+
+    @property
+    def clamps_integral(self) -> bool:
+        """As the key says."""
+        return self.antiwindup
+
+
+@dataclass(frozen=True)
+class PidParams(CommonParams):
+    """Parameters of the controller; `command_timeout` in s ends velocities and efforts that nobody renews.
+
+    With `use_external_measured_states` states come by messages, and count for `measured_state_timeout` in s.
+
+    `gains` are in the order of `dof_names`.
+    """
+
+    dof_names: tuple[str, ...] = ()
+    reference_and_state_dof_names: tuple[str, ...] = ()
+    command_interface: str = ""
+    reference_and_state_interfaces: tuple[str, ...] = ()
+    set_current_state_as_first_setpoint: bool = True
+    use_external_measured_states: bool = False
+    measured_state_timeout: float = setting(0.2, low=0.001, high=60.0)
+    enable_feedforward: bool = False
+    command_timeout: float | None = setting(None, low=0.0, high=1e9)
+    gains: tuple[DofGains, ...] = derived(())
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """The degrees of freedom by the names of their references and states."""
+        return self.reference_and_state_dof_names or self.dof_names
+
+    def mistake(self) -> str | None:
+        """Say what cannot be, None if nothing is wrong."""
+        for key, names in (
+            ("dof_names", self.dof_names),
+            ("reference_and_state_dof_names", self.reference_and_state_dof_names),
+        ):
+            if len(set(names)) != len(names):
+                return f"{key} names one twice: {', '.join(names)}; name each once"
+        if not self.dof_names:
+            return "no 'dof_names'; give it under ros__parameters: dof_names: [joint_1, joint_2]"
+        if len(self.measured) != len(self.dof_names):
+            count = f"{len(self.measured)} for {len(self.dof_names)} dof_names"
+            return f"reference_and_state_dof_names: {count}; name as many"
+        if not self.command_interface:
+            return "no 'command_interface'; give it: command_interface: effort"
+        if len(self.reference_and_state_interfaces) not in (1, 2):
+            given = len(self.reference_and_state_interfaces)
+            return f"reference_and_state_interfaces has {given}; give one, and its derivative: [position, velocity]"
+        if len(set(self.reference_and_state_interfaces)) != len(self.reference_and_state_interfaces):
+            return "reference_and_state_interfaces names one twice; give its derivative: [position, velocity]"
+        return None
+
+
+def read_params(params: Params, name: str) -> PidParams:
+    """Return the parameters of controller `name`; raise RobotConfigError with what is wrong in them."""
+    node = params.flat.get("dof_names")
+    dofs = tuple(dict.fromkeys(each.text for each in node.elements())) if node is not None else ()
+    found = params.read(_with_gains(dofs))
+    given = dataclasses.replace(found, gains=tuple(getattr(found, f"gains_{index}") for index in range(len(dofs))))
+    if (mistake := given.mistake()) is not None:
+        raise RobotConfigError(f"{name}: {mistake}")
+    return given
+
+
+def _with_gains(dofs: tuple[str, ...]) -> type[PidParams]:
+    """Return the class of the parameters with those of each degree of freedom, which have its name in their keys."""
+    fields: list[tuple[str, Any, Any]] = [
+        (f"gains_{index}", DofGains, setting(DofGains(), key=f"gains.{dof}", section=True))
+        for index, dof in enumerate(dofs)
+    ]
+    return cast("type[PidParams]", dataclasses.make_dataclass("PidParams", fields, bases=(PidParams,), frozen=True))

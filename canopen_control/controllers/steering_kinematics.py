@@ -1,0 +1,218 @@
+"""Kinematics of bases with steered wheels: bicycle, tricycle and Ackermann steering, and their odometry.
+
+The law of the file (ros2_controllers jazzy): of two wheels the right one is first. Commands are in the wheels' rad/s
+and rad; in closed loop the wheels of a curve have the speeds of the curve that is measured, not of the one that is
+wanted. Two traction wheels never turn the base on the spot: at no speed they stand. Units: m, rad, s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from mypy_extensions import mypyc_attr
+
+from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose, RollingMean, quotient
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+_STRAIGHT: Final = 1e-6  # rad: below it a steering angle is none
+_ON_TARGET: Final = math.pi / 6  # rad: as near as this to its angle a wheel may have its whole speed
+_MOST_OFF: Final = 1.5608  # rad: what is further off is as slow as this
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SteeringKinematics(PlanarPose):
+    """One traction wheel and one steered one: a bicycle; the others override what differs.
+
+    `linear` (m/s) and `angular` (rad/s) are means over the last `window` steps, `angle` is the measured steering angle.
+    `traction` and `steering` are the wheels' commands after `command`. `fits` says how the speed between two wheels is
+    taken: as the mean of what each says, as upstream, which has a pole where one of them is the middle of the curve, or
+    as the fit to both, the same where the wheels agree.
+    """
+
+    traction_count: ClassVar[int] = 1
+    steering_count: ClassVar[int] = 1
+
+    def __init__(
+        self,
+        radius: float,
+        wheelbase: float,
+        traction_track: float = 0.0,
+        steering_track: float = 0.0,
+        window: int = 10,
+    ) -> None:
+        super().__init__()
+        self.fits = False
+        self.radius, self.wheelbase = radius, wheelbase
+        self.traction_track, self.steering_track = traction_track, steering_track
+        self.linear = self.angular = self.angle = 0.0
+        self.traction = [0.0] * self.traction_count
+        self.steering = [0.0] * self.steering_count
+        self._speeds = [0.0] * self.traction_count
+        self._positions = [0.0] * self.traction_count
+        self._linears, self._angulars = RollingMean(window), RollingMean(window)
+
+    def set_window(self, window: int) -> None:
+        """Take means over another number of steps, from now on."""
+        self._linears, self._angulars = RollingMean(window), RollingMean(window)
+
+    def reset(self) -> None:
+        """Be at the origin; the means begin anew."""
+        self.set_pose(0.0, 0.0, 0.0)
+
+    def set_pose(self, x: float, y: float, heading: float) -> None:
+        """Be somewhere else; the means begin anew."""
+        super().set_pose(x, y, heading)
+        self._linears.clear()
+        self._angulars.clear()
+
+    # ------------------------------------------------------------------------------------------------- what differs
+
+    def measured_angle(self, steering: Sequence[float]) -> float:
+        """Return the angle of a single steered wheel in the middle, for the angles of those that there are."""
+        return steering[0]
+
+    def measured_speed(self, traction: Sequence[float], angle: float) -> float:
+        """Return the speed of the base in m/s, for the wheels' in rad/s."""
+        del angle
+        return self.radius * traction[0]
+
+    def set_traction(self, speed: float, angle: float) -> None:
+        """Share out a speed in rad/s among the wheels of a curve."""
+        del angle
+        self.traction[0] = speed
+
+    def set_steering(self, angle: float, curve: float) -> None:
+        """Share out an angle among the steered wheels; `curve` is the angle of the curve that is driven."""
+        del curve
+        self.steering[0] = angle
+
+    # ----------------------------------------------------------------------------------------------------- odometry
+
+    def begin(self, positions: Sequence[float]) -> None:
+        """Take the wheels' positions, in rad, as where they start from."""
+        for index in range(self.traction_count):
+            self._positions[index] = positions[index]
+
+    def update_position(self, traction: Sequence[float], steering: Sequence[float], dt: float) -> bool:
+        """Follow the positions of traction and steering, in rad; `dt` in s. Return whether the step told a velocity."""
+        for index in range(self.traction_count):
+            self._speeds[index] = quotient(traction[index] - self._positions[index], dt)
+            self._positions[index] = traction[index]
+        return self.update_velocity(self._speeds, steering, dt)
+
+    def update_velocity(self, traction: Sequence[float], steering: Sequence[float], dt: float) -> bool:
+        """Follow the speeds of traction, in rad/s, and the positions of steering."""
+        self.angle = self.measured_angle(steering)
+        linear = self.measured_speed(traction, self.angle)
+        angular = math.tan(self.angle) * linear / self.wheelbase
+        self.drive(linear * dt, angular * dt)
+        if dt < MIN_DT:
+            return False
+        self._linears.add(linear)
+        self._angulars.add(angular)
+        self.linear, self.angular = self._linears.mean, self._angulars.mean
+        return True
+
+    def update_open_loop(self, linear: float, angular: float, dt: float) -> None:
+        """Believe a command, in m/s and rad/s."""
+        self.linear, self.angular = linear, angular
+        self.drive(linear * dt, angular * dt)
+
+    # ----------------------------------------------------------------------------------------------------- commands
+
+    def command(self, linear: float, angular: float, open_loop: bool, reduce: bool = False) -> None:
+        """Make `traction` and `steering` of a twist in m/s and rad/s.
+
+        `reduce` slows the wheels down, in closed loop, until the steering is where it is wanted.
+        """
+        angle = math.atan(quotient(angular * self.wheelbase, linear))
+        if not math.isfinite(angle):  # neither speed nor turn
+            angle = 0.0
+        speed = linear / self.radius
+        if not open_loop and reduce:
+            off = abs(self.angle - angle)
+            if off >= _ON_TARGET:
+                speed *= math.cos(min(off, _MOST_OFF)) / math.cos(_ON_TARGET)
+        curve = angle if open_loop else self.angle
+        self.set_traction(speed, curve)
+        self.set_steering(angle, curve)
+
+    def bound(self, linear: float, angular: float) -> None:
+        """Keep every traction wheel as slow as the wanted curve has its fastest one, in m/s and rad/s; after `command`.
+
+        With the steering across, wheels of the curve that is measured would turn without bounds.
+        """
+        most = (abs(linear) + self.traction_track / 2.0 * abs(angular)) / self.radius
+        fastest = 0.0
+        for index in range(self.traction_count):
+            fastest = max(fastest, abs(self.traction[index]))
+        if fastest <= most:
+            return
+        for index in range(self.traction_count):
+            self.traction[index] = self.traction[index] / fastest * most if math.isfinite(fastest) else 0.0
+
+    def share(self, speed: float, angle: float) -> None:
+        """Have the outer of two traction wheels turn faster than the inner one."""
+        if abs(angle) < _STRAIGHT:
+            self.traction[0] = self.traction[1] = speed
+            return
+        curve, half = quotient(self.wheelbase, math.tan(angle)), self.traction_track / 2.0
+        self.traction[0] = speed * quotient(curve + half, curve)
+        self.traction[1] = speed * quotient(curve - half, curve)
+
+    def mean_speed(self, traction: Sequence[float], angle: float) -> float:
+        """Return the speed between two traction wheels in a curve, in m/s."""
+        right, left = traction[0], traction[1]
+        if self.fits:
+            lean = self.traction_track / 2.0 * math.tan(angle) / self.wheelbase
+            return self.radius * (right * (1.0 + lean) + left * (1.0 - lean)) / (2.0 + 2.0 * lean * lean)
+        curve, half = quotient(self.wheelbase, math.tan(angle)), self.traction_track / 2.0
+        if math.isinf(curve):
+            return self.radius * (right + left) * 0.5
+        middle = right * quotient(curve, curve + half) + left * quotient(curve, curve - half)
+        return self.radius * middle * 0.5
+
+
+class BicycleKinematics(SteeringKinematics):
+    """One traction wheel and one steered wheel, one behind the other."""
+
+
+class TricycleKinematics(SteeringKinematics):
+    """Two traction wheels on an axle and one steered wheel."""
+
+    traction_count: ClassVar[int] = 2
+
+    def measured_speed(self, traction: Sequence[float], angle: float) -> float:
+        """Return the mean of both wheels, each by its way in the curve."""
+        return self.mean_speed(traction, angle)
+
+    def set_traction(self, speed: float, angle: float) -> None:
+        """Share out the speed between both wheels."""
+        self.share(speed, angle)
+
+
+class AckermannKinematics(TricycleKinematics):
+    """Two traction wheels on an axle and two steered wheels, whose axes meet in the middle of the curve."""
+
+    steering_count: ClassVar[int] = 2
+
+    def measured_angle(self, steering: Sequence[float]) -> float:
+        """Return the mean of what each of the two wheels says."""
+        length, half = self.wheelbase, self.steering_track / 2.0
+        right, left = math.tan(steering[0]), math.tan(steering[1])
+        by_right = math.atan(quotient(length * right, length - half * right))
+        return (by_right + math.atan(quotient(length * left, length + half * left))) * 0.5
+
+    def set_steering(self, angle: float, curve: float) -> None:
+        """Turn the inner wheel further than the outer one."""
+        if abs(curve) < _STRAIGHT:
+            self.steering[0] = self.steering[1] = angle
+            return
+        across, along = 2.0 * self.wheelbase * math.sin(angle), 2.0 * self.wheelbase * math.cos(angle)
+        apart = self.steering_track * math.sin(angle)
+        self.steering[0] = math.atan2(across, along + apart)
+        self.steering[1] = math.atan2(across, along - apart)

@@ -1,0 +1,292 @@
+"""The parameters of the steering controllers: bicycle, tricycle, Ackermann.
+
+The law of the file: jazzy's names are ours; those of humble, by front and rear wheels, are translated by
+`front_steering` and each is named once, as is every key without an effect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from canopen_control.controllers.base_params import AxisLimits, BaseParams, Six, refuse
+from canopen_control.controllers.diff_drive_params import SwitchedLimits
+from canopen_control.controllers.steering_kinematics import (
+    AckermannKinematics,
+    BicycleKinematics,
+    SteeringKinematics,
+    TricycleKinematics,
+)
+from canopen_control.yamlfile.convert import setting
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from canopen_control.controllers.base import Geometry
+    from canopen_control.controllers.params import Params
+
+
+_MOST_JOINTS: Final = 4
+#: what upstream has: the places of a diagonal, where its values were meant
+_COVARIANCE: Final[Six] = (0.0, 7.0, 14.0, 21.0, 28.0, 35.0)
+
+
+@dataclass(frozen=True)
+class SteeringParams(BaseParams):
+    """What all steering controllers have: m, s, joints from right to left."""
+
+    kinematics: ClassVar[type[SteeringKinematics]] = SteeringKinematics
+    radius_key: ClassVar[str] = "traction_wheels_radius"
+
+    pose_covariance_diagonal: Six = _COVARIANCE
+    twist_covariance_diagonal: Six = _COVARIANCE
+    reference_timeout: float = setting(1.0, low=0.0, high=1e9)
+    traction_joints_names: tuple[str, ...] = ()
+    steering_joints_names: tuple[str, ...] = ()
+    traction_joints_state_names: tuple[str, ...] = ()
+    steering_joints_state_names: tuple[str, ...] = ()
+    open_loop: bool = False
+    reduce_wheel_speed_until_steering_reached: bool = False
+    position_feedback: bool = False
+    velocity_rolling_window_size: int = setting(10, low=1, high=100_000)
+    wheelbase: float = setting(0.0, low=0.0)
+    front_steering: bool = True
+
+    @property
+    def radius(self) -> float:
+        """The radius of the traction wheels."""
+        raise NotImplementedError
+
+    @property
+    def tracks(self) -> tuple[float, float]:
+        """The distances of the traction wheels and of the steered wheels, 0 for one wheel."""
+        return 0.0, 0.0
+
+    @property
+    def limits(self) -> tuple[AxisLimits, ...]:
+        """The limits of each axis of the twist; upstream has none."""
+        return ()
+
+    @property
+    def traction_states(self) -> tuple[str, ...]:
+        """The joints where traction is measured."""
+        return self.traction_joints_state_names or self.traction_joints_names
+
+    @property
+    def steering_states(self) -> tuple[str, ...]:
+        """The joints where steering is measured."""
+        return self.steering_joints_state_names or self.steering_joints_names
+
+    def made(self) -> SteeringKinematics:
+        """Return the kinematics of these sizes, at the origin; speeds are fitted."""
+        made = self.kinematics(self.radius, self.wheelbase, *self.tracks, self.velocity_rolling_window_size)
+        made.fits = True
+        return made
+
+    def mistakes(self) -> Iterator[tuple[bool, str]]:
+        """Say what is wrong, each with whether it is."""
+        counts = {"traction": self.kinematics.traction_count, "steering": self.kinematics.steering_count}
+        for part, count in counts.items():
+            for key in (f"{part}_joints_names", f"{part}_joints_state_names"):
+                names: tuple[str, ...] = getattr(self, key)
+                optional = key.endswith("state_names")
+                wanted = f"give {count}{' or none' if optional else ''}, from right to left"
+                yield len(names) != count and not (optional and not names), f"{key} has {len(names)} joints; {wanted}"
+                yield len(set(names)) < len(names), f"{key} names one twice: {', '.join(names)}; name each once"
+        yield self.wheelbase <= 0.0, "wheelbase is missing or 0; give the distance of front and rear axle in m"
+        yield self.radius <= 0.0, f"{self.radius_key} is missing or 0; give it in m"
+
+
+@dataclass(frozen=True)
+class BicycleParams(SteeringParams):
+    """Parameters of bicycle_steering_controller/BicycleSteeringController."""
+
+    kinematics: ClassVar[type[SteeringKinematics]] = BicycleKinematics
+    radius_key: ClassVar[str] = "traction_wheel_radius"
+
+    traction_wheel_radius: float = setting(0.0, low=0.0)
+
+    @property
+    def radius(self) -> float:
+        """The radius of the traction wheel."""
+        return self.traction_wheel_radius
+
+
+@dataclass(frozen=True)
+class TricycleParams(SteeringParams):
+    """Parameters of tricycle_steering_controller/TricycleSteeringController."""
+
+    kinematics: ClassVar[type[SteeringKinematics]] = TricycleKinematics
+
+    traction_wheels_radius: float = setting(0.0, low=0.0)
+    traction_track_width: float = setting(0.0, low=0.0)
+
+    @property
+    def radius(self) -> float:
+        """The radius of the traction wheels."""
+        return self.traction_wheels_radius
+
+    @property
+    def tracks(self) -> tuple[float, float]:
+        """The distance of the traction wheels; one wheel is steered."""
+        return self.traction_track_width, 0.0
+
+    def mistakes(self) -> Iterator[tuple[bool, str]]:
+        """Say what is wrong, the distance of the wheels too."""
+        yield from super().mistakes()
+        missing = "traction_track_width is missing or 0; give the distance of the traction wheels in m"
+        yield self.traction_track_width <= 0.0, missing
+
+
+@dataclass(frozen=True)
+class AckermannParams(TricycleParams):
+    """Parameters of ackermann_steering_controller/AckermannSteeringController."""
+
+    kinematics: ClassVar[type[SteeringKinematics]] = AckermannKinematics
+
+    steering_track_width: float = setting(0.0, low=0.0)
+
+    @property
+    def tracks(self) -> tuple[float, float]:
+        """The distances of the traction wheels and of the steered ones, which are those of traction unless given."""
+        return self.traction_track_width, self.steering_track_width or self.traction_track_width
+
+
+#: what a key of humble names of its wheels, and what that is called by what the wheels do
+_RENAMED: Final = {
+    "wheels_names": "joints_names",
+    "wheels_state_names": "joints_state_names",
+    "wheel_radius": "wheel_radius",
+    "wheels_radius": "wheels_radius",
+    "wheel_track": "track_width",
+}
+_ALWAYS: Final = {
+    "wheel_track": "traction_track_width",  # of the tricycle
+    "use_stamped_vel": "",  # Twist and TwistStamped are both taken
+}
+
+
+def read_params(params: Params, cls: type[SteeringParams]) -> SteeringParams:
+    """Return checked parameters; RobotConfigError with every mistake."""
+    given = params.read(cls, _renames(params, cls))
+    refuse(params.name, given.mistakes())
+    return given
+
+
+def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:
+    """Return the names of keys by front and rear wheels, as `front_steering` has it; "" for what has no effect."""
+    node = params.flat.get("front_steering")
+    by_front = node is None or node.text.lower() != "false"
+    known = cls.__dataclass_fields__
+    found = {}
+    for end, part in (
+        ("front", "steering" if by_front else "traction"),
+        ("rear", "traction" if by_front else "steering"),
+    ):
+        for old, new in _RENAMED.items():
+            found[f"{end}_{old}"] = f"{part}_{new}" if f"{part}_{new}" in known else ""
+    return found | {key: name if name in known else "" for key, name in _ALWAYS.items()}
+
+
+# The parameters of ROS 1's Ackermann steering controller: those of a bicycle, one rear wheel and one front steer.
+#
+# The law of the file (ros_controllers, noetic): that controller moves two joints under the type name that ROS 2 has for
+# four, so its keys tell which one is meant. Its names become those of the bicycle and each is named once; odometry is
+# by the wheel's position. What differs is told: a twist's `angular.z` is rad/s here and was the steering angle there,
+# so limits of it have no effect. Sizes that are not given are the description's, as there.
+
+
+_OWN: Final = ("rear_wheel", "front_steer", "wheel_separation_h")
+_ANGLE: Final = (
+    "angular.z of a twist is how fast it turns, in rad/s; the controller of ROS 1 took it as the angle of front_steer"
+)
+
+
+@dataclass(frozen=True)
+class Ros1AckermannParams(BicycleParams):
+    """What that controller has beside the bicycle's: two joints by their names, multipliers, limits of `linear.x`."""
+
+    reference_timeout: float = setting(0.5, low=0.0, high=1e9)
+    position_feedback: bool = True
+    rear_wheel: str = "rear_wheel_joint"
+    front_steer: str = "front_steer_joint"
+    wheel_separation_h_multiplier: float = 1.0
+    wheel_radius_multiplier: float = 1.0
+    steer_pos_multiplier: float = 1.0
+    linear: SwitchedLimits = setting(SwitchedLimits(), key="linear.x", section=True)  # noqa: RUF009 - it is a field
+
+    @property
+    def limits(self) -> tuple[AxisLimits, ...]:
+        """The limits of `linear.x`, and none of `angular.z`."""
+        return self.linear, AxisLimits()
+
+    def as_bicycle(self) -> Ros1AckermannParams:
+        """Return this with the joints and the sizes where the bicycle has them."""
+        return replace(
+            self,
+            traction_joints_names=(self.rear_wheel,),
+            steering_joints_names=(self.front_steer,),
+            wheelbase=self.wheelbase * self.wheel_separation_h_multiplier,
+            traction_wheel_radius=self.traction_wheel_radius * self.wheel_radius_multiplier,
+        )
+
+    def mistakes(self) -> Iterator[tuple[bool, str]]:
+        """Say what is wrong, a multiplier of the measured angle too."""
+        yield from super().mistakes()
+        scale = "it scales what is measured alone; put the factor into scale_pos_from_dev and scale_pos_to_dev"
+        yield self.steer_pos_multiplier != 1.0, f"steer_pos_multiplier is {self.steer_pos_multiplier:g}; {scale}"
+
+
+_RENAMES: Final = {
+    "wheel_separation_h": "wheelbase",
+    "wheel_radius": "traction_wheel_radius",
+    "cmd_vel_timeout": "reference_timeout",
+    "linear.x.min_acceleration": "linear.x.max_acceleration_reverse",
+    "publish_rate": "",  # odometry is published in every update
+    "allow_multiple_cmd_vel_publishers": "",
+    **{
+        f"angular.z.{key}": ""
+        for key in (
+            *("has_velocity_limits", "has_acceleration_limits", "has_jerk_limits", "min_acceleration"),
+            *(f"{bound}_{what}" for bound in ("min", "max") for what in ("velocity", "jerk")),
+            "max_acceleration",
+        )
+    },
+}
+
+
+def is_ros1(params: Params) -> bool:
+    """Whether the parameters are those of ROS 1's controller."""
+    return any(params.flat.get(key) is not None for key in _OWN)
+
+
+def read_ros1(
+    params: Params, geometry: Geometry | None = None, tell: Callable[[str], object] = lambda _: None
+) -> Ros1AckermannParams:
+    """Return the parameters as a bicycle has them, not yet checked for what cannot be together.
+
+    Sizes that are not given are those of the description's `geometry`; `tell` is told of each.
+    """
+    key = (
+        params.flat.keys().get("front_steer")
+        or params.flat.keys()[next(each for each in _OWN if params.flat.get(each))]
+    )
+    key.warning(_ANGLE)
+    given = _completed(params.read(Ros1AckermannParams, _RENAMES), geometry, tell).as_bicycle()
+    params.taken = given
+    return given
+
+
+def _completed(
+    given: Ros1AckermannParams, geometry: Geometry | None, tell: Callable[[str], object]
+) -> Ros1AckermannParams:
+    if geometry is None:
+        return given
+    wheel, steer = (given.rear_wheel,), (given.front_steer,)
+    if given.wheelbase <= 0.0 and (base := geometry.separation(wheel, steer)):
+        tell(f"wheel_separation_h is not given, the description's is taken: {base:g} m")
+        given = replace(given, wheelbase=base)
+    if given.traction_wheel_radius <= 0.0 and (radius := geometry.radius(wheel)):
+        tell(f"wheel_radius is not given, the description's is taken: {radius:g} m")
+        given = replace(given, traction_wheel_radius=radius)
+    return given
