@@ -223,7 +223,12 @@ def files_of_compiled_modules() -> list[str]:
     modules = [
         Path(name) for name in project["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"]["include"]
     ]
-    files = {Path("tests", *module.parts[2:-1], f"test_{module.name}") for module in modules}
+    files = {
+        path
+        for module in modules
+        for folder in [Path("tests", *module.parts[2:-1])]
+        for path in (folder / f"test_{module.name}", *folder.glob(f"test_{module.stem}_*.py"))
+    }
     for folder in {path.parent for path in files}:
         files.update(path for kind in ("properties", "vectors", "interop") for path in folder.glob(f"test_*_{kind}.py"))
     return sorted(str(path) for path in files if path.exists())
