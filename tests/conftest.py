@@ -142,15 +142,15 @@ REST_FILES = frozenset(
         "tools/test_guests.py",
     }
 )
-#: Rooms of screens, and of what becomes of whole robots.
-ROBOT_ROOMS = ("faults", "monitor", "view")
+#: Subpackages of screens, and of what becomes of whole robots.
+ROBOT_SUBPACKAGES = ("faults", "monitor", "view")
 #: The benches of tests/support with a bus or the sockets of a robot in them.
 ROBOT_BENCHES = frozenset(
     f"support.{name}"
     for name in ("apiclient", "arm6", "faultbench", "liverobot", "mockrobot", "onbus", "pages", "robots",
                  "trajectory_player")
 )  # fmt: skip
-#: The fixtures of whole rooms that are such a robot.
+#: The fixtures of whole subpackages that are such a robot.
 ROBOTS = frozenset({"mock_robot", "robby", "lost_drive", "calm_run"})
 #: What needs more than this process, whatever it is about.
 MORE = (*MISSING, "hardware", "process")
@@ -160,10 +160,10 @@ MORE = (*MISSING, "hardware", "process")
 def pytest_collection_modifyitems(items):
     tests = Path(__file__).parent
     for item in items:
-        room = item.path.relative_to(tests).parts[0] if item.path.is_relative_to(tests) else ""
-        if room in WHOLE or any(item.get_closest_marker(kind) is not None for kind in MORE):
+        subpackage = item.path.relative_to(tests).parts[0] if item.path.is_relative_to(tests) else ""
+        if subpackage in WHOLE or any(item.get_closest_marker(kind) is not None for kind in MORE):
             item.add_marker("process")
-            if room not in WHOLE and not any(says(item.path, f"mark.{kind}") for kind in MORE):
+            if subpackage not in WHOLE and not any(says(item.path, f"mark.{kind}") for kind in MORE):
                 raise pytest.UsageError(
                     f"{item.nodeid} needs processes: write a mark that says so in its file, tools/test looks there"
                 )
@@ -172,10 +172,10 @@ def pytest_collection_modifyitems(items):
                 raise pytest.UsageError(
                     f"{item.nodeid} is marked {kind}: write the mark in its file, tools/test looks there"
                 )
-        name = item.path.relative_to(tests).as_posix() if room else ""
-        if room == "bench" or name in REST_FILES or any(item.get_closest_marker(kind) for kind in REST_KINDS):
+        name = item.path.relative_to(tests).as_posix() if subpackage else ""
+        if subpackage == "bench" or name in REST_FILES or any(item.get_closest_marker(kind) for kind in REST_KINDS):
             item.add_marker("rest")
-        if room in ROBOT_ROOMS or takes_a_robot(item.module) or not ROBOTS.isdisjoint(item.fixturenames):
+        if subpackage in ROBOT_SUBPACKAGES or takes_a_robot(item.module) or not ROBOTS.isdisjoint(item.fixturenames):
             item.add_marker("robot")
 
 

@@ -40,8 +40,8 @@ def test_there_are_as_many_as_the_list_has_and_most_are_shown_by_simulations():
     assert len(MUTANTS) == len(BY_NAME) == 33
     assert [each.name for each in MUTANTS if not each.runs] == ["recorder_does_not_count"]
     for each in MUTANTS:
-        assert each.change.room in ("bus", "cia301", "cia402", "controllers", "hardware", "master", "runtime")
-        assert each.tests.startswith(f"{each.change.room}/")
+        assert each.change.subpackage in ("bus", "cia301", "cia402", "controllers", "hardware", "master", "runtime")
+        assert each.tests.startswith(f"{each.change.subpackage}/")
         assert (ROOT / "tests" / f"{each.tests}.py").exists()
 
 

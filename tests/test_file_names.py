@@ -1,4 +1,4 @@
-"""A file's name says which side it is: none stands in two rooms, but for rooms that name their files by a rule."""
+"""File names are unique in the package, except in subpackages that name their files by a rule."""
 
 from pathlib import Path
 
@@ -6,31 +6,33 @@ from canopen_control.cli.verbs import VERBS
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "canopen_control"
-#: files of these rooms have the name of what they are for, and may share it with whoever does the work
+#: files of these subpackages have the name of what they are for, and may share it with whoever does the work
 NAMED_BY_A_RULE = {
     "cli": "a verb's file is the verb's name",
     "rpc/messages": "NAME.py is what goes over the socket of NAME, or a part of that",
 }
-#: file -> why it may stand in several rooms
+#: file -> why it may stand in several subpackages
 SHARED = {
     "params.py": "of all controllers, and those of a trajectory in its folder",
 }
 
 
 def shared_names(package):
-    """Return the names of files that stand in several rooms, none of which has a rule for it, and where."""
+    """Return the file names that several subpackages without a rule have, and where."""
     places = {}
     for path in package.rglob("*.py"):
-        room = path.relative_to(package).parent.as_posix()
-        if not path.name.startswith("__") and room not in NAMED_BY_A_RULE:
-            places.setdefault(path.name, []).append(room)
-    return {name: sorted(rooms) for name, rooms in places.items() if len(rooms) > 1}
+        subpackage = path.relative_to(package).parent.as_posix()
+        if not path.name.startswith("__") and subpackage not in NAMED_BY_A_RULE:
+            places.setdefault(path.name, []).append(subpackage)
+    return {name: sorted(subpackages) for name, subpackages in places.items() if len(subpackages) > 1}
 
 
-def test_no_name_stands_in_two_rooms_without_a_reason():
+def test_no_name_stands_in_two_subpackages_without_a_reason():
     found = shared_names(PACKAGE)
-    assert {name: rooms for name, rooms in found.items() if name not in SHARED} == {}, "say which side each of them is"
-    assert SHARED.keys() - found.keys() == set(), "these stand in one room by now"
+    assert {name: subpackages for name, subpackages in found.items() if name not in SHARED} == {}, (
+        "say which side each of them is"
+    )
+    assert SHARED.keys() - found.keys() == set(), "these stand in one subpackage by now"
 
 
 def test_a_verbs_file_is_the_verbs_name():

@@ -17,9 +17,9 @@ PURE = frozenset(
 )
 MARKS = frozenset({"mypy_extensions"})  # what may be derived from where it is compiled
 EVERYBODY = frozenset({"errors", "frame", "version"})
-MESSAGES = "rpc.messages"  # of every socket: pure, for every room
+MESSAGES = "rpc.messages"  # of every socket: pure, for every subpackage
 
-#: room -> (rooms it may import beside its own, modules from outside)
+#: subpackage -> (subpackages it may import beside its own, modules from outside)
 MAY_IMPORT = {
     "errors": (set(), PURE),
     "frame": (set(), PURE),
@@ -67,7 +67,7 @@ MAY_IMPORT = {
         | {"cia301", "physics"},
         STDLIB,
     ),
-    "simulation": (  # the only room that joins both sides of the wire
+    "simulation": (  # the only subpackage that joins both sides of the wire
         {"od", "bus", "host", "rpc", "yamlfile", "master", "virtual", "hardware", "controllers", "runtime", "urdf"}
         | {"cia301", "cia402", "data_files", "check"},
         STDLIB | {"distributed", "cloudpickle"},
@@ -105,7 +105,7 @@ MAY_IMPORT = {
         {"client", "host", "rpc", "bus", "od", "cia301", "cia402", "trace", "service"},
         STDLIB | {"textual", "rich"},
     ),
-    # what is done at one node is the room service's; od and cia301 tell what it holds
+    # what is done at one node is the work of the subpackage service; od and cia301 tell what it holds
     "view": (
         {"client", "host", "rpc", "urdf", "service", "od", "cia301"},
         STDLIB | {"nicegui", "fastapi", "starlette", "uvicorn"},
@@ -113,7 +113,7 @@ MAY_IMPORT = {
     "interop": ({"od", "bus", "client"}, STDLIB | {"canopen"}),
     "cli": (None, STDLIB | {"canopen_control_bench", "argcomplete"}),
 }
-#: the packages that only one room may touch
+#: the packages that only one subpackage may touch
 ONLY = {
     "rclpy": "ros",
     "can": "bus",
@@ -143,7 +143,7 @@ def modules():
     )
 
 
-def room_of(path):
+def subpackage_of(path):
     return path.relative_to(ROOT).parts[0].removesuffix(".py")
 
 
@@ -167,23 +167,23 @@ def imported_by(text):
 
 def forbidden(path):
     """Yield a sentence for each import of a module that its subpackage may not make."""
-    room = room_of(path)
-    if room == "__init__":
+    subpackage = subpackage_of(path)
+    if subpackage == "__init__":
         return
-    assert room in MAY_IMPORT, f"{room} has no line in the table"
-    ours, outside = MAY_IMPORT[room]
+    assert subpackage in MAY_IMPORT, f"{subpackage} has no line in the table"
+    ours, outside = MAY_IMPORT[subpackage]
     for name in imported(path):
         top, _, rest = name.partition(".")
         other = rest.split(".")[0]
         if top != PACKAGE:
             if outside is not None and top not in outside:
-                yield f"{path.relative_to(ROOT)}: {room} may not import {name}"
-            elif ONLY.get(top, room) != room:
+                yield f"{path.relative_to(ROOT)}: {subpackage} may not import {name}"
+            elif ONLY.get(top, subpackage) != subpackage:
                 yield f"{path.relative_to(ROOT)}: only {ONLY[top]} imports {top}"
-        elif ours is None or other in {*EVERYBODY, *ours, room, ""} or rest.startswith(MESSAGES):
+        elif ours is None or other in {*EVERYBODY, *ours, subpackage, ""} or rest.startswith(MESSAGES):
             continue
         elif not any(rest.startswith(each + ".") or rest == each for each in ours):
-            yield f"{path.relative_to(ROOT)}: {room} may not import {rest}"
+            yield f"{path.relative_to(ROOT)}: {subpackage} may not import {rest}"
 
 
 def test_imports_follow_the_layers():
@@ -192,7 +192,7 @@ def test_imports_follow_the_layers():
 
 def test_master_and_virtual_drives_never_share_code_that_decides():
     for path in modules():
-        if room_of(path) == "virtual":
+        if subpackage_of(path) == "virtual":
             assert not any(name.startswith((f"{PACKAGE}.master", f"{PACKAGE}.hardware")) for name in imported(path)), (
                 path
             )
@@ -200,7 +200,7 @@ def test_master_and_virtual_drives_never_share_code_that_decides():
 
 # -- who knows a controller or a component by its type
 
-#: room whose classes are told apart by what they declare -> the class that they derive from
+#: subpackage whose classes are told apart by what they declare -> the class that they derive from
 DECLARED = {"controllers": "Controller", "hardware": "Lifecycle"}
 
 
@@ -241,13 +241,13 @@ def asked_for_its_type(path, classes):
     ]
 
 
-@pytest.mark.parametrize("room", DECLARED)
-def test_nobody_outside_its_room_asks_a_controller_or_component_for_its_type(room):
-    classes = derived(ROOT / room, DECLARED[room])
+@pytest.mark.parametrize("subpackage", DECLARED)
+def test_only_its_subpackage_asks_a_controller_or_component_for_its_type(subpackage):
+    classes = derived(ROOT / subpackage, DECLARED[subpackage])
     assert len(classes) > 3
-    others = (path for path in modules() if room_of(path) != room)
+    others = (path for path in modules() if subpackage_of(path) != subpackage)
     found = {str(path.relative_to(ROOT)): lines for path in others if (lines := asked_for_its_type(path, classes))}
-    assert found == {}, f"let {DECLARED[room]} declare what is asked here"
+    assert found == {}, f"let {DECLARED[subpackage]} declare what is asked here"
 
 
 def test_a_question_for_a_type_would_be_seen(tmp_path):
@@ -255,7 +255,7 @@ def test_a_question_for_a_type_would_be_seen(tmp_path):
     classes = derived(tmp_path, "Controller")
     assert classes == {"Controller", "Mine", "Finer"}
     path = tmp_path / "b.py"
-    path.write_text("isinstance(x, Else)\nisinstance(x, (int, room.Finer))\nany(issubclass(y, Mine) for y in z)\n")
+    path.write_text("isinstance(x, Else)\nisinstance(x, (int, other.Finer))\nany(issubclass(y, Mine) for y in z)\n")
     assert asked_for_its_type(path, classes) == [2, 3]
 
 
@@ -316,25 +316,25 @@ def test_no_modules_import_each_other_not_even_for_their_annotations():
 
 
 def test_a_cycle_would_be_seen_whatever_it_is_imported_for(tmp_path):
-    root = tmp_path / "house"
-    (root / "room").mkdir(parents=True)
+    root = tmp_path / "pkg"
+    (root / "sub").mkdir(parents=True)
     for name, text in {
         "__init__": "",
-        "room/__init__": "from house.room.a import A",
-        "room/a": "from house.room import b",
-        "room/b": "if TYPE_CHECKING:\n    from house.room.c import C",
-        "room/c": "def late():\n    import house.room.a",
-        "room/d": "from house.room.a import A\nimport socket",
+        "sub/__init__": "from pkg.sub.a import A",
+        "sub/a": "from pkg.sub import b",
+        "sub/b": "if TYPE_CHECKING:\n    from pkg.sub.c import C",
+        "sub/c": "def late():\n    import pkg.sub.a",
+        "sub/d": "from pkg.sub.a import A\nimport socket",
     }.items():
         (root / f"{name}.py").write_text(text)
-    assert cycles(graph(root)) == [["house.room.a", "house.room.b", "house.room.c"]]
-    (root / "room" / "c.py").write_text("from house.room import A")  # through the room's own front
-    assert cycles(graph(root)) == [["house.room", "house.room.a", "house.room.b", "house.room.c"]]
-    (root / "room" / "c.py").write_text("")
+    assert cycles(graph(root)) == [["pkg.sub.a", "pkg.sub.b", "pkg.sub.c"]]
+    (root / "sub" / "c.py").write_text("from pkg.sub import A")  # through the subpackage's `__init__`
+    assert cycles(graph(root)) == [["pkg.sub", "pkg.sub.a", "pkg.sub.b", "pkg.sub.c"]]
+    (root / "sub" / "c.py").write_text("")
     assert cycles(graph(root)) == []
 
 
-def test_the_files_of_virtual_stand_in_the_order_that_the_room_tells():
+def test_the_files_of_virtual_stand_in_the_order_that_its_docstring_gives():
     files = {path.stem: path for path in (ROOT / "virtual").glob("*.py") if path.stem != "__init__"}
     told = ast.get_docstring(ast.parse((ROOT / "virtual" / "__init__.py").read_text(encoding="utf-8")))
     lines = told.split("\n- ")[1:]
@@ -345,7 +345,7 @@ def test_the_files_of_virtual_stand_in_the_order_that_the_room_tells():
         assert [each for each in others if place[each] < place[name]] == [], f"{name} imports what stands above it"
 
 
-# -- what crosses a room's border has a type
+# -- what crosses a subpackage's border has a type
 
 ANYTHING = re.compile(r"\b(dict|Dict|Mapping|MutableMapping)\[str, (typing\.)?(Any|object)\]")
 #: what is public and holds anything under texts: why
@@ -384,7 +384,7 @@ def declared(body, owner):
             yield f"{owner}{name}", [node.returns, *(each.annotation for each in given)]
 
 
-def test_what_crosses_a_rooms_border_has_a_type():
+def test_what_crosses_a_subpackages_border_has_a_type():
     found = {
         f"{path.relative_to(ROOT).as_posix()}: {name}"
         for path in modules()

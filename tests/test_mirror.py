@@ -18,8 +18,8 @@ WHOLE = (
     "test_mirror.py",
     "test_public_surface.py",
 )
-ROOMS = ("docs", "integration", "tools", "faults", "socketcan", "hardware_can")  # about whole programs
-ENDINGS = ("_properties.py", "_vectors.py", "_interop.py")  # about a room as a whole
+SUBPACKAGES = ("docs", "integration", "tools", "faults", "socketcan", "hardware_can")  # about whole programs
+ENDINGS = ("_properties.py", "_vectors.py", "_interop.py")  # about a subpackage as a whole
 
 
 def mirrored(package, folder):
@@ -49,7 +49,7 @@ def test_every_test_module_has_its_module_or_is_about_the_whole():
         str(path.relative_to(TESTS))
         for path in sorted(TESTS.rglob("test_*.py"))
         if path not in tested
-        and path.relative_to(TESTS).parts[0] not in ROOMS
+        and path.relative_to(TESTS).parts[0] not in SUBPACKAGES
         and path.name not in WHOLE
         and not path.name.endswith(ENDINGS)
     ]

@@ -53,7 +53,7 @@ class Change(NamedTuple):
         return ROOT / PACKAGE / f"{self.module.replace('.', '/')}.py"
 
     @property
-    def room(self) -> str:
+    def subpackage(self) -> str:
         """The subpackage that is changed."""
         return self.module.partition(".")[0]
 

@@ -537,14 +537,17 @@ def run_all(run: Run) -> None:
 def coverage_parts(words: Sequence[str]) -> list[Part]:
     """Return the parts that measure what the tests of `words`, or of the default run, reach."""
     coverage = (sys.executable, "-m", "coverage")
-    rooms, more = split(words)
-    selection = _KEPT_OUT + (" and not alone" if rooms else " and not rest")
-    tests = (*coverage, "run", "-m", "pytest", "-q", "-rs", "-m", selection, *SHARED, *paths_of(rooms), *more)
+    subpackages, more = split(words)
+    selection = _KEPT_OUT + (" and not alone" if subpackages else " and not rest")
+    tests = (*coverage, "run", "-m", "pytest", "-q", "-rs", "-m", selection, *SHARED, *paths_of(subpackages), *more)
     return [
         Part("coverage: tests", tests),
         Part("coverage: combine", (*coverage, "combine", "-q")),
         Part("coverage: read", (*coverage, "json", "-q", "-o", "build/coverage.json")),
-        Part("coverage: by subpackage", (sys.executable, "tools/room_coverage.py", "build/coverage.json", *rooms)),
+        Part(
+            "coverage: by subpackage",
+            (sys.executable, "tools/subpackage_coverage.py", "build/coverage.json", *subpackages),
+        ),
     ]
 
 
@@ -558,8 +561,8 @@ def run_coverage(run: Run, words: Sequence[str]) -> None:
 
 def run_words(words: Sequence[str]) -> int:
     """Run the tests of subpackages and modules in the foreground, with pytest's own output; return its exit code."""
-    rooms, more = split(words)
-    command = [sys.executable, "-m", "pytest", "-q", "-rs", "-m", _KEPT_OUT, *more, *paths_of(rooms)]
+    subpackages, more = split(words)
+    command = [sys.executable, "-m", "pytest", "-q", "-rs", "-m", _KEPT_OUT, *more, *paths_of(subpackages)]
     os.execv(sys.executable, command)
 
 

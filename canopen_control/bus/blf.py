@@ -1,6 +1,6 @@
 """Reading Vector's BLF recordings within bounds: python-can's reader, which believes every length that a file claims.
 
-The law of this file: a header may claim gigabytes, an object may claim to be shorter than its own header (and would be
+A header may claim gigabytes, an object may claim to be shorter than its own header (and would be
 read again for ever), and a container may unpack to a thousand times its size. What is read is what is there, and what
 is unpacked is bounded; anything else is said as what is wrong with the file.
 """

@@ -1,6 +1,6 @@
 """Replays a recording onto a bus with its original timing.
 
-The law of this file: deadlines are absolute, so that a late frame does not delay the next; and only frames that a node
+Deadlines are absolute, so that a late frame does not delay the next; and only frames that a node
 could have sent go out, never a controller's report of errors.
 """
 

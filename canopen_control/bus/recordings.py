@@ -1,6 +1,6 @@
 """Recordings of a bus in the formats that others read: .log (candump), .asc and .blf (Vector), .trc (PEAK).
 
-The law of this file: what is written reads back the same, frame for frame; what a format cannot hold is left out and
+What is written reads back the same, frame for frame; what a format cannot hold is left out and
 counted, never bent. candump's format is written and PEAK's read here, the rest is python-can's. Its sqlite format is
 not offered: it loses frames at the end. What is text may be packed, with .gz at the end of its name.
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 # Reading Vector's BLF recordings within bounds: python-can's reader, which believes every length that a file claims.
 #
-# The law of this file: a header may claim gigabytes, an object may claim to be shorter than its own header (and would
+# A header may claim gigabytes, an object may claim to be shorter than its own header (and would
 # be read again for ever), and a container may unpack to a thousand times its size. What is read is what is there, and
 # what is unpacked is bounded; anything else is said as what is wrong with the file.
 

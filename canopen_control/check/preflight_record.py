@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 # A cap on how fast joints move, whatever interface they are commanded by; for first contact with real drives.
 #
-# The law of this file: what cannot be limited is named, never passed over. A velocity is bounded where it becomes the
+# What cannot be limited is named, never passed over. A velocity is bounded where it becomes the
 # drive's target, and so are the speeds that a drive has by itself (0x6081, 0x6099). A position follows its command in
 # steps of at most speed times cycle, from where the joint is. An effort has no speed: it is taken away as
 # long as the joint is faster than the cap and would be driven further that way.

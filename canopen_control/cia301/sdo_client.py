@@ -290,7 +290,7 @@ class AwaitingBlockDownload(Awaiting):
 
 
 class Probing(Awaiting):
-    """Another object is read first, so that no late answer can be taken for this request's (sdo_quarantine.py)."""
+    """Another object is read first, so that no late answer can be taken for this request's."""
 
     def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
         """Begin the request itself: whatever the answer says, it settles what was owed."""

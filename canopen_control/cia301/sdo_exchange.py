@@ -1,15 +1,15 @@
 """One SDO request of a client as a state machine: tries, answers, timeouts and aborts (CiA 301, 7.2.4).
 
 The law of this file:
-- What is awaited is a `Phase` (sdo_phases.py): it alone knows what a frame, an abort, a timeout or a cancellation
-  means; what follows from that is decided here. How often what is tried again: sdo_request.py.
+- What is awaited is a `Phase`: it alone knows what a frame, an abort, a timeout or a cancellation
+  means; what follows from that is decided here.
 - A timeout sends an abort with the true multiplexer. A block transfer that the server refuses, or whose CRC is wrong,
   is done again in segments. Every other abort ends the request.
 - The data of a program (0x1F50, CiA 302-3) that broke off are never sent again by themselves, nor in segments: the
   server wants a fresh clear before.
 - What an upload of a known object brought has the length of its type; else it is an error, and never a value.
 - A request that died (timed out or cancelled) may still be answered: until that is settled, its object is in
-  quarantine (sdo_quarantine.py), so that no late answer can be taken for that of the retry.
+  quarantine, so that no late answer can be taken for that of the retry.
 """
 
 from __future__ import annotations
@@ -335,7 +335,7 @@ _PAUSING: Final = Pausing()
 class SdoExchange:
     """The request under way, if there is one, as its client sees it, and what its phases do with it.
 
-    `first_phase` of sdo_phases.py says how a try begins. `out` holds what is to be sent and `finished` the requests
+    `first_phase` says how a try begins. `out` holds what is to be sent and `finished` the requests
     that ended: both are the client's to take. `mux` and `first` are the multiplexer and the first frame of this try.
     """
 

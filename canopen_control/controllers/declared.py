@@ -1,8 +1,8 @@
 """The parameters that a controller declares, as ROS 2 lists and describes them: made of the class that it reads.
 
-Name, type, default, bounds and choices are those of the dataclass, see `yamlfile.convert`; what it means is said in
-`parameter_texts`. What may be set while the
-controller is configured, its class says (`settable`); all else is read-only, as most of it is upstream.
+Name, type, default, bounds and choices are those of the dataclass, see `yamlfile.convert`; its meaning stands in the
+table of help texts. `settable` of the class lists what may be set while the controller is configured; all else is
+read-only, as most of it is upstream.
 """
 
 from __future__ import annotations

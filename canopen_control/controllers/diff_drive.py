@@ -137,7 +137,7 @@ def wheel_velocities(
 class DiffDriveController(MobileBase):
     """Drives a robot with wheels on two sides by twists.
 
-    `odometry` is where it is, published at `publish_rate`; `twist_out` is the twist after the limits, for
+    `odometry` is where it is, published at `publish_rate`; the twist after the limits is for
     `~/cmd_vel_out`.
     """
 

@@ -106,7 +106,7 @@ class PidController(Controller):
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, see `pid_params`."""
+        """Read the parameters."""
         self.params = given = read_params(params, self.name)
         if given.command_interface not in MOVING:
             raise RobotConfigError(

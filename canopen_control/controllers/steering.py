@@ -181,7 +181,7 @@ class TricycleSteeringController(SteeringController):
 
 
 class AckermannSteeringController(SteeringController):
-    """Two traction wheels and two steered wheels; one of each with the keys of ROS 1, see `ackermann_ros1`."""
+    """Two traction wheels and two steered wheels; one of each with the keys of ROS 1."""
 
     kind: ClassVar[type[SteeringParams]] = AckermannParams
 

@@ -1,7 +1,7 @@
 """Keeps commands within the limits of the description: the controller_manager's `enforce_command_limits`.
 
 The law of the file (ros2_control jazzy): a URDF <limit>, tightened by `min` and `max` of the command interfaces, is
-enforced by a `joint_limiter`, with a <safety_controller> by a `soft_limiter`. Accelerations and jerks are limited by
+enforced; a <safety_controller> adds soft limits. Accelerations and jerks are limited by
 their <command_interface name="acceleration"> and "jerk" alone. Nothing is limited where `<limits enable="false"/>`
 stands. A command that is nan stays nan.
 
@@ -177,7 +177,7 @@ class JointLimiter:
 # The law of the file (joint_limits of ros2_control jazzy, JointSoftLimiter): towards a soft limit the velocity is at
 # most `k_position` times the distance to it, beyond it leads back at one degree per second (of a prismatic joint: as
 # many m/s), and an effort is at most `k_velocity` times what the velocity may still grow by. The hard limits
-# (`joint_limiter`) hold besides.
+# hold besides.
 
 
 _RETURN: Final = math.pi / 180.0

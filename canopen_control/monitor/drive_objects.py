@@ -1,6 +1,6 @@
 """The objects of the drive that the monitor looks at: rows by address, live where they are in sight, search and edit.
 
-The law of the file: nobody who draws waits. The EDS is read on a thread, objects by the reader that all screens share,
+Nobody who draws waits. The EDS is read on a thread, objects by the reader that all screens share,
 at the rate of the verb `objects`; `write` and `undo` are for threads that may wait.
 """
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # What may be done with the drive that the monitor looks at: verbs of the command line, each with a line to fill in.
 #
-# The law of the file: a verb is a process of its own, as if somebody had typed it, so that it asks the running robot,
+# A verb is a process of its own, as if somebody had typed it, so that it asks the running robot,
 # obeys STOP, tells the events who it is, and holds nothing up here. It ends with the monitor, by SIGINT, at which a
 # verb that moves an axis stops it; and when the monitor dies, however it does.
 

@@ -1,6 +1,6 @@
 """The monitor's screen: tables, logs and keys. No safety function: STOP is a key of a program (ISO 13850).
 
-The law of the file: it draws five times a second and never waits; what a key asks of the robot is asked on a thread,
+It draws five times a second and never waits; what a key asks of the robot is asked on a thread,
 and what the robot answers is told. STOP has priority over whatever has the focus.
 
 It draws when a sample of the robot has come, which is right after a cycle: a computer that both share is then free for

@@ -1,6 +1,6 @@
 """What the monitor shows, as plain data: cells with a tone, tables of cells, lines of logs.
 
-The law of the file: a tone is never the only thing that tells; each has its sign before the words, so that it is read
+A tone is never the only thing that tells; each has its sign before the words, so that it is read
 without colours too. Pure: no terminal, no socket, no clock.
 """
 

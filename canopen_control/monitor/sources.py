@@ -1,6 +1,6 @@
 """Where the monitor's content comes from: a running robot, or a bare bus.
 
-The law of the file: a source never blocks who draws. Only a robot takes commands; on a bare bus nothing is ever sent.
+A source never blocks who draws. Only a robot takes commands; on a bare bus nothing is ever sent.
 A robot's buses are listened to while somebody looks at frames: on the robot's own computer every frame costs time.
 """
 
@@ -249,7 +249,7 @@ def _take_value(node: _Node, value: SignalValue) -> None:
 
 # A connection to a running robot that comes back: its newest state and what happened, fetched by a thread of its own.
 #
-# The law of the file: nobody who draws ever waits for the robot. Whatever fails is kept as a sentence, and it is tried
+# Nobody who draws ever waits for the robot. Whatever fails is kept as a sentence, and it is tried
 # again once a second; the robot that was found first is the one that is looked for later.
 
 
@@ -499,7 +499,7 @@ class Source(Protocol):
         """Ask the robot and wait; RemoteError. For threads that may wait."""
 
     def begin(self, what: str, text: str, node: str) -> WorkRun:
-        """Begin a verb of `drive_work` on a node, with the line that was filled in; CanopenError where it cannot be."""
+        """Begin a verb on a node, with the line that was filled in; CanopenError where it cannot be."""
         ...
 
 

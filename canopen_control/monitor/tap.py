@@ -1,6 +1,6 @@
 """A listener on one bus: frames in words as they come. Nothing is ever sent.
 
-The law of the file: a bus that goes (its robot has ended, the interface is down) is opened again, once a second.
+A bus that goes (its robot has ended, the interface is down) is opened again, once a second.
 """
 
 from __future__ import annotations

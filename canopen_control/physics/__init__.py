@@ -1,15 +1,15 @@
 """Physics: the robot of a description on a floor, with contacts, slip, payload, and a servo loop on each driven joint.
 
-The engine is MuJoCo; this is the only room that imports it, and only when somebody asks for a world: `engine` makes one
-for the virtual drives of a process, `plugin_robot` one for a simulation plugin without drives.
+The engine is MuJoCo; only this subpackage imports it, and only when a world is requested: `engine` makes one for the
+virtual drives of a process, `plugin_robot` one for a simulation plugin without drives.
 
 - files: `physics_file` (the plant file), `world_file` (what stands on the floor, and what happens), `sdf_world` (the
-  static shapes of a world of Gazebo, with `mesh_parts` of its meshes)
+  static shapes of a world of Gazebo, with the parts of its meshes)
 - a model: `urdf_repair` and `body_model` of a description, `mjcf_model` of a scene of MuJoCo's own, `shared_model` of
   several robots; `ground_contact` finds the wheels, `motor_estimate` the motors, `scenery` adds ramps, boxes and walls,
   `world_sensors` what measures
 - motion: `joint_servo` (a drive's loops on one joint), `world_robot` (a robot, and where its base is), `physics_world`
-  (all of them together), `mecanum_contact` (rollers on the floor), `disturbances` (payload, pushes, grip)
+  (all of them together), `disturbances` (payload, pushes, grip)
 """
 
 from __future__ import annotations

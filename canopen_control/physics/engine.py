@@ -1,4 +1,4 @@
-"""Makes the world that plant files of the engine `mujoco` describe: the door of this room for the virtual drives.
+"""Makes the world that plant files of the engine `mujoco` describe: the entry point for the virtual drives.
 
 Mistakes are told before anything runs, each in a sentence; what was guessed of the robots is kept in the world's notes.
 """

@@ -1,5 +1,5 @@
 """Device profiles besides CiA 402: which one a device has, and its signals in units (I/O, sensors, batteries).
 
-From the outside in: `profile_tables` (all signals of a dictionary), `io_tables`, `sensor_tables`, `error_modes` (what
-outputs do when the master is gone), `device_type`, `device_signal`. Nothing here does any I/O.
+`profile_tables` has all signals of a dictionary, `device_signal` one of them, `device_type` the profile of a device.
+Nothing here does any I/O.
 """

@@ -1,5 +1,5 @@
-"""ROS 2: a process of its own that shows a running robot to rclpy, and the only room that imports it.
+"""ROS 2: a process of its own that shows a running robot to rclpy, and the only subpackage that imports it.
 
-The law of this room: it is a client of the runtime's API and nothing else. What it does, and its death, never reach the
+It is a client of the runtime's API and nothing else. What it does, and its death, never reach the
 control loop but as commands that any client may send.
 """

@@ -1,4 +1,4 @@
-"""What this room uses of rclpy, in one place and without types.
+"""What this subpackage uses of rclpy, in one place and without types.
 
 rclpy is typed in parts, differently in each release, and may not be installed where types are checked; what is imported
 by name here is Any everywhere.

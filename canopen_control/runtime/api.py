@@ -211,7 +211,7 @@ class ParameterMethods:
 
 # The API's methods about a simulation: pause it, let it go on, step it, bring it back, let something happen in it.
 #
-# The law of the file: only a robot without buses can be simulated so, since drives have a time of their own. What
+# Only a robot without buses can be simulated so, since drives have a time of their own. What
 # resumes or resets takes every command back, so that what moves next was commanded since.
 
 

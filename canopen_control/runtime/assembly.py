@@ -1,6 +1,6 @@
 """Builds a robot from its files: buses with their nodes, hardware components, joints.
 
-The law of this file: nothing is opened and nothing moves. Buses are made only where something of the description is on
+Nothing is opened and nothing moves. Buses are made only where something of the description is on
 one; a tag that nobody can build is refused with the line it stands at.
 """
 

@@ -1,6 +1,6 @@
 """Requests to axes that take time (enable, halt, home ...): answered when reached, failed, or out of time.
 
-The law of this file: whatever can be refused is refused for all axes before any of them is touched.
+Whatever can be refused is refused for all axes before any of them is touched.
 """
 
 from __future__ import annotations

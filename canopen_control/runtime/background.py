@@ -1,6 +1,6 @@
 """`BackgroundRobot`: a robot on a thread of this process, for the library.
 
-The law of this file: everything that touches the robot runs on its own thread; who wants something of it is a client of
+Everything that touches the robot runs on its own thread; who wants something of it is a client of
 its API, as from another process. A script that dies leaves the drives to their heartbeat consumers, like any master
 that dies.
 """

@@ -1,8 +1,8 @@
 """The robot in its one thread: buses, hardware, controllers, and the cycle that runs through them.
 
-The law of this file: no exception of a node, a controller or a client ends the cycle (`robot_cycle`). Nothing moves
-before a controller is active; whatever ends the robot (a user, a signal, the end of its time, a lost bus) ends it by
-the same stop: targets to zero, the drives' own ramps, disable, and only then the bus.
+No exception of a node, a controller or a client ends the cycle (`RobotCycle`). Nothing moves before a controller is
+active. Every end of the robot (a user, a signal, the end of its duration, a lost bus) is the same stop: targets to
+zero, the drives' own ramps, disable, and only then the bus.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 
 # One cycle of the robot: SYNC where it goes first, read, update, write, send, and what can wait until after that.
 #
-# The law of this file: controllers live on the grid. The time that they get is that of the edge, and the period is that
+# Controllers live on the grid. The time that they get is that of the edge, and the period is that
 # of the grid, however late the process woke: a late cycle sends the set-point of its edge. After edges that were
 # skipped they go on with the set-point of the newest one, but for `CAUGHT_UP` skipped edges at most: for the others
 # their time stands, since a drive that has stopped meanwhile must not be told to make up for all of it in one period.

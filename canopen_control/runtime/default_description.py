@@ -1,6 +1,6 @@
 """A bus without ros2_control: what its nodes are when there is neither a URDF nor a ros2_controllers.yaml.
 
-The law of the file (ros2_canopen's device container): a node is what `driver` of bus.yml says. A CiA 402 drive
+Rules (ros2_canopen's device container): a node is what `driver` of bus.yml says. A CiA 402 drive
 (`ros2_canopen::Cia402Driver`, or no driver and an EDS with a controlword) is a joint with the name of the node, or of a
 node with several axes one joint for each, by `channel_names`. It has a controller of its own, which takes targets in
 the mode that the drive is in and enables nothing. Every other node is a proxy: it is booted, watched and spoken to by

@@ -1,6 +1,6 @@
 """The true pose of a simulated base beside its odometry: asked of the virtual drives, told with the robot's state.
 
-The law of the file: a robot on virtual drives that move a base (the `base` of a plant file, an engine of physics) knows
+A robot on virtual drives that move a base (the `base` of a plant file, an engine of physics) knows
 by how much its odometry errs; every other one has no true pose. The world's frame and that of odometry are brought
 together when both poses are known first, when another base controller becomes active, and when odometry is set. While
 the base moves, odometry is about a period of the bus older than the truth; at rest the two are of one time.

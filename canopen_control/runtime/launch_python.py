@@ -1,6 +1,6 @@
 """Reads launch files in Python by their syntax, without running them (`ast`): arguments, nodes, files and plugin names.
 
-The law of this file: nothing is imported or executed. Texts are followed through constants, names that are assigned
+Nothing is imported or executed. Texts are followed through constants, names that are assigned
 once, `+`, `/`, f-strings, os.path.join and the substitutions of launch; what comes out of anything else is computed,
 which is told with its line instead of guessed.
 """

@@ -1,8 +1,8 @@
 """The cycle's clock: absolute deadlines, and an honest account of the ones that were missed.
 
-The law of this file: the n-th edge is start + n * period, whatever happened before it. A cycle that comes more than a
+The n-th edge is start + n * period, whatever happened before it. A cycle that comes more than a
 period late skips the edges it missed, counts them, and goes on with the next one on the grid: SYNCs are never sent in
-a burst to catch up. Another clock of the same period may lead the grid (`sync_phase`); without its ticks it goes on by
+a burst to catch up. Another clock of the same period may lead the grid (`SyncPhase`); without its ticks it goes on by
 itself.
 """
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 # Phase lock of the cycle to the SYNC of another clock: a kernel's, a drive's. Sans-IO, all times in ns.
 #
-# The law of this file: between two SYNCs there is one edge of the cycle, never none and never two, so that no set-point
+# Between two SYNCs there is one edge of the cycle, never none and never two, so that no set-point
 # is lost or doubled however far two oscillators drift apart. Once it is locked an edge is moved by at most a
 # sixty-fourth of a period; the jump that locks it makes a period longer, never shorter. A SYNC is seen late or in time,
 # never early: of sixteen the second earliest counts, so that neither a busy process nor an adapter that hands frames

@@ -1,6 +1,6 @@
 """Which drives follow commands, and what to do about those that do not: one sentence for every face.
 
-The law of this file: a robot whose controllers claim drives that are off is not running, it is disabled; whoever shows
+A robot whose controllers claim drives that are off is not running, it is disabled; whoever shows
 that says what to call next. What is named is the node as users know it.
 """
 
@@ -201,7 +201,7 @@ def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
 
 # Nodes that move nothing and without which nothing may move: an I/O module that bus.yml calls required or mandatory.
 #
-# The law of this file: a drive that is lost stops its group by itself (`hardware.system`). Of the other nodes only one
+# A drive that is lost stops its group by itself (`hardware.system`). Of the other nodes only one
 # of which bus.yml says in so many words that the robot needs it (`required: true` or `mandatory: true`) stops axes when
 # it is lost, all of them, and no axis is enabled before it is back. Any other is told, and the axes go on. What is back
 # enables nothing: that is a user's word.
@@ -289,7 +289,7 @@ class NeededNodes:
 
 # The latched STOP: no client makes anything move until somebody releases it on purpose.
 #
-# The law of this file: latching stops first and is never refused; a second STOP changes nothing but is done again.
+# Latching stops first and is never refused; a second STOP changes nothing but is done again.
 # Releasing enables nothing, and what was commanded before the STOP counts no more: whoever wants the robot to move has
 # to enable its drives and to command it anew. A latched robot comes back latched, however it ended: the latch is a file
 # below the state folder, one for each robot's name. This is a function of this program, no safety function (ISO 13850).

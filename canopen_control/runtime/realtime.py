@@ -1,6 +1,6 @@
 """Real-time scheduling of the robot's thread: what `--realtime` and `--cpu` ask of the kernel.
 
-The law of this file: what was asked for is had, or the run ends before anything moves, with the command that would
+What was asked for is had, or the run ends before anything moves, with the command that would
 allow it; only that the processors stay awake is asked for and not insisted on: most users may not. Nothing of it
 reaches a child: the kernel resets the policy at every fork (SCHED_RESET_ON_FORK; threads made later too), locked memory
 ends with exec, the thread is pinned after its children were started, and `release` frees later ones. The timer slack is

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # A SYNC that the kernel, or a node of the bus, sends and the cycle follows.
 #
 # The kernel's SYNC is heard like anybody's (what one socket sends comes to every other one), and the cycle's edges are
-# held behind it (`sync_phase`): half a period, by when the drives' answers to it have come, and what the cycle writes
+# held behind it (`SyncPhase`): half a period, by when the drives' answers to it have come, and what the cycle writes
 # has the other half to be on the wire before the next SYNC, at which the drives act upon it; with `sync_order: first`
 # an eighth, which leaves seven eighths to a process that is late. When SYNC is not heard the cycle goes on by its own
 # clock, the task is set up again, and that is told.

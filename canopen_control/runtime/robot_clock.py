@@ -1,6 +1,6 @@
 """The time of a robot's controllers: this computer's, or of a simulated robot one that can be paused and stepped.
 
-The law of the file: a simulated robot without buses lives on the grid of its cycles, each a period after the last one.
+A simulated robot without buses lives on the grid of its cycles, each a period after the last one.
 While it is paused its time stands, nothing moves and no command runs out; `step` lets a number of cycles happen, with
 the commands that are in force. Who goes on afterwards finds no command left: the first motion has one that is newer.
 Real drives have a time of their own, so that a robot on buses cannot be paused. Times in ns.

@@ -1,6 +1,6 @@
 """One run of a robot in this process: core, API, children and signals, from start to end.
 
-The law of this file: whatever happens after `Session` was made, `close` leaves no child, no socket and no lock behind;
+Whatever happens after `Session` was made, `close` leaves no child, no socket and no lock behind;
 the stop order is ramp, disable, clients, drives, and the hub leaves by itself.
 """
 
@@ -110,7 +110,7 @@ class DemoMotion:
 
 # Faults of this program while a robot runs: told like any other event, and the robot goes on.
 #
-# The law of this file: an exception that nobody expected is one sentence with its place, once for each place; its
+# An exception that nobody expected is one sentence with its place, once for each place; its
 # traceback is for those who ask for it with CANOPEN_CONTROL_DEBUG.
 
 

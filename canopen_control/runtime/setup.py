@@ -1,6 +1,6 @@
 """A robot as its files describe it, read and checked before anything is opened.
 
-The law of this file: whatever can be known to be wrong before the first frame is an error here (exit code 2), and the
+Whatever can be known to be wrong before the first frame is an error here (exit code 2), and the
 three files are held against each other.
 """
 

@@ -1,6 +1,6 @@
 """Loads and configures the controllers that a run activates, before anything is opened.
 
-The law of this file: a type nobody knows, a parameter that is wrong, an interface that no joint has or that two
+A type nobody knows, a parameter that is wrong, an interface that no joint has or that two
 controllers want is a mistake in a file, and told before the first frame is sent.
 """
 

@@ -1,6 +1,6 @@
 """The processes around a robot: virtual drives, and clients such as the ROS bridge.
 
-The law of this file: every child hangs on a lifeline of this process, lives in a session of its own, and is ended here
+Every child hangs on a lifeline of this process, lives in a session of its own, and is ended here
 in order: clients first, drives last, when the robot has stopped. A child that dies is told with the last lines it said;
 it never ends the robot, and the ROS bridge is started again, a few times a minute: what dies again and again has a
 reason that a start does not mend, and its starts cost the robot's thread. What is started before the robot is waited

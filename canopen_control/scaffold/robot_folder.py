@@ -1,6 +1,6 @@
 """Makes the folder of a new robot: its files are written aside, checked as `check --strict` does, then put in place.
 
-The law of this file: a folder that is there is not touched unless that is asked for, and then nothing but the files
+A folder that is there is not touched unless that is asked for, and then nothing but the files
 that are made anew. What the check finds to be an error is written into bus.yml as a comment, and told; so is why a
 drive cannot be moved.
 """

@@ -1,6 +1,6 @@
 """Writes parameters into a node and proves that it holds them, or puts back what it held.
 
-What the node holds is read first; only what differs is written, in the order of `restore_order`. What it refuses is
+What the node holds is read first; only what differs is written, in an order that devices accept. What it refuses is
 tried once more after all others (an object may depend on one that came later), then everything is read back: a value
 that the drive changed on its way in counts as refused. Where anything was refused, what was written is undone, unless
 the caller keeps it; so a refusal leaves the drive as it was. Nothing is stored but by `store`.

@@ -7,7 +7,7 @@
       - {at: 2s, node: 3, fault: heartbeat_lost, for: 1s}    # as in the scenario of `drive`
       - {at: 4s, do: axis, name: enable}
       - {at: 6s, do: stall, target: master, for: 300ms}
-      - {at: 8s, payload: {mass: 12}}                        # with physics: see `virtual.world_acts`
+      - {at: 8s, payload: {mass: 12}}                        # with physics only
 
 `for` is how long it is simulated, `seed` draws what the steps do not say: how late processes wake, and the oscillators.
 `do` is one of the kinds of `acts`, `target` the node id, `master` or controller that it takes. A step with `when`, as

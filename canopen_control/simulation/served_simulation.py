@@ -33,7 +33,7 @@ _MOST: Final = 1 << 20  # bytes that wait for a program to read; who is slower i
 
 
 class OutsideClient(SimulatedClient):
-    """A program outside, at the other end of a real connection; `is_there` until either side has ended it."""
+    """A program outside, at the other end of a real connection."""
 
     def __init__(self, clients: SimulatedClients, sock: socket.socket, front: Reactor) -> None:
         super().__init__(clients, clients.robot.host, reads=True, pid=peer_pid(sock))

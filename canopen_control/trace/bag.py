@@ -10,13 +10,13 @@ rqt, Foxglove, PlotJuggler and `ros2 bag` find what they know:
     /CONTROLLER/cmd_vel_out          geometry_msgs/TwistStamped     the twist that its limits left of a command
     /CONTROLLER/commands_out         std_msgs/Float64MultiArray     what a forward controller writes, when it changes
     /CONTROLLER/controller_state     control_msgs/...               every update: trajectory, PID, steering, mecanum
-    /CONTROLLER/imu, range, wrench, pose, battery_state, gpio_states    every update of a broadcaster (`bag_sensors`)
+    /CONTROLLER/imu, range, wrench, pose, battery_state, gpio_states    every update of a broadcaster
     /diagnostics                     diagnostic_msgs/DiagnosticArray   once a second
     /rosout                          rcl_interfaces/Log             the robot's events
     /robot_description               std_msgs/String                once
 
 Commands have a name that nobody listens to: a bag that is played must not move the robot. SI units; what is not known
-is nan. With `bag_messages` this is the only module that imports rosbags.
+is nan. This is the only module that imports rosbags.
 """
 
 from __future__ import annotations
@@ -86,8 +86,7 @@ _ADDED: Final = tuple(
 class BagMessages:
     """The messages of Jazzy as rosbags makes them; one short method for each that is nested in several.
 
-    `states` makes the `controller_state` of what a controller tells, by the kind of that; what broadcasters tell is in
-    `bag_sensors`.
+    `states` makes the `controller_state` of what a controller tells, by the kind of that.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,6 @@
 """Robot descriptions: reads URDF or xacro into links, joints and who drives them.
 
-The law of the file: xacro is the real one and runs only when a file asks for it; every mistake of the description
+Xacro is the real one and runs only when a file asks for it; every mistake of the description
 is told at once, each with file and line (of a xacro file, the line that seems to be meant: the tags of its result have
 none); what ros2_control refuses is refused here too, so that a description that loads here loads there. Without a
 <ros2_control> tag, ROS 1's <transmission> tags say which drive moves which joint.
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 # Runs the real xacro over a file, in a process of its own.
 #
-# The law of the file: an expression that never ends, or that takes all memory, is the user's mistake and costs him a
+# An expression that never ends, or that takes all memory, is the user's mistake and costs him a
 # sentence, not his computer; so xacro gets a process that the kernel ends when its time or memory is over, and this one
 # never imports it. The process is begun early (`XacroRun`), so that who has other files to read need not wait for it.
 

@@ -1,6 +1,6 @@
 """XML elements with their places, and the mistakes found at them.
 
-The law of the file: a number that is none, or a name that is missing, is a mistake with its place and a default that
+A number that is none, or a name that is missing, is a mistake with its place and a default that
 lets the reading go on, so that all of them are told at once. Lines and columns count from 1.
 """
 

@@ -1,6 +1,6 @@
 """Vectors, rotations and poses: positions in m, angles in rad, quaternions as (w, x, y, z).
 
-The law of the file: URDF's roll, pitch and yaw turn about the fixed axes of the parent, in this order (REP 103 and the
+URDF's roll, pitch and yaw turn about the fixed axes of the parent, in this order (REP 103 and the
 URDF specification), which is yaw * pitch * roll as quaternions.
 """
 

@@ -1,6 +1,6 @@
 """The `<joint>` elements of a description: limits, what they mimic, and where they put the link that hangs on them.
 
-The law of the file (URDF, robot_state_publisher): the pose of a joint's child is the joint's origin, then its motion, a
+Rules (URDF, robot_state_publisher): the pose of a joint's child is the joint's origin, then its motion, a
 rotation by the position about its axis or a shift along it; a mimic joint is at `multiplier * position + offset` of the
 other. Fixed joints never move; where a floating or planar one is, nobody knows. Lengths in m, angles in rad.
 """

@@ -1,6 +1,6 @@
 """The `<link>` elements of a description: the shapes they are drawn with, and the radius of round ones.
 
-The law of the file: nothing here is a mistake of the file, since none of it moves a joint. What cannot be drawn is left
+Nothing here is a mistake of the file, since none of it moves a joint. What cannot be drawn is left
 out and told in the notes.
 """
 

@@ -1,6 +1,6 @@
 """Mesh files of a description, STL, OBJ, COLLADA (DAE) and GLB: where they are, and what is in them.
 
-The law of this file: only files of this computer are read, found from where the description itself is; what cannot be
+Only files of this computer are read, found from where the description itself is; what cannot be
 found or read is a sentence, and the robot is drawn and simulated without it.
 """
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # What the description knows of a robot's wheels, for controllers that are not told it and to check those that are.
 #
-# The law of the file (ros_controllers noetic): the separation is the distance of two wheel joints' origins, in the
+# Rules (ros_controllers noetic): the separation is the distance of two wheel joints' origins, in the
 # plane; the radius is that of the one cylinder or sphere of the wheel's link. Ours: joints that do not hang on the same
 # link are followed through fixed joints to a common one; what the description does not say is None, never a guess.
 

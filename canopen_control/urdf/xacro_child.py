@@ -1,6 +1,6 @@
 """The process in which xacro runs: `main` reads a file and writes the URDF, or why there is none, to standard output.
 
-The law of the file: xacro evaluates its author's expressions, which may need for ever or all memory there is, so that
+Xacro evaluates its author's expressions, which may need for ever or all memory there is, so that
 limits are set before it begins and the kernel keeps them. The answer's first byte says what the rest is: `URDF` or
 `REFUSED`, a reason in UTF-8. `$(find package)` is answered by `package_search`.
 

@@ -1,6 +1,6 @@
 """The browser view: the robot, its wheels, plots, events and a STOP, on a page of this computer.
 
-A process of its own and a client of the runtime. The only room that imports NiceGUI.
+A process of its own and a client of the runtime. Only this subpackage imports NiceGUI.
 """
 
 from __future__ import annotations

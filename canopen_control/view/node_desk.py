@@ -61,7 +61,7 @@ if TYPE_CHECKING:
 # The long work of the Parameters tab at one node: backup, comparison, restore, clone. No toolkit; runs on threads.
 #
 # Each takes a session and the piece of work that pages look at, and returns the sentence at its end. What must not be
-# is refused by the room `service`, in the same words as by the verbs.
+# is refused by the subpackage `service`, in the same words as by the verbs.
 
 
 MOST_PARAMETER_BYTES = 4_000_000  # of a DCF

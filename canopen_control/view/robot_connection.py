@@ -115,7 +115,7 @@ def pose_of(state: StateSample) -> Pose | None:
 
 # Driving by a held button: who drives, and what is sent when he lets go. No browser, no socket.
 #
-# The law of this file: nothing moves but while a button is held, and a held button says so again and again. Silence for
+# Nothing moves but while a button is held, and a held button says so again and again. Silence for
 # `LET_GO_NS`, a closed page or another controller end the motion with the rest command, once and at once. One page
 # drives at a time; who comes second waits until the first has let go.
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 # Lets something happen in the world of a simulated robot: asks its virtual drives, by their control sockets.
 #
-# A robot without drives, which a simulation plugin moves, is asked itself. The law of this file: a real drive has no
+# A robot without drives, which a simulation plugin moves, is asked itself. A real drive has no
 # such socket, and a robot that has one refuses, so that nothing here can reach one. Everything waits for an answer, a
 # second for each drive at most; it is called from threads that may.
 
@@ -90,13 +90,13 @@ def _connect(node: VirtualNode) -> DriveClient:
 
 # What stands in the world of a simulated robot, for the 3D scene: asked of its virtual drives, told where it changes.
 #
-# The law of the file: the scene is drawn in the frame of odometry, the world has one of its own; where that is follows
+# The scene is drawn in the frame of odometry, the world has one of its own; where that is follows
 # from the true pose. A real drive has no socket that could be asked.
 
 
 # Fault injection: asks the virtual drives of a robot for their faults and switches them, by their control sockets.
 #
-# The law of this file: a real drive has no such socket, so that nothing here can reach one. Everything waits for an
+# A real drive has no such socket, so that nothing here can reach one. Everything waits for an
 # answer, a second at most; it is called from threads that may.
 
 

@@ -1,6 +1,6 @@
 """A scope at work for pages: samples of a node's objects and of joints on a thread, shots for all. No toolkit.
 
-The law of this file: it has connections of its own, so that nothing waits behind it, and writes nothing. It goes on
+It has connections of its own, so that nothing waits behind it, and writes nothing. It goes on
 when the page that began it is closed, since a trigger on a fault may be waited for for days; it keeps `KEPT` shots.
 """
 

@@ -1,6 +1,6 @@
 """Playing a trajectory for a page: who plays, on which connection, and what ends it. No toolkit.
 
-The law of this file: a trajectory lives as long as the page that plays it says again and again that it is there.
+A trajectory lives as long as the page that plays it says again and again that it is there.
 Silence for `SILENT_S`, a closed page and a click on Cancel end it in a decelerated hold, told by the robot's own
 sentence; the end of this process ends it too, since the robot brakes when the connection is gone, or when nothing comes
 on it any more: `tick` says that this process is at work. One page plays at a time.

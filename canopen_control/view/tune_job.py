@@ -1,6 +1,6 @@
 """A tuning run that a page begins: excites a drive, keeps what was found, sets gains. No toolkit; on threads.
 
-The law of this file: a run is a command source as any other. It dies with the page that began it: while it goes on the
+A run is a command source as any other. It dies with the page that began it: while it goes on the
 page has to say again and again that it is there, and `GONE_S` without that ends it, as a limit, a fault, STOP and the
 button do; the drive is stopped and disabled then, and nothing is concluded.
 """

@@ -1,6 +1,6 @@
 """What stands in the world of a simulated robot, for the 3D scene: asked of its virtual drives, told where it changes.
 
-The law of the file: the scene is drawn in the frame of odometry, the world has one of its own; where that is follows
+The scene is drawn in the frame of odometry, the world has one of its own; where that is follows
 from the true pose. A real drive has no socket that could be asked.
 """
 

@@ -6,7 +6,7 @@ looks at the set-point in its own rhythm instead of when it comes, unless it fol
 
 A position is gone to with constant velocity within the interpolation time 0x60C2 from where the demand is; 0 takes it
 at once. An interpolated demand ends when the next set-point is due, or goes on for as long as the device model
-extrapolates. A drive that recovers the rhythm of SYNC (`sync_rhythm`) is to be there when the next SYNC is due and not
+extrapolates. A drive that recovers the rhythm of SYNC is to be there when the next SYNC is due and not
 one interpolation time after this one came, and goes on to where a SYNC as late as those before would find it.
 
 A SYNC that is some microseconds late finds the motor at its end, standing, which says nothing of the motion: from the

@@ -9,7 +9,7 @@ and the others go on.
       - {at: 8s, node: 3, fault: heartbeat_lost, state: off}
       - {at: 500ms, node: 2, fault: silent, for: 2s}          # on, and off again after 2 s
       - {at: 12s, node: 3, plant: {stalled: 1, external: -300}}
-      - {at: 14s, payload: {mass: 12}}                        # with physics: see `world_acts`
+      - {at: 14s, payload: {mass: 12}}                        # with physics only
       - {at: 16s, block: left_wheel_joint, for: 2s}
 
 `node` may be left out where the process has one node; `axis` says which axis's plant (default 0). Times are 5s, 500ms,

@@ -1,7 +1,7 @@
 """The device's side of CiA 301 on one object dictionary: a virtual node that any master can talk to.
 
 A node is services on an object store, each of which knows what it needs: the store, the outbox for what it says, the
-clock. This file makes them, hands frames to them (`frame_routes`) and carries out NMT state changes and resets. It
+clock. This file makes them, hands frames to them and carries out NMT state changes and resets. It
 boots with the boot-up message into PRE-OPERATIONAL and goes on only when commanded, or by itself where its dictionary
 says so (0x1F80). Reset node restores all power-on values, reset communication those of 0x1000 to 0x1FFF. What happens
 between two events costs nothing.

@@ -11,13 +11,15 @@ from canopen_control.cli.verbs import VERBS, parser_of
 MADE = tuple(f"docs/{name}" for name in BUILT[:2])
 FOLDERS = "canopen_control|tests|tools|docs|config|eds"
 PAGES = [pytest.param(path, id=str(path.relative_to(ROOT))) for path in pages()]
-ROOMS = sorted(path.name for path in (ROOT / "canopen_control").iterdir() if path.is_dir() and path.name[0].isalpha())
+SUBPACKAGES = sorted(
+    path.name for path in (ROOT / "canopen_control").iterdir() if path.is_dir() and path.name[0].isalpha()
+)
 
 
 def named_files(text):
-    """Yield every path of this repository in a text; one that begins with a room is the package's."""
+    """Yield every path of this repository in a text; one that begins with a subpackage is the package's."""
     yield from re.findall(rf"(?<![\w/.-])(?:\./)?((?:{FOLDERS})/[\w./*-]*\w)", text)
-    yield from (f"canopen_control/{path}" for path in re.findall(rf"`((?:{'|'.join(ROOMS)})/[\w/]+\.py)`", text))
+    yield from (f"canopen_control/{path}" for path in re.findall(rf"`((?:{'|'.join(SUBPACKAGES)})/[\w/]+\.py)`", text))
 
 
 def links(text):
@@ -82,8 +84,8 @@ def test_the_answers_of_contributing_are_where_it_says():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     answers = re.findall(r"^\| .*\? \| `(\w+)` \| `([\w/.]+)` \| `(\w+)` \|$", text, re.MULTILINE)
     assert len(answers) == 12
-    for room, file, name in answers:
-        assert file.startswith(f"canopen_control/{room}/")
+    for subpackage, file, name in answers:
+        assert file.startswith(f"canopen_control/{subpackage}/")
         assert re.search(rf"^(class {name}\b|def {name}\(|{name}\b.* = )", (ROOT / file).read_text(), re.MULTILINE), (
             file
         )

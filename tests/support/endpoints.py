@@ -1,4 +1,4 @@
-"""What an endpoint of the ROS room is given, on one thread and without ROS: it remembers what was asked and told."""
+"""What an endpoint of `ros` is given, on one thread and without ROS: it remembers what was asked and told."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tests of the host room share: a folder of their own for sockets and logs, and processes that do not stay."""
+"""What the tests of `host` share: a folder of their own for sockets and logs, and processes that do not stay."""
 
 from __future__ import annotations
 

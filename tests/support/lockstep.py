@@ -6,7 +6,7 @@ thread has the turn and keeps it until it waits. Then the next one goes on that 
 which they were started; if none has, the clock goes to the earliest deadline. So nothing depends on how busy the
 machine is, a process that stalls is late for nothing, and the same happens every time.
 
-The law of this file: a thread that waits for what no thread in here does, another process say, waits in truth only
+A thread that waits for what no thread in here does, another process say, waits in truth only
 while nobody else is waiting for time.
 """
 

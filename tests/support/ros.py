@@ -1,4 +1,4 @@
-"""What the tests of the ROS room share: a domain of its own, other ROS programs as processes, and a robot to show."""
+"""What the tests of `ros` share: a domain of its own, other ROS programs as processes, and a robot to show."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A controller and a component that do nothing but write down how they are called; compiled rooms take both."""
+"""A controller and a component that do nothing but write down how they are called; compiled subpackages take both."""
 
 from canopen_control.controllers.base import Controller
 from canopen_control.controllers.types import TYPES

@@ -1,6 +1,6 @@
 """Judges what moves on a bus by what was asked of the robot: frames and facts in, breaches out; no I/O, no clock.
 
-The law of this file: a fact that took a while (asked at one time, answered at another) happened at an unknown moment
+A fact that took a while (asked at one time, answered at another) happened at an unknown moment
 between the two, a frame arrived at an unknown moment between two looks at the bus, and motion is a breach only where no
 choice of these moments allows it. So a breach is never a matter of how late somebody read.
 

@@ -1,6 +1,6 @@
 """What a campaign does and when: a list of actions drawn from a seed, written and read as lines; nothing is done here.
 
-The law of this file: the same seed and length give the same list, and a list that was cut down by hand can be played.
+The same seed and length give the same list, and a list that was cut down by hand can be played.
 An episode sets the wheels turning, does one thing against them, and mends it; what an episode is made of is a table.
 """
 

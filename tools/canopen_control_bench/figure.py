@@ -1,6 +1,6 @@
 """One measured quantity: ours, a peer's or a limit, and whether that is good enough.
 
-The law of this file: a figure that is checked is checked by one number alone, the median of its rounds, and a round
+A figure that is checked is checked by one number alone, the median of its rounds, and a round
 compares what was measured right after another. A ratio is robust on a loaded machine, and so is a count of what may
 not happen at all; a time is not, so that `quick` runs look at what is `steady` only.
 """

@@ -1,6 +1,6 @@
 """A bare listener: reads a bus as anybody else could, and says whether every cycle had the right bytes.
 
-The law of this file: it knows nothing of the programs that it judges, only what they are to send. A cycle begins after
+It knows nothing of the programs that it judges, only what they are to send. A cycle begins after
 a SYNC and ends with the next: first the TPDOs that the SYNC calls for, then the RPDOs, each drive's once. COB-IDs are
 those of the predefined connection set (CiA 301, 7.3.3).
 """

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from canopen_control_bench.figure import Figure
 
 
-#: family -> what it measures; each is a module of this room with `measure(options) -> list[Figure]`
+#: family -> what it measures; each is a module of this subpackage with `measure(options) -> list[Figure]`
 FAMILIES = {
     "cycle": "two drives: CPU, lateness and wake-to-RPDO, compared with the canopen package and python-can",
     "scale": "from 2 to 126 drives, at the shortest period that fits a bus, and on several buses",

@@ -1,6 +1,6 @@
 """Where a bench plays: folders of its own, virtual drives, and the programs that are measured, each a process.
 
-The law of this file: nothing outside the stage's own folder is touched, and whatever it started is ended by its id when
+Nothing outside the stage's own folder is touched, and whatever it started is ended by its id when
 the stage is left, the hubs included.
 """
 

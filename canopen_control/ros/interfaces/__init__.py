@@ -1,6 +1,6 @@
 """Interfaces that the installed ROS lacks (tf2_msgs, controller_manager_msgs ...), made at run time without a compiler.
 
-The law of the room: a package that is installed is used, never replaced. What is made here has upstream's type hashes,
+A package that is installed is used, never replaced. What is made here has upstream's type hashes,
 so that it talks to upstream's own; before the first one is used, a message that ROS's compiled code knows as well is
 sent through both (`provide`), and what differs in a single byte is refused. A class is made when it is first asked for.
 """

@@ -1,10 +1,10 @@
-"""How much of each room the tests reach: lines and branches, with a reason below the least."""
+"""How much of each subpackage the tests reach: lines and branches, with a reason below the least."""
 
 import json
 
 import pytest
-import room_coverage
-from room_coverage import covered_by_room, judged, main, room_of
+import subpackage_coverage
+from subpackage_coverage import covered_by_subpackage, judged, main, subpackage_of
 
 
 def summary(lines, of_lines, branches=0, of_branches=0):
@@ -21,23 +21,23 @@ FILES = {
 
 
 @pytest.mark.parametrize(
-    ("path", "room"),
+    ("path", "subpackage"),
     [
         ("canopen_control/frame.py", "frame"),
         ("canopen_control/bus/deep/b.py", "bus"),
         ("/x/canopen_control/cli/main.py", "cli"),
     ],
 )
-def test_the_room_of_a_file(path, room):
-    assert room_of(path) == room
+def test_the_subpackage_of_a_file(path, subpackage):
+    assert subpackage_of(path) == subpackage
 
 
 def test_lines_and_branches_count_and_a_room_without_any_is_left_out():
-    assert covered_by_room(FILES) == {"bus": 70.0, "frame": 95.0}
+    assert covered_by_subpackage(FILES) == {"bus": 70.0, "frame": 95.0}
 
 
 def test_a_room_below_the_least_needs_a_reason():
-    covered = covered_by_room(FILES)
+    covered = covered_by_subpackage(FILES)
     text, good = judged(covered, {})
     assert not good
     assert "bus             70.0 %  below 90 % WITHOUT A REASON" in text
@@ -58,7 +58,7 @@ def test_each_reason_is_of_a_room_that_there_is():
     import tomllib
     from pathlib import Path
 
-    root = Path(room_coverage.__file__).parents[1]
-    reasons = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["room_coverage"]["below"]
-    for room in reasons:
-        assert any((root / "canopen_control" / name).exists() for name in (room, f"{room}.py")), room
+    root = Path(subpackage_coverage.__file__).parents[1]
+    reasons = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["subpackage_coverage"]["below"]
+    for subpackage in reasons:
+        assert any((root / "canopen_control" / name).exists() for name in (subpackage, f"{subpackage}.py")), subpackage
