@@ -299,7 +299,7 @@ self.reactor.call_later(300_000_000, begin)
             "exchange.out or request is None",
         ),
         (_scenario("robby", "robby_answer"), _ROBBY),
-        "cia301/test_sdo_client_sdo_phases",
+        "cia301/test_sdo_client",
     ),
     Mutant(
         "wide_object_a_byte_off",

@@ -1,6 +1,8 @@
 import gzip
+import io
 import itertools
 import os
+import shutil
 import subprocess
 import sys
 
@@ -9,9 +11,211 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.bus.error_frames import bus_off_frame, overrun_frame
-from canopen_control.bus.recordings import FORMATS, RecordedFrame, Recording, RecordingWriter, format_of
+from canopen_control.bus.recordings import (
+    FORMATS,
+    RecordedFrame,
+    Recording,
+    RecordingWriter,
+    format_of,
+    interface_name,
+    line_of,
+    parse_line,
+    read_lines,
+    read_trc,
+)
 from canopen_control.errors import ConfigError
-from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame
+from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame
+
+DATA = CanFrame(0x300, bytes.fromhex("00000000040000"))
+REMOTE_OF_TRC = CanFrame(0x100 | REMOTE_FLAG, bytes(3))
+
+
+def error(classes, data):
+    return CanFrame(ERROR_FLAG | classes, bytes.fromhex(data))
+
+
+WARNING, OFF = error(0x004, "000C000000000000"), error(0x040, "0000000000000000")
+UNHEARD = error(0x288, "0000801900000808")
+STUFF = error(0x288, "0000840200000000")
+
+V10 = """;   Start time: 11.09.2002 16:00:20.682
+     1)      1841      0300  7  00 00 00 00 04 00 00
+     2)      1842      0008  4  ERROR 00 19 08 08
+     3)      1843  FFFFFFFF  4  00 00 00 04 -- -- -- --  BUSLIGHT
+     4)      1844      0100  3  RTR
+"""
+V11 = """;$FILEVERSION=1.1
+;$STARTTIME=37704.5364870833
+     1)      1059.9  Rx         0300  7  00 00 00 00 04 00 00
+     5)      1346.8  Warng  FFFFFFFF  4  00 00 00 04  BUSLIGHT
+     6)      1349.2  Error      0008  4  00 19 08 08
+     7)      1352.7  Rx         0100  3  RTR
+"""
+V12 = """;$FILEVERSION=1.2
+;$STARTTIME=39878.6772258947
+     1)      1059.900  1  Rx         0300  7  00 00 00 00 04 00 00
+     5)      1346.834  1  Warng  FFFFFFFF  4  00 00 00 10  BUSOFF
+     6)      1349.222  1  Error     0008  4  00 19 08 08
+     7)      1352.743  1  Rx         0100  3  RTR
+"""
+V13 = """;$FILEVERSION=1.3
+;$STARTTIME=40023.5245451516
+     1)      1059.900 1  Rx        0300 -  7    00 00 00 00 04 00 00
+     5)      1346.834 1  Warng FFFFFFFF -  4    00 00 00 08  BUSHEAVY
+     6)      1349.222 1  Error     0008 -  4    00 19 08 08
+     7)      1352.743 1  Rx        0100 -  3    RTR
+"""
+V20 = """;$FILEVERSION=2.0
+;$STARTTIME=42209.4075997106
+;$COLUMNS=N,O,T,I,d,l,D
+      1      1059.900 DT     0300 Rx 7  00 00 00 00 04 00 00
+      5      1334.416 FD     0500 Tx 12 01 02 03 04 05 06 07 08 09 0A 0B 0C
+      6      1334.522 ER          Rx    04 00 02 00 00
+      7      1334.531 ST          Rx    00 00 00 08
+      8      1334.643 EC          Rx    02 03
+     10      1336.543 RR     0100 Rx 3
+"""
+V21 = """;$FILEVERSION=2.1
+;$STARTTIME=41766.4648963872
+;$COLUMNS=N,O,T,B,I,d,R,L,D
+      1      1059.900 DT 1      0300 Rx -  7    00 00 00 00 04 00 00
+      6      1334.222 ER 1         - Rx -  5    04 00 02 00 00
+      7      1334.224 EV 1  User-defined event for bus 1
+      9      1334.231 ST 1         - Rx -  4    00 00 00 10
+     11      1334.643 EC 1         - Rx -  2    02 03
+     12      1335.156 DT 1  18EFC034 Tx -  8    01 02 03 04 05 06 07 08
+     13      1336.543 RR 1      0100 Rx -  3
+"""
+COUNTERS = error(0x200, "0000000000000302")
+LONG = CanFrame(0x18EFC034 | EXTENDED_FLAG, bytes(range(1, 9)))
+
+
+@pytest.mark.parametrize(
+    ("text", "frames"),
+    [
+        (V10, [DATA, UNHEARD, WARNING, REMOTE_OF_TRC]),
+        (V11, [DATA, WARNING, UNHEARD, REMOTE_OF_TRC]),
+        (V12, [DATA, OFF, UNHEARD, REMOTE_OF_TRC]),
+        (V13, [DATA, WARNING, UNHEARD, REMOTE_OF_TRC]),
+        (V20, [DATA, None, STUFF, WARNING, COUNTERS, REMOTE_OF_TRC]),
+        (V21, [DATA, STUFF, None, OFF, COUNTERS, LONG, REMOTE_OF_TRC]),
+    ],
+    ids=["1.0", "1.1", "1.2", "1.3", "2.0", "2.1"],
+)
+def test_every_row_is_a_frame_or_counted(text, frames):
+    assert [each and each[1] for each in read_trc(io.StringIO(text))] == frames
+
+
+def test_times_count_from_the_start_of_the_file():
+    first, second, *_ = read_trc(io.StringIO(V11))
+    assert abs(first[0] - (1_048_510_352_484_000_000 + 1_059_900_000)) < 10_000  # the day has ten decimals
+    assert second[0] - first[0] == 286_900_000
+    assert next(read_trc(io.StringIO(V10)))[0] == 1_841_000_000
+
+
+@pytest.mark.parametrize(
+    ("status", "detail"), [("00 00 00 00", "40"), ("00 00 00 02", "01"), ("00 04 00 00", "30"), ("00 04 00 08", "3C")]
+)
+def test_a_status_becomes_what_a_controller_of_linux_would_say(status, detail):
+    text = [*V21.splitlines(keepends=True)[:3], f"      9      1334.231 ST 1         - Rx -  4    {status}\n"]
+    [(_, frame)] = read_trc(io.StringIO("".join(text)))
+    assert frame == error(0x004, f"00{detail}000000000000")
+
+
+def test_a_row_that_is_cut_is_the_end():
+    rows = read_trc(io.StringIO(V21.rstrip()[:-12]))
+    with pytest.raises(EOFError):
+        list(rows)
+
+
+@given(st.text())
+def test_no_text_is_another_error(text):
+    list(read_trc(io.StringIO(V21 + text + "\n")))
+
+
+frames = st.one_of(
+    st.builds(CanFrame, st.integers(0, 0x7FF), st.binary(max_size=8)),
+    st.builds(CanFrame, st.integers(0, 0x1FFFFFFF).map(lambda i: i | EXTENDED_FLAG), st.binary(max_size=8)),
+    st.builds(CanFrame, st.integers(0, 0x7FF).map(lambda i: i | REMOTE_FLAG), st.integers(0, 8).map(bytes)),
+    st.builds(CanFrame, st.integers(0, 0x3FF).map(lambda i: i | ERROR_FLAG), st.binary(min_size=8, max_size=8)),
+)
+
+
+@given(st.integers(0, 4_000_000_000_000_000), frames)
+def test_a_line_reads_back_as_it_was_written(microseconds, frame):
+    line = line_of(microseconds * 1000, "can0", frame)
+    assert parse_line(line.strip()) == (microseconds * 1000, frame)
+
+
+@given(st.text(max_size=60))
+def test_no_text_is_an_error(text):
+    found = parse_line(text)
+    assert found is None or isinstance(found[1], CanFrame)
+
+
+@pytest.mark.parametrize(
+    ("line", "frame"),
+    [
+        ("(1700000000.123456) vcan0 183#3706", CanFrame(0x183, b"\x37\x06")),
+        ("(1700000000.123456) vcan0 183#37.06 R", CanFrame(0x183, b"\x37\x06")),
+        ("(1700000000.123456) vcan0 703#R", CanFrame(REMOTE_FLAG | 0x703)),
+        ("(1700000000.123456) vcan0 00000183#", CanFrame(EXTENDED_FLAG | 0x183)),
+    ],
+)
+def test_lines_of_candump_are_read(line, frame):
+    assert parse_line(line) == (1_700_000_000_123_456_000, frame)
+
+
+@pytest.mark.parametrize(
+    ("line", "time_ns", "frame"),
+    [
+        ("(1700000000.000000) can0 181#0102030405060708_9", 1_700_000_000 * 10**9, CanFrame(0x181, bytes(range(1, 9)))),
+        ("(1700000000.000000) can0 181#0102030405060708_F", 1_700_000_000 * 10**9, CanFrame(0x181, bytes(range(1, 9)))),
+        ("(1700000000.000000) can0 703#R8_D", 1_700_000_000 * 10**9, CanFrame(0x703 | REMOTE_FLAG, bytes(8))),
+        ("(-5.250000) can0 181#01", -5_250_000_000, CanFrame(0x181, b"\1")),
+        ("(-0.500000) can0 181#01", -500_000_000, CanFrame(0x181, b"\1")),
+    ],
+)
+def test_a_raw_dlc_and_a_time_before_1970_are_read(line, time_ns, frame):
+    assert parse_line(line) == (time_ns, frame)
+
+
+@pytest.mark.parametrize("time_ns", [-1000, -500_000_000, -5_250_000_000, 0])
+def test_a_time_before_1970_reads_back(time_ns):
+    assert parse_line(line_of(time_ns, "can0", CanFrame(0x80)).strip()) == (time_ns, CanFrame(0x80))
+
+
+def test_a_line_without_an_end_is_no_frame_and_costs_no_memory():
+    file = io.StringIO("x" * 100_000 + "\n(0000000001.000000) can0 080#\n")
+    found = list(read_lines(file))
+    assert found[-1] == (10**9, CanFrame(0x80))
+    assert set(found[:-1]) == {None}
+
+
+def test_what_is_no_classic_frame_is_none():
+    text = "(1.0) can0 123##01122\n\nhello\n(1.000000) can0 123#11\n"
+    assert list(read_lines(io.StringIO(text))) == [None, None, (10**9, CanFrame(0x123, b"\x11"))]
+
+
+def test_a_channel_becomes_a_name_that_other_programs_take():
+    assert [interface_name(name) for name in ("can0", "local:robby", "", "pcan:PCAN_USBBUS1@500000")] == [
+        "can0",
+        "local_robby",
+        "can0",
+        "pcan_PCAN_USBBU",
+    ]
+
+
+@pytest.mark.process
+def test_can_utils_reads_our_lines(tmp_path):
+    if shutil.which("log2asc") is None:
+        pytest.skip("can-utils is not installed")
+    log = tmp_path / "x.log"
+    log.write_text(line_of(10**18, "can0", CanFrame(0x183, b"\x37\x06")) + line_of(10**18, "can0", CanFrame(0x80)))
+    out = subprocess.run(["log2asc", "-I", log, "can0"], capture_output=True, text=True, check=True).stdout
+    assert "183" in out
+    assert "37 06" in out
+
 
 START = 1_763_706_802_005_123_000  # five milliseconds after a second: a date with one digit would be misread
 PLAIN = [

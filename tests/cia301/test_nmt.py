@@ -3,10 +3,12 @@ from __future__ import annotations
 import pytest
 from support.services import MS, frame, vectors
 
+from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.nmt import (
     SERVICES_BY_STATE,
     TRANSITIONS,
     CommunicationService,
+    ErrorReaction,
     NmtCommand,
     NmtConfirmed,
     NmtMaster,
@@ -16,11 +18,45 @@ from canopen_control.cia301.nmt import (
     NmtStateChanged,
     NmtUnconfirmed,
     boot_up_frame,
+    check_reaction,
     nmt_frame,
     parse_nmt,
+    reaction,
     state_of_byte,
 )
 from canopen_control.errors import LocalProtocolError
+
+PRE, OP, STOPPED, INIT = (
+    NmtState.PRE_OPERATIONAL,
+    NmtState.OPERATIONAL,
+    NmtState.STOPPED,
+    NmtState.INITIALISING,
+)
+
+
+@pytest.mark.parametrize(
+    ("value", "state", "after"),
+    [
+        (ErrorReaction.PRE_OPERATIONAL, OP, PRE),
+        (ErrorReaction.PRE_OPERATIONAL, PRE, PRE),
+        (ErrorReaction.PRE_OPERATIONAL, STOPPED, STOPPED),
+        (ErrorReaction.NO_CHANGE, OP, OP),
+        (ErrorReaction.STOPPED, OP, STOPPED),
+        (ErrorReaction.STOPPED, PRE, STOPPED),
+        (ErrorReaction.STOPPED, STOPPED, STOPPED),
+        (ErrorReaction.STOPPED, INIT, INIT),
+        (0x80, OP, OP),
+    ],
+)
+def test_reactions(value, state, after):
+    command = reaction(value, state)
+    assert (state if command is None else TRANSITIONS[state, command]) is after
+
+
+def test_other_values_are_refused():
+    assert [check_reaction(value) for value in (0, 1, 2)] == [None] * 3
+    assert check_reaction(3) is AbortCode.INVALID_VALUE
+
 
 COMMANDS = {
     "start": NmtCommand.START,

@@ -9,10 +9,159 @@ from support.sdo import MS, NODE, MemoryStore, frame
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_client import SdoClient, first_phase
-from canopen_control.cia301.sdo_exchange import BLOCK_ERRORS, SdoExchange, SdoOptions, SdoRequest
+from canopen_control.cia301.sdo_exchange import (
+    BLOCK_ERRORS,
+    Quarantine,
+    RetryBudget,
+    SdoExchange,
+    SdoOptions,
+    SdoRequest,
+    completed,
+    initiate,
+    initiate_block,
+)
 from canopen_control.cia301.sdo_server import SdoServer
-from canopen_control.errors import BusClosed, SdoAbort, SdoTimeout
+from canopen_control.errors import BusClosed, LocalProtocolError, SdoAbort, SdoTimeout
 from canopen_control.frame import CanFrame
+
+MS_OF_SDO_REQUEST = 1_000_000
+
+
+@pytest.mark.parametrize("size", [0, 128, -1])
+def test_an_impossible_block_size_is_refused(size):
+    with pytest.raises(LocalProtocolError, match="1 to 127"):
+        SdoOptions(block_size=size)
+
+
+@pytest.mark.parametrize("threshold", [-1, 256])
+def test_an_impossible_switch_threshold_is_refused(threshold):
+    with pytest.raises(LocalProtocolError, match="one byte"):
+        SdoOptions(switch_threshold=threshold)
+
+
+def test_a_write_of_nothing_is_a_write():
+    request = SdoRequest(0x2000, 0, b"", 1)
+    assert request.is_write
+    assert repr(request) == "<SdoRequest write 0x2000:00 open>"
+
+
+def test_timeouts_and_toggle_errors_are_counted_apart():
+    budget = RetryBudget(1)
+    timeouts = [budget.has_try(AbortCode.TIMED_OUT) for _ in range(2)]
+    toggles = [budget.has_try(AbortCode.TOGGLE_NOT_ALTERNATED) for _ in range(3)]
+    assert (timeouts, toggles) == ([True, False], [True, True, False])
+    assert not budget.has_try(AbortCode.NO_OBJECT)
+
+
+def test_the_pause_never_leaves_the_time_for_it():
+    budget = RetryBudget(1)
+    now, pauses = 0, []
+    while (until := budget.pause(AbortCode.DEVICE_STATE, 3000 * MS_OF_SDO_REQUEST, now)) is not None:
+        pauses.append((until - now) // MS_OF_SDO_REQUEST)
+        now = until
+    assert pauses == [20, 40, 80, 160, 320, 500, 500, 500, 500]
+    assert budget.pause(AbortCode.NO_OBJECT, 3000 * MS_OF_SDO_REQUEST, now) is None
+
+
+X, Y, TYPE, REGISTER = b"\0\x20\0", b"\1\x20\0", b"\0\x10\0", b"\1\x10\0"
+
+
+def quarantine(*muxes):
+    made = Quarantine()
+    for mux in muxes:
+        made.died(mux)
+    return made
+
+
+def test_an_answer_settles_all_that_was_asked_before():
+    made = quarantine(X, Y)
+    made.answered(TYPE)
+    assert not made.owed
+
+
+def test_an_answer_that_may_be_late_settles_only_what_was_asked_before_the_first_of_its_kind():
+    made = quarantine(X, TYPE, Y, TYPE)
+    made.answered(TYPE)
+    assert list(made.owed) == [TYPE, Y]
+
+
+def test_the_probe_is_one_that_is_owed_nothing():
+    assert quarantine(X).probe()[1:4] == TYPE
+    assert quarantine(X, TYPE).probe()[1:4] == REGISTER
+    assert quarantine(REGISTER).probe()[1:4] == TYPE
+
+
+def test_with_both_owed_the_later_one_settles_more():
+    assert quarantine(TYPE, X, REGISTER).probe()[1:4] == REGISTER
+    assert quarantine(REGISTER, X, TYPE).probe()[1:4] == TYPE
+
+
+def test_two_probes_settle_everything_whatever_the_order():
+    made = quarantine(TYPE, REGISTER, X)
+    for _ in range(2):
+        made.answered(made.probe()[1:4])
+    assert not made.owed
+
+
+OPTIONS = SdoOptions()
+
+
+def request(length=None):
+    return SdoRequest(0x2001, 2, None if length is None else bytes(length), 1)
+
+
+def begin(request, options, block):
+    return initiate_block(request, options) if block else initiate(request, options)
+
+
+@pytest.mark.parametrize(
+    ("length", "block", "first"),
+    [
+        (None, False, "4001200200000000"),
+        (0, False, "2101200200000000"),
+        (1, False, "2F01200200000000"),
+        (4, False, "2301200200000000"),
+        (5, False, "2101200205000000"),
+        (None, True, "A40120027F000000"),
+        (5, True, "C601200205000000"),
+    ],
+)
+def test_the_first_frame(length, block, first):
+    assert begin(request(length), OPTIONS, block).hex().upper() == first
+
+
+@pytest.mark.parametrize(
+    ("length", "block", "first"),
+    [(1, False, "22"), (5, False, "20"), (5, True, "C0"), (None, True, "A0")],
+)
+def test_the_first_frame_of_a_client_that_offers_nothing(length, block, first):
+    options = SdoOptions(announce_size=False, crc=False)
+    data = begin(request(length), options, block)
+    assert data[0] == int(first, 16)
+    assert data[4:] in (bytes(4), b"\x7f\0\0\0")
+
+
+@pytest.mark.parametrize(
+    ("data", "whole"),
+    [
+        ("60012000", True),
+        ("600120", False),
+        ("4F01200005", True),
+        ("4F012000", False),
+        ("4B0120000506", True),
+        ("4B01200005", False),
+        ("8001200000000206", True),
+        ("80012000000002", False),
+        ("41012000090000", False),
+        ("A1", False),
+        ("", False),
+        ("430120000102030405", False),
+    ],
+)
+def test_a_cut_frame_is_whole_if_no_byte_that_counts_is_missing(data, whole):
+    filled = completed(bytes.fromhex(data))
+    assert filled == (bytes.fromhex(data).ljust(8, b"\0") if whole else b"")
+
 
 HALF = 500 * MS
 

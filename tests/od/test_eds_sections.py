@@ -3,11 +3,259 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.eds import codes, eds, parse, section
 
 from canopen_control.errors import EdsError
 from canopen_control.od import eds_sections
 from canopen_control.od.eds_sections import clip, decode_text, optional_number, read_number, split_sections
 from canopen_control.od.issues import Report, Severity
+from canopen_control.od.model import Commissioning, DataType, DeviceInfo
+
+
+def only(file):
+    (entry,) = file.od
+    return entry
+
+
+def test_everything_a_section_says_is_in_the_entry():
+    file = parse(
+        eds(
+            data_type="0x0004",
+            access="RWW",
+            DefaultValue="0x10",
+            LowLimit="-5",
+            HighLimit="0x7F",
+            PDOMapping=1,
+            ObjFlags="0x3",
+            ParameterValue="17",
+            Unit="mm",
+        )
+    )
+    entry = only(file)
+    assert entry.address == (0x2000, 0)
+    assert (entry.name, entry.data_type, entry.access) == ("Thing", DataType.INTEGER32, "rww")
+    assert (entry.default, entry.parameter_value, entry.low, entry.high) == (16, 17, -5, 127)
+    assert (entry.pdo_mappable, entry.obj_flags, entry.line) == (True, 3, 1)
+    assert entry.texts["Unit"] == "mm"
+    assert codes(file, "list-missing") == []
+
+
+@pytest.mark.parametrize(("key", "relative"), [("DefaultValue", "relative"), ("ParameterValue", "parameter_relative")])
+def test_values_with_the_node_id_are_marked(key, relative):
+    text = eds(**{key: "$NODEID+0x200"})
+    assert only(parse(text, node_id=3)).value == 0x203
+    assert only(parse(text)).value == 0x200
+    assert getattr(only(parse(text)), relative)
+
+
+def test_limits_may_have_the_node_id_too():
+    entry = only(parse(eds(LowLimit="$NODEID+0x180", HighLimit="0xFFFFFFFF"), node_id=3))
+    assert (entry.low, entry.low_relative, entry.high, entry.high_relative) == (0x183, True, 0xFFFFFFFF, False)
+
+
+def test_limits_of_signed_types_are_two_s_complement():
+    entry = only(parse(eds(data_type=3, LowLimit="0xFF00", HighLimit="0x00FF")))
+    assert (entry.low, entry.high) == (-256, 255)
+
+
+def test_limits_of_reals_are_reals():
+    entry = only(parse(eds(data_type=8, LowLimit="-0.5", HighLimit="0x3F800000")))
+    assert (entry.low, entry.high) == (-0.5, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("limits", "code"),
+    [
+        ({"LowLimit": "10", "HighLimit": "5"}, ["limit-order"]),
+        ({"LowLimit": "x"}, ["limit-form"]),
+        ({"HighLimit": "0x1FFFFFFFF"}, ["limit-form"]),
+        ({"LowLimit": "", "HighLimit": ""}, []),
+    ],
+)
+def test_limits_that_say_nothing_are_none_and_keep_their_text(limits, code):
+    file = parse(eds(**limits))
+    assert (only(file).low, only(file).high) == (None, None)
+    assert codes(file) == code
+    assert {key: only(file).texts[key] for key in limits} == limits
+
+
+def test_limits_of_strings_are_none():
+    assert only(parse(eds(data_type=9, LowLimit="0", HighLimit="5"))).high is None
+
+
+@pytest.mark.parametrize("data_type", [None, "", "0x40", "text"])
+def test_an_unknown_type_is_bytes_and_the_value_stays_as_text(data_type):
+    file = parse(eds(data_type=data_type, DefaultValue="5"))
+    entry = only(file)
+    assert (entry.data_type, entry.default, entry.texts["DefaultValue"]) == (DataType.DOMAIN, None, "5")
+    issue = next(issue for issue in file.issues if issue.code == "data-type")
+    assert "values kept as text" in issue.text
+
+
+def test_a_domain_needs_no_type():
+    file = parse(section("2000", ParameterName="File", ObjectType="0x2", AccessType="rw"))
+    assert only(file).data_type is DataType.DOMAIN
+    assert codes(file) == []
+
+
+@pytest.mark.parametrize(
+    ("access", "taken", "code"),
+    [
+        ("Const", "const", []),
+        ("r/w", "rw", ["access-type"]),
+        ("readonly", "ro", ["access-type"]),
+        ("?", "rw", ["access-type"]),
+        (None, "rw", ["access-type"]),
+    ],
+)
+def test_access_in_any_spelling(access, taken, code):
+    file = parse(eds(access=access))
+    assert only(file).access == taken
+    assert codes(file) == code
+
+
+def test_a_value_that_cannot_be_is_an_error_at_its_line():
+    file = parse(eds(data_type=5, DefaultValue="0x1FF"))
+    (issue,) = [issue for issue in file.issues if issue.code == "value-form"]
+    assert (issue.line, issue.severity) == (6, Severity.ERROR)
+    assert (only(file).default, only(file).texts["DefaultValue"]) == (None, "0x1FF")
+
+
+def test_an_empty_default_is_none_without_a_word():
+    file = parse(eds(DefaultValue=""))
+    assert only(file).default is None
+    assert codes(file) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "mappable", "code"),
+    [("1", True, []), ("0x0", False, []), ("TRUE", True, ["number-word"]), ("", False, ["key-number"])],
+)
+def test_mappability(text, mappable, code):
+    file = parse(eds(PDOMapping=text))
+    assert only(file).pdo_mappable is mappable
+    assert codes(file) == code
+
+
+INFO = section(
+    "DeviceInfo",
+    VendorName="V",
+    VendorNumber="0x286",
+    ProductName="P",
+    ProductNumber="1270",
+    RevisionNumber="0x3001A",
+    OrderCode="O",
+    BaudRate_125=1,
+    BaudRate_500="0x1",
+    BaudRate_1000=0,
+    SimpleBootUpMaster=0,
+    SimpleBootUpSlave=1,
+    Granularity=0,
+    DynamicChannelsSupported=2,
+    GroupMessaging=1,
+    NrOfRXPDO=4,
+    NrOfTXPDO="0x3",
+    LSS_Supported=1,
+    CompactPDO=0,
+)
+
+
+def test_device_info_field_by_field():
+    assert parse(INFO, eds()).od.device == DeviceInfo(
+        vendor_name="V",
+        vendor_number=0x286,
+        product_name="P",
+        product_number=1270,
+        revision_number=0x3001A,
+        order_code="O",
+        bit_rates=frozenset((125_000, 500_000)),
+        simple_boot_up_slave=True,
+        granularity=0,
+        dynamic_channels=2,
+        group_messaging=True,
+        rpdo_count=4,
+        tpdo_count=3,
+        lss_supported=True,
+    )
+
+
+def test_without_device_info_there_is_a_warning_and_nothing_is_made_up():
+    file = parse(eds())
+    assert file.od.device == DeviceInfo()
+    assert [issue.line for issue in file.issues if issue.code == "device-info"] == [1]
+
+
+def test_dummies_are_those_that_are_allowed():
+    text = section("DummyUsage", Dummy0001=0, Dummy0005=1, Dummy0007="0x1", Dummy0006="")
+    file = parse(text, eds())
+    assert file.od.dummy_usage == {5, 7}
+    assert codes(file) == ["key-number"]
+
+
+def test_comments_come_in_the_order_of_their_numbers():
+    assert parse(section("Comments", Lines=9, Line10="c", line2="b", Line1="a"), eds()).od.comments == ("a", "b", "c")
+
+
+@pytest.mark.parametrize("title", ["DeviceComissioning", "DeviceCommissioning", "DEVICECOMISSIONING"])
+def test_both_spellings_of_commissioning(title):
+    text = section(
+        title,
+        NodeID="0x0A",
+        NodeName="left",
+        BaudRate=500,
+        NetNumber=2,
+        NetworkName="net",
+        CANopenManager=1,
+        LSS_SerialNumber=77,
+    )
+    od = parse(text, eds(DefaultValue="$NODEID+0x600")).od
+    assert (od.node_id, od.bitrate) == (10, 500_000)
+    assert od.commissioning == Commissioning("left", 2, "net", True, 77)
+    assert od[0x2000, 0].default == 0x60A
+
+
+def test_the_caller_s_node_id_goes_first():
+    text = section("DeviceComissioning", NodeID=10, Baudrate="0x1F4")
+    od = parse(text, eds(DefaultValue="$NODEID"), node_id=3).od
+    assert (od.node_id, od.bitrate, od[0x2000, 0].default) == (3, 500_000, 3)
+
+
+@pytest.mark.parametrize(
+    ("keys", "node_id", "bitrate", "code"),
+    [
+        ({"NodeID": 0, "Baudrate": 0}, None, None, ["commissioning"]),
+        ({"NodeID": 128}, None, None, ["commissioning"]),
+        ({"NodeID": "x", "Baudrate": "y"}, None, None, ["key-number", "key-number"]),
+        ({"NodeID": 1, "Baudrate": 250000}, 1, 250_000, ["commissioning"]),
+        ({}, None, None, []),
+    ],
+)
+def test_commissioning_that_cannot_be(keys, node_id, bitrate, code):
+    file = parse(section("DeviceComissioning", **keys), eds())
+    assert (file.od.node_id, file.od.bitrate) == (node_id, bitrate)
+    assert codes(file) == code
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        (section("ManufacturerObjects", **{"SupportedObjects": 1, "1": "0x2000"}), []),
+        (section("ManufacturerObjects", **{"SupportedObjects": "0x1", "1": "8192"}), []),
+        (section("ManufacturerObjects", **{"SupportedObjects": 3, "1": "0x2000"}), ["list-count"]),
+        (section("ManufacturerObjects", **{"1": "0x2000"}), ["list-count"]),
+        (section("ManufacturerObjects", **{"SupportedObjects": 2, "1": "0x2000", "2": "0x2001"}), ["list-object"]),
+        (section("ManufacturerObjects", **{"SupportedObjects": 2, "1": "0x2000", "2": "0x2000"}), ["list-object"]),
+        (section("ManufacturerObjects", **{"SupportedObjects": 2, "1": "0x2000", "2": "what"}), ["list-object"]),
+        (section("ManufacturerObjects", SupportedObjects=0), ["list-absent"]),
+    ],
+)
+def test_lists_are_compared_with_the_objects(text, code):
+    assert codes(parse(text, eds())) == code
+
+
+def test_an_object_may_be_in_any_list():
+    text = section("OptionalObjects", **{"SupportedObjects": 1, "1": "0x2000"})
+    assert codes(parse(text, section("MandatoryObjects", SupportedObjects=0), eds())) == []
 
 
 def split(text):
