@@ -221,9 +221,17 @@ class _Reading:
             for text in files:
                 name = launch.resolved(text)
                 if name is not None and (launch.path.parent / name).is_file():
-                    self.launched.files.setdefault("controllers", launch.path.parent / name)
+                    self._take_parameters(launch.path.parent / name, f"{launch.path}:{node.line}")
                 used |= launch.arguments_in(text)
         return used
+
+    def _take_parameters(self, path: Path, where: str) -> None:
+        """Keep the first file of parameters; one is read, so another one is a doubt."""
+        first = self.launched.files.setdefault("controllers", path)
+        if first.resolve() != path.resolve():
+            self.doubts.append(
+                f"{where}: {path.name} is not read beside {first.name}; put its parameters into that file"
+            )
 
     def _doubt(self, launch: LaunchFile) -> None:
         """Note what the file computes, and packages that are nowhere."""

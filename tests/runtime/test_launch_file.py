@@ -369,6 +369,17 @@ def test_an_included_file_that_is_not_there_is_a_doubt_with_its_line(sources):
     assert any(f"{path}:3: an included launch file is not read: there is no " in doubt for doubt in doubts)
 
 
+def test_a_second_file_of_parameters_is_a_doubt_with_its_line(sources):
+    path = sources / "rrbot.launch.py"
+    second = path.parent / "more.yaml"
+    second.write_text("{}")
+    text = path.read_text()
+    path.write_text(text.replace("parameters=[", f"parameters=[{str(second)!r}, ", 1))
+    (doubt,) = launched_robot(path, {}).doubts
+    line = next(number for number, each in enumerate(path.read_text().splitlines(), 1) if "--param-file" in each) - 1
+    assert doubt.startswith(f"{path}:{line}: rrbot.yaml is not read beside more.yaml; put its parameters into")
+
+
 def test_a_launch_file_that_names_no_description_says_so_and_not_that_a_folder_is_missing(sources):
     path = sources / "none.launch.py"
     path.write_text("def generate_launch_description():\n    return LaunchDescription([])\n")
