@@ -1,5 +1,6 @@
-"""The page on how a command travels, held to the calls that are made."""
+"""The page on the way of a command, compared with the calls that are made."""
 
+import ast
 import re
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import canopen_control
 PACKAGE = Path(canopen_control.__file__).parent
 PAGE = Path(__file__).parents[2] / "docs" / "architecture" / "data_flow.md"
 WALK = re.compile(r"^ *\| (`[^|]+) \| `(\w+)`:", re.MULTILINE)
+STOP = re.compile(r"`([a-z0-9_]+/[a-z0-9_/]+\.py)`: `([\w.]+)`")
 FILE = re.compile(r"`([a-z0-9_]+/[a-z0-9_]+\.py)`")
 
 
@@ -39,6 +41,24 @@ def test_every_file_of_the_page_is_there():
     files = FILE.findall(PAGE.read_text(encoding="utf-8"))
     assert len(files) > 10
     assert [file for file in files if not (PACKAGE / file).exists()] == []
+
+
+def defines(file, name):
+    """Return whether a module has a class, function or method of a dotted name."""
+    body = ast.parse((PACKAGE / file).read_text(encoding="utf-8")).body
+    for part in name.split("."):
+        node = next((node for node in body if getattr(node, "name", None) == part), None)
+        if node is None:
+            return False
+        body = node.body
+    return True
+
+
+def test_every_stop_of_the_page_is_defined_in_its_file():
+    stops = STOP.findall(re.sub(r"\s+", " ", PAGE.read_text(encoding="utf-8")))
+    assert len(stops) > 20
+    assert [stop for stop in stops if not defines(*stop)] == []
+    assert not defines("runtime/core.py", "RobotCore.no_such_method")
 
 
 @pytest.mark.sources
