@@ -287,7 +287,7 @@ self.reactor.call_later(300_000_000, begin)
         "an EMCY is not reported",
         Change("master.remote_node", "NodeLog.emcy", "self._gate.passes(now)", "False"),
         (_scenario("robby", "robby_fault"),),
-        "master/test_remote_node_node_log",
+        "master/test_remote_node",
     ),
     Mutant(
         "answer_of_another_object",

@@ -1,3 +1,4 @@
+import shutil
 import tempfile
 import textwrap
 from pathlib import Path
@@ -9,8 +10,137 @@ from support.busfile import NESTED, mistakes, mistakes_of_a_node, write
 from support.properties import examples
 
 from canopen_control.data_files import data_path
-from canopen_control.errors import BusConfigError
-from canopen_control.master.config import read_bus
+from canopen_control.errors import BusConfigError, EdsError
+from canopen_control.master.config import NotFound, Sources, read_bus
+from canopen_control.od.dcf import encode_concise, write_dcf
+from canopen_control.od.eds import read_eds
+
+MERGED = """\
+    master: {node_id: 1}
+    defaults:
+      dcf: TMCM-1270.eds
+      heartbeat_producer: 100
+      rpdo: {1: {mapping: [{index: 0x6040}]}}
+    nodes:
+      left:
+        node_id: 3
+        heartbeat_producer: 50
+        rpdo: {2: {mapping: [{index: 0x60FF}]}}
+    """
+
+
+def test_peer_merge_lets_whole_defaults_win_and_either_way_the_difference_is_told(tmp_path):
+    path = write(tmp_path, MERGED)
+    ours, theirs = read_bus(path), read_bus(path, peer_merge=True)
+    assert ours.nodes["left"].supervision.heartbeat_producer == 50
+    assert sorted(ours.nodes["left"].boot.rpdo) == [1, 2]
+    assert theirs.nodes["left"].supervision.heartbeat_producer == 100
+    assert sorted(theirs.nodes["left"].boot.rpdo) == [1]
+    told = [note for note in ours.notes if "bus.yml:9:" in note]
+    assert "the node's own heartbeat_producer counts; ros2_canopen takes 100 of `defaults` (--peer-merge)" in told[0]
+    told = [note for note in theirs.notes if "bus.yml:9:" in note]
+    assert "heartbeat_producer: 50, but --peer-merge takes 100 of `defaults`" in told[0]
+    assert [note for note in ours.notes if "bus.yml:10:" in note]
+
+
+def test_without_a_difference_nothing_is_told_of_merging(tmp_path):
+    text = MERGED.replace("heartbeat_producer: 50", "heartbeat_producer: 100").replace("{2: {map", "{1: {map")
+    text = text.replace("0x60FF", "0x6040")
+    assert not [note for note in read_bus(write(tmp_path, text)).notes if "merge" in note]
+
+
+@pytest.mark.parametrize(
+    ("keys", "required"),
+    [
+        ("", True),
+        ("mandatory: false", False),
+        ("mandatory: true", True),
+        ("required: false", False),
+        ("boot: false", False),
+        ("required: true, mandatory: true", True),
+    ],
+)
+def test_who_is_waited_for(tmp_path, keys, required):
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
+    assert read_bus(write(tmp_path, text)).nodes["right_drive"].required is required
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("required: true, mandatory: false", "mean the same and differ"),
+        ("boot: false, required: true", "nothing can wait for it"),
+        ("effort_mode: 4, torque_mode: 10", "`torque_mode` and `effort_mode` mean the same"),
+        ("gear_ratio: 2.0", "gear_ratio needs counts_per_revolution"),
+        ("counts_per_revolution: 1600, gear_ratio: [1]", "motor turns, joint turns"),
+        ("scale_vel_to_dev: 0.0", "finite and not 0 is wanted"),
+        ("transition_timeouts_ms: {17: 100}", "no transition 17"),
+    ],
+)
+def test_keys_that_contradict_each_other_are_told_at_their_line(tmp_path, keys, words):
+    assert words in mistakes_of_a_node(tmp_path, keys)
+
+
+def test_units_by_name_and_torque_mode_are_what_they_stand_for(tmp_path):
+    keys = "counts_per_revolution: 1600, gear_ratio: 2, reversed: true, torque_mode: 4"
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, " + keys + "}")
+    node = read_bus(write(tmp_path, text)).nodes["right_drive"]
+    assert node.units.scale_pos_to_dev == pytest.approx(-3200 / 6.283185307179586)
+    assert node.units.scale_pos_from_dev * node.units.scale_pos_to_dev == pytest.approx(1.0)
+    assert node.motion.effort_mode == 4
+
+
+def test_scales_that_do_not_cancel_are_doubted(tmp_path):
+    text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, scale_pos_to_dev: 254.6}")
+    notes = read_bus(write(tmp_path, text)).notes
+    assert any("scale_pos_to_dev times scale_pos_from_dev is 0.2546, not 1" in note for note in notes)
+
+
+EDS = data_path("eds", "TMCM-1270.eds")
+
+
+def test_a_file_is_sought_in_the_nodes_path_the_files_path_beside_bus_yml_and_among_the_bundled(tmp_path, monkeypatch):
+    sources = Sources(tmp_path, "@BUS_CONFIG_PATH@/general")
+    assert sources.find("TMCM-1270.eds") == EDS
+    places = [tmp_path, tmp_path / "general", tmp_path / "own"]
+    monkeypatch.setenv("OWN_FILES", str(places[2]))
+    for place in places:
+        place.mkdir(exist_ok=True)
+        shutil.copy(EDS, place)
+        assert sources.find("TMCM-1270.eds", "$OWN_FILES") == place / "TMCM-1270.eds"
+
+
+def test_a_missing_file_names_the_places_and_a_variable_that_is_not_set(tmp_path, monkeypatch):
+    monkeypatch.delenv("NOT_SET", raising=False)
+    with pytest.raises(NotFound, match=f"no file 'x.eds'; sought in .*{tmp_path}"):
+        Sources(tmp_path).find("x.eds")
+    with pytest.raises(NotFound, match="variable of the environment is not set"):
+        Sources(tmp_path, "$NOT_SET/eds").find("x.eds")
+
+
+def test_one_file_serves_many_nodes_with_their_own_ids(tmp_path):
+    sources = Sources(tmp_path)
+    assert sources.dictionary(EDS, 3)[0x1800, 1].default == 0x40000183
+    assert sources.dictionary(EDS, 5)[0x1800, 1].default == 0x40000185
+    assert sources.dictionary(EDS, 3) is sources.dictionary(EDS, 3)
+    assert list(sources.issues) == [EDS]
+    with pytest.raises(EdsError):
+        sources.dictionary(data_path("config", "robby") / "bus.yml", 3)
+
+
+def test_a_concise_dcf_and_the_parameter_values_of_a_dcf_are_downloads(tmp_path):
+    sources = Sources(tmp_path)
+    (tmp_path / "left.bin").write_bytes(encode_concise([(0x6083, 0, b"\x01\0\0\0"), (0x2000, 0, b"\x03")]))
+    assert sources.downloads("left.bin", "", 3) == ((0x6083, 0, b"\x01\0\0\0"), (0x2000, 0, b"\x03"))
+    write_dcf(tmp_path / "left.dcf", read_eds(EDS).od, 3, 1_000_000, {(0x6083, 0): 7, (0x2000, 0): 2})
+    assert sources.downloads("left.dcf", "", 3) == ((0x2000, 0, b"\x02"), (0x6083, 0, b"\x07\0\0\0"))
+
+
+def test_a_concise_dcf_that_is_cut_short_is_refused(tmp_path):
+    (tmp_path / "left.bin").write_bytes(encode_concise([(0x6083, 0, b"\x01\0\0\0")])[:-1])
+    with pytest.raises(ValueError, match="3 of its 4 bytes"):
+        Sources(tmp_path).downloads("left.bin", "", 3)
+
 
 ROBBY = data_path("config", "robby") / "bus.yml"
 

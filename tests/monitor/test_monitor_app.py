@@ -4,14 +4,27 @@ import re
 import threading
 
 import pytest
+from rich.style import Style
+from textual.app import App
 
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.frame import CanFrame
-from canopen_control.monitor.drive_objects import OBJECT_COLUMNS
+from canopen_control.monitor.drive_objects import OBJECT_COLUMNS, WORKS
 from canopen_control.monitor.frame_tables import FrameTable, TraceLog
-from canopen_control.monitor.monitor_app import PERIOD_S, MonitorApp
+from canopen_control.monitor.monitor_app import (
+    FRAME_COLUMNS,
+    MARK_STYLES,
+    PERIOD_S,
+    SET,
+    TONE_STYLES,
+    DrivePane,
+    LiveTable,
+    MonitorApp,
+    frame_rows,
+    tone_styles,
+)
 from canopen_control.monitor.monitor_content import (
     DRIVE_COLUMNS,
     JOINT_COLUMNS,
@@ -24,9 +37,120 @@ from canopen_control.monitor.monitor_content import (
     state_cell,
 )
 from canopen_control.rpc.messages.robot import AxisRequest, Release, Stop
-from canopen_control.trace.decoder import Decoder
+from canopen_control.trace.decoder import Decoder, Mark
 from canopen_control.trace.network_description import NetworkDescription, NodeDescription
 from canopen_control.trace.values import statusword_text
+
+
+class Screen(App):
+    def compose(self):
+        self.table = LiveTable(("name", "state"))
+        yield self.table
+
+
+def on_screen_of_tables(check):
+    async def run():
+        app = Screen()
+        async with app.run_test() as pilot:
+            await pilot.pause()
+            check(app.table)
+
+    asyncio.run(run())
+
+
+def row(name, state="up", tone=Tone.PLAIN):
+    return (Cell(name), Cell(state, tone))
+
+
+def test_only_changed_cells_are_written():
+    def check(table):
+        rows = {"a": row("a"), "b": row("b")}
+        table.show(rows)
+        assert table.written == 4
+        table.show(dict(rows))
+        assert table.written == 4
+        table.show({**rows, "b": row("b", "down", Tone.BAD)})
+        assert table.written == 5
+        assert str(table.get_cell("b", "state")) == "✖ down"
+        assert str(table.get_cell("b", "state").style) == TONE_STYLES[Tone.BAD]
+
+    on_screen_of_tables(check)
+
+
+def test_rows_come_and_go_and_the_cursor_tells_which_is_meant():
+    def check(table):
+        assert table.selected is None
+        table.show({"a": row("a"), "b": row("b")})
+        assert table.selected == "a"
+        table.show({"b": row("b")})
+        assert table.row_count == 1
+        assert table.selected == "b"
+
+    on_screen_of_tables(check)
+
+
+def test_a_row_for_each_identifier_by_identifier():
+    table, decoder = FrameTable(), Decoder(NetworkDescription())
+    for at, can_id in enumerate((0x703, 0x080, 0x703)):
+        table.add(decoder.decode(CanFrame(can_id, b"\x05" if can_id == 0x703 else b""), at * 10_000_000))
+    rows = frame_rows(table)
+    assert list(rows) == [str(0x080), str(0x703)]
+    assert [cell.text for cell in rows[str(0x703)]] == ["703", "2", "20", "node 3", "heartbeat", "05", "OPERATIONAL"]
+    assert len(rows[str(0x080)]) == len(FRAME_COLUMNS)
+
+
+def test_every_tone_and_every_mark_has_a_style_that_rich_knows():
+    assert set(TONE_STYLES) == set(Tone)
+    assert set(MARK_STYLES) == set(Mark)
+    for style in [*TONE_STYLES.values(), *MARK_STYLES.values()]:
+        Style.parse(style)
+
+
+def test_no_color_leaves_no_colour_and_bad_still_stands_out():
+    plain = tone_styles({"NO_COLOR": "1"})
+    assert set(plain) == set(Tone)
+    assert all(Style.parse(style).color is None for style in plain.values())
+    assert plain[Tone.BAD] not in {style for tone, style in plain.items() if tone is not Tone.BAD}
+    assert Style.parse(tone_styles({})[Tone.BAD]).color is not None
+
+
+class Alone(App):
+    def __init__(self):
+        super().__init__()
+        self.pane = DrivePane()
+
+    def compose(self):
+        yield self.pane
+
+
+def test_it_offers_the_write_of_an_object_and_every_verb():
+    async def check():
+        app = Alone()
+        async with app.run_test() as pilot:
+            app.pane.choose()
+            await pilot.pause()
+            offered = [app.pane.choice.get_option_at_index(at) for at in range(app.pane.choice.option_count)]
+            assert [each.id for each in offered] == [SET, *WORKS]
+            assert all(str(each.prompt).startswith(each.id) for each in offered)
+            app.pane.choice.highlighted = 3
+            app.pane.choose()
+            assert app.pane.choice.highlighted == 0  # the first one again
+
+    asyncio.run(check())
+
+
+def test_without_a_verb_there_is_nothing_to_end_or_to_show():
+    async def check():
+        app = Alone()
+        async with app.run_test():
+            app.pane.end()
+            app.pane.close()
+            app.pane.show_work()
+            app.pane.show(None)
+            assert not app.pane.busy
+            assert str(app.pane.title.content) == "this monitor only listens: to read objects is to send"
+
+    asyncio.run(check())
 
 
 class FakeSource:

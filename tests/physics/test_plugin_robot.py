@@ -1,11 +1,139 @@
+import math
+
+import mujoco
 import pytest
 
 from canopen_control.errors import ConfigError, ControlError
 from canopen_control.hardware.simulation import SimulatedSystem
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.physics.plugin_robot import axes_of, make_simulated, sensors_of
+from canopen_control.physics.plugin_robot import (
+    LidarScanner,
+    LidarSettings,
+    axes_of,
+    camera_notes,
+    make_simulated,
+    sensors_of,
+    tag_lidars,
+)
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
 from canopen_control.urdf.description import parse_description
+from canopen_control.urdf.document import Place
+from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
+
+ANGLES = {"min_angle": "-1.5", "max_angle": "1.5", "angle_increment": "0.5"}
+
+
+def found(parameters, **hardware):
+    part = ControlJoint("lidar", parameters, place=Place(7, 5))
+    return tag_lidars(Ros2ControlSystem("robot", "system", "plugin", hardware, (), (part,)), "base", "robot.urdf")
+
+
+def test_what_is_not_said_is_as_upstream_has_it():
+    (lidar,) = found(ANGLES)
+    expected = LidarSettings("lidar", "base", "/scan", -1.5, 1.5, 0.5, 0.0, 1000.0, 5.0, 0.0, 0, "robot.urdf:7:5")
+    assert (lidar, lidar.count) == (expected, 7)
+
+
+def test_everything_can_be_said():
+    more = {"frame_name": "laser", "range_min": "0.1", "range_max": "8", "laserscan_topic": "/front", "noise": "0.01",
+            "seed": "3"}  # fmt: skip
+    (lidar,) = found(ANGLES | more, lidar_publish_rate="20")
+    assert (lidar.frame, lidar.topic, lidar.range_min, lidar.range_max) == ("laser", "/front", 0.1, 8.0)
+    assert (lidar.rate, lidar.noise, lidar.seed) == (20.0, 0.01, 3)
+
+
+def test_other_sensors_are_none():
+    assert found({"frame_id": "base"}) == []
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"min_angle": "left"}, "min_angle is 'left'; it is a finite number"),
+        ({"max_angle": "inf"}, "max_angle is 'inf'"),
+        ({"max_angle": "-2"}, "max_angle -2 is below min_angle -1.5"),
+        ({"angle_increment": "0"}, "angle_increment is 0; it is above 0"),
+        ({"angle_increment": "-0.1"}, "angle_increment is -0.1"),
+        ({"angle_increment": "1e-5"}, "it has 300001 rays; 10000 are the most"),
+        ({"angle_increment": "1e-320"}, "rays; 10000 are the most"),
+        ({"range_min": "5", "range_max": "5"}, "range_min is from 0 and below range_max"),
+        ({"noise": "-1"}, "noise is -1; it is a number from 0"),
+        ({"seed": "0.5"}, "seed is a whole number from 0"),
+        ({"laserscan_topic": " "}, "laserscan_topic is empty"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place(changed, said):
+    with pytest.raises(PhysicsError) as told:
+        found(ANGLES | changed)
+    assert str(told.value).startswith("robot.urdf:7:5: sensor lidar: ")
+    assert said in str(told.value)
+
+
+def test_all_that_is_missing_is_told_at_once_and_a_rate_that_is_none():
+    with pytest.raises(PhysicsError) as told:
+        found({"min_angle": "0"})
+    assert [line.split(": ")[2].split(";")[0] for line in str(told.value).splitlines()] == [
+        "no max_angle",
+        "no angle_increment",
+    ]
+    with pytest.raises(PhysicsError, match="lidar_publish_rate of its hardware is 0"):
+        found(ANGLES, lidar_publish_rate="0")
+
+
+def test_each_camera_is_told_once():
+    parts = [ControlJoint("eye", {"image_topic": "/eye"}), ControlJoint("other", {"mujoco_type": "camera"})]
+    notes = camera_notes([*parts, ControlJoint("imu")], ["eye", "scene"])
+    assert [note.split()[1] for note in notes] == ["eye", "other", "scene"]
+    assert all("OpenGL" in note for note in notes)
+
+
+SCENE_OF_LIDAR_SCAN = """<mujoco><worldbody>
+  <geom name="wall" type="box" size="0.1 5 5" pos="3.1 0 0"/><geom type="box" size="0.5 0.5 5" pos="0 2.5 0"/>
+  <body name="base"><freejoint/><geom type="sphere" size="0.2" mass="1"/><site name="laser" pos="0.5 0 0"/></body>
+</worldbody></mujoco>"""
+
+
+def scanner(frame="base", turned=0.0, low=-math.pi / 2, **more):
+    model = mujoco.MjModel.from_xml_string(SCENE_OF_LIDAR_SCAN)
+    data = mujoco.MjData(model)
+    data.qpos[3:7] = [math.cos(turned / 2), 0.0, 0.0, math.sin(turned / 2)]
+    mujoco.mj_forward(model, data)
+    given = {"range_min": 0.1, "range_max": 10.0, "noise": 0.0, "seed": 0} | more
+    settings = LidarSettings(
+        "lidar", frame, "/scan", low, math.pi, math.pi / 2, rate=10.0, place="robot.urdf:7:5", **given
+    )
+    return LidarScanner(model, data, settings)
+
+
+def test_each_ray_tells_how_far_it_reaches_and_minus_one_for_nothing():
+    scan = scanner().scan(2.5)
+    assert scan.ranges == pytest.approx([-1.0, 3.0, 2.0, -1.0])
+    assert (scan.seconds, scan.topic, scan.frame_id, scan.scan_time) == (2.5, "/scan", "base", 0.1)
+
+
+def test_it_turns_with_its_link_and_a_site_of_a_scene_is_a_frame_too():
+    assert scanner(turned=math.pi / 2).scan(0.0).ranges == pytest.approx([3.0, 2.0, -1.0, -1.0])
+    assert scanner("laser").scan(0.0).ranges == pytest.approx([-1.0, 2.5, -1.0, -1.0])
+
+
+def test_what_is_out_of_range_is_not_seen():
+    assert scanner(range_min=2.5).scan(0.0).ranges == pytest.approx([-1.0, 3.0, -1.0, -1.0])
+    assert scanner(range_max=2.5).scan(0.0).ranges == pytest.approx([-1.0, -1.0, 2.0, -1.0])
+
+
+def test_noise_is_that_of_a_seed_and_begins_anew():
+    lidar = scanner(noise=0.05, seed=1)
+    first, second = lidar.scan(0.0).ranges, lidar.scan(0.0).ranges
+    assert first[1] != second[1] != 3.0
+    assert first[0] == -1.0
+    lidar.begin()
+    assert lidar.scan(0.0).ranges == first != scanner(noise=0.05, seed=2).scan(0.0).ranges
+
+
+def test_a_frame_that_is_not_there_is_told():
+    with pytest.raises(PhysicsError, match=r"robot\.urdf:7:5: sensor lidar: no link 'bse' for its frame_name, did you"):
+        scanner("bse")
+
 
 ROBOT = """<robot name="arm">
   <link name="base"/>
