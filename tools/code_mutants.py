@@ -130,7 +130,7 @@ self.reactor.call_later(300_000_000, begin)
             "pass",
         ),
         (_scenario("robby", "robby_stale"),),
-        "controllers/test_switcher_running",
+        "controllers/test_switcher",
     ),
     Mutant(
         "command_while_off",
@@ -209,7 +209,7 @@ self.reactor.call_later(300_000_000, begin)
             "path.unlink()",
         ),
         (_scenario("robby", "robby_latch"),),
-        "runtime/test_readiness_latch",
+        "runtime/test_readiness",
     ),
     Mutant(
         "latch_leaves_with_client",
@@ -415,7 +415,7 @@ if not (index % 2 and self.life.live):
             "controller.life.live",
         ),
         (_scenario("robby", "robby_clients"),),
-        "controllers/test_switcher_running",
+        "controllers/test_switcher",
     ),
     Mutant(
         "recorder_does_not_count",

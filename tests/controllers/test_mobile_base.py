@@ -9,9 +9,80 @@ from support.bases import MECANUM, OMNI, PARAMS, TRICYCLE, base
 from support.control import FORWARD, S, add
 
 from canopen_control.controllers.base import ControllerState
+from canopen_control.controllers.base_params import AxisLimits, BaseParams
+from canopen_control.controllers.mobile_base import LimitedTwist, OdometryPublication, fill
+from canopen_control.controllers.planar_pose import PlanarPose
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import ReturnType
 from canopen_control.rpc.messages.parameters import ParameterValue
+
+MS = 1_000_000
+
+
+@pytest.mark.parametrize(("rate", "every"), [(0.0, 1), (100.0, 1), (50.0, 2), (10.0, 10)])
+def test_it_is_due_at_its_rate_from_the_first_cycle_on(rate, every):
+    told = OdometryPublication(2)
+    told.set_rate(rate)
+    due = [step for step in range(1, 101) if told.is_due(step * 10 * MS + step)]
+    assert due[0] == 1
+    assert len(due) == pytest.approx(100 / every, abs=1)
+    assert told.count == len(due)
+
+
+def test_after_a_pause_there_is_no_burst():
+    told = OdometryPublication(2)
+    told.set_rate(100.0)
+    assert [told.is_due(at * MS) for at in (0, 1000, 1001, 1002, 1011)] == [True, True, True, False, True]
+
+
+def test_it_stays_what_it_was_until_the_next_one():
+    told, pose = OdometryPublication(2), PlanarPose()
+    assert told.sample(1.0, BaseParams(), limited=False) is None
+    told.is_due(1)
+    pose.set_pose(1.0, 2.0, 3.0)
+    told.take(pose, (0.1, 0.2, 0.3), [0.4, 0.5])
+    pose.set_pose(9.0, 9.0, 9.0)
+    sample = told.sample(1.0, BaseParams(odom_frame_id="map"), limited=True)
+    assert (sample.x, sample.y, sample.heading, sample.frame_id) == (1.0, 2.0, 3.0, "map")
+    assert (sample.linear, sample.lateral, sample.angular, sample.limited) == (0.1, 0.2, 0.3, (0.4, 0.5))
+
+
+AXES = ("linear.x", "angular.z")
+
+
+def test_without_limits_it_is_what_is_wanted():
+    twist = LimitedTwist(AXES)
+    assert not twist.known
+    twist.wanted[:] = [3.0, -2.0]
+    twist.limit(0.01)
+    assert twist.known
+    assert (twist.limited, twist.stands) == ([3.0, -2.0], False)
+
+
+def test_each_axis_goes_from_where_it_was_and_from_standstill_after_it_was_forgotten():
+    twist = LimitedTwist(AXES)
+    twist.set_limits("base", [AxisLimits(max_acceleration=1.0), AxisLimits()])
+    fill(twist.wanted, 1.0)
+    for wanted in (0.1, 0.2):
+        twist.limit(0.1)
+        twist.step()
+        assert twist.limited == [pytest.approx(wanted), 1.0]
+    twist.forget()
+    assert all(map(math.isnan, twist.wanted))
+    fill(twist.wanted, 1.0)
+    twist.limit(0.1)
+    assert twist.limited[0] == pytest.approx(0.1)
+
+
+def test_limits_that_exclude_each_other_are_told_with_controller_and_axis_and_change_nothing():
+    twist = LimitedTwist(AXES)
+    wrong = [AxisLimits(max_velocity=0.5), AxisLimits(max_velocity=1.0, min_velocity=2.0)]
+    with pytest.raises(RobotConfigError, match=r"base: angular\.z: .*a minimum is above its maximum"):
+        twist.set_limits("base", wrong)
+    fill(twist.wanted, 3.0)
+    twist.limit(0.1)
+    assert twist.limited == [3.0, 3.0]
+
 
 STEP = S // 100
 each_base = pytest.mark.parametrize("kind", list(PARAMS))

@@ -1,8 +1,71 @@
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import pytest
-from support.bases import OMNI, base
+from hypothesis import given
+from hypothesis import strategies as st
+from support.bases import OMNI, base, cases, differences
 from support.control import S
+
+from canopen_control.controllers.omni import OmniKinematics
+
+NS = 1e9
+
+
+def step(base: OmniKinematics, before: int, verb: str, *values: Any) -> tuple[dict[str, Any], int]:
+    """Do a step of a case; return what is so then, and the time, which the cases count from 0."""
+    if verb == "ik":
+        base.command(*values)
+        return {"wheels": base.wheels}, before
+    found: dict[str, Any] = {}
+    if verb == "reset":
+        base.set_pose(0.0, 0.0, 0.0)
+    else:
+        now, dt = values[1], (values[1] - before) / NS
+        if verb == "open":
+            found["updated"] = base.update_open_loop(*values[0], dt)
+        else:
+            follow = base.update_position if verb == "pos" else base.update_velocity
+            found["updated"] = follow(values[0], dt)
+        before = now if found["updated"] else before
+    velocities = {"vx": base.forward, "vy": base.left, "wz": base.angular}
+    return found | velocities | {"x": base.x, "y": base.y, "heading": base.heading}, before
+
+
+@pytest.mark.parametrize("case", cases("omni_wheel"), ids=lambda case: f"{case['index']} {case['name']}")
+def test_it_drives_and_follows_as_upstream_does(case):
+    given = case["in"]
+    base = OmniKinematics(given["wheels"], given["robot_radius"], given["wheel_radius"], given["wheel_offset"])
+    now = 0
+    for (verb, *values), wanted in zip(given["steps"], case["expect"]["steps"], strict=True):
+        found, now = step(base, now, verb, *values)
+        assert not differences(found, wanted, case["tolerance"]), verb
+
+
+speeds = st.floats(-2.0, 2.0)
+
+
+@given(st.integers(3, 9), st.floats(-math.pi, math.pi), speeds, speeds, speeds)
+def test_wheels_that_do_what_they_are_told_drive_the_twist(count, offset, forward, left, angular):
+    base = OmniKinematics(count, 0.3, 0.05, offset)
+    base.command(forward, left, angular)
+    base.update_velocity(base.wheels, 0.02)
+    assert (base.forward, base.left, base.angular) == pytest.approx((forward, left, angular), abs=1e-9)
+
+
+def test_two_wheels_do_not_tell_three_velocities():
+    with pytest.raises(ValueError, match="2 wheels"):
+        OmniKinematics(2, 0.3, 0.05)
+
+
+def test_the_first_position_is_where_it_starts_from_once_that_is_said():
+    base = OmniKinematics(3, 0.3, 0.05)
+    base.begin([5.0, 6.0, 7.0])
+    base.update_position([5.0, 6.0, 7.0], 0.02)
+    assert (base.x, base.y, base.heading) == (0.0, 0.0, 0.0)
+
 
 STEP = S // 100
 

@@ -1,9 +1,307 @@
+from __future__ import annotations
+
 import math
+from itertools import pairwise
 
 import pytest
-from support.control import Scripted, manager, put, three_on_two_wheels, wheels
+from hypothesis import given
+from hypothesis import strategies as st
+from support.control import BROADCASTER, FORWARD, Hardware, S, Scripted, add, manager, put, three_on_two_wheels, wheels
 
-from canopen_control.errors import ControlError, UnsupportedMode
+from canopen_control.controllers.base import Controller
+from canopen_control.controllers.switcher import NOT_DUE, Part, Rate, Slot, in_order, joints_of, make_plan, users_of
+from canopen_control.errors import ControlError, InterfaceConflict, UnsupportedMode
+from canopen_control.hardware.interfaces import CommandInterface, ReturnType, StateInterface
+
+
+def steps(rate, period_ms, cycles=100, start=1):
+    """Return (ms, elapsed) of the steps that a rate takes in cycles of `period_ms`."""
+    found = ((ms, rate.step(ms * S // 1000, period_ms / 1000)) for ms in range(start, cycles * period_ms, period_ms))
+    return [(ms, elapsed) for ms, elapsed in found if elapsed != NOT_DUE]
+
+
+def test_without_a_rate_every_cycle_is_a_step_of_its_period():
+    assert steps(Rate(0), 20, cycles=3) == [(1, 0.02), (21, 0.02), (41, 0.02)]
+
+
+def test_a_rate_that_divides_the_cycle_is_exact_and_its_first_step_comes_at_once():
+    assert steps(Rate(10), 20, cycles=16) == [(1, 0.1), (101, 0.1), (201, 0.1), (301, 0.1)]
+
+
+def test_a_rate_that_does_not_divide_it_takes_the_nearest_cycle():
+    assert [ms for ms, _ in steps(Rate(30), 10, cycles=10)] == [1, 31, 61, 91]  # 33.3 Hz, as ros2_control has it
+    assert [ms for ms, _ in steps(Rate(60), 10, cycles=6)] == [1, 21, 41]
+    assert [ms for ms, _ in steps(Rate(90), 10, cycles=4)] == [1, 11, 21, 31]
+
+
+@given(st.integers(1, 1000), st.integers(1, 50), st.lists(st.integers(-1_000_000, 1_000_000), min_size=60, max_size=60))
+def test_steps_come_at_the_rate_whatever_the_jitter(hz, period_ms, jitter):
+    rate, taken = Rate(hz), []
+    for cycle, late in enumerate(jitter, 1):
+        now = (cycle * period_ms + 5) * S // 1000 + late * period_ms // 3
+        elapsed = rate.step(now, period_ms / 1000)
+        if elapsed != NOT_DUE:
+            taken.append((now, elapsed))
+    assert math.isclose(taken[0][1], 1 / hz, rel_tol=1e-6)
+    for (before, _), (now, elapsed) in pairwise(taken):
+        assert elapsed == (now - before) / S
+        # no more than a cycle from its period, or every cycle where that is longer
+        assert elapsed >= min(1 / hz, period_ms / 1000) * 0.3
+        assert elapsed <= max(1 / hz, period_ms / 1000) + 1.7 * period_ms / 1000
+
+
+def interfaces(*names):
+    return tuple(CommandInterface(name, "velocity") for name in names)
+
+
+def test_a_part_follows_as_a_whole_but_for_what_is_set_aside():
+    one, other = ends = interfaces("a", "b")
+    part = Part(ends)
+    assert part.enabled
+    one.enabled = False
+    assert not part.follows()
+    one.set_aside = True
+    assert part.follows()
+    other.enabled = False
+    assert not part.follows()
+    assert Part(()).follows()
+
+
+def test_a_slot_follows_while_one_of_its_parts_does_and_names_those_that_do_not():
+    a, b = interfaces("a", "b")
+    slot = Slot(Controller("c"), 0, [(a,), (b,)])
+    a.enabled = False
+    assert slot.follows
+    assert slot.disabled == [a]
+    b.enabled = False
+    assert not slot.follows
+    assert Slot(Controller("tells"), 0, []).follows
+
+
+def test_what_was_enabled_in_the_last_cycle_and_its_rhythm_outlive_a_switch():
+    (a,) = ends = interfaces("a")
+    before = Slot(Controller("c"), 10, [ends])
+    before.rate.step(S, 0.02)
+    a.enabled = False  # since the last cycle
+    after = Slot(before.controller, 10, [ends])
+    assert not after.parts[0].enabled
+    after.take_over(before, {a})
+    assert after.parts[0].enabled
+    assert after.rate.last == S
+
+
+class Counting(Controller):
+    """Notes when it was run, and the period it was told."""
+
+    def __init__(self, name="counting", rate=0):
+        super().__init__(name)
+        self.update_rate, self.runs = rate, []
+
+    def update(self, now, period):
+        self.runs.append((now * 1000 // S, round(period * 1000, 6)))
+        return ReturnType.OK
+
+
+class Telling(Counting):
+    is_broadcaster = True
+
+
+def run(control, cycles, cycle_ms):
+    for cycle in range(1, cycles + 1):
+        now = cycle * cycle_ms * S // 1000
+        control.update(now, cycle_ms / 1000)
+        control.broadcast(now, cycle_ms / 1000)
+
+
+def put_of_running(control, *controllers):
+    control.running.arrange(controllers, controllers)
+
+
+def test_nobody_runs_more_often_than_the_managers_update_rate():
+    control = manager(Hardware(), rate=10, cycle=0.02)
+    commands, tells, slow = Counting(), Telling("tells"), Counting("slow", 5)
+    put_of_running(control, commands, tells, slow)
+    run(control, 16, 20)
+    assert commands.runs == tells.runs == [(20, 100.0), (120, 100.0), (220, 100.0), (320, 100.0)]
+    assert slow.runs == [(20, 200.0), (220, 200.0)]
+
+
+@pytest.mark.parametrize("rate", [50, 100, 1000])
+def test_at_the_cycles_rate_and_above_it_each_runs_in_every_cycle(rate):
+    control = manager(Hardware(), rate=rate, cycle=0.02)
+    each = Counting()
+    put_of_running(control, each)
+    run(control, 3, 20)
+    assert each.runs == [(20, 20.0), (40, 20.0), (60, 20.0)]
+
+
+def test_limits_are_enforced_when_the_manager_runs_and_for_its_period():
+    class Limiter:
+        def __init__(self):
+            self.periods = []
+
+        def enforce(self, period):
+            self.periods.append(period)
+
+    control = manager(Hardware(), rate=10, cycle=0.02)
+    control.limiter = Limiter()
+    run(control, 11, 20)
+    assert control.limiter.periods == [0.1, 0.1, 0.1]
+
+
+def test_a_command_is_forgotten_in_the_cycle_in_which_its_drive_goes_off_though_nobody_is_due():
+    hardware = Hardware("l/velocity")
+    control = manager(hardware, rate=10, cycle=0.02)
+    add(control, "left", FORWARD, joints=["l"], interface_name="velocity")
+    control.switch(["left"], now=0)
+    control.command("left", [3.0], 0)
+    run(control, 1, 20)
+    assert hardware.values() == [3.0]
+    hardware.command_interfaces[0].enabled = False
+    control.update(40 * S // 1000, 0.02)
+    assert hardware.values() == [0.0]
+
+
+def test_a_joint_state_is_of_its_update_and_not_of_the_cycle():
+    hardware = Hardware(states=("a/position",))
+    control = manager(hardware, rate=10, cycle=0.02)
+    add(control, "states", BROADCASTER)
+    control.switch(["states"], now=0)
+    seen = []
+    for cycle in range(1, 12):
+        hardware.set("a/position", float(cycle))
+        control.broadcast(cycle * 20 * S // 1000, 0.02)
+        sample = control.running.samples(0)["states"]
+        seen.append((round(sample.time * 1000), sample.joints["a"]["position"]))
+    assert list(dict.fromkeys(seen)) == [(20, 1.0), (120, 6.0), (220, 11.0)]
+
+
+def test_the_end_of_a_client_ends_what_it_commands_and_no_more():
+    hardware = Hardware("l/velocity", "r/velocity")
+    control = manager(hardware, rate=50, cycle=0.02)
+    for name, joint in (("left", "l"), ("right", "r")):
+        add(control, name, FORWARD, joints=[joint], interface_name="velocity")
+    control.switch(["left", "right"], now=0)
+    first, second = object(), object()
+    control.command("left", [1.0], 0, source="first", holder=first)
+    control.command("left", [2.0], 0, source="second", holder=second)
+    control.command("right", [3.0], 0, source="nobody's end ends it")
+    control.running.let_go(first)
+    control.update(S // 50, 0.02)
+    assert hardware.values() == [2.0, 3.0]
+    control.running.let_go(second)
+    control.update(2 * S // 50, 0.02)
+    assert hardware.values() == [0.0, 3.0]
+
+
+def plan(control, activate=(), deactivate=(), *, strict=True):
+    return make_plan(control._controllers, control.registry, activate, deactivate, strict=strict)
+
+
+def robot_of_claims():
+    hardware = Hardware("a/velocity", "b/velocity"), Hardware("c/velocity", name="other")
+    control = manager(*hardware)
+    for name, joints in (("ab", ["a", "b"]), ("b", ["b"]), ("bc", ["b", "c"])):
+        add(control, name, FORWARD, joints=joints, interface_name="velocity")
+    return hardware, control
+
+
+def test_each_component_is_asked_for_its_own_interfaces_only():
+    (first, second), control = robot_of_claims()
+    assert plan(control, ["bc"]).switches == ((first, ("b/velocity",), ()), (second, ("c/velocity",), ()))
+    control.switch(["bc"], now=0)
+    assert plan(control, ["ab"], ["bc"]).switches == (
+        (first, ("a/velocity", "b/velocity"), ("b/velocity",)),
+        (second, (), ("c/velocity",)),
+    )
+
+
+def test_a_plan_changes_nothing():
+    (first, _), control = robot_of_claims()
+    plan(control, ["ab"])
+    assert control.active == ()
+    assert first.calls == []
+    assert first.command_interfaces[0].owner is None
+
+
+def test_names_given_twice_count_once():
+    _, control = robot_of_claims()
+    assert len(plan(control, ["b", "b"]).activate) == 1
+    with pytest.raises(InterfaceConflict, match="b/velocity is claimed by b;"):
+        plan(control, ["b", "bc"])
+    with pytest.raises(ControlError, match="no controller of this name"):
+        plan(control, deactivate=["x"])
+    assert plan(control, ["x"], ["y"], strict=False).activate == ()
+
+
+class Link(Controller):
+    def __init__(self, name: str, *commands: str) -> None:
+        super().__init__(name)
+        self.wanted, self.own = [f"{each}/velocity" for each in commands], [CommandInterface(name, "velocity")]
+
+    def command_interface_names(self) -> list[str]:
+        return self.wanted
+
+    def reference_interfaces(self) -> list[CommandInterface]:
+        return self.own
+
+
+def names(controllers) -> list[str]:
+    return [each.name for each in controllers]
+
+
+def test_who_commands_runs_before_whom_it_commands():
+    bottom, middle, top, alone = Link("bottom"), Link("middle", "bottom"), Link("top", "middle"), Link("alone")
+    assert names(in_order([bottom, alone, middle, top])) == ["top", "middle", "bottom", "alone"]
+
+
+def test_a_chain_stops_as_a_whole_and_others_go_on():
+    bottom, middle, top, alone = Link("bottom"), Link("middle", "bottom"), Link("top", "middle"), Link("alone")
+    assert names(users_of([middle], [bottom, middle, top, alone])) == ["top", "middle", "bottom"]
+    assert names(users_of([alone], [bottom, middle, top, alone])) == ["alone"]
+    assert users_of([alone], [bottom]) == []
+
+
+def test_who_reads_what_another_exports_is_chained_to_it_but_does_not_command_its_joints():
+    class Exporter(Link):
+        def exported_states(self) -> list[StateInterface]:
+            return [StateInterface(self.name, "position")]
+
+    class Reader(Link):
+        def state_interface_names(self) -> list[str]:
+            return ["base/position"]
+
+    base, reader, alone = Exporter("base", "wheel"), Reader("reader", "lamp"), Link("alone")
+    everybody = [base, reader, alone]
+    assert names(in_order(everybody)) == ["reader", "base", "alone"]
+    assert names(users_of([base], everybody)) == ["reader", "base"]
+    assert joints_of(reader, everybody) == ["lamp"]
+
+
+def test_the_joints_of_a_controller_are_found_through_those_it_commands():
+    left, right, base, top = (
+        Link("left", "wheel_1"),
+        Link("right", "wheel_2"),
+        Link("base", "left", "right"),
+        Link("top", "base"),
+    )
+    everybody = [left, right, base, top]
+    assert [joints_of(each, everybody) for each in (left, base, top)] == [
+        ["wheel_1"],
+        ["wheel_1", "wheel_2"],
+        ["wheel_1", "wheel_2"],
+    ]
+
+
+@given(st.dictionaries(st.integers(0, 6), st.sets(st.integers(0, 6), max_size=2), max_size=7))
+def test_any_wiring_even_a_ring_gives_each_controller_once(wiring):
+    links = [Link(str(name), *(str(each) for each in sorted(below))) for name, below in wiring.items()]
+    order = names(in_order(links))
+    assert sorted(order) == sorted(names(links))
+    downhill = all(each < name for name, below in wiring.items() for each in below)
+    if downhill:
+        for name, below in wiring.items():
+            assert all(order.index(str(name)) < order.index(str(each)) for each in below if each in wiring)
 
 
 @pytest.fixture

@@ -6,11 +6,167 @@ import sys
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.joint_limits import hard, limiter_cases, quantities, replay
 
-from canopen_control.hardware.command_limits import CommandLimits
-from canopen_control.hardware.interfaces import InterfaceRegistry
+from canopen_control.hardware.command_limits import (
+    EFF,
+    JERK,
+    NOTHING,
+    POS,
+    VEL,
+    CommandLimits,
+    JointCommands,
+    JointLimiter,
+    PlainCommand,
+    limited_joint,
+)
+from canopen_control.hardware.interfaces import CommandInterface, InterfaceRegistry, StateInterface
 from canopen_control.hardware.plugins import GenericSystem
 from canopen_control.urdf.description import parse_description
+from canopen_control.urdf.joint_element import HardLimits, SoftLimits
+
+QUANTITIES = ("position", "velocity", "effort", "acceleration", "jerk")
+bounds = st.floats(0.5, 4.0) | st.just(math.inf)
+lowest, highest = st.floats(-2.0, -1.0) | st.just(-math.inf), st.floats(1.0, 2.0) | st.just(math.inf)
+limits = st.builds(HardLimits, lowest, highest, bounds, bounds, bounds, bounds, bounds)
+values_of_limited_commands = st.floats(-5.0, 5.0) | st.sampled_from((math.nan, math.inf, -math.inf, 0.0, -0.0))
+cycles = st.tuples(
+    values_of_limited_commands,
+    values_of_limited_commands,
+    st.lists(values_of_limited_commands, min_size=5, max_size=5),
+    st.sampled_from((True, True, True, False)),
+)
+periods = st.sampled_from((0.01, 0.5, 0.0, -0.1))
+
+
+class Joint:
+    """As much of a joint's element as limits read."""
+
+    type = "revolute"
+
+    def __init__(self, soft=None):
+        self.soft = soft
+
+
+class LimitedCommandsBench:
+    def __init__(self, limits, names, measured, *, in_full=False):
+        make = JointCommands if in_full else limited_joint
+        self.in_full = in_full
+        self.commands = [CommandInterface("j", name) for name in names]
+        self.states = [StateInterface("j", name) for name in measured]
+        self.limited = make(Joint(), limits, self.commands, self.states)
+        self.clock = 0.0
+
+    def cycle(self, position, velocity, wanted, owned, period):
+        for state, value in zip(self.states, (position, velocity), strict=False):
+            state.value = value
+        for command, value in zip(self.commands, wanted, strict=False):
+            command.value, command.owner = value, "c" if owned else None
+        self.clock += period
+        told = None
+        if self.in_full or not (period > 0.0 and self.limited.passes(period)):
+            told = self.limited.enforce(period, self.clock)
+        return told, [repr(command.value) for command in self.commands]
+
+
+@pytest.mark.rest
+@given(
+    limits,
+    st.lists(st.sampled_from(QUANTITIES), min_size=1, max_size=5, unique=True),
+    st.sampled_from(((), ("position",), ("position", "velocity"))),
+    st.lists(st.tuples(cycles, periods), max_size=30),
+)
+def test_what_passes_is_what_judging_it_in_full_leaves_as_it_is(limits, names, measured, steps):
+    quick = LimitedCommandsBench(limits, names, measured)
+    in_full = LimitedCommandsBench(limits, names, measured, in_full=True)
+    for (position, velocity, wanted, owned), period in steps:
+        assert quick.cycle(position, velocity, wanted, owned, period) == in_full.cycle(
+            position, velocity, wanted, owned, period
+        )
+
+
+@given(
+    limits,
+    st.sampled_from(QUANTITIES[:2]),
+    st.lists(st.tuples(st.floats(-0.02, 0.02), st.floats(-2.0, 2.0)), min_size=2, max_size=30),
+)
+def test_small_steps_are_what_judging_them_in_full_leaves_as_they_are(limits, name, steps):
+    quick = LimitedCommandsBench(limits, [name], ("position", "velocity"))
+    in_full = LimitedCommandsBench(limits, [name], ("position", "velocity"), in_full=True)
+    wanted = 0.0
+    for step, velocity in steps:
+        wanted += step
+        assert quick.cycle(0.1, velocity, [wanted], True, 0.01) == in_full.cycle(0.1, velocity, [wanted], True, 0.01)
+
+
+@pytest.mark.parametrize("name", QUANTITIES[:2])
+def test_a_command_within_every_limit_passes(name):
+    bench = LimitedCommandsBench(HardLimits(-1.0, 1.0, 3.0, 4.0, 5.0), [name], ("position", "velocity"))
+    bench.cycle(0.0, 0.0, [0.0], True, 0.01)
+    bench.commands[0].value = 0.0002
+    assert bench.limited.passes(0.01)
+    bench.commands[0].value = 2.9
+    assert not bench.limited.passes(0.01)
+
+
+def test_a_joint_with_soft_limits_is_always_judged_in_full():
+    command = CommandInterface("j", "position")
+    limited = limited_joint(Joint(SoftLimits(-0.5, 0.5, 5.0)), HardLimits(-1.0, 1.0, 3.0), [command], [])
+    assert not limited.passes(0.01)
+
+
+def test_a_plain_command_is_kept_within_its_bounds_and_told_once_a_second():
+    command = CommandInterface("tool", "width", minimum=0.0, maximum=1.0)
+    limited = PlainCommand(command)
+    command.owner, command.value = "c", 2.0
+    assert not limited.passes(0.1)
+    assert limited.enforce(0.1, 0.1) == "tool/width: 2 is limited to 1"
+    command.value = -1.0
+    assert limited.enforce(0.1, 0.2) is None
+    assert command.value == 0.0
+    command.value = -1.0
+    assert limited.enforce(0.1, 1.3) == "tool/width: -1 is limited to 0"
+
+
+CASES = limiter_cases("saturation")
+
+
+@pytest.mark.parametrize("case", CASES, ids=[each["name"] for each in CASES])
+def test_commands_are_limited_as_by_ros2_control(case):
+    replay(JointLimiter(hard(case["in"]["limits"])), case)
+
+
+def test_nothing_is_changed_without_time():
+    limiter, desired = JointLimiter(HardLimits(max_velocity=1.0)), quantities({"velocity": 5.0})
+    assert limiter.enforce(list(NOTHING), desired, 0.0) is False
+    assert desired[VEL] == 5.0
+
+
+def test_without_limits_everything_passes():
+    limiter, desired = JointLimiter(HardLimits()), [1e9, -1e9, 1e9, -1e9, 1e9]
+    assert limiter.enforce(list(NOTHING), desired, 0.01) is False
+    assert desired == [1e9, -1e9, 1e9, -1e9, 1e9]
+
+
+values = st.floats(-50, 50) | st.just(math.nan)
+
+
+@given(st.lists(st.tuples(st.floats(-1.0, 2.0), values, st.lists(values, min_size=5, max_size=5)), max_size=12))
+def test_no_limit_is_exceeded_and_what_is_not_given_stays_so(steps):
+    limits = HardLimits(-1.0, 2.0, 3.0, 4.0, max_jerk=7.0)
+    limiter, before = JointLimiter(limits), math.nan
+    for position, velocity, wanted in steps:
+        desired = list(wanted)
+        limited = limiter.enforce([position, velocity, math.nan, math.nan, math.nan], desired, 0.01)
+        assert [math.isnan(each) for each in desired] == [math.isnan(each) for each in wanted]
+        assert limited == any(a != b for a, b in zip(desired, wanted, strict=True) if not math.isnan(b))
+        for found, most in ((desired[VEL], 3.0), (desired[EFF], 4.0), (desired[JERK], 7.0)):
+            assert not abs(found) > most + 1e-9
+        if not math.isnan(desired[POS]):
+            assert -1.0 <= desired[POS] <= 2.0
+            assert not abs(desired[POS] - before) > 3.0 * 0.01 + 1e-9
+            before = desired[POS]
+
 
 URDF = """<robot name="r"><link name="a"/><link name="b"/>
 <joint name="j" type="{kind}"><parent link="a"/><child link="b"/>

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from support.arm6 import copy_arm
 from support.robots import LEFT, RIGHT, Bench, copy_robby
 
 from canopen_control.cia402.modes import OperationMode
@@ -10,6 +11,25 @@ from canopen_control.cia402.state import State
 from canopen_control.errors import RobotConfigError, UnsupportedMode
 from canopen_control.hardware.axis_power import Action, AxisState
 from canopen_control.runtime.axis_request import reached
+
+
+def test_before_its_node_is_there_nothing_is_known_and_nothing_enabled():
+    bench = Bench("parts1", drives=())
+    joint = bench.joint(LEFT)
+    assert (joint.state, joint.statusword, joint.claimed) == (None, None, None)
+    assert (joint.enabled, joint.following, joint.wanted, joint.homed) == (False, False, False, False)
+    assert joint.age_ns(0) is None
+    assert joint.has_come_to_rest(0)
+    assert joint.tracking.figures() is None
+    bench.close()
+
+
+def test_holds_load_is_true_or_false(tmp_path):
+    config = copy_arm(tmp_path)
+    path, old = config / "arm6.urdf", '<param name="device_name">joint_1_drive</param>'
+    path.write_text(path.read_text().replace(old, old + '<param name="holds_load">perhaps</param>'))
+    with pytest.raises(RobotConfigError, match="holds_load is 'perhaps'; it is true or false"):
+        Bench("parts2", config=config)
 
 
 @pytest.fixture

@@ -1,9 +1,96 @@
 from __future__ import annotations
 
+import msgspec
 import pytest
+from support import endpoints
 from support.ros import eventually
 
+from canopen_control.ros import diagnostics
+from canopen_control.ros.diagnostics import Rosout
+from canopen_control.ros.nodes import NodeView
+from canopen_control.ros.qos import ROSOUT
+from canopen_control.rpc.messages.state import RobotEvent
+
 pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def robot(monkeypatch):
+    monkeypatch.setattr(diagnostics, "interface", endpoints.interface)
+    robot = endpoints.Ros()
+    robot.robot = "robby"
+    nodes = [NodeView("left drive", 3, "/robot"), NodeView("arm_drive", 4, "/arm/lower")]
+    robot.endpoint = Rosout(robot, nodes)
+    return robot
+
+
+def event(text="it happened", level="error", **more):
+    return RobotEvent(time=12.5, kind="emcy", level=level, text=text, **{"node": None, **more})
+
+
+@pytest.mark.parametrize(
+    ("of", "name"),
+    [
+        ({"node": "left drive"}, "robot.left_drive"),
+        ({"node": "arm_drive"}, "arm.lower.arm_drive"),
+        ({"node": "new"}, "robot.new"),
+        ({"controller": "base"}, "robot.base"),
+        ({}, "robot.bridge"),
+    ],
+)
+def test_an_event_comes_from_the_node_it_concerns(robot, of, name):
+    robot.endpoint.on_event(event(**of))
+    (publisher,) = robot.publishers
+    assert [each.name for each in publisher.told] == [name]
+
+
+def test_without_a_namespace_the_name_is_the_nodes(robot, monkeypatch):
+    monkeypatch.setattr(robot, "get_namespace", lambda: "/", raising=False)
+    Rosout(robot, ()).on_event(event(controller="base"))
+    assert robot.publishers[-1].told[0].name == "base"
+
+
+@pytest.mark.parametrize(("level", "number"), [("info", 20), ("warning", 30), ("error", 40)])
+def test_it_has_its_level_time_and_text(robot, level, number):
+    robot.endpoint.on_event(event("EMCY 0x8130", level))
+    (told,) = robot.publishers[0].told
+    assert (told.level, told.msg, told.function, told.stamp.sec) == (number, "EMCY 0x8130", "emcy", 12)
+
+
+LOST = "no heartbeat for 0.5 s; is it powered and connected?"
+
+
+@pytest.mark.parametrize(
+    ("then", "told"),
+    [
+        ({"text": f"node 3: lost: {LOST}"}, 1),
+        ({"text": f"node 3: lost: {LOST}", "level": "error", "time": 14.0}, 2),
+        ({"text": f"node 2: lost: {LOST}", "node": "arm_drive"}, 2),
+        ({"text": f"stopping both wheels: node 3: lost: {LOST}", "kind": "stop"}, 2),
+        ({"text": "node 3: lost: another reason"}, 2),
+    ],
+)
+def test_one_cause_is_told_once_but_a_stop_always(robot, then, told):
+    first = event(f"node 3 (left drive): {LOST}", node="left drive")
+    robot.endpoint.on_event(first)
+    robot.endpoint.on_event(msgspec.structs.replace(first, **then))
+    assert len(robot.publishers[0].told) == told
+
+
+def test_what_is_worse_is_told_although_the_cause_is_the_same(robot):
+    for level in ("warning", "error", "warning"):
+        robot.endpoint.on_event(event(f"node 3: {LOST}", level, node="left drive"))
+    assert [each.level for each in robot.publishers[0].told] == [30, 40]
+
+
+def test_its_quality_is_that_of_every_log_so_that_late_comers_have_it(robot):
+    (publisher,) = robot.publishers
+    assert (publisher.topic, publisher.quality) == ("/rosout", ROSOUT)
+    assert (ROSOUT.depth, ROSOUT.durability.name, ROSOUT.lifespan.nanoseconds) == (1000, "TRANSIENT_LOCAL", 10**10)
+    robot.endpoint.close()
+    assert robot.left == [publisher]
+
+
 TOPIC, EVENTS = "/diagnostics", "/canopen_control_bridge/events"
 
 

@@ -1,11 +1,278 @@
 from __future__ import annotations
 
 import json
+import time
+from itertools import pairwise
 
 import pytest
-from support.ros import eventually
+from hypothesis import given
+from hypothesis import strategies as st
+from support import ros
+from support.ros import URDF, Peer, bridge, eventually
 
-pytestmark = pytest.mark.ros
+from canopen_control.errors import RemoteError
+from canopen_control.ros.session import Mailbox, RosTime, wants_sim_time
+from canopen_control.rpc.messages.parameters import ParameterReading
+from canopen_control.rpc.messages.samples import ImuSample, JointStatesSample, OdometrySample
+from canopen_control.rpc.messages.state import RobotEvent, StateSample
+
+TOPIC_OF_SIM_CLOCK = "/clock"
+
+
+@pytest.fixture(scope="module")
+def listening(stage):
+    stage.peer.order("subscribe", topic=TOPIC_OF_SIM_CLOCK, of="rosgraph_msgs/msg/Clock", qos="default")
+    return stage
+
+
+@pytest.mark.ros
+def test_a_simulated_robot_tells_its_time(listening, fresh):
+    fresh.robot.more = {"sim_time": 12.5}
+    message = fresh.peer.message(TOPIC_OF_SIM_CLOCK)
+    assert message["clock"] == {"sec": 12, "nanosec": 500_000_000}
+    fresh.robot.more = {"sim_time": 13.0}
+    fresh.peer.message(TOPIC_OF_SIM_CLOCK, lambda message: message["clock"]["sec"] == 13)
+
+
+UNIX = 1_700_000_000.0
+
+
+class Clocks:
+    def __init__(self, ros_s=None, unix=UNIX):
+        self.ros, self.unix = ros_s, unix
+        self.time = RosTime(lambda: self.ros, lambda: self.unix)
+
+
+def sample(unix, *, base=None, sim_time=None, sim_epoch=None):
+    states = JointStatesSample(time=unix, names=("a",), joints={"a": {"position": 1.0}})
+    odometry = OdometrySample(time=base or unix, x=1.0, y=2.0, heading=0.5)
+    return StateSample(time=unix, sim_time=sim_time, sim_epoch=sim_epoch, samples={"states": states, "base": odometry})
+
+
+def times(message):
+    return {name: each.time for name, each in message.samples.items()}
+
+
+def test_without_use_sim_time_everything_is_as_the_robot_says():
+    clocks, told = Clocks(), sample(UNIX)
+    assert clocks.time.state(told) is told
+    assert clocks.time.unix(12.5) == 12.5
+    assert clocks.time.unix(None) is None
+
+
+def test_what_comes_has_the_time_of_the_clock_and_keeps_it():
+    clocks = Clocks(ros_s=42.0)
+    first = clocks.time.state(sample(UNIX))
+    assert (first.time, times(first)) == (42.0, {"states": 42.0, "base": 42.0})
+    assert first.samples["base"].x == 1.0
+    clocks.ros = 42.5
+    second = clocks.time.state(sample(UNIX + 1.0, base=UNIX))  # the base has published nothing new
+    assert (second.time, times(second)) == (42.5, {"states": 42.5, "base": 42.0})
+
+
+def test_while_the_clock_stands_there_is_nothing_new_and_before_it_begins_the_time_is_0():
+    clocks = Clocks(ros_s=0.0)
+    assert times(clocks.time.state(sample(UNIX))) == {"states": 0.0, "base": 0.0}
+    clocks.ros = 7.0
+    assert times(clocks.time.state(sample(UNIX + 1.0))) == {"states": 7.0, "base": 7.0}
+    assert times(clocks.time.state(sample(UNIX + 2.0))) == {"states": 7.0, "base": 7.0}
+
+
+def test_the_stamp_of_a_command_counts_by_its_age():
+    clocks = Clocks(ros_s=100.0)
+    assert clocks.time.unix(99.75) == UNIX - 0.25
+    assert clocks.time.unix(101.0) == UNIX + 1.0
+    assert clocks.time.unix(None) is None
+
+
+def test_events_have_the_time_of_the_clock():
+    event = RobotEvent(time=UNIX, kind="x", node=None, level="info", text="it is so")
+    assert Clocks(ros_s=5.0).time.event(event).time == 5.0
+    assert Clocks().time.event(event) is event
+
+
+def test_a_robot_that_is_simulated_has_its_own_time():
+    clocks, told = Clocks(ros_s=42.0), sample(UNIX, sim_time=3.0)
+    assert clocks.time.state(told) is told
+    assert clocks.time.unix(12.5) == 12.5
+
+
+@pytest.mark.parametrize("ros_s", [None, 42.0], ids=["of its file", "of the bridge"])
+def test_with_use_sim_time_the_stamps_of_a_simulated_robot_are_the_simulations(ros_s):
+    clocks = Clocks(ros_s=ros_s)
+    clocks.time.in_simulation = ros_s is None
+    told = clocks.time.state(sample(UNIX + 3.0, base=UNIX + 2.98, sim_time=3.0, sim_epoch=UNIX))
+    assert (told.time, times(told)) == (3.0, {"states": 3.0, "base": 2.98})
+    assert clocks.time.event(RobotEvent(time=UNIX + 3.5, kind="x", node=None, level="info", text="it is")).time == 3.0
+    paused = clocks.time.state(sample(UNIX + 3.0, base=UNIX + 2.98, sim_time=3.0, sim_epoch=UNIX))
+    assert times(paused) == times(told)
+
+
+def test_the_stamp_of_a_command_is_of_the_clock_that_it_is_nearer_to():
+    clocks = Clocks(unix=UNIX + 3.5)
+    clocks.time.in_simulation = True
+    clocks.time.state(sample(UNIX + 3.0, sim_time=3.0, sim_epoch=UNIX))
+    assert clocks.time.unix(2.75) == UNIX + 2.75
+    assert clocks.time.unix(UNIX + 3.25) == UNIX + 3.25
+    assert clocks.time.unix(None) is None
+
+
+class Answers:
+    """A client whose robot's controller manager has parameters, or none that it tells."""
+
+    def __init__(self, *found):
+        self.found = found
+
+    def ask(self, _request):
+        if not self.found:
+            raise RemoteError("UnknownName", "no method parameters")
+        return [ParameterReading(name="use_sim_time", kind="bool", value=value) for value in self.found]
+
+
+@pytest.mark.parametrize(("client", "wanted"), [(Answers(True), True), (Answers(False), False), (Answers(), False)])
+def test_the_controller_manager_of_the_file_says_whether_stamps_are_simulated(client, wanted):
+    assert wants_sim_time(client) is wanted
+
+
+def test_a_controller_that_comes_anew_is_stamped_anew():
+    clocks = Clocks(ros_s=1.0)
+    imu = ImuSample(time=UNIX, frame_id="i", orientation=(), angular_velocity=(), linear_acceleration=())
+    clocks.time.state(StateSample(time=UNIX, samples={"imu": imu}))
+    clocks.time.state(StateSample(time=UNIX))
+    clocks.ros = 2.0
+    assert times(clocks.time.state(StateSample(time=UNIX, samples={"imu": imu}))) == {"imu": 2.0}
+
+
+@pytest.mark.ros
+def test_the_bridges_stamps_follow_the_clock_of_another_program(ros_folder):
+    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
+        for name, value in ros_folder.items():
+            patch.setenv(name, value)
+        with (
+            ros.FakeRobot() as robot,
+            bridge(number, "--ros-args", "-p", "use_sim_time:=true", **ros_folder),
+            Peer(number) as peer,
+        ):
+            peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
+            clock = {"clock": {"sec": 42, "nanosec": 500_000_000}}
+            peer.order("publish", topic="/clock", of="rosgraph_msgs/msg/Clock", data=clock, rate=50)
+            peer.message("/joint_states", lambda message: ros.stamp_of(message) == 42.5)
+            robot.switch(base="active")
+            data = {"header": {"stamp": {"sec": 42, "nanosec": 400_000_000}}, "twist": {"linear": {"x": 0.5}}}
+            peer.order("publish", topic="/base/cmd_vel", of="geometry_msgs/msg/TwistStamped", data=data, rate=20)
+            assert ros.eventually(lambda: robot.commands("twist"))
+            assert robot.commands("twist")[-1]["stamp"] == pytest.approx(time.time() - 0.1, abs=5.0)
+
+
+@pytest.mark.ros
+def test_whoever_comes_late_still_gets_the_description(stage):
+    stage.peer.order("subscribe", topic="/robot_description", of="std_msgs/msg/String", qos="latched")
+    assert stage.peer.message("/robot_description") == {"data": URDF}
+
+
+@pytest.mark.ros
+def test_it_is_kept_by_a_reliable_publisher(stage):
+    publisher = stage.peer.publisher("/robot_description")
+    assert (publisher["reliability"], publisher["durability"]) == ("RELIABLE", "TRANSIENT_LOCAL")
+    assert publisher["node"] == "canopen_control_bridge"
+
+
+def test_the_first_message_leaves_at_once():
+    box = Mailbox(20)
+    assert box.put("forward", 1)
+    assert box.take(1000) == ({"forward": 1}, None)
+
+
+def test_within_an_interval_the_newest_waits_and_the_others_are_superseded():
+    box = Mailbox(20)
+    box.put("forward", 1)
+    box.take(1000)
+    assert box.put("forward", 2)
+    assert box.take(1005) == ({}, 1020)
+    assert not box.put("forward", 3), "somebody comes at 1020 anyway"
+    assert box.take(1020) == ({"forward": 3}, None)
+
+
+def test_controllers_do_not_wait_for_each_other():
+    box = Mailbox(20)
+    box.put("a", 1)
+    box.take(1000)
+    box.put("a", 2)
+    box.put("b", 3)
+    assert box.take(1010) == ({"b": 3}, 1020)
+
+
+def test_what_waits_under_a_name_that_is_gone_is_dropped():
+    box = Mailbox(20)
+    box.put("a", 1)
+    box.forget("a")
+    assert box.take(1000) == ({}, None)
+    assert box.put("b", 1), "somebody must be woken again"
+
+
+@given(st.lists(st.tuples(st.sampled_from("ab"), st.integers(0, 30)), max_size=60), st.integers(1, 20))
+def test_whoever_obeys_wakes_and_times_gets_the_last_value_and_never_two_in_an_interval(puts, interval):
+    box, now, timer, sent = Mailbox(interval), 0, None, []
+
+    def take():
+        nonlocal timer
+        due, timer = box.take(now)
+        sent.extend((now, name, value) for name, value in due.items())
+
+    for number, (name, pause) in enumerate(puts):
+        end = now + pause
+        while timer is not None and timer <= end:
+            now = max(now, timer)
+            take()
+        now = end
+        if box.put(name, number):
+            take()
+    while timer is not None:
+        now = max(now, timer)
+        take()
+    for name in {name for name, _ in puts}:
+        times = [time for time, which, _ in sent if which == name]
+        assert all(b - a >= interval for a, b in pairwise(times))
+        values = [value for _, which, value in sent if which == name]
+        assert values == sorted(values)
+        assert values[-1] == max(number for number, (which, _) in enumerate(puts) if which == name)
+
+
+TOPIC, TYPE_OF_ACTIVITY = "/controller_manager/activity", "controller_manager_msgs/msg/ControllerManagerActivity"
+
+
+def hardware(state):
+    rest = {"type": "system", "plugin": "p", "rate": 50, "command_interfaces": [], "state_interfaces": []}
+    return [{"name": "robby", "state": state, **rest}]
+
+
+@pytest.fixture
+def heard(fresh, maker):
+    fresh.robot.answers = {**fresh.robot.answers, "hardware": hardware("active")}
+    maker.order("subscribe", topic=TOPIC, of=TYPE_OF_ACTIVITY, qos="latched")
+    yield lambda wanted: maker.message(TOPIC, wanted)
+    maker.order("unsubscribe", topic=TOPIC)
+
+
+def states(named):
+    return {each["name"]: (each["state"]["id"], each["state"]["label"]) for each in named}
+
+
+@pytest.mark.ros
+def test_it_is_there_for_who_comes_late_and_changes_with_controllers_and_hardware(fresh, heard):
+    first = heard(lambda message: True)
+    assert states(first["controllers"])["forward"] == (3, "active")
+    assert states(first["controllers"])["base"] == (2, "inactive")
+    fresh.robot.switch(forward="inactive")
+    heard(lambda message: states(message["controllers"])["forward"] == (2, "inactive"))
+    fresh.robot.switch(forward="active")
+    fresh.robot.answers["hardware"] = hardware("unconfigured")
+    fresh.robot.event(time=12.5, kind="error", node=None, level="error", text="the hardware has failed")
+    failed = heard(lambda message: states(message["hardware_components"]) == {"robby": (1, "unconfigured")})
+    assert failed["header"]["stamp"] == {"sec": 1_700_000_000, "nanosec": 250_000_000}
+    assert states(failed["controllers"])["forward"] == (3, "active")
+
+
 TYPE = "std_msgs/msg/Float64MultiArray"
 
 
@@ -13,6 +280,7 @@ def topics(stage):
     return stage.peer.order("graph")["topics"]
 
 
+@pytest.mark.ros
 def test_the_topics_of_a_controller_come_and_go_with_it(fresh):
     loaded = {"name": "later", "type": "x/Y", "state": "inactive", "topic": "commands", "joints": []}
     fresh.robot.controllers.append(loaded)
@@ -21,6 +289,7 @@ def test_the_topics_of_a_controller_come_and_go_with_it(fresh):
     assert eventually(lambda: "/later/commands" not in topics(fresh))
 
 
+@pytest.mark.ros
 def test_a_controller_of_another_kind_under_the_same_name_has_other_topics(fresh):
     loaded = {"name": "later", "type": "x/Y", "state": "inactive", "topic": "commands", "joints": []}
     fresh.robot.controllers.append(loaded)
@@ -30,6 +299,7 @@ def test_a_controller_of_another_kind_under_the_same_name_has_other_topics(fresh
     fresh.robot.controllers.remove(loaded)
 
 
+@pytest.mark.ros
 def test_a_controller_whose_name_ros_refuses_has_no_topics_and_the_next_one_has(fresh):
     odd = {"name": "not-ros", "type": "x/Y", "state": "active", "topic": "commands", "joints": []}
     later = {**odd, "name": "later"}
@@ -51,6 +321,7 @@ def knows_that_base_is_inactive(robot):
     assert eventually(lambda: robot._published > samples + 10)
 
 
+@pytest.mark.ros
 def test_a_controller_that_is_switched_while_the_bridge_asks_is_not_taken_for_what_it_was_then(fresh):
     robot = fresh.robot
     knows_that_base_is_inactive(robot)
@@ -65,6 +336,7 @@ def test_a_controller_that_is_switched_while_the_bridge_asks_is_not_taken_for_wh
     assert eventually(lambda: robot.listed["base"] == "active")
 
 
+@pytest.mark.ros
 def test_who_publishes_more_often_than_ros_is_given_is_told_once(fresh):
     knows_that_base_is_inactive(fresh.robot)
     states = fresh.robot.controllers[0]
@@ -81,6 +353,7 @@ def test_who_publishes_more_often_than_ros_is_given_is_told_once(fresh):
     assert told["text"].startswith("ROS: joint_state_broadcaster (500 Hz): published more often than the state comes")
 
 
+@pytest.mark.ros
 def test_what_the_bridge_cannot_make_of_a_sample_does_not_end_it(fresh):
     fresh.peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState", qos="default")
     before = fresh.robot.joints

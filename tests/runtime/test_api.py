@@ -1,5 +1,7 @@
 """The API as a client sees it, byte by byte, in simulated time."""
 
+from __future__ import annotations
+
 import re
 
 import pytest
@@ -12,6 +14,360 @@ from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotState
 from canopen_control.runtime.robot_clock import WallClock
 from canopen_control.runtime.status import state_sample
+
+BASE_OF_SIMULATION = "diff_drive_base_controller"
+CYCLE = 0.02
+
+
+class Simulated(Bench):
+    """The bundled robot of Gazebo's plugin, with its API and a client of it."""
+
+    def __init__(self, **how):
+        super().__init__("simulation", config="diffbot_sim", drives=(), **how)
+        self.api = ApiServer(self.robot)
+        self.start()
+        self.client = Client(self)
+        self.run(500)
+
+    def twist(self, speed):
+        answer = self.client.ask("twist", controller=BASE_OF_SIMULATION, linear=speed, angular=0.0, dead_man=True)
+        assert answer.get("result") == {}, answer
+
+    def drive(self, speed, cycles):
+        for _ in range(cycles):
+            self.twist(speed)
+            self.run(20)
+
+    def ask(self, method, **params):
+        answer = self.client.ask(method, **params)
+        return answer["result"] if "result" in answer else answer["error"]["message"]
+
+    @property
+    def seconds(self):
+        return self.ask("simulation")["seconds"]
+
+    @property
+    def pose(self):
+        pose = self.robot.manager.get(BASE_OF_SIMULATION).pose
+        return pose.x, pose.y, pose.heading
+
+    @property
+    def wheels(self):
+        return [self.robot.registry.state(f"{side}_wheel_joint/position").value for side in ("left", "right")]
+
+
+@pytest.fixture(params=[False, True], ids=["motors", "physics"])
+def robot(request):
+    bench = Simulated(simulate=request.param)
+    yield bench
+    bench.client.close()
+    bench.api.close()
+    bench.close()
+
+
+def test_while_it_is_paused_time_and_joints_stand(robot):
+    robot.drive(0.3, 40)
+    assert robot.ask("pause_simulation", paused=True)["paused"]
+    seconds, wheels = robot.seconds, robot.wheels
+    robot.run(3000)
+    assert (robot.seconds, robot.wheels) == (seconds, wheels)
+    assert "canopen-control world play" in robot.ask("status")["hint"]
+
+
+def test_steps_are_cycles_and_exactly_as_many_as_were_asked_for(robot):
+    assert "pause it first" in robot.ask("step_simulation", steps=1)
+    robot.ask("pause_simulation", paused=True)
+    before = robot.seconds
+    for steps in (1, 3, 250):
+        before += steps * CYCLE
+        assert robot.ask("step_simulation", steps=steps)["seconds"] == pytest.approx(before, abs=1e-9)
+        robot.run(500)
+        assert robot.seconds == pytest.approx(before, abs=1e-9)
+
+
+def test_what_is_commanded_in_a_pause_is_stepped_and_runs_out_in_simulated_time(robot):
+    robot.ask("pause_simulation", paused=True)
+    robot.run(2000)
+    robot.twist(0.3)
+    robot.run(2000)  # its time-out is 0.5 s
+    start = robot.pose[0]
+    robot.ask("step_simulation", steps=20)
+    moved = robot.pose[0] - start
+    assert moved > 0.05
+    robot.ask("step_simulation", steps=100)
+    rested = robot.pose[0]
+    robot.ask("step_simulation", steps=20)
+    assert robot.pose[0] == pytest.approx(rested, abs=1e-3)
+
+
+def test_a_command_from_before_is_not_executed_when_it_goes_on(robot):
+    robot.ask("pause_simulation", paused=True)
+    robot.twist(0.3)
+    robot.ask("pause_simulation", paused=False)
+    start = robot.pose[0]
+    robot.run(300)
+    assert robot.pose[0] == pytest.approx(start, abs=1e-3)
+    robot.drive(0.3, 20)
+    assert robot.pose[0] > start + 0.02
+
+
+def test_after_a_pause_the_time_goes_on_where_it_stood(robot):
+    robot.ask("pause_simulation", paused=True)
+    before = robot.seconds
+    robot.run(5000)
+    robot.ask("pause_simulation", paused=False)
+    robot.run(100)
+    assert robot.seconds == pytest.approx(before + 0.1, abs=0.05)
+
+
+def test_reset_brings_back_the_start_and_enables_nothing(robot):
+    start = robot.wheels
+    robot.ask("switch", deactivate=["joint_state_broadcaster"], activate=[])
+    robot.drive(0.3, 60)
+    before, states = robot.seconds, robot.robot.manager.states
+    assert robot.pose[0] > 0.1
+    robot.ask("reset_simulation")
+    assert robot.robot.manager.states == states
+    robot.run(100)
+    assert robot.wheels == pytest.approx(start, abs=1e-3)
+    assert robot.pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+    assert robot.seconds > before
+    robot.events.clear()
+    assert "key frame 'home'" in robot.ask("reset_simulation", keyframe="home")
+    assert robot.events == []
+
+
+def test_what_happens_in_the_world_is_told_with_who_asked_for_it(robot):
+    if not robot.ask("simulation")["changeable"]:
+        assert "simple motors move" in robot.ask("push", force=[0.0, 30.0, 0.0])
+        return
+    robot.events.clear()
+    assert robot.ask("payload", mass=5.0) == {}
+    assert robot.ask("push", force=[0.0, 30.0, 0.0], on="base_link") == {}
+    assert robot.ask("block", joint="left_wheel_joint") == {}
+    assert robot.ask("grip", friction=0.2) == {}
+    texts = [event.text for event in robot.events if event.kind == "world"]
+    assert [text.split(",")[0] for text in texts] == [
+        "a payload of 5 kg is put on the heaviest link",
+        "base_link is pushed with 0",
+        "left_wheel_joint is blocked",
+        "the floor has a friction of 0.2",
+    ]
+    assert all(text.endswith("asked for it") for text in texts)
+    robot.drive(0.3, 50)
+    left, right = robot.wheels
+    assert abs(left) < 0.05 < 1.0 < right
+    robot.ask("reset_simulation")
+    robot.drive(0.3, 50)
+    assert robot.wheels[0] == pytest.approx(robot.wheels[1], rel=0.1)
+    robot.events.clear()
+    assert "no drive moves a joint 'left'; known: left_wheel_joint" in robot.ask("block", joint="left")
+    assert robot.events == []
+
+
+def test_a_stop_and_the_end_work_in_a_pause(robot):
+    robot.ask("pause_simulation", paused=True)
+    robot.twist(0.3)
+    assert robot.ask("stop") == {}
+    start = robot.pose[0]
+    robot.ask("step_simulation", steps=20)
+    assert robot.pose[0] == pytest.approx(start, abs=1e-3)
+    robot.robot.shutdown("the test is over")
+    robot.run(100)
+    assert robot.robot.state.value == "stopped"
+
+
+def test_stamps_are_the_simulations_after_every_pause(robot):
+    for _ in range(2):
+        robot.ask("pause_simulation", paused=True)
+        robot.run(700)
+        robot.ask("step_simulation", steps=2)
+        robot.ask("pause_simulation", paused=False)
+        robot.run(60)
+        sample = state_sample(robot.robot)
+        told = sample.samples["joint_state_broadcaster"].time - sample.sim_epoch
+        assert told == pytest.approx(sample.sim_time, abs=1e-6)
+
+
+@pytest.mark.parametrize(("method", "params"), [("simulation", {}), ("step_simulation", {"steps": 1})])
+def test_drives_on_a_bus_have_a_time_of_their_own(robby, client, method, params):
+    assert "robby has drives on a bus" in client.ask(method, **params)["error"]["message"]
+
+
+BASE = "robby_base_controller"
+KIND = "velocity_controllers/JointGroupVelocityController"
+
+
+@pytest.fixture
+def base(client):
+    client.ask("load", controller=BASE)
+    return BASE
+
+
+def read(client, name):
+    return {each["name"]: each for each in client.ask("parameters", controller=name)["result"]}
+
+
+def put(client, controller, **values):
+    wanted = [{"name": name.replace("__", "."), "kind": kind, "value": value} for name, (kind, value) in values.items()]
+    return client.ask("set_parameters", controller=controller, values=wanted)
+
+
+def test_a_controllers_parameters_have_types_and_say_what_may_be_set(client, base):
+    found = read(client, base)
+    assert (found["wheel_radius"]["kind"], found["wheel_radius"]["read_only"]) == ("double", True)
+    assert "read_only" not in found["cmd_vel_timeout"]
+    assert (found["cmd_vel_timeout"]["low"], found["cmd_vel_timeout"]["high"]) == (0.0, 1e9)
+    assert read(client, FORWARD)["interface_name"]["value"] == "velocity"
+    assert read(client, FORWARD)["update_rate"]["value"] == 50, "the manager's"
+
+
+def test_what_is_set_is_read_back_and_reaches_the_controller(robby, client, base):
+    assert put(client, base, cmd_vel_timeout=("double", 1.5), linear__x__max_velocity=("double", 0.3))["result"] == {}
+    assert read(client, base)["cmd_vel_timeout"]["value"] == 1.5
+    assert robby.robot.manager.get(base).life.limit_ns == 1_500_000_000
+    client.ask("configure", controller=base)
+    assert read(client, base)["cmd_vel_timeout"]["value"] == 1.5, "it is kept when it is configured again"
+    client.ask("unload", controller=base)
+    client.ask("load", controller=base)
+    assert read(client, base)["cmd_vel_timeout"]["value"] != 1.5, "loaded again it is that of the file"
+
+
+def test_one_that_is_wrong_keeps_all_as_they_were(robby, client, base):
+    before = read(client, base)
+    answer = put(client, base, cmd_vel_timeout=("double", 1.5), linear__x__max_velocity=("double", -1.0))
+    assert "linear.x.max_velocity: -1.0 is out of range" in answer["error"]["message"]
+    answer = put(client, base, cmd_vel_timeout=("double", 1.5), wheel_radius=("double", 1.0))
+    assert "'wheel_radius' cannot be set because it is read-only" in answer["error"]["message"]
+    assert read(client, base) == before
+    assert robby.robot.manager.get(base).params.cmd_vel_timeout == before["cmd_vel_timeout"]["value"]
+
+
+def test_a_limit_is_taken_away_by_a_nan_and_a_text_is_no_number(client, base):
+    assert put(client, base, linear__x__min_velocity=("double", ".nan"))["result"] == {}
+    assert read(client, base)["linear.x.min_velocity"]["value"] == ".nan"
+    assert "'linear.x.max_jerk'" in put(client, base, linear__x__max_jerk=("double", "fast"))["error"]["message"]
+
+
+def test_a_controller_that_is_not_loaded_has_none(client):
+    assert client.ask("parameters", controller="nobody")["error"]["kind"] == "UnknownName"
+    assert put(client, "nobody", x=("double", 1.0))["error"]["kind"] == "UnknownName"
+
+
+def test_the_managers_parameters_are_those_of_its_block_and_the_types(robby, client):
+    found = read(client, "controller_manager")
+    assert found["update_rate"]["value"] == robby.robot.setup.controllers.update_rate
+    assert found[f"{BASE}.type"]["value"] == "diff_drive_controller/DiffDriveController"
+    answer = put(client, "controller_manager", update_rate=("integer", 10))
+    assert "'update_rate' cannot be set because it is read-only" in answer["error"]["message"]
+    answer = put(client, "controller_manager", nonsense=("integer", 10))
+    assert "'nonsense' cannot be set because it was not declared" in answer["error"]["message"]
+
+
+def test_a_spawners_file_makes_a_controller_that_moves(robby, client, tmp_path):
+    path = tmp_path / "wheels.yaml"
+    path.write_text(
+        "wheels:\n  ros__parameters:\n    joints: [left_wheel_joint, right_wheel_joint]\n    command_timeout: 0.5\n"
+    )
+    assert put(client, "controller_manager", wheels__params_file=("string_array", [str(path)]))["result"] == {}
+    assert put(client, "controller_manager", wheels__type=("string", KIND))["result"] == {}
+    assert read(client, "controller_manager")["wheels.params_file"]["value"] == [str(path)]
+    options = ["-r", "~/commands:=/speeds"]
+    put(client, "controller_manager", wheels__node_options_args=("string_array", options))
+    assert read(client, "controller_manager")["wheels.node_options_args"]["value"] == options
+    assert client.ask("load", controller="wheels")["result"] == {}
+    listed = {each["name"]: each for each in client.ask("controllers")["result"]}
+    assert (listed["wheels"]["node_options"], listed[FORWARD]["node_options"]) == (options, [])
+    assert read(client, "wheels")["command_timeout"]["value"] == 0.5
+    client.ask("switch", activate=["wheels"], deactivate=[FORWARD])
+    assert "wheels" in robby.robot.manager.active
+
+
+def states(client):
+    return {each["name"]: each["state"] for each in client.ask("controllers")["result"]}
+
+
+def test_a_controller_is_loaded_switched_and_unloaded(robby, client):
+    assert "forward_command_controller/ForwardCommandController" in client.ask("controller_types")["result"]
+    assert client.ask("load", controller=BASE)["result"] == {}
+    assert states(client)[BASE] == "inactive"
+    assert client.ask("switch", activate=[BASE], deactivate=[FORWARD])["result"] == {}
+    assert (states(client)[BASE], states(client)[FORWARD]) == ("active", "inactive")
+    assert "active" in client.ask("unload", controller=BASE)["error"]["message"]
+    client.ask("switch", activate=[FORWARD], deactivate=[BASE])
+    assert client.ask("configure", controller=BASE)["result"] == {}
+    assert client.ask("unload", controller=BASE)["result"] == {}
+    assert BASE not in states(client)
+
+
+def test_ros_loads_a_controller_before_it_is_configured(client):
+    assert client.ask("load", controller=BASE, configure=False)["result"] == {}
+    assert states(client)[BASE] == "unconfigured"
+    found = {each["name"]: each for each in client.ask("parameters", controller=BASE)["result"]}
+    assert (found["wheel_radius"]["value"], found["wheel_radius"]["read_only"]) == (0.035, True)
+    assert "it is unconfigured" in client.ask("switch", activate=[BASE], deactivate=[FORWARD])["error"]["message"]
+    assert client.ask("configure", controller=BASE)["result"] == {}
+    assert states(client)[BASE] == "inactive"
+
+
+def test_the_hardware_is_listed_with_what_is_claimed(client):
+    (component,) = client.ask("hardware")["result"]
+    assert component["state"] == "active"
+    assert component["plugin"].endswith("RobotSystem")
+    claimed = {each["name"]: each["claimed"] for each in component["command_interfaces"]}
+    assert claimed == {"left_wheel_joint/velocity": True, "right_wheel_joint/velocity": True}
+    assert all(each["available"] for each in component["state_interfaces"])
+
+
+def test_inactive_hardware_commands_nothing_and_its_controllers_stop(robby, client):
+    robby.hold(10.0, 10.0, ms=300)
+    name = client.ask("hardware")["result"][0]["name"]
+    assert client.ask("set_hardware_state", component=name, state="inactive")["result"] == {"state": "inactive"}
+    assert states(client)[FORWARD] == "inactive"
+    robby.run(1500)
+    assert robby.speed(LEFT) == 0
+    assert client.ask("set_hardware_state", component=name, state="active")["result"] == {"state": "active"}
+    robby.run(500)
+    assert not robby.joint(LEFT).machine.enabled
+
+
+@pytest.mark.parametrize(
+    ("method", "params", "words"),
+    [
+        ("load", {"controller": "nobody"}, "nobody"),
+        ("configure", {"controller": "nobody"}, "nobody"),
+        ("set_hardware_state", {"component": "nobody", "state": "active"}, "nobody"),
+        ("set_hardware_state", {"component": "robby", "state": "finalized"}, "inactive"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_in_a_sentence(client, method, params, words):
+    assert words in client.ask(method, **params)["error"]["message"]
+
+
+def test_best_effort_leaves_out_names_that_nobody_knows_and_tells_them(robby, client):
+    answer = client.ask("switch", activate=["nobody", BASE], deactivate=["nothing", FORWARD], strict=False)
+    assert answer["result"] == {}
+    assert (states(client)[BASE], states(client)[FORWARD]) == ("active", "inactive")
+    robby.run(50)
+    assert robby.texts("left_out") == ["a switch leaves out what nobody knows: nobody, nothing; see: controller list"]
+    answer = client.ask("switch", activate=["nobody", FORWARD], deactivate=[BASE], strict=True)
+    assert "no controller 'nobody'" in answer["error"]["message"]
+    assert (states(client)[BASE], states(client)[FORWARD]) == ("active", "inactive"), "a strict one changes nothing"
+
+
+def test_hardware_is_unconfigured_and_configured_again(robby, client):
+    robby.hold(10.0, 10.0, ms=300)
+    name = client.ask("hardware")["result"][0]["name"]
+    assert client.ask("set_hardware_state", component=name, state="unconfigured")["result"] == {"state": "unconfigured"}
+    robby.run(1500)
+    assert robby.speed(LEFT) == 0
+    assert states(client)[FORWARD] == "inactive"
+    (component,) = client.ask("hardware")["result"]
+    assert not any(each["available"] for each in component["state_interfaces"])
+    assert "must be active" in client.ask("switch", activate=[FORWARD])["error"]["message"]
+    assert client.ask("set_hardware_state", component=name, state="inactive")["result"] == {"state": "inactive"}
+    assert client.ask("set_hardware_state", component=name, state="active")["result"] == {"state": "active"}
+    assert client.ask("switch", activate=[FORWARD])["result"] == {}
 
 
 def test_the_server_says_who_it_is_first(client):

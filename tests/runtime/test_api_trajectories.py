@@ -12,6 +12,133 @@ from canopen_control.rpc.messages.trajectory import MAX_POINTS
 from canopen_control.runtime import api_trajectories
 from canopen_control.runtime.api import ApiServer
 
+GRIPPER = "gripper"
+YAML = """
+gripper:
+  ros__parameters:
+    type: parallel_gripper_action_controller/GripperActionController
+    joint: joint_6
+    stall_timeout: 0.3
+"""
+
+
+@pytest.fixture(scope="module")
+def config_of_api_gripper(tmp_path_factory):
+    folder = copy_arm(tmp_path_factory.mktemp("gripper"))
+    control = folder / "ros2_controllers.yaml"
+    control.write_text(control.read_text() + YAML)
+    return folder
+
+
+@pytest.fixture
+def arm_of_api_gripper(config_of_api_gripper):
+    bench = Bench("gripperapi", config=config_of_api_gripper, drives=range(2, 8), controllers=[GRIPPER])
+    bench.api = ApiServer(bench.robot)
+    bench.start()
+    bench.until(lambda: bench.robot.joints["joint_6"].enabled)
+    bench.run(100)
+    yield bench
+    bench.api.close()
+    bench.close()
+
+
+@pytest.fixture
+def client_of_api_gripper(arm_of_api_gripper):
+    client_of_api_gripper = Client(arm_of_api_gripper)
+    yield client_of_api_gripper
+    client_of_api_gripper.close()
+
+
+@pytest.fixture
+def other_of_api_gripper(arm_of_api_gripper):
+    client_of_api_gripper = Client(arm_of_api_gripper)
+    yield client_of_api_gripper
+    client_of_api_gripper.close()
+
+
+def position(arm_of_api_gripper):
+    return arm_of_api_gripper.robot.registry.state("joint_6/position").value
+
+
+def test_a_goal_is_answered_when_it_has_ended_with_where_the_gripper_is(arm_of_api_gripper, client_of_api_gripper):
+    result = client_of_api_gripper.ask("move_gripper", controller=GRIPPER, position=0.3)["result"]
+    assert (result["state"], result["reached_goal"], result["stalled"]) == ("succeeded", True, False)
+    assert result["position"] == pytest.approx(0.3, abs=0.011)
+    assert result["text"] == "the goal was reached"
+    client_of_api_gripper.close()
+    arm_of_api_gripper.run(500)
+    assert position(arm_of_api_gripper) == pytest.approx(0.3, abs=1e-3)
+
+
+def test_one_that_is_sent_is_judged_at_once_and_its_end_is_told_to_who_asks(arm_of_api_gripper, client_of_api_gripper):
+    verdict = client_of_api_gripper.ask("send_gripper", controller=GRIPPER, position=0.3)["result"]
+    assert (verdict["accepted"], verdict["feedback_rate"]) == (True, 20.0)
+    assert abs(position(arm_of_api_gripper)) < 0.1
+    assert client_of_api_gripper.ask("gripper_end")["result"]["state"] == "succeeded"
+
+
+@pytest.mark.rest
+def test_the_end_of_its_connection_ends_it_and_the_joint_is_held(arm_of_api_gripper, client_of_api_gripper):
+    client_of_api_gripper.ask("send_gripper", controller=GRIPPER, position=3.0, source="test")
+    arm_of_api_gripper.run(300)
+    client_of_api_gripper.close()
+    arm_of_api_gripper.until(lambda: arm_of_api_gripper.texts("goal_aborted"))
+    assert any(
+        "test is gone, so the goal of test was taken back" in text for text in arm_of_api_gripper.texts("goal_aborted")
+    )
+    arm_of_api_gripper.run(500)
+    where = position(arm_of_api_gripper)
+    assert 0.0 < where < 2.5
+    arm_of_api_gripper.run(500)
+    assert position(arm_of_api_gripper) == pytest.approx(where, abs=1e-3)
+
+
+@pytest.mark.rest
+def test_a_sender_that_falls_silent_is_gone_though_its_connection_stands(arm_of_api_gripper, client_of_api_gripper):
+    client_of_api_gripper.ask("send_gripper", controller=GRIPPER, position=6.0, heartbeat=0.5)
+    for _ in range(4):
+        arm_of_api_gripper.run(200)
+        client_of_api_gripper.ask("trajectory_heartbeat")
+    assert arm_of_api_gripper.texts("goal_aborted") == []
+    arm_of_api_gripper.run(700)
+    assert any("has said nothing for 0.5 s and is gone" in text for text in arm_of_api_gripper.texts("goal_aborted"))
+
+
+@pytest.mark.rest
+def test_another_client_can_cancel_it_and_own_cancels_only_ones_own(
+    arm_of_api_gripper, client_of_api_gripper, other_of_api_gripper
+):
+    client_of_api_gripper.ask("send_gripper", controller=GRIPPER, position=3.0)
+    client_of_api_gripper.send(id=7, method="gripper_end", params={})
+    arm_of_api_gripper.run(200)
+    assert other_of_api_gripper.ask("cancel_gripper", controller=GRIPPER, own=True)["result"] == {}
+    arm_of_api_gripper.run(50)
+    assert client_of_api_gripper.messages() == []
+    assert other_of_api_gripper.ask("cancel_gripper", controller=GRIPPER, why="enough")["result"] == {}
+    result = client_of_api_gripper.next()["result"]
+    assert (result["state"], result["text"]) == ("canceled", "the goal was cancelled: enough")
+
+
+@pytest.mark.rest
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"position": 9.0}, "the limits of joint_6, got 9"),
+        ({"max_effort": -1.0}, "with a max_effort of -1"),
+        ({"controller": "joint_state_broadcaster"}, "is no gripper action controller"),
+        ({"controller": "arm_controller"}, "arm_controller is unloaded"),
+    ],
+)
+def test_a_goal_that_cannot_be_is_refused(client_of_api_gripper, wrong, words):
+    verdict = client_of_api_gripper.ask("send_gripper", **{"controller": GRIPPER, "position": 0.1, **wrong})["result"]
+    assert not verdict["accepted"]
+    assert words in verdict["text"]
+
+
+def test_without_a_goal_nothing_has_an_end(client_of_api_gripper):
+    assert "no goal came on this connection" in client_of_api_gripper.ask("gripper_end")["error"]["message"]
+
+
 ARM = "arm_controller"
 
 

@@ -1,14 +1,346 @@
 """Who follows commands, and what is said where nobody does; on whole robots in simulated time."""
 
 import pytest
-from support.apiclient import Client
+from support.apiclient import Client, base64_of
+from support.busalone import IO, AloneBench, write_drives
+from support.iomodule import with_io_module
 from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby
-from support.samples import state_dict
+from support.samples import state_dict, status_dict
 
+from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
 from canopen_control.hardware.axis_power import Action
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotState
+from canopen_control.runtime.readiness import StopLatch, is_controlword
+
+
+@pytest.fixture
+def bench_of_needed_nodes(tmp_path, request):
+    benches = []
+
+    def make(io):
+        config = write_drives(tmp_path, io=io)
+        benches.append(AloneBench(f"needed{abs(hash(request.node.nodeid)) % 10**8}", config=config, drives=(2, 3, IO)))
+        benches[-1].start()
+        benches[-1].enable()
+        benches[-1].mode("PV")
+        benches[-1].target(2.0)
+        benches[-1].run(1000)
+        benches[-1].events.clear()
+        return benches[-1]
+
+    yield make
+    for each in benches:
+        each.close()
+
+
+@pytest.mark.parametrize("key", ["", "required: false", "mandatory: false"])
+def test_one_that_nobody_called_required_is_told_and_stops_nothing(bench_of_needed_nodes, key):
+    robot = bench_of_needed_nodes(key)
+    robot.power_off(IO)
+    robot.told("heartbeat_lost")
+    robot.target(2.0)
+    robot.run(500)
+    assert robot.found("stop") == []
+    assert robot.at("velocity") == pytest.approx(2.0, rel=0.02)
+    assert robot.robot.nodes["io_module"].error is not None
+    assert (robot.robot.state is RobotState.FAULT) is (key == "")  # the robot waits for it, unless told otherwise
+
+
+@pytest.mark.parametrize("key", ["required: true", "mandatory: true"])
+def test_one_that_is_required_stops_all_axes_with_their_ramp_and_names_itself(bench_of_needed_nodes, key):
+    robot = bench_of_needed_nodes(key)
+    robot.power_off(IO)
+    event, _ = robot.told("stop")
+    assert "node 5 (io_module), which bus.yml requires, was lost" in event.text
+    robot.disabled_after()
+    assert robot.found("fault") == []
+    assert "is gone" not in str(robot.target(2.0))
+    assert robot.robot.state is RobotState.FAULT
+
+
+def test_nothing_is_enabled_before_it_is_back_and_its_return_enables_nothing(bench_of_needed_nodes):
+    robot = bench_of_needed_nodes("required: true")
+    robot.power_off(IO)
+    robot.told("stop")
+    robot.disabled_after()
+    for action in (Action.ENABLE, Action.HOME):
+        with pytest.raises(ControlError, match=r"io_module.*; wait for io_module"):
+            robot.robot.axis(action, "all", print)
+    assert "nothing moves while bus.yml requires node 5 (io_module)" in robot.robot.hint
+    assert robot.axis(Action.FAULT_RESET) is None  # what moves nothing stays possible
+    robot.robot.switch((), ("drive_two",), strict=True)
+    with pytest.raises(ControlError, match="activating drive_two is refused"):
+        robot.robot.switch(("drive_two",), (), strict=True)
+    robot.power_on(IO)
+    robot.until(lambda: robot.robot.nodes["io_module"].ready)
+    robot.run(1000)
+    assert not robot.powered(2)
+    robot.enable()
+    assert robot.target(1.0) is None
+
+
+def test_one_that_restarts_between_two_cycles_stops_them_too(bench_of_needed_nodes):
+    robot = bench_of_needed_nodes("required: true")
+    robot.power_off(IO)
+    robot.power_on(IO)
+    robot.told("restarted")
+    robot.told("stop")
+    robot.until(lambda: not robot.powered(2))
+
+
+@pytest.mark.rest
+def test_a_robot_with_drives_under_its_controllers_needs_its_io_module_likewise(tmp_path):
+    config = with_io_module(tmp_path)
+    bus = config / "bus.yml"
+    bus.write_text(bus.read_text().replace("    dcf: io.eds\n", "    dcf: io.eds\n    required: true\n"))
+    robot = AloneBench("mixed", config=config, drives=(2, 3, IO))
+    robot.start()
+    robot.hold(10.0, 10.0, ms=600)
+    robot.power_off(IO)
+    robot.told("stop")
+    robot.until(lambda: not robot.powered(2) and not robot.powered(3))
+    robot.power_on(IO)
+    robot.until(lambda: robot.robot.nodes["io_module"].ready)
+    robot.hold(10.0, 10.0, ms=300)
+    assert robot.velocity(3) == 0.0  # its return enables nothing
+    robot.enable()
+    robot.hold(10.0, 10.0, ms=600)
+    assert robot.velocity(3) > 5.0
+    robot.close()
+
+
+NO_TIMEOUT_OF_LATCH = {"command_timeout: 2.0": "command_timeout: 0.0"}
+
+
+@pytest.fixture
+def bench_of_latch(request, tmp_path):
+    benches = []
+
+    def make(**edits):
+        name = f"latch{abs(hash(request.node.nodeid)) % 10**8}"
+        benches.append(Bench(name, config=copy_robby(tmp_path, **edits)))
+        return benches[-1]
+
+    yield make
+    for each in benches:
+        each.close()
+
+
+def stop_of_latch(robby, by="a test"):
+    answers = []
+    robby.robot.stop(answers.append, by)
+    robby.until(lambda: answers)
+    assert answers == [None]
+
+
+def act_of_latch(robby, action):
+    answers = []
+    robby.robot.axis(action, "all", answers.append)
+    robby.until(lambda: answers)
+    assert answers == [None]
+
+
+def test_a_latched_stop_stops_and_refuses_everything_that_would_move_with_a_way_out(bench_of_latch):
+    robby = bench_of_latch()
+    robby.start()
+    robby.hold(10, 10, ms=500)
+    assert abs(robby.speed(LEFT)) > 1000
+    stop_of_latch(robby)
+    assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)
+    robot = robby.robot
+    for attempt in (
+        lambda: robot.command(FORWARD, [1.0, 1.0], "test"),
+        lambda: robot.axis(Action.ENABLE, "all", print),
+        lambda: robot.axis(Action.HOME, "all", print),
+        lambda: robot.switch(["robby_base_controller"], [FORWARD], strict=True),
+    ):
+        with pytest.raises(ControlError, match=r"STOP is latched \(by a test\).*canopen-control stop --release"):
+            attempt()
+    assert robot.manager.get(FORWARD).state.value == "active"  # the refused switch has changed nothing
+    act_of_latch(robby, Action.DISABLE)
+    act_of_latch(robby, Action.FAULT_RESET)
+    robot.switch((), [FORWARD], strict=True)
+    robby.run(1000)
+    assert all(joint.state is State.SWITCH_ON_DISABLED for joint in robot.joints.values())
+
+
+def test_a_release_enables_nothing_and_the_old_command_is_forgotten(bench_of_latch):
+    robby = bench_of_latch(controllers=NO_TIMEOUT_OF_LATCH)
+    robby.start()
+    robby.command(10, 10)
+    robby.run(500)
+    stop_of_latch(robby)
+    robby.robot.latch.release("a test", robby.reactor.now())
+    robby.run(500)
+    assert not any(joint.enabled for joint in robby.robot.joints.values())
+    act_of_latch(robby, Action.ENABLE)
+    robby.run(500)
+    assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)  # without a timeout, 10 rad/s would be the command still
+    robby.command(5, 5)
+    robby.run(500)
+    assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.02)
+
+
+def test_an_ordinary_stop_latches_nothing(bench_of_latch):
+    robby = bench_of_latch()
+    robby.start()
+    stop_of_latch(robby, None)
+    assert not robby.robot.latch.held
+    act_of_latch(robby, Action.ENABLE)
+
+
+def test_a_robot_that_is_latched_while_it_boots_waits_for_the_release(bench_of_latch):
+    robby = bench_of_latch()
+    robby.robot.start()
+    robby.run(2)
+    robby.robot.stop(lambda _error: None, "a test")
+    robby.run(3000)
+    assert robby.robot.state is RobotState.STARTING
+    assert robby.robot.hint == "STOP is latched (by a test): canopen-control stop --release"
+    assert not any(joint.enabled for joint in robby.robot.joints.values())
+    robby.robot.latch.release("a test", robby.reactor.now())
+    robby.until(lambda: robby.robot.state is not RobotState.STARTING)
+    robby.run(1000)
+    assert not any(joint.enabled for joint in robby.robot.joints.values())  # a release enables nothing
+    act_of_latch(robby, Action.ENABLE)
+    robby.run(500)
+    assert all(joint.enabled for joint in robby.robot.joints.values())
+
+
+def test_a_drive_that_comes_back_under_a_latched_stop_stays_off(bench_of_latch):
+    robby = bench_of_latch()
+    robby.start()
+    robby.hold(10, 10, ms=300)
+    robby.power_off(LEFT)
+    robby.run(100)
+    stop_of_latch(robby)
+    robby.power_on(LEFT)
+    robby.until(lambda: robby.robot.nodes["left_drive"].ready)
+    robby.run(3000)
+    assert not any(joint.enabled for joint in robby.robot.joints.values())
+
+
+def test_status_and_stream_say_who_latched_it(bench_of_latch):
+    robby = bench_of_latch()
+    robby.start()
+    assert [status_dict(robby.robot)[key] for key in ("latched", "latched_by")] == [False, None]
+    stop_of_latch(robby, "the page")
+    stop_of_latch(robby, "somebody else")
+    for told in (status_dict(robby.robot), state_dict(robby.robot)):
+        assert (told["latched"], told["latched_by"]) == (True, "the page")
+    assert len(robby.texts("stop_latched")) == 1
+
+
+@pytest.mark.parametrize(
+    ("index", "expected"),
+    [(0x6040, True), (0x6840, True), (0x9840, True), (0xA040, False), (0x6041, False), (0x2040, False)],
+)
+def test_the_controlwords_of_all_axes_are_known(index, expected):
+    assert is_controlword(index) is expected
+
+
+def test_the_api_latches_refuses_and_releases(bench_of_latch):
+    robby = bench_of_latch()
+    api = ApiServer(robby.robot)
+    robby.start()
+    client = Client(robby)
+    try:
+        assert client.ask("stop", latch=True, source="the page")["result"] == {}
+        answer = client.ask("command", controller=FORWARD, values=[1, 1])
+        assert (answer["error"]["kind"], "latched" in answer["error"]["message"]) == ("ControlError", True)
+        answer = client.ask("sdo_write", node="left_drive", index=0x6040, subindex=0, data=base64_of("0f00"))
+        assert "controlword (0x6040)" in answer["error"]["message"]
+        assert "result" in client.ask(
+            "sdo_write", node="left_drive", index=0x6081, subindex=0, data=base64_of("40060000")
+        )
+        assert client.ask("release", source="a test") == {"id": 1, "result": {}}
+        assert client.ask("status")["result"]["latched"] is False
+        assert client.ask("axis", action="enable", node="all")["result"] == {}
+        assert robby.texts("stop_released") == [
+            "STOP was released by a test; the drives stay disabled until somebody enables them"
+        ]
+    finally:
+        client.close()
+        api.close()
+
+
+def hold(bench_of_latch, **params):
+    """Let a client command 10 rad/s on a controller without timeout, and die; return what the wheels do then."""
+    robby = bench_of_latch(controllers=NO_TIMEOUT_OF_LATCH)
+    api = ApiServer(robby.robot)
+    robby.start()
+    client = Client(robby)
+    assert client.ask("command", controller=FORWARD, values=[10, 10], source="page", **params)["result"] == {}
+    robby.run(500)
+    assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.02)
+    return robby, api, client
+
+
+def test_what_a_dead_man_commands_ends_with_his_connection(bench_of_latch):
+    robby, api, client = hold(bench_of_latch, dead_man=True)
+    client.close()
+    robby.run(500)
+    assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)
+    api.close()
+
+
+def test_who_is_no_dead_man_or_commands_no_more_ends_nothing(bench_of_latch):
+    robby, api, client = hold(bench_of_latch)
+    client.close()
+    robby.run(500)
+    assert robby.velocity(LEFT) == pytest.approx(10.0, rel=0.02)
+    client = Client(robby)
+    assert client.ask("command", controller=FORWARD, values=[8, 8], source="page", dead_man=True)["result"] == {}
+    robby.command(5, 5, source="somebody else")
+    client.close()
+    robby.run(500)
+    assert robby.velocity(LEFT) == pytest.approx(5.0, rel=0.02)
+    api.close()
+
+
+def test_a_latch_outlives_its_process_and_a_release_ends_it(tmp_path):
+    told = []
+    first = StopLatch(told.append)
+    first.keep(tmp_path / "robby" / "stop_latched")
+    assert not first.held
+    first.hold("the page", 5)
+
+    second = StopLatch(told.append)
+    second.keep(tmp_path / "robby" / "stop_latched")
+    assert second.by == "the page"
+    second.tell(6)
+    assert "earlier run (by the page)" in told[-1].text
+    assert "canopen-control stop --release" in told[-1].text
+    second.release("a test", 7)
+
+    third = StopLatch(told.append)
+    third.keep(tmp_path / "robby" / "stop_latched")
+    third.tell(8)
+    assert not third.held
+    assert [event.kind for event in told] == ["stop_latched", "stop_latched", "stop_released"]
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[1]", '{"by"', "7"])
+def test_a_latch_that_cannot_be_read_is_held(tmp_path, content):
+    (tmp_path / "stop_latched").write_text(content)
+    latch = StopLatch(lambda _event: None)
+    latch.keep(tmp_path / "stop_latched")
+    assert latch.held
+
+
+def test_a_latch_that_cannot_be_kept_holds_and_says_so(tmp_path):
+    (tmp_path / "file").write_text("")
+    told = []
+    latch = StopLatch(told.append)
+    latch.keep(tmp_path / "file" / "stop_latched")
+    latch.by = None
+    latch.hold("a test", 5)
+    assert latch.held
+    assert told[-1].kind == "latch_not_kept"
+    assert "the next run will not be latched" in told[-1].text
+
 
 NO_TIMEOUT = {"    command_timeout: 2.0 ": "    # "}
 FOR_EVER = {"command_timeout: 2.0": "command_timeout: 0.0"}

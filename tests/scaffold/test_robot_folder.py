@@ -4,8 +4,10 @@ import math
 from pathlib import Path
 
 import pytest
-from support.drive_shapes import MAKERS, NODE, SHAPES, UNWATCHED, commissioned, shape, write_shape
+import yaml
+from support.drive_shapes import MAKERS, NODE, SHAPES, UNWATCHED, commissioned, modes, shape, write_shape
 from support.eds import DEVIATIONS
+from support.iomodule import io_eds
 from support.robots import Bench
 
 from canopen_control.check.checker import CheckOptions, check_robot
@@ -16,10 +18,132 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.od.eds import read_eds
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.robot_files import find_robot
+from canopen_control.scaffold import bases
 from canopen_control.scaffold.bases import BASES
+from canopen_control.scaffold.bus_text import bus_text
 from canopen_control.scaffold.drive_choice import GUESSED_COUNTS
 from canopen_control.scaffold.new_robot import Device, plan_robot
-from canopen_control.scaffold.robot_folder import write_robot
+from canopen_control.scaffold.robot_folder import controllers_text, write_robot
+
+
+def planned(number, name="cell"):
+    path = data_path("eds", f"generic_cia{number}.eds")
+    return plan_robot(name, [Device(9, path, read_eds(path, 9).od)])
+
+
+def controllers_of(number):
+    return yaml.safe_load(controllers_text(planned(number)))
+
+
+def test_outputs_are_commanded_by_name():
+    file = controllers_of(401)
+    assert file["controller_manager"]["ros__parameters"]["io_9_outputs"]["type"].endswith("/GpioCommandController")
+    given = file["io_9_outputs"]["ros__parameters"]
+    assert given["gpios"] == ["io_9"]
+    assert given["command_interfaces"]["io_9"]["interfaces"][:2] == ["do0", "do1"]
+
+
+def test_a_battery_is_told_as_one():
+    file = controllers_of(418)
+    given = file["battery_9_broadcaster"]["ros__parameters"]
+    assert given["batteries"] == ["battery_9"]
+    assert given["interfaces"]["battery_9"] == {"battery_temperature": True, "battery_percentage": True}
+
+
+def test_what_is_only_measured_is_told():
+    assert controllers_of(410)["inclinometer_9_broadcaster"]["ros__parameters"]["joints"] == ["inclinometer_9"]
+
+
+def test_the_joint_of_an_encoder_is_told_by_the_broadcaster_of_joints():
+    kinds = controllers_of(406)["controller_manager"]["ros__parameters"]
+    assert [each for each in kinds if isinstance(kinds[each], dict)] == ["joint_state_broadcaster"]
+
+
+def test_what_an_encoder_cannot_do_is_a_jump():
+    node = yaml.safe_load(bus_text(planned(406)))["defaults"]
+    assert node["signals"] == [{"name": "position", "max_rate": 30}]
+    assert "signals" not in yaml.safe_load(bus_text(planned(410)))["defaults"]
+
+
+def test_outputs_that_nothing_switches_off_need_a_word(tmp_path):
+    path = tmp_path / "io.eds"
+    path.write_text(io_eds())
+    device = Device(5, path, read_eds(path, 5).od)
+    written = write_robot(plan_robot("bare", [device]), tmp_path)
+    assert any("keep their values when the master dies" in each for each in written.warnings)
+    word = write_robot(plan_robot("bare", [device], allow_unsupervised=True), tmp_path, force=True)
+    assert not any("keep their values" in each for each in word.warnings)
+    assert "NOTHING switches these outputs off" in (word.folder / "bus.yml").read_text()
+
+
+@pytest.mark.parametrize("number", [401, 404, 406, 410, 418])
+def test_a_device_alone_makes_a_robot_that_passes_the_strict_check(tmp_path, number):
+    written = write_robot(planned(number), tmp_path)
+    report = check_robot(find_robot(str(written.folder)), CheckOptions())
+    assert report.passes(strict=True), report.findings
+
+
+def keys_of(*ods, **how):
+    devices = [Device(number, Path("d.eds"), od) for number, od in enumerate(ods, 2)]
+    return yaml.safe_load(controllers_text(plan_robot("r", devices, **how)))
+
+
+def test_joints_are_grouped_by_what_commands_them():
+    keys = keys_of(shape(), shape(drop=(0x60FF,), **modes(0x81)), shape())
+    assert keys["velocity_controller"]["ros__parameters"]["joints"] == ["joint_1", "joint_3"]
+    assert keys["position_controller"]["ros__parameters"]["joints"] == ["joint_2"]
+    assert keys["controller_manager"]["ros__parameters"]["enforce_command_limits"] is True
+
+
+def test_the_rate_is_that_of_sync():
+    assert keys_of(shape())["controller_manager"]["ros__parameters"]["update_rate"] == 50
+
+
+def test_a_base_goes_before_the_controllers_of_single_joints():
+    keys = keys_of(shape(), shape(), base="diff")
+    assert list(keys["controller_manager"]["ros__parameters"]) == [
+        "update_rate",
+        "joint_state_broadcaster",
+        "base_controller",
+        "velocity_controller",
+    ]
+    assert keys["base_controller"]["ros__parameters"]["position_feedback"] is True
+
+
+def test_of_four_wheels_those_of_a_side_belong_together():
+    parameters = keys_of(*[shape()] * 4, base="diff")["base_controller"]["ros__parameters"]
+    assert parameters["left_wheel_names"] == ["front_left_wheel_joint", "rear_left_wheel_joint"]
+
+
+def test_odometry_is_of_what_the_drives_tell():
+    blind = {"drop": (0x606C,), "s6064_00": {"pdo_mappable": False}}
+    keys = keys_of(shape(**blind), shape(**blind), base="diff")
+    assert keys["base_controller"]["ros__parameters"]["open_loop"] is True
+    assert "joint_state_broadcaster" not in keys["controller_manager"]["ros__parameters"]
+
+
+@pytest.fixture
+def every_base(monkeypatch):
+    """Let every controller of a base be there."""
+    monkeypatch.setattr(bases, "TYPES", {base.type_name for base in bases.BASES.values()})
+
+
+@pytest.mark.usefixtures("every_base")
+def test_a_tricycle_names_its_wheels_from_right_to_left_and_its_steering():
+    keys = keys_of(*[shape()] * 3, base="tricycle")
+    parameters = keys["base_controller"]["ros__parameters"]
+    assert parameters["traction_joints_names"] == ["right_wheel_joint", "left_wheel_joint"]
+    assert parameters["steering_joints_names"] == ["steering_joint"]
+    assert parameters["reference_timeout"] == 0.5
+    assert keys["position_controller"]["ros__parameters"]["joints"] == ["steering_joint"]
+
+
+@pytest.mark.usefixtures("every_base")
+def test_a_mecanum_base_names_each_wheel_and_knows_no_other_odometry():
+    parameters = keys_of(*[shape()] * 4, base="mecanum")["base_controller"]["ros__parameters"]
+    assert parameters["rear_left_wheel_command_joint_name"] == "rear_left_wheel_joint"
+    assert parameters["kinematics.sum_of_robot_center_projection_on_X_Y_axis"] == 0.3
+    assert not {"open_loop", "position_feedback", "cmd_vel_timeout"} & parameters.keys()
 
 
 def new_robot(folder, *files, node_ids=(NODE,), name="fresh", force=False, **how):

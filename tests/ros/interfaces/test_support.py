@@ -1,8 +1,12 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
+import json
+import platform
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -10,10 +14,146 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.ros import Peer, domain, ros_environment, run_ros
 
+from canopen_control.ros.interfaces import abi, support
 from canopen_control.ros.interfaces.cdr import Codecs
-from canopen_control.ros.interfaces.support import Callbacks, Registry, Supports
+from canopen_control.ros.interfaces.definition import DEFINITIONS, owner_of
+from canopen_control.ros.interfaces.support import Callbacks, Registry, Supports, hash_of, hash_text
 
-DEFINITIONS = {
+GOLDEN = json.loads((Path(__file__).parents[2] / "data/ros_interfaces.json").read_text())
+SHARE = Path(sys.prefix, "share")
+#: of all 36 interfaces of control_msgs jazzy, and of the parts of its services and actions, by ROS's own generator
+CONTROL_MSGS = json.loads((Path(__file__).parents[2] / "data/control_msgs_hashes.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def registry():
+    registry = Registry([SHARE])
+    registry.add({name: each["definition"] for name, each in GOLDEN.items()})
+    return registry
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("name", GOLDEN)
+def test_the_hash_is_the_published_one(registry, name):
+    assert hash_text(registry.describe(name)) == GOLDEN[name]["type_hash"]
+
+
+@pytest.mark.ros
+def test_the_hashes_of_control_msgs_are_those_of_ross_own_generator():
+    registry = Registry([SHARE])
+    registry.add(DEFINITIONS)
+    assert {name: hash_text(registry.describe(name)) for name in CONTROL_MSGS} == CONTROL_MSGS
+    assert len(CONTROL_MSGS) == 129
+    assert {owner_of(name) for name in CONTROL_MSGS} == {
+        name for name in DEFINITIONS if name.startswith("control_msgs/")
+    }
+
+
+@pytest.mark.ros
+def test_the_hashes_of_every_installed_message_and_service_are_the_installed_ones():
+    registry, checked = Registry([SHARE]), 0
+    for path in SHARE.glob("*_msgs/[ms][sr][gv]/*.json"):
+        told = json.loads(path.read_text())["type_hashes"][0]
+        assert hash_text(registry.describe(told["type_name"])) == told["hash_string"], told["type_name"]
+        checked += 1
+    assert checked > 100
+
+
+@pytest.mark.ros
+def test_an_installed_message_is_the_same_from_its_text():
+    name = "geometry_msgs/msg/TransformStamped"
+    registry = Registry([SHARE])
+    expected = registry.describe(name)
+    registry.add({name: (SHARE / "geometry_msgs/msg/TransformStamped.msg").read_text().splitlines()})
+    assert registry.describe(name) == expected
+
+
+def test_a_structure_that_nobody_has_is_told():
+    with pytest.raises(LookupError, match="no description of x/msg/Y; is the package x installed"):
+        Registry([]).describe("x/msg/Y")
+
+
+def test_the_hash_depends_on_every_name():
+    registry = Registry()
+    registry.add({"p/msg/A": ["uint8 a"], "p/msg/B": ["uint8 b"]})
+    one, other = registry.describe("p/msg/A"), registry.describe("p/msg/B")
+    assert hash_of(one) != hash_of(other)
+    other["type_description"]["type_name"] = "p/msg/A"
+    assert hash_of(one) != hash_of(other)
+
+
+def test_a_definition_is_read_when_it_is_asked_for_and_a_later_one_counts():
+    registry = Registry()
+    registry.add({"p/msg/A": ["no-field"], "p/srv/S": ["uint8 a", "---"]})
+    assert [each.name for each in registry.get("p/srv/S_Request").fields] == ["a"]
+    with pytest.raises(ValueError, match="cannot read the line"):
+        registry.get("p/msg/A")
+    registry.add({"p/srv/S": ["uint8 b", "---"]})
+    assert [each.name for each in registry.get("p/srv/S_Request").fields] == ["b"]
+
+
+FOLDER = Path(support.__file__).parent
+
+
+@pytest.mark.parametrize("processor", ["x86_64", "aarch64"])
+def test_the_library_of_each_processor_is_made_of_the_source_beside_it(processor):
+    digest = hashlib.sha256((FOLDER / "callbacks.c").read_bytes()).hexdigest()
+    assert digest.encode() in (FOLDER / f"callbacks_{processor}.so").read_bytes(), "run tools/native_callbacks"
+
+
+@pytest.mark.parametrize("processor", ["x86_64", "aarch64"])
+def test_the_library_needs_no_other_and_allows_no_code_on_the_stack(processor):
+    held = (FOLDER / f"callbacks_{processor}.so").read_bytes()
+    assert b"libc.so" not in held
+    header, count = int.from_bytes(held[32:40], "little"), int.from_bytes(held[56:58], "little")
+    segments = [held[header + 56 * each :][:56] for each in range(count)]
+    kinds = {int.from_bytes(each[:4], "little"): int.from_bytes(each[4:8], "little") for each in segments}
+    assert kinds[0x6474E551] & 1 == 0  # PT_GNU_STACK without PF_X
+
+
+def test_a_processor_without_a_library_is_told_how_to_make_one(monkeypatch):
+    monkeypatch.setattr(platform, "machine", lambda: "riscv64")
+    with pytest.raises(
+        OSError, match=r"no callbacks_riscv64\.so .* make it with: cc -O2 -shared -fPIC -o .*callbacks\.c"
+    ):
+        support.Callbacks(0, 0, 0, 0)
+
+
+def test_there_is_room_for_so_many_types_and_one_more_is_refused():
+    callbacks = support.Callbacks(0, 0, 0, 0)
+    made = {callbacks.deserializer(f"p/msg/T{each}", 0) for each in range(support.SLOTS)}
+    assert len(made) == support.SLOTS
+    with pytest.raises(RuntimeError, match="more than 512 types"):
+        callbacks.deserializer("p/msg/Last", 0)
+
+
+def test_a_support_of_a_kind_is_found_by_its_name():
+    callbacks = support.Callbacks(0, 0, 0, 0)
+    names = [ctypes.create_string_buffer(each) for each in (b"one", b"another", b"anoth")]
+    supports = [abi.MessageSupport(ctypes.addressof(each)) for each in names]
+    where = [ctypes.addressof(each) for each in supports]
+    supports[0].kinds[:] = where
+    find = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)(callbacks["message_of_kind"])
+    assert [find(where[0], each) for each in (b"one", b"another", b"anoth", b"ano", b"")] == [*where, None, None]
+
+
+@pytest.mark.ros
+def test_a_body_goes_into_a_message_in_c_and_out_again():
+    code = """
+import ctypes, rclpy.serialization
+from canopen_control.ros.interfaces.support import Libraries
+support = Libraries()
+message = ctypes.CFUNCTYPE(ctypes.c_void_p)(support.create)()
+assert support.body_of(message) == b""
+assert support.set_body(message, b"a\\0b")
+assert support.body_of(message) == b"a\\0b"
+ctypes.CFUNCTYPE(None, ctypes.c_void_p)(support.destroy)(message)
+assert all((support.fast_id, support.introspection_id, support.dispatch_id))
+"""
+    assert run_ros(code) == ""
+
+
+DEFINITIONS_OF_WHOLE = {
     "p/msg/Empty": [],
     "p/msg/Point": ["uint8 a", "float64 x"],
     "p/msg/All": [
@@ -32,7 +172,7 @@ DESERIALIZE = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)
 class Native:
     """`callbacks.c` as Fast DDS calls it, over a Cdr that is two pointers, and what it takes as `taken`."""
 
-    def __init__(self, name="p/msg/All", definitions=DEFINITIONS):
+    def __init__(self, name="p/msg/All", definitions=DEFINITIONS_OF_WHOLE):
         registry = Registry()
         registry.add(definitions)
         self.name, self.codecs, self.taken = name, Codecs(registry.get, lambda _: SimpleNamespace), []
@@ -110,7 +250,7 @@ def test_c_and_python_judge_a_message_with_wrong_bytes_alike(data):
 
 @pytest.mark.parametrize("kind", ["float64[]", "string[]", "bool[]", "Point[]", "string"])
 def test_a_length_of_four_gigabytes_is_dropped(kind):
-    native = Native("p/msg/T", {**DEFINITIONS, "p/msg/T": [f"{kind} values"]})
+    native = Native("p/msg/T", {**DEFINITIONS_OF_WHOLE, "p/msg/T": [f"{kind} values"]})
     assert not native.takes(b"\xff" * 8)
     assert native.takes(b"\1\0\0\0" + bytes(32))
 
