@@ -1,14 +1,149 @@
 """The verb preflight, as its user sees it, and what a real run makes of its pass."""
 
+import contextlib
+import dataclasses
 import json
 
 import pytest
 from support.guest import plant_speed
 from support.host import eventually
+from support.lockstep import lockstep
+from support.onbus import GENERIC, TMCM, OnBus
+from support.robots import copy_robby
 
+from canopen_control.bus.can_interfaces import CanInterface
 from canopen_control.cli import preflight
+from canopen_control.cli import preflight as steps
 from canopen_control.cli.main import main
-from canopen_control.cli.preflight import Step
+from canopen_control.cli.preflight import Jog, Step, jog_interfaces, link_steps, node_steps
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+
+CAN0 = CanInterface("can0", "can", is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000)
+
+
+def results(found):
+    return [(step.name, step.passed) for step in found]
+
+
+@pytest.mark.parametrize(
+    ("link", "expected", "words"),
+    [
+        (CAN0, [("link", True), ("bit rate", True)], "1000000 bit/s, bus.yml says 1000000"),
+        (
+            dataclasses.replace(CAN0, bitrate=500_000),
+            [("link", True), ("bit rate", False)],
+            "500000 bit/s, bus.yml says 1000000",
+        ),
+        (dataclasses.replace(CAN0, state="ERROR-PASSIVE"), [("link", False), ("bit rate", True)], "ERROR-PASSIVE"),
+        (
+            dataclasses.replace(CAN0, is_up=False),
+            [("link", False)],
+            "type: canopen-control bus up can0 --bitrate 1000000",
+        ),
+        (None, [("link", False)], "can0 is not there"),
+        (
+            CanInterface("can0", "vcan", is_up=True),
+            [("link", True), ("bit rate", None)],
+            "is a vcan interface and has none",
+        ),
+    ],
+    ids=["good", "other rate", "passive", "down", "missing", "virtual"],
+)
+def test_the_link_is_held_against_the_bus_file(monkeypatch, link, expected, words):
+    monkeypatch.setattr(steps, "find_can_interface", lambda _name: link)
+    found = link_steps("can0", 1000)
+    assert results(found) == expected
+    assert any(words in step.text for step in found)
+
+
+def test_a_channel_without_an_interface_is_only_told():
+    assert results(link_steps("local:anything", 1000)) == [("link", None)]
+
+
+@pytest.mark.rest
+@pytest.mark.process
+def test_nodes_are_compared_to_bus_file_and_eds_and_strangers_are_named(stage):
+    for node_id in (3, 2, 9):
+        stage.drive("looked", node_id)
+    setup = read_robot(find_robot("robby"), can=["local:looked"])
+    found = list(node_steps(setup.bus, "local:looked"))
+    ours = [("node", True), ("EDS", True), ("errors", True), ("limits", None)]
+    assert results(found) == [*ours, *ours, ("node", None)]
+    assert found[0].text == "node 3 (left_drive): TMCM-1270, serial number 3"
+    assert found[-1].text == "node 9 answers and is not in bus.yml"
+
+
+@pytest.mark.rest
+@pytest.mark.process
+def test_a_node_that_is_missing_or_another_one_fails(stage, tmp_path):
+    stage.drive("wrong", 3)
+    config = copy_robby(tmp_path, bus={"revision_number: 0 ": "revision_number: 0x77 "})
+    setup = read_robot(find_robot(str(config)), can=["local:wrong"])
+    found = list(node_steps(setup.bus, "local:wrong"))
+    assert [step.name for step in found if step.passed is False] == ["node", "node"]
+    assert "revision 0x00000077 expected" in found[0].text
+    assert found[-1].text.startswith("node 2 (right_drive) does not answer; is it powered")
+
+
+@contextlib.contextmanager
+def drives_on(channel, devices):
+    with lockstep(), OnBus(channel, devices) as drives:
+        yield drives
+
+
+def test_the_jog_measures_velocity_way_and_stop(private_folders):
+    setup = read_robot(find_robot("robby"), can=["memory:jogged"])
+    assert jog_interfaces(setup) == {"left_wheel_joint": "velocity", "right_wheel_joint": "velocity"}
+    with drives_on("memory:jogged", dict.fromkeys((3, 2), TMCM)), Jog(setup, 0.5) as jog:
+        found = [*map(jog.turn, jog.joints), jog.stop()]
+    assert results(found) == [("jog", True), ("jog", True), ("STOP", True)], found
+    assert jog.turned == ["left_wheel_joint", "right_wheel_joint"]
+
+
+@pytest.mark.parametrize(
+    ("edits", "words"),
+    [
+        ({"scale_vel_to_dev: -254.64790894703253": "scale_vel_to_dev: 254.64790894703253"}, "turns the other way"),
+        (
+            {"scale_vel_to_dev: -254.64790894703253": "scale_vel_to_dev: -2546.4790894703253"},
+            "rad/s at a command of 0.5",
+        ),
+        ({"scale_pos_from_dev: -0.003926990816987242": "scale_pos_from_dev: -0.03926990816987242"}, "rad in"),
+    ],
+    ids=["sign", "velocity scale", "position scale"],
+)
+def test_a_wrong_scale_is_found_before_it_hurts(private_folders, tmp_path, edits, words):
+    setup = read_robot(find_robot(str(copy_robby(tmp_path, bus=edits))), can=["memory:scales"])
+    with drives_on("memory:scales", dict.fromkeys((3, 2), TMCM)), Jog(setup, 0.5) as jog:
+        step = jog.turn("left_wheel_joint")
+    assert (step.passed, jog.turned) == (False, [])
+    assert words in step.text
+
+
+def test_a_joint_that_has_a_position_only_is_led_by_it_and_back_for_stop(private_folders):
+    setup = read_robot(find_robot("arm6"), can=["memory:jogged-arm"])
+    assert set(jog_interfaces(setup).values()) == {"position"}
+    with drives_on("memory:jogged-arm", dict.fromkeys(range(2, 8), GENERIC)) as drives, Jog(setup, 0.5) as jog:
+        assert jog.no_room("joint_1") is None
+        step = jog.turn("joint_1")
+        assert step.passed, step
+        way = drives.call(lambda: drives.nodes[2].get(0x6064)) / 1043037.8350470454
+        assert 0.5 < way < 1.0, "forward"
+        stop = jog.stop()
+        assert stop.passed, stop
+        assert drives.call(lambda: drives.nodes[2].get(0x6064)) / 1043037.8350470454 < way, "and back"
+        others = [drives.call(lambda node=node: drives.nodes[node].get(0x6064)) for node in range(3, 8)]
+    assert (others, jog.turned) == ([0] * 5, ["joint_1"])
+
+
+def test_a_joint_without_room_before_its_limit_is_said_and_not_turned(private_folders):
+    setup = read_robot(find_robot("arm6"), can=["memory:narrow-arm"])
+    with drives_on("memory:narrow-arm", dict.fromkeys(range(2, 8), GENERIC)), Jog(setup, 1.0) as jog:
+        assert jog.no_room("joint_2") is None, "2 rad are enough for two seconds"
+        jog.speed = 1.2
+        assert jog.no_room("joint_2") == ("it is at 0.000, 2.000 before its limit, and a jog at 1.2 rad/s needs 2.400")
+
 
 NODES = (3, 2)
 

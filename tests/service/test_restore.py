@@ -1,22 +1,172 @@
+import dataclasses
 from dataclasses import replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support.drive_shapes import MAKERS, SHAPES
 from support.parameter_node import BOOTED, session_with
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, DriveError, SdoAbort, SdoTimeout
+from canopen_control.host.files import state_dir
+from canopen_control.od.codec import default_of
 from canopen_control.od.eds import read_eds
 from canopen_control.service.parameter_set import (
     DeviceIdentity,
     ParameterSet,
     backup_text,
+    device_identity,
     differences,
+    parameters_of,
     read_backup,
     read_parameters,
+    without_unused_slots,
 )
-from canopen_control.service.restore import Restore, RestoreStep, check_device, refuse_moving, store
+from canopen_control.service.restore import (
+    KeptParameters,
+    Restore,
+    RestoreStep,
+    check_device,
+    refuse_moving,
+    restore_groups,
+    store,
+)
+
+OD_OF_ORDER = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
+HELD = without_unused_slots({entry.address: default_of(entry) for entry in parameters_of(OD_OF_ORDER)})
+
+
+def order(wanted, held=HELD):
+    return [write.address for group in restore_groups(OD_OF_ORDER, {**held, **wanted}, held) for write in group.writes]
+
+
+def test_what_does_not_differ_is_not_written():
+    assert restore_groups(OD_OF_ORDER, HELD, HELD) == []
+    assert restore_groups(OD_OF_ORDER, {(0x6081, 0): 5}, {}) == []  # what the node has refused to read
+
+
+def test_resolution_comes_before_values_and_the_mode_last():
+    wanted = {(0x6060, 0): 3, (0x6081, 0): 7, (0x2000, 0): 4, (0x607D, 2): 9, (0x1017, 0): 100, (0x2003, 0): 1}
+    assert order(wanted) == [(0x1017, 0), (0x2000, 0), (0x2003, 0), (0x607D, 2), (0x6081, 0), (0x6060, 0)]
+
+
+def test_the_side_of_a_range_that_widens_comes_first():
+    held = {**HELD, (0x607D, 1): -5, (0x607D, 2): 5}
+    assert order({(0x607D, 1): 10, (0x607D, 2): 20}, held) == [(0x607D, 2), (0x607D, 1)]
+    assert order({(0x607D, 1): -20, (0x607D, 2): -10}, held) == [(0x607D, 1), (0x607D, 2)]
+
+
+def test_a_pdo_is_invalid_while_it_is_changed_and_mapped_as_a_whole():
+    (group,) = restore_groups(OD_OF_ORDER, {**HELD, (0x1A01, 2): 0x60640020, (0x1801, 2): 1}, HELD)
+    assert group.name == "TPDO 2"
+    assert [(write.address, int.from_bytes(write.data, "little")) for write in group.writes] == [
+        ((0x1801, 1), 0xC0000285),
+        ((0x1801, 2), 1),
+        ((0x1A01, 0), 0),
+        ((0x1A01, 1), 0x60410010),
+        ((0x1A01, 2), 0x60640020),
+        ((0x1A01, 0), 2),
+        ((0x1801, 1), 0x40000285),
+    ]
+
+
+def test_a_pdo_that_is_to_be_off_stays_off_and_bit_30_is_the_devices():
+    held = {**HELD, (0x1801, 1): 0x80000285}
+    (group,) = restore_groups(OD_OF_ORDER, {**held, (0x1801, 1): 0x40000285}, held)
+    assert [write.data.hex() for write in group.writes] == ["85020000"]
+    assert order({(0x1801, 1): 0x80000285, (0x1801, 2): 1}, held) == [(0x1801, 2)]
+    (group,) = restore_groups(OD_OF_ORDER, {**HELD, (0x1801, 1): 0x80000285}, HELD)
+    assert group.writes[-1].data.hex() == "850200c0"
+
+
+def test_records_that_cannot_be_written_are_left_alone():
+    fixed = {address: value for address, value in HELD.items() if address not in ((0x1801, 1), (0x1A01, 0))}
+    assert order({(0x1A01, 2): 0x60640020}, fixed) == [(0x1A01, 2)]
+
+
+@pytest.mark.parametrize("shift", [0, 1, 2])
+def test_every_value_that_differs_is_written_once(shift):
+    changed = {
+        address: value + 1
+        for number, (address, value) in enumerate(HELD.items())
+        if isinstance(value, int) and number % 3 == shift and address[0] > 0x2000 and value < 100
+    }
+    assert sorted(order(changed)) == sorted(changed)
+
+
+@given(st.lists(st.sampled_from([address for address in HELD if 0x1400 <= address[0] < 0x1C00]), max_size=6))
+def test_a_count_is_never_above_0_while_an_entry_is_written(addresses):
+    wanted = {
+        **HELD,
+        **{address: 0 if address[1] == 0 else 0x60640020 for address in addresses if address[0] >= 0x1A00},
+    }
+    counts = {index: value for (index, sub), value in HELD.items() if sub == 0}
+    valid = {
+        index: not value & 1 << 31
+        for (index, sub), value in HELD.items()
+        if sub == 1 and index in range(0x1800, 0x1A00)
+    }
+    for group in restore_groups(OD_OF_ORDER, wanted, HELD):
+        for write in group.writes:
+            (index, sub), value = write.address, int.from_bytes(write.data, "little")
+            if 0x1800 <= index < 0x1A00 and sub == 1:
+                valid[index] = not value & 1 << 31
+            elif sub == 0:
+                assert not valid[index - 0x200]
+                counts[index] = value
+            else:
+                assert counts[index] == 0
+
+
+OD = read_eds(data_path("eds", "generic_cia402.eds"), 5).od
+GAINS = {(0x60F9, 1): 12_345, (0x60FB, 2): 900}
+
+
+def kept(od=OD, channel="can0"):
+    session = session_with(od)
+    return KeptParameters("gains", session, device_identity(session), channel)
+
+
+def numbered(serial):
+    return dataclasses.replace(
+        OD, entries={**OD.entries, (0x1018, 4): dataclasses.replace(OD[0x1018, 4], parameter_value=serial)}
+    )
+
+
+def test_another_process_finds_what_was_kept(private_folders):
+    kept().keep(OD, GAINS)
+    found = kept()
+    assert found.read() == GAINS
+    found.forget()
+    assert kept().read() == {}
+    found.forget()
+
+
+def test_what_the_dictionary_lacks_is_left_out(private_folders):
+    kept().keep(OD, GAINS | {(0x3210, 1): 5})
+    assert kept().read() == GAINS
+
+
+def test_each_drive_has_its_own(private_folders):
+    kept(numbered(7)).keep(OD, GAINS)
+    assert kept(numbered(77)).read() == {}
+    assert kept(numbered(7), "can1").read() == GAINS  # it is known wherever it is
+
+
+def test_a_drive_without_serial_number_is_that_of_its_bus(private_folders):
+    kept(numbered(0)).keep(OD, GAINS)
+    assert kept(numbered(0)).read() == GAINS
+    assert kept(numbered(0), "can1").read() == {}
+
+
+def test_a_folder_that_cannot_be_written_is_told(private_folders):
+    state_dir().mkdir(parents=True, exist_ok=True)
+    state_dir("gains").write_text("in the way")
+    with pytest.raises(ConfigError, match=r"cannot be kept in .*, so nothing was written into it"):
+        kept().keep(OD, GAINS)
+
 
 TMCM = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 CHANGES = {(0x6081, 0): 1600, (0x6083, 0): 5, (0x607D, 1): -500, (0x607D, 2): 500, (0x1017, 0): 250}

@@ -6,17 +6,227 @@ import math
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from support.apiclient import Client
 from support.robots import FORWARD, LEFT, Bench
 from support.samples import controllers_of, event_of, sample_of
+from support.trajectories import close
 
 from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.samples import (
+    BatteriesSample,
+    BatteryReading,
+    GpioSample,
+    GripperSample,
+    ImuSample,
+    MecanumSample,
+    PidSample,
+    PoseSample,
+    RangeSample,
+    SteeringSample,
+    TrajectorySample,
+    WrenchSample,
+)
+from canopen_control.rpc.messages.state import StateSample
 from canopen_control.runtime.api import ApiServer
-from canopen_control.trace.bag import BagMessages, BagWriter
+from canopen_control.trace.bag import SENSORS, BagMessages, BagWriter
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed: pip install canopen-control[bag]")
+SAMPLES = {
+    "imu": ImuSample(
+        time=1.5, frame_id="imu_link", orientation=(0.0, 0.0, 0.6, 0.8), angular_velocity=(0.1, None, 0.3),
+        linear_acceleration=(0.0, 0.0, 9.81), orientation_covariance=[0.5] * 9,
+        angular_velocity_covariance=[-1.0, *[0.0] * 8], linear_acceleration_covariance=[0.0] * 9,
+    ),
+    "front": RangeSample(time=1.5, frame_id="nose", range=1.25, radiation_type=1, min_range=0.5, max_range=4.0),
+    "wrist": WrenchSample(time=1.5, frame_id="tool0", force=(1.0, 2.0, None), torque=(0.5, 0.25, 0.125)),
+    "gps": PoseSample(time=1.5, frame_id="map", position=(1.0, 2.0, 3.0), orientation=(0.0, 0.0, 0.6, 0.8),
+                      child_frame_id="base"),
+    "power": BatteriesSample(
+        time=1.5, together=BatteryReading(name="", voltage=24.5, percentage=0.75, present=True),
+        batteries=[BatteryReading(name="left", current=-3.5, power_supply_status=2), BatteryReading(name="right")],
+    ),
+    "io": GpioSample(time=1.5, parts={"io": {"lamp": 1.0, "pressed": None}, "valve": {"open": 0.5}}),
+    "gripper": GripperSample(time=1.5, joint="finger", position=0.01, velocity=0.0, effort=2.0, target=0.04,
+                             executing=True, stalled=False, reached_goal=False),
+}  # fmt: skip
+KINDS = {
+    "/imu/imu": "sensor_msgs/msg/Imu",
+    "/front/range": "sensor_msgs/msg/Range",
+    "/wrist/wrench": "geometry_msgs/msg/WrenchStamped",
+    "/gps/pose": "geometry_msgs/msg/PoseStamped",
+    "/power/battery_state": "sensor_msgs/msg/BatteryState",
+    "/power/raw_battery_states": "control_msgs/msg/BatteryStateArray",
+    "/io/gpio_states": "control_msgs/msg/DynamicInterfaceGroupValues",
+    "/gripper/commands_out": "std_msgs/msg/Float64MultiArray",
+}
+
+
+@pytest.fixture(scope="module")
+def found_of_sensors(tmp_path_factory):
+    """What a bag holds of controllers that were looked at twice: type, stamp and message by topic."""
+    path, store = tmp_path_factory.mktemp("bag") / "run", BagMessages().store
+    with BagWriter(path, "robot") as writer:
+        for time in (2.0, 2.1):
+            writer.state(StateSample(time=time, samples=SAMPLES))
+    topics = {}
+    with rosbags.Reader(path) as reader:
+        for connection, stamp, data in reader.messages():
+            message = store.deserialize_cdr(data, connection.msgtype)
+            topics.setdefault(connection.topic, []).append((connection.msgtype, stamp, message))
+    return topics
+
+
+def only(found_of_sensors, topic):
+    ((_, _, message),) = found_of_sensors[topic]
+    return message
+
+
+@pytest.mark.parametrize("topic", KINDS)
+def test_each_is_there_once_with_its_type_and_stamp(found_of_sensors, topic):
+    ((kind, stamp, _),) = found_of_sensors[topic]
+    assert (kind, stamp) == (KINDS[topic], 1_500_000_000)
+
+
+def test_every_row_is_tried_here():
+    assert {row.topic for row in SENSORS} == {topic.rpartition("/")[2] for topic in KINDS}
+
+
+def test_an_imu(found_of_sensors):
+    imu = only(found_of_sensors, "/imu/imu")
+    assert (imu.header.frame_id, imu.orientation.z, imu.orientation.w) == ("imu_link", 0.6, 0.8)
+    assert (imu.angular_velocity.x, imu.linear_acceleration.z) == (0.1, 9.81)
+    assert math.isnan(imu.angular_velocity.y)
+    assert list(imu.orientation_covariance) == [0.5] * 9
+    assert imu.angular_velocity_covariance[0] == -1.0
+
+
+def test_a_range_a_wrench_and_a_pose_with_its_transform(found_of_sensors):
+    front = only(found_of_sensors, "/front/range")
+    assert (front.range, front.radiation_type, front.min_range, front.max_range) == (1.25, 1, 0.5, 4.0)
+    wrench = only(found_of_sensors, "/wrist/wrench").wrench
+    assert (wrench.force.y, wrench.torque.z) == (2.0, 0.125)
+    assert math.isnan(wrench.force.z)
+    pose = only(found_of_sensors, "/gps/pose").pose
+    assert (pose.position.z, pose.orientation.w) == (3.0, 0.8)
+    (transform,) = only(found_of_sensors, "/tf").transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base")
+    assert (transform.transform.translation.y, transform.transform.rotation.z) == (2.0, 0.6)
+
+
+def test_batteries(found_of_sensors):
+    together = only(found_of_sensors, "/power/battery_state")
+    assert (together.voltage, together.percentage, together.present) == (24.5, 0.75, True)
+    assert math.isnan(together.current)
+    left, right = only(found_of_sensors, "/power/raw_battery_states").battery_states
+    assert (left.header.frame_id, left.current, left.power_supply_status) == ("left", -3.5, 2)
+    assert (right.header.frame_id, len(right.cell_voltage)) == ("right", 0)
+
+
+def test_inputs_and_outputs_and_where_a_gripper_is_sent(found_of_sensors):
+    io = only(found_of_sensors, "/io/gpio_states")
+    assert io.interface_groups == ["io", "valve"]
+    assert [each.interface_names for each in io.interface_values] == [["lamp", "pressed"], ["open"]]
+    assert io.interface_values[0].values[0] == 1.0
+    assert math.isnan(io.interface_values[0].values[1])
+    assert list(only(found_of_sensors, "/gripper/commands_out").data) == [0.04]
+
+
+POINT = {"positions": [1.0, 2.0], "velocities": [0.5, 0.25], "time_from_start": 1.25}
+TRAJECTORY = {
+    "kind": "trajectory", "time": 12.5, "joints": ["a", "b"], "executing": True, "holding": False, "reference": POINT,
+    "feedback": {"positions": [0.9, 2.1]}, "error": {"positions": [0.1, -0.1]}, "output": POINT,
+    "speed_scaling_factor": 0.5,
+}  # fmt: skip
+LOOPS = {
+    "kind": "pid", "time": 13.0,
+    "dofs": [{"name": "a", "reference": 1.0, "feedback": None, "feedback_dot": None, "error": None, "error_dot": None,
+              "time_step": 0.01, "output": 4.0}],
+}  # fmt: skip
+ODOMETRY = {"time": 13.5, "x": 1.0, "y": 0.0, "heading": 0.0}
+STEERED = {
+    "kind": "steering", **ODOMETRY, "traction_velocities": [3.0], "steering": [0.1, None],
+    "steering_commands": [0.2, 0.3],
+}  # fmt: skip
+MECANUM = {"kind": "mecanum", **ODOMETRY, "wheels": [1.0, 2.0, 3.0, None], "reference": [0.5, -0.25, 0.125]}
+STATE = {"time": 14.0, "joints": {}, "nodes": {}, "controllers": {}, "state": "running"}
+
+
+@pytest.fixture
+def found(tmp_path):
+    """What a bag holds of two controllers that were looked at twice, by topic."""
+    ros = BagMessages()
+    with BagWriter(tmp_path / "bag", "arm") as writer:
+        state = sample_of({**STATE, "samples": {"arm": TRAJECTORY, "loops": LOOPS, "truck": STEERED, "mec": MECANUM}})
+        writer.state(state)
+        writer.state(state)
+    topics = {}
+    with rosbags.Reader(tmp_path / "bag") as reader:
+        for connection, stamp, data in reader.messages():
+            message = None
+            if connection.topic.endswith("controller_state"):
+                message = ros.store.deserialize_cdr(data, connection.msgtype)
+            topics.setdefault(connection.topic, []).append((connection, stamp, message))
+    return topics
+
+
+def test_a_trajectory_controllers_state_is_upstreams_message(found):
+    ((connection, stamp, message),) = found["/arm/controller_state"]
+    assert connection.msgtype == "control_msgs/msg/JointTrajectoryControllerState"
+    assert stamp == 12_500_000_000
+    assert (message.joint_names, message.speed_scaling_factor) == (["a", "b"], 0.5)
+    assert close(list(message.reference.velocities), [0.5, 0.25])
+    assert close(list(message.error.positions), [0.1, -0.1])
+    assert (message.output.time_from_start.sec, message.output.time_from_start.nanosec) == (1, 250_000_000)
+    assert len(message.feedback.velocities) == 0
+
+
+def test_a_pid_controllers_state_has_nan_for_what_is_not_known(found):
+    ((connection, stamp, message),) = found["/loops/controller_state"]
+    assert (connection.msgtype, stamp) == ("control_msgs/msg/MultiDOFStateStamped", 13_000_000_000)
+    (dof,) = message.dof_states
+    assert (dof.name, dof.reference, dof.time_step, dof.output) == ("a", 1.0, 0.01, 4.0)
+    assert math.isnan(dof.feedback)
+
+
+def test_bases_tell_their_wheels_beside_their_odometry(found):
+    assert len(found["/truck/odom"]) == len(found["/mec/odom"]) == 1
+    ((_, stamp, truck),) = found["/truck/controller_state"]
+    assert (stamp, truck.header.frame_id) == (13_500_000_000, "odom")
+    assert list(truck.traction_wheels_velocity) == [3.0]
+    assert (truck.steer_positions[0], list(truck.steering_angle_command)) == (0.1, [0.2, 0.3])
+    assert math.isnan(truck.steer_positions[1])
+    ((_, _, base),) = found["/mec/controller_state"]
+    assert (base.front_left_wheel_velocity, base.back_left_wheel_velocity) == (1.0, 2.0)
+    assert base.back_right_wheel_velocity == 3.0
+    assert math.isnan(base.front_right_wheel_velocity)
+    wanted = base.reference_velocity
+    assert (wanted.linear.x, wanted.linear.y, wanted.angular.z) == (0.5, -0.25, 0.125)
+
+
+def test_a_mecanum_base_that_has_told_no_wheels_yet_is_nan_throughout():
+    message = BagMessages().states[MecanumSample](MecanumSample(time=1.0, x=0.0, y=0.0, heading=0.0))
+    assert math.isnan(message.front_left_wheel_velocity)
+    assert math.isnan(message.reference_velocity.angular.z)
+
+
+def test_the_types_are_upstreams_by_their_hashes():
+    hashes = json.loads((Path(__file__).parents[1] / "data" / "control_msgs_hashes.json").read_text())
+    store = BagMessages().store
+    for name in (
+        "JointTrajectoryControllerState",
+        "MultiDOFStateStamped",
+        "SteeringControllerStatus",
+        "MecanumDriveControllerState",
+    ):
+        assert store.hash_rihs01(f"control_msgs/msg/{name}") == hashes[f"control_msgs/msg/{name}"]
+
+
+def test_every_kind_has_its_message():
+    assert set(BagMessages().states) == {TrajectorySample, PidSample, SteeringSample, MecanumSample}
+
 
 READ_WITH_RCLPY = """
 import importlib, json, sys

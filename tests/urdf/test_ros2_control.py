@@ -1,7 +1,84 @@
+import pytest
 from support.arm import ARM
 
+from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.description import parse_description
 from canopen_control.urdf.joint_element import Mimic
+
+ROBOT = """\
+<robot name="base">
+  <link name="base"/><link name="wheel"/>
+  <joint name="wheel_joint" type="continuous"><parent link="base"/><child link="wheel"/></joint>
+  {}
+</robot>
+"""
+ROS1 = """
+  <transmission name="wheel_trans">
+    <type>transmission_interface/SimpleTransmission</type>
+    <joint name="wheel_joint"><hardwareInterface>hardware_interface/VelocityJointInterface</hardwareInterface></joint>
+    <actuator name="wheel_motor"><mechanicalReduction>30</mechanicalReduction></actuator>
+  </transmission>"""
+ROS2 = """
+  <ros2_control name="base" type="system">
+    <hardware><plugin>canopen_control/CanopenSystem</plugin></hardware>
+    <joint name="wheel_joint"><command_interface name="velocity"/></joint>
+    <transmission name="t">
+      <plugin>transmission_interface/SimpleTransmission</plugin>
+      <actuator name="motor" role="actuator1"/>
+      <joint name="wheel_joint" role="joint1">
+        <mechanical_reduction>-2.5</mechanical_reduction><offset>0.5</offset>
+      </joint>
+    </transmission>
+  </ros2_control>"""
+
+
+def test_a_ros_1_transmission_says_what_a_ros2_control_tag_would():
+    robot = parse_description(ROBOT.format(ROS1), "b.urdf")
+    assert robot.ros1
+    (tag,) = robot.hardware
+    assert tag.plugin == "canopen_control/CanopenSystem"
+    (joint,) = tag.joints
+    assert (joint.name, joint.parameters) == ("wheel_joint", {"device_name": "wheel_motor"})
+    assert list(joint.command_interfaces) == ["velocity"]
+    assert tag.transmissions[0].reduction == 30.0
+    assert robot.notes == (
+        "b.urdf:5: wheel_joint turns once for 30 turns of wheel_motor; "
+        "the scales of bus.yml are those of the motor shaft",
+    )
+
+
+def test_gazebos_ros_1_plugin_makes_it_a_simulation():
+    plugin = '<gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo>'
+    assert parse_description(ROBOT.format(ROS1 + plugin)).hardware[0].plugin == "gazebo_ros_control/DefaultRobotHWSim"
+
+
+def test_ros2_controls_own_spelling_is_read_and_ros_1s_beside_it_has_no_effect():
+    robot = parse_description(ROBOT.format(ROS2 + ROS1), "b.urdf")
+    assert not robot.ros1
+    (transmission,) = robot.hardware[0].transmissions
+    assert (transmission.reduction, transmission.offset) == (-2.5, 0.5)
+    assert any("wheel_trans is ROS 1's and has no effect" in each for each in robot.notes)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("SimpleTransmission", "DifferentialTransmission", "its type is 'transmission_interface/Differ.*Simple"),
+        ("VelocityJointInterface", "VelocityJointInterfac", "did you mean 'VelocityJointInterface'"),
+        (">30<", ">many<", "'many' of <mechanicalReduction> is no number"),
+        (">30<", ">0<", "<mechanicalReduction> is 0"),
+        ('joint name="wheel_joint"><hard', 'joint name="weel_joint"><hard', "did you mean 'wheel_joint'"),
+    ],
+)
+def test_mistakes_are_told_with_their_line(old, new, message):
+    with pytest.raises(RobotConfigError, match=r"b\.urdf:\d+:\d+: .*" + message):
+        parse_description(ROBOT.format(ROS1.replace(old, new)), "b.urdf")
+
+
+def test_a_joint_has_one_transmission():
+    twice = ROS1 + ROS1.replace("wheel_trans", "other")
+    with pytest.raises(RobotConfigError, match="wheel_joint has two transmissions: wheel_trans, other"):
+        parse_description(ROBOT.format(twice))
 
 
 def test_the_ros2_control_tag_is_read_with_its_parameters():

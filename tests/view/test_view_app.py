@@ -8,23 +8,101 @@ import time
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
-
+from nicegui import ui
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.host import eventually
 from support.mockrobot import running
-from support.pages import settle
+from support.pages import FakeContext, html, seen, settle, state, visited
 
 from canopen_control import Robot
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.robot import Release
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
 from canopen_control.view import view_app
+from canopen_control.view.elements.nicegui_elements import Feed
 from canopen_control.view.page_address import page_addresses
 from canopen_control.view.robot_connection import RobotConnection, joint_motion
 from canopen_control.view.trajectory_player import LoadedTrajectory
-from canopen_control.view.view_app import SEEN_HZ, STILL_HZ, UNSEEN_HZ, ViewApp
+from canopen_control.view.view_app import PANELS, SEEN_HZ, STILL_HZ, UNSEEN_HZ, Page, ViewApp, build_waiting, stop_html
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
+
+def made(context, act):
+    async def show(user, page):
+        page.show(context.content())
+        return await act(user, page)
+
+    return visited(lambda: Page(context), show)
+
+
+def test_everything_is_on_the_page_and_stop_is_before_it():
+    context = FakeContext()
+
+    async def act(user, _page):
+        await user.should_see("Disable")
+        return html(user), user._client.body_html
+
+    text, body = made(context, act)
+    for words in ("pair", "running", "enabled, follows commands", "2.50<wbr><small>velocity", "Nothing has happened"):
+        assert words in text
+    assert 'id="cc-stop-button"' in body
+
+
+def test_stop_asks_nobody_but_its_own_server_and_needs_nothing_else():
+    whole = stop_html()
+    assert "http" not in whole
+    assert "import" not in whole.split("<script>")[1]
+    for word in ("nicegui", "socket", "Vue", "THREE"):
+        assert word not in whole.split("<script>")[1]
+
+
+def test_a_panel_is_a_line_of_the_table():
+    assert len({place.key for place in PANELS}) == len(PANELS)
+    assert {place.where for place in PANELS} == {"side", "middle", "right"}
+
+
+def test_only_news_are_told():
+    context = FakeContext()
+
+    async def act(_user, page):
+        first = page.changes(context.content())
+        same = page.changes(context.content())
+        lost = page.changes(context.content(state(latched=True), lost="gone"))
+        return first, same, lost
+
+    first, same, lost = made(context, act)
+    assert first == {"titles": {"left": "left velocity, rad/s", "error": "Tracking error, rad/s"},
+                     "lost": False, "latched": False}  # fmt: skip
+    assert same == {}
+    assert lost == {"lost": True, "latched": True}
+
+
+@pytest.mark.rest
+def test_what_is_sent_goes_through_the_feed(monkeypatch):
+    sent = []
+    monkeypatch.setattr(Feed, "send", lambda self, data: sent.append(data))
+
+    async def act(_user, page):
+        page.send({"scene": {}})
+
+    made(FakeContext(), act)
+    assert sent == [{"scene": {}}]
+
+
+def test_a_robot_that_was_never_there_has_a_page_with_stop_and_the_reason():
+    async def act(user, _made):
+        return html(user), user._client.body_html, seen(ui.button)
+
+    text, body, buttons = visited(lambda: build_waiting("<robby>", "no robot '<robby>' is running"), act)
+    assert "&lt;robby&gt;" in text
+    assert "not connected" in text
+    assert 'id="cc-stop-button"' in body
+    assert buttons == []
+
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
+
 
 FORWARD = "robby_forward_controller"
 MOTION = joint_motion(FORWARD, [3.0, 3.0], [0.0, 0.0])
@@ -45,7 +123,7 @@ class Server:
         self.ended.set()
 
 
-class Page:
+class WholePage:
     """What a browser would have; `client` is itself."""
 
     def __init__(self, name="page 1"):
@@ -186,7 +264,7 @@ def test_samples_come_fast_while_somebody_looks(robot, play, monkeypatch):
 
     async def act(app):
         await connected(app)
-        app._page_opened(Page())
+        app._page_opened(WholePage())
         app._page_closed("page 1")
 
     play(act)
@@ -198,7 +276,7 @@ def test_samples_come_slower_while_the_robot_stands(robot, play, monkeypatch):
 
     async def act(app):
         await connected(app)
-        app._pages["page 1"] = Page()
+        app._pages["page 1"] = WholePage()
         monkeypatch.setattr(app._stillness, "take", lambda _state: still.pop(0) if still else False, raising=False)
         monkeypatch.setattr(RobotConnection, "subscribe", lambda self, rate: rates.append(rate))
         await until(lambda: not still)
@@ -208,7 +286,7 @@ def test_samples_come_slower_while_the_robot_stands(robot, play, monkeypatch):
 
 
 def test_a_page_is_told_what_was_then_what_is(robot, play):
-    page = Page()
+    page = WholePage()
 
     async def act(app):
         await connected(app)
@@ -239,7 +317,7 @@ def test_stop_latches_and_says_when_it_does_not_reach(robot, play):
 def test_a_held_button_drives_until_it_is_silent(robot, play):
     async def act(app):
         await connected(app)
-        app._page_opened(Page())
+        app._page_opened(WholePage())
         app.hold("page 1", MOTION, app.said.append)
         await until(lambda: command(robot) == 3.0)
         begin = time.monotonic()
@@ -253,7 +331,7 @@ def test_a_held_button_drives_until_it_is_silent(robot, play):
 def test_letting_go_or_closing_the_page_ends_its_motion_at_once(robot, play):
     async def act(app):
         await connected(app)
-        page = Page()
+        page = WholePage()
         app._page_opened(page)
         app.hold("page 1", MOTION, app.said.append)
         app.let_go("page 1")
@@ -274,7 +352,7 @@ def test_nothing_is_sent_after_stop(robot, play, monkeypatch):
 
     async def act(app):
         await connected(app)
-        app._page_opened(Page())
+        app._page_opened(WholePage())
         app.hold("page 1", MOTION, app.said.append)
         monkeypatch.setattr(app, "_send", lambda *what: sent.append(what))
         app.stop()
@@ -289,14 +367,14 @@ def test_without_teleop_nobody_drives_and_who_comes_second_is_told(robot, play):
 
     async def refuse(app):
         await connected(app)
-        app._page_opened(Page())
+        app._page_opened(WholePage())
         app.hold("page 1", MOTION, told.append)
         assert app._dead_man.driver is None
 
     async def both(app):
         await connected(app)
         for name in ("page 1", "page 2"):
-            app._page_opened(Page(name))
+            app._page_opened(WholePage(name))
             app.hold(name, MOTION, told.append)
 
     play(refuse, teleop=False)
@@ -307,7 +385,7 @@ def test_without_teleop_nobody_drives_and_who_comes_second_is_told(robot, play):
 def test_the_end_of_the_view_ends_what_it_drives(robot, play):
     async def act(app):
         await connected(app)
-        app._page_opened(Page())
+        app._page_opened(WholePage())
         app.hold("page 1", MOTION, app.said.append)
         await until(lambda: command(robot) == 3.0)
 
@@ -317,7 +395,7 @@ def test_the_end_of_the_view_ends_what_it_drives(robot, play):
 
 @pytest.mark.rest
 def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_pages(private_folders, play):
-    page = Page()
+    page = WholePage()
 
     async def act(app):
         with running(real_time=True):
@@ -334,7 +412,7 @@ def test_it_waits_for_a_robot_that_comes_back_and_keeps_its_pages(private_folder
 
 
 def test_another_robot_of_the_same_name_makes_pages_anew(robot, play):
-    page = Page()
+    page = WholePage()
 
     async def act(app):
         await connected(app)
@@ -350,7 +428,7 @@ def test_another_robot_of_the_same_name_makes_pages_anew(robot, play):
 def test_a_robot_that_says_nothing_is_lost_until_it_speaks_again(robot, play, monkeypatch):
     async def act(app):
         await connected(app)
-        page = Page()
+        page = WholePage()
         app._page_opened(page)
         await until(lambda: page.shown)
         loop = asyncio.get_running_loop()
@@ -377,13 +455,13 @@ def test_as_a_child_it_ends_with_its_robot(private_folders, play):
 
 
 def test_a_page_that_cannot_be_drawn_takes_nothing_with_it(robot, play):
-    class Broken(Page):
+    class Broken(WholePage):
         def show(self, content):
             raise ZeroDivisionError
 
     async def act(app):
         await connected(app)
-        other = Page("page 2")
+        other = WholePage("page 2")
         app._page_opened(Broken())
         app._page_opened(other)
         await until(lambda: any("ZeroDivisionError" in text for text in app.said))
@@ -430,7 +508,7 @@ def positions(robot):
 async def begun(app, seconds=30.0):
     """Begin to play on a page; returns what ends with it."""
     await connected(app)
-    app._page_opened(Page())
+    app._page_opened(WholePage())
     playing = asyncio.ensure_future(app.player.play("page 1", "arm_controller", wave(seconds)))
     await until(lambda: any(each.executing for each in app.robot.state.told(TrajectorySample).values()))
     return playing
@@ -473,7 +551,7 @@ def test_a_closed_and_a_silent_page_cancel_and_stop_end_what_is_played(arm, play
 def test_what_the_robot_refuses_of_a_trajectory_is_its_sentence(arm, play):
     async def act(app):
         await connected(app)
-        app._page_opened(Page())
+        app._page_opened(WholePage())
         return await app.player.play("page 1", "arm_controller", wave(1.0, [*JOINTS[:5], "elbow"]))
 
     assert "'elbow', no joint of this controller" in play(act).text
@@ -482,7 +560,7 @@ def test_what_the_robot_refuses_of_a_trajectory_is_its_sentence(arm, play):
 def test_a_page_that_only_looks_plays_nothing(arm, play):
     async def act(app):
         await connected(app)
-        app._page_opened(Page())
+        app._page_opened(WholePage())
         return await app.player.play("page 1", "arm_controller", wave(1.0))
 
     assert play(act, teleop=False).text == "this page may not move the robot"

@@ -1,14 +1,197 @@
 from __future__ import annotations
 
 import pytest
-from support.virtualbench import MS, Bench, S, ready_tmcm, servo, tmcm
+from hypothesis import given
+from hypothesis import strategies as st
+from support.virtualbench import MS, Bench, S, T, entry, generic, ready_tmcm, servo, servo_od, tmcm
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia402.state import State, decode_statusword
 from canopen_control.data_files import data_path
+from canopen_control.virtual.axis_objects import wrap32
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.node_events import DriveStateChanged
-from canopen_control.virtual.plant import LoadedPlant
+from canopen_control.virtual.plant import LagPlant, LoadedPlant
+from canopen_control.virtual.virtual_drive import SOURCES, OverloadGuard, clamp
+
+INPUT_1, INPUT_2 = 1 << 16, 1 << 17
+
+
+def turning(speed=1000, **kwargs):
+    b = Bench(generic(**kwargs))
+    for index in (0x6083, 0x6084):
+        b.write(index, 100_000)
+    b.enable(3)
+    b.write(0x60FF, speed)
+    b.on(1)
+    return b
+
+
+def inputs(b, bits):
+    b.drive.set_inputs(bits, b.now)
+    b.on(0)
+
+
+def status(b):
+    return b.number(0x60B9)
+
+
+def caught(b, index):
+    return b.number(index, signed=True)
+
+
+def test_a_single_probe_catches_the_first_rising_edge_after_it_is_armed():
+    b = turning()
+    inputs(b, INPUT_1)
+    assert status(b) == 0
+    inputs(b, 0)
+    b.write(0x60B8, 0x0011)
+    assert status(b) == 0x0001
+    b.on(0.1)
+    here = b.position
+    inputs(b, INPUT_1)
+    assert (status(b), caught(b, 0x60BA)) == (0x0003, here)
+    b.on(0.1)
+    inputs(b, 0)
+    inputs(b, INPUT_1)
+    assert caught(b, 0x60BA) == here
+    b.write(0x60B8, 0)
+    assert status(b) == 0
+    b.write(0x60B8, 0x0011)
+    assert status(b) == 0x0001
+
+
+def test_a_continuous_probe_catches_both_edges_every_time():
+    b = turning()
+    b.write(0x60B8, 0x0033)
+    for bits, index, bit in ((INPUT_1, 0x60BA, 2), (0, 0x60BB, 4), (INPUT_1, 0x60BA, 2)):
+        b.on(0.1)
+        here = b.position
+        inputs(b, bits)
+        assert caught(b, index) == here
+        assert status(b) & bit
+
+
+def test_the_second_probe_is_apart_from_the_first():
+    b = turning()
+    b.write(0x60B8, 0x3111)
+    b.on(0.1)
+    here = b.position
+    inputs(b, INPUT_2)
+    assert (status(b), caught(b, 0x60BC)) == (0x0301, here)
+    b.write(0x60B8, 0x3011 ^ 0x3000)
+    assert status(b) == 0x0001  # switching off the second forgot it, and only it
+
+
+@pytest.mark.rest
+@pytest.mark.parametrize("plant", [None, lambda axis: LagPlant()])
+@pytest.mark.parametrize("speed", [1000, -1000])
+def test_the_index_pulse_is_caught_where_it_is(plant, speed):
+    b = turning(speed, plant=plant)
+    period = int(b.drive.mover.switches.index_period)
+    b.write(0x60B8, 0x0015)
+    assert status(b) == 0x0001
+    b.on(6)
+    assert status(b) == 0x0003
+    assert caught(b, 0x60BA) == (period if speed > 0 else -period)
+    before = caught(b, 0x60BA)
+    b.on(10)
+    assert caught(b, 0x60BA) == before
+
+
+def test_a_continuous_index_probe_catches_every_one():
+    b = turning()
+    b.write(0x60B8, 0x0017)
+    b.on(14)
+    assert caught(b, 0x60BA) == 3 * 4096
+
+
+def test_a_standing_motor_passes_no_index_and_costs_no_deadline():
+    b = Bench(generic()).enable(3)
+    b.write(0x60B8, 0x0017)
+    b.on(10)
+    assert status(b) == 0x0001
+    assert b.node.next_deadline() is None
+
+
+def test_power_on_disarms():
+    b = turning()
+    b.write(0x60B8, 0x0011)
+    b.node.power_on(b.now)
+    b.on(0.1)
+    inputs(b, INPUT_1)
+    assert (b.number(0x60B8), status(b)) == (0, 0)
+
+
+MS_OF_OVERLOAD = 1_000_000
+
+
+def tripped(torque, seconds, guard=None, every=10):
+    """Return after how many seconds of a torque it is too hot, None: not at all."""
+    guard = guard or OverloadGuard()
+    for now in range(0, round(seconds * 1000) + 1, every):
+        if guard.exceeded(torque, 1000 * MS_OF_OVERLOAD + now * MS_OF_OVERLOAD):
+            return now / 1000
+    return None
+
+
+@pytest.mark.parametrize(("torque", "after"), [(2000.0, 2.0), (-3000.0, 0.75), (1500.0, 4.8)])
+def test_more_than_the_rated_torque_is_taken_for_a_time(torque, after):
+    assert tripped(torque, 10.0) == pytest.approx(after, abs=0.03)
+
+
+@given(st.floats(-1000.0, 1000.0))
+def test_the_rated_torque_is_taken_for_ever(torque):
+    assert tripped(torque, 100.0, every=50) is None
+
+
+def test_it_cools_down():
+    guard = OverloadGuard()
+    assert tripped(2000.0, 1.8, guard) is None
+    hot = guard.heat
+    for now in range(0, 3000, 10):
+        guard.exceeded(0.0, 10_000 * MS_OF_OVERLOAD + now * MS_OF_OVERLOAD)
+    assert guard.heat < hot - 2.5
+
+
+def test_a_pause_without_power_counts_as_rest_whatever_the_torque_was_before():
+    guard = OverloadGuard()
+    tripped(2000.0, 1.8, guard)
+    assert not guard.exceeded(2000.0, 60_000 * MS_OF_OVERLOAD)
+    assert guard.heat == 0.0
+
+
+@given(st.integers(-(2**40), 2**40))
+def test_a_counter_wraps_and_a_number_is_cut(value):
+    assert (wrap32(value) - value) % 2**32 == 0
+    assert -(2**31) <= wrap32(value) < 2**31
+    assert clamp(value, 16) == max(-32768, min(32767, value))
+
+
+def test_everything_shown_is_made_at_the_moment_of_reading():
+    bench = Bench(servo()).enable(3)
+    bench.write(0x60FF, 1000)
+    bench.node.clock.now = bench.now = bench.now + 50_000_000
+    assert bench.velocity == 500
+    assert bench.number(0x606B) == 500
+    assert (bench.position, bench.number(0x6062), bench.number(0x6063), bench.number(0x60FC)) == (12, 12, 12, 12)
+
+
+def test_a_source_keeps_to_the_type_of_the_file():
+    od = servo_od()
+    od.add(entry(0x606C, 0, T.INTEGER16, None, "ro", True))
+    bench = Bench(make_device(od, 5)).enable(9)
+    bench.write(0x60FF, 1_000_000)
+    bench.on(0.1)
+    assert bench.read(0x606C) == b"\xff\x7f"
+    bench.node.pdos.configure(bench.now)
+    bench.sync()
+
+
+def test_each_source_gives_a_whole_number():
+    readings = Bench(servo()).drive.readings
+    assert all(isinstance(source(readings), int) for source in SOURCES.values())
+
 
 GENERIC_EDS = data_path("eds", "generic_cia402.eds")
 

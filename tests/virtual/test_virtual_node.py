@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import struct
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -9,12 +10,166 @@ from hypothesis import strategies as st
 from support.properties import examples
 from support.virtualbench import MS, Bench, S, T, entry, ready_tmcm, servo, servo_od, tmcm
 
+from canopen_control.cia301.lss import MASTER_COB_ID, UNCONFIGURED
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.cia402.state import State, decode_statusword
 from canopen_control.frame import REMOTE_FLAG, CanFrame
 from canopen_control.od.model import ObjectDictionary
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.node_events import HeartbeatMissed
+from canopen_control.virtual.node_events import BitRateActivated, HeartbeatMissed, NodeIdChanged
+from canopen_control.virtual.virtual_node import SYNC_LENGTH_ERROR, merged
+
+IDENTITY = (0x99, 0x1234, 0x10002, 77)
+
+
+def bench(node_id=5, **kwargs):
+    od = servo_od(node_id)
+    od.device = replace(od.device, lss_supported=True, bit_rates=frozenset((125_000, 500_000)))
+    return Bench(make_device(od, node_id, serial=77, **kwargs))
+
+
+def lss(b, *data):
+    """Send an LSS request; return the answers."""
+    return [frame.data for frame in b.put(MASTER_COB_ID, bytes(data).ljust(8, b"\0")) if frame.can_id == 0x7E4]
+
+
+def select(b):
+    for part, number in enumerate(IDENTITY):
+        answers = lss(b, 0x40 + part, *number.to_bytes(4, "little"))
+    return answers
+
+
+def boots(b):
+    return [frame.can_id - 0x700 for _, frame in b.seen if frame.data == b"\0" and 0x700 < frame.can_id < 0x780]
+
+
+def test_without_lss_supported_nobody_answers():
+    od = servo_od(5)
+    b = Bench(make_device(od, 5, serial=77))
+    assert MASTER_COB_ID not in b.node.routes()
+    assert select(b) == []
+
+
+def test_it_is_selected_by_its_identity_and_tells_it():
+    b = bench()
+    assert select(b) == [bytes((0x44,)).ljust(8, b"\0")]
+    assert [int.from_bytes(lss(b, 0x5A + part)[0][1:5], "little") for part in range(4)] == list(IDENTITY)
+    assert lss(b, 0x5E)[0][1] == 5
+
+
+def test_a_new_node_id_counts_after_reset_communication_and_every_cob_id_follows():
+    b = bench()
+    select(b)
+    assert lss(b, 0x11, 9)[0][1] == 0
+    lss(b, 0x04, 0)
+    assert b.number(0x1000) == 0x20192  # still node 5
+    b.seen.clear()
+    b.put(0, bytes((0x82, 5)))
+    b.on(0.1)
+    assert boots(b) == [9]
+    assert b.node.node_id == 9
+    assert b.number(0x1014) == 0x89
+    assert b.number(0x1018, 4) == 77
+    b.put(0, bytes((0x01, 9)))
+    assert b.node.operational
+    b.node.outbox.emergency(0x5441, 1)
+    assert [frame.can_id for frame in b.node.frames()] == [0x089]
+    assert NodeIdChanged(9) in b.events
+    assert b.put(0x605, bytes.fromhex("4000100000000000")) == []
+
+
+def test_without_store_the_node_id_is_gone_with_the_power_and_with_it_it_stays():
+    b = bench()
+    select(b)
+    lss(b, 0x11, 9)
+    b.node.power_on(b.now)
+    b.on(0.1)
+    assert b.node.node_id == 5
+    select(b)
+    lss(b, 0x11, 9)
+    assert lss(b, 0x17)[0][1] == 0
+    b.node.power_on(b.now)
+    b.on(0.1)
+    assert b.node.node_id == 9
+
+
+def test_a_store_that_fails_is_said():
+    b = bench()
+    b.node.on_stored(lambda: False)
+    select(b)
+    lss(b, 0x11, 9)
+    assert lss(b, 0x17)[0][1] == 2
+    assert b.node.lss.stored_node_id == 5
+
+
+def test_a_node_without_an_id_is_silent_until_fast_scan_and_a_node_id_make_it_boot():
+    b = bench(UNCONFIGURED)
+    b.on(10)
+    assert b.seen == []
+    assert list(b.node.routes()) == [MASTER_COB_ID]
+    assert b.put(0, bytes((0x01, 0))) == []
+    assert lss(b, 0x4C) == [bytes((0x50,)).ljust(8, b"\0")]
+    assert lss(b, 0x51, 0, 0, 0, 0, 0x80, 0, 0)[0][0] == 0x4F
+    for part, number in enumerate(IDENTITY):
+        following = part + 1 if part < 3 else 0
+        for bit in range(31, -1, -1):
+            shown = number >> bit << bit
+            nxt = following if bit == 0 else part
+            assert lss(b, 0x51, *shown.to_bytes(4, "little"), bit, part, nxt)[0][0] == 0x4F
+    assert lss(b, 0x11, 12)[0][1] == 0
+    b.seen.clear()
+    lss(b, 0x04, 0)
+    b.on(0.1)
+    assert boots(b) == [12]
+    b.start()
+    b.enable(3)
+    b.write(0x60FF, 1000)
+    b.on(1)
+    assert b.velocity == 1000
+
+
+def test_bit_rates_are_those_of_the_file_and_a_change_is_told():
+    b = bench()
+    select(b)
+    assert lss(b, 0x13, 0, 2)[0][1] == 0  # 500 kbit/s
+    assert lss(b, 0x13, 0, 3)[0][1] == 1  # 250 is not in the file
+    b.node.receive(CanFrame(MASTER_COB_ID, bytes.fromhex("156400").ljust(8, b"\0")), b.now)
+    b.collect()
+    assert BitRateActivated(500_000) in b.events
+
+
+def test_each_identifier_has_its_receiver_and_two_of_one_both_hear_in_order():
+    heard = []
+    routes = [(1, lambda f, now: heard.append("a")), (2, lambda f, now: heard.append("b"))]
+    table = merged([*routes, (1, lambda f, now: heard.append("c"))])
+    assert table.keys() == {1, 2}
+    table[1](CanFrame(1, b""), 0)
+    assert heard == ["a", "c"]
+    table[2](CanFrame(2, b""), 0)
+    assert heard == ["a", "c", "b"]
+
+
+def test_a_version_tells_that_the_identifiers_changed_and_only_that():
+    bench = Bench(tmcm())
+    before = bench.node.routing.version
+    bench.write(0x1016, 127 << 16 | 1000, 1)
+    assert (bench.node.routing.version > before, 0x77F in bench.node.routes()) == (True, True)
+    before = bench.node.routing.version
+    bench.write(0x1016, 127 << 16 | 900, 1)
+    assert bench.node.routing.version == before
+
+
+def test_a_stopped_node_hears_neither_sdo_nor_sync():
+    bench = Bench(tmcm())
+    bench.nmt(NmtCommand.STOP)
+    assert bench.read(0x1000) is None
+    bench.put(0x080, b"12345678")
+    assert SYNC_LENGTH_ERROR not in bench.node.emcy.active
+    bench.start()
+    bench.put(0x080, b"12345678")
+    assert SYNC_LENGTH_ERROR in bench.node.emcy.active
+    bench.put(0x080)
+    assert SYNC_LENGTH_ERROR not in bench.node.emcy.active
 
 
 def texts(frames):

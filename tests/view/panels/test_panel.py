@@ -1,12 +1,41 @@
 import inspect
 
 import pytest
+from nicegui import ui
+from support.pages import FakeContext, seen, visited
+
+from canopen_control.view.elements.nicegui_elements import HoldButton, HoldButtons
+from canopen_control.view.panels.panel import Html, PanelContext, hold_buttons, tell, value_slider
+from canopen_control.view.robot_connection import twist_motion
+from canopen_control.view.view_app import ViewApp
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
-from support.pages import FakeContext, visited
 
-from canopen_control.view.panels.panel import Html, PanelContext, tell
-from canopen_control.view.view_app import ViewApp
+
+def test_a_slider_stands_between_its_name_and_its_value():
+    async def act(user, _built):
+        slider = seen(ui.slider)[0]
+        slider.value = 0.456
+        return slider.props["max"], [label.text for label in seen(ui.label)]
+
+    assert visited(lambda: value_slider("speed", 0.0, 2.0, 0.1, 0.5), act) == (2.0, ["speed", "0.46"])
+
+
+def test_what_is_held_is_sent_and_the_end_is_the_pages():
+    context = FakeContext()
+    motions = {"go": twist_motion("base", 1.0, 0.0), "wait": None}
+
+    async def act(user, _built):
+        for key in motions:
+            user.find(kind=HoldButtons).trigger("hold", key)
+        user.find(kind=HoldButtons).trigger("release")
+
+    visited(lambda: hold_buttons(context, [HoldButton(key, key) for key in motions], motions.get), act)
+    assert context.held == [motions["go"]]
+    assert context.let == 1
+
+
+pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 
 def test_the_view_and_the_tests_stand_in_have_what_panels_are_promised():
