@@ -4,8 +4,6 @@ import ast
 import tomllib
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 COMPILED = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["hooks"]["custom"]["include"]
@@ -47,16 +45,3 @@ def test_no_compiled_module_derives_a_dataclass_from_another():
     }
     assert {name: names for name, names in found.items() if names} == {}, "put them into a module that is not compiled"
     assert list(derived_dataclasses("@dataclass(frozen=True)\nclass A(B): ...\n@dataclass\nclass C: ...")) == ["A"]
-
-
-@pytest.mark.parametrize(
-    ("line", "names"),
-    [
-        ("A: Final = (0.7, 1.3)", ["A"]),
-        ("A: Final[tuple[float, float]] = (0.7, 1.3)", ["A"]),
-        ("A: Final = (0.7, 1)", []),
-        ("A = (0.7, 1.3)", []),
-    ],
-)
-def test_such_a_constant_would_be_seen(line, names):
-    assert list(constants_of_floats(line)) == names

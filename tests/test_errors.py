@@ -71,10 +71,6 @@ def test_every_error_with_fields_has_its_message_tested():
     assert with_fields - {type(error).__name__ for error, _ in MESSAGES} == {"RemoteProtocolError"}
 
 
-def test_everything_is_exported_and_nothing_else():
-    assert sorted(errors.__all__) == sorted([*TREE, "nearest"])
-
-
 def test_the_docstring_draws_the_tree_as_it_is():
     drawn: dict[str, str | None] = {}
     path: list[str] = []

@@ -38,17 +38,3 @@ def test_no_name_stands_in_two_subpackages_without_a_reason():
 def test_a_verbs_file_is_the_verbs_name():
     files = {path.stem for path in (PACKAGE / "cli").glob("*.py")} - {"__init__", "main", "verbs"}
     assert files == set(VERBS)
-
-
-def test_a_second_file_of_a_name_would_be_seen(tmp_path):
-    for name in (
-        "bus/link.py",
-        "urdf/link.py",
-        "cli/link.py",
-        "bus/__init__.py",
-        "urdf/__init__.py",
-        "rpc/hub.py",
-    ):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).touch()
-    assert shared_names(tmp_path) == {"link.py": ["bus", "urdf"]}

@@ -259,12 +259,6 @@ def test_a_question_for_a_type_would_be_seen(tmp_path):
     assert asked_for_its_type(path, classes) == [2, 3]
 
 
-def test_a_forbidden_import_would_be_seen(tmp_path):
-    path = tmp_path / "x.py"
-    path.write_text("import socket\nfrom canopen_control.master import network\n")
-    assert imported(path) == ["socket", "canopen_control.master.network"]
-
-
 # -- cycles
 
 
@@ -392,30 +386,3 @@ def test_what_crosses_a_subpackages_border_has_a_type():
     }
     assert found - UNTYPED.keys() == set(), "make it a structure (rpc.messages.declare.Document), or a dataclass"
     assert UNTYPED.keys() - found == set(), "these are typed by now"
-
-
-def test_what_holds_anything_would_be_seen_wherever_it_is_declared():
-    text = """
-Alias = dict[str, Any]
-Named: TypeAlias = "Mapping[str, Any]"
-_private = dict[str, Any]
-
-def function(a: int, *, b: list[dict[str, object]] | None = None) -> None:
-    inside: dict[str, Any] = {}
-
-def answers() -> dict[str, typing.Any]: ...
-
-class Class:
-    field: dict[str, Any]
-    good: dict[str, int]
-
-    def __init__(self, given: dict[str, Any]) -> None: ...
-    def method(self) -> tuple[MutableMapping[str, Any], ...]: ...
-    def _own(self) -> dict[str, Any]: ...
-
-class _Inner:
-    field: dict[str, Any]
-"""
-    assert list(untyped(text)) == [
-        "Alias", "Named", "function", "answers", "Class.field", "Class.__init__", "Class.method",
-    ]  # fmt: skip

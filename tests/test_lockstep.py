@@ -5,7 +5,6 @@ import select
 import threading
 import time
 
-import pytest
 from support.lockstep import _REAL_SLEEP, lockstep
 
 from canopen_control.host.reactor import Reactor
@@ -63,33 +62,3 @@ def test_threads_take_turns_and_who_stalls_is_late_for_nothing():
         (0.1, "wrote 0"), (0.1, "read 1"), (0.2, "wrote 1"), (0.25, "read 1"), (0.3, "wrote 2"), (0.4, "joined"),
     ]  # fmt: skip
     assert story() == first
-
-
-def test_an_event_wakes_at_once_and_a_wait_for_it_ends_in_time():
-    with lockstep():
-        event, begin = threading.Event(), time.monotonic()
-        assert not event.wait(1.5)
-        assert time.monotonic() - begin == pytest.approx(1.5)
-        threading.Thread(target=lambda: (time.sleep(0.5), event.set())).start()
-        assert event.wait(100.0)
-        assert time.monotonic() - begin == pytest.approx(2.0)
-
-
-def test_who_waits_for_less_than_a_nanosecond_does_so_for_one():
-    with lockstep() as steps:
-        before = steps.now_ns
-        time.sleep(1e-12)
-        assert steps.now_ns == before + 1
-        with lockstep() as inner:
-            assert inner is steps
-
-
-def test_what_comes_from_outside_is_waited_for_in_truth():
-    ours, theirs = os.pipe()
-    outside = threading.Thread(target=lambda: (_REAL_SLEEP(0.05), os.write(theirs, b"x")))
-    outside.start()
-    with lockstep():
-        assert select.select([ours], [], []) == ([ours], [], [])
-    outside.join()
-    os.close(ours)
-    os.close(theirs)

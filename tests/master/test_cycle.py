@@ -14,7 +14,6 @@ from canopen_control.od.model import DataType
 
 CONTROLWORD = MappedObject(0x6040, 0, 16, DataType.UNSIGNED16)
 MODE = MappedObject(0x6060, 0, 8, DataType.INTEGER8)
-TARGET_POSITION = MappedObject(0x607A, 0, 32, DataType.INTEGER32)
 TARGET_VELOCITY = MappedObject(0x60FF, 0, 32, DataType.INTEGER32)
 POSITION = MappedObject(0x6064, 0, 32, DataType.INTEGER32)
 VELOCITY = MappedObject(0x606C, 0, 32, DataType.INTEGER32)

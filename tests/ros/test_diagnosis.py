@@ -7,8 +7,6 @@ from support.samples import controllers_of, sample_of
 from canopen_control.ros.diagnosis import diagnose
 from canopen_control.rpc.messages.health import Health
 
-VIEWS = {view.name: view for view in controllers_of(CONTROLLERS)}
-
 
 def state(more=(), **changes):
     drive = {

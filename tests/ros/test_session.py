@@ -273,9 +273,6 @@ def test_it_is_there_for_who_comes_late_and_changes_with_controllers_and_hardwar
     assert states(failed["controllers"])["forward"] == (3, "active")
 
 
-TYPE = "std_msgs/msg/Float64MultiArray"
-
-
 def topics(stage):
     return stage.peer.order("graph")["topics"]
 

@@ -113,9 +113,6 @@ def test_nothing_is_made_where_nobody_listens_of_sensor_topics():
     assert ros.publishers[0].told == []
 
 
-pytest.importorskip("sensor_msgs")
-
-
 MAIN = BatteryReading(name="main", voltage=24.5, current=-3.0, percentage=0.5, power_supply_status=2, present=True,
                       capacity=40.0, power_supply_technology=3, location="slot 1", serial_number="77")  # fmt: skip
 STATE = StateSample(

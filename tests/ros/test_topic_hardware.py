@@ -12,7 +12,6 @@ from support import ros
 from support.control import vectors
 
 pytestmark = pytest.mark.ros
-ARGUMENTS = ("--ros-args", "-p", "topic_hardware:=true", "-p", "rate:=100.0")
 COMMANDS, STATES, TYPE = "/robot_joint_commands", "/robot_joint_states", "sensor_msgs/msg/JointState"
 NAN = math.nan
 

@@ -36,7 +36,6 @@ from canopen_control.virtual.device import make_device
 from canopen_control.virtual.program_area import whole_program
 
 MS = 1_000_000
-BLOCK = 889  # bytes: 127 segments of 7
 NEW_OF_PROGRAM_SESSION = whole_program(bytes(range(256)) * 208)  # 60 blocks
 SEGMENTS = 127
 

@@ -10,7 +10,6 @@ from canopen_control.rpc.messages.robot import GetStatus
 
 pytestmark = pytest.mark.socketcan
 NODES = (LEFT, RIGHT)
-RAMP_S = 10 / 0.003926990816987242 / 16000  # to 10 rad/s, by 0x6083; of the plant, which knows no scale
 TIMEOUT_S = scaled(10)
 
 

@@ -50,10 +50,6 @@ def test_nothing_is_fetched_and_nothing_runs(lost_drive):
     assert not re.search(r"https?://|url\(|@import", page)
 
 
-def test_a_reference_would_be_seen():
-    assert parsed('<p><a href="http://x">y</a></p>').references == ["http://x"]
-
-
 def test_every_section_is_there(lost_drive):
     page = page_of(facts_of(lost_drive))
     for words in ("States of the drives", "Joints", "Events", "Frames around the fault", "last that was heard", "Boot",

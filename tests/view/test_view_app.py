@@ -101,9 +101,6 @@ def test_a_robot_that_was_never_there_has_a_page_with_stop_and_the_reason():
     assert buttons == []
 
 
-pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
-
-
 FORWARD = "robby_forward_controller"
 MOTION = joint_motion(FORWARD, [3.0, 3.0], [0.0, 0.0])
 

@@ -195,9 +195,6 @@ def test_an_angle_is_inverted_and_preset():
     assert device.number(0x6010, signed=True) == 5
 
 
-MS_OF_INPUT_FAULTS = 1_000_000
-
-
 def test_a_healthy_input_shows_what_is_there_and_never_wakes():
     faults = InputFaults()
     assert faults.value("a", 5.0, 100.0, 0) == faults.line("a", 5.0) == 5.0

@@ -2,13 +2,11 @@ import pytest
 
 from canopen_control.rpc.messages.gripper import (
     GRIPPER_METHODS,
-    GripperResult,
-    GripperVerdict,
     MoveGripper,
     SendGripper,
 )
 from canopen_control.rpc.messages.robot import ROBOT
-from canopen_control.rpc.wire import convert, plain
+from canopen_control.rpc.wire import convert
 
 
 def test_the_methods_are_those_of_the_robots_socket():
@@ -21,8 +19,3 @@ def test_a_goal_ends_with_its_connection_unless_it_says_otherwise(kind):
     assert (request.max_effort, request.max_velocity, request.dead_man) == (None, None, True)
     with pytest.raises(ValueError, match="position"):
         convert({"controller": "gripper", "position": None}, kind)
-
-
-def test_answers_survive_the_wire():
-    for answer in (GripperVerdict(accepted=False, text="no"), GripperResult(state="aborted", text="why", stalled=True)):
-        assert convert(plain(answer), type(answer)) == answer

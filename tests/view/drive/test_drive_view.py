@@ -5,13 +5,10 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import NODE, FakeContext, html, settle, visited
+from support.pages import FakeContext, html, settle, visited
 
 from canopen_control.view.drive import drive_view
 from canopen_control.view.drive.drive_view import DriveView, TabSlot
-
-TWO = {"left_drive": NODE, "io": NODE | {"axes": [], "node_id": 4}}
-
 
 MADE = []
 

@@ -50,9 +50,6 @@ def test_an_event_is_shown_and_escaped():
     assert "&lt;img" in visited(lambda: EventsPanel(context), act)
 
 
-pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
-
-
 def shown(new=None, lost="", press=False, refusal=None):
     """Return the HTML, the labels of the buttons that are there, and what the robot was asked for."""
     from nicegui import ui

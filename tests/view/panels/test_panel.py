@@ -1,13 +1,10 @@
-import inspect
-
 import pytest
 from nicegui import ui
 from support.pages import FakeContext, seen, visited
 
 from canopen_control.view.elements.nicegui_elements import HoldButton, HoldButtons
-from canopen_control.view.panels.panel import Html, PanelContext, hold_buttons, tell, value_slider
+from canopen_control.view.panels.panel import Html, hold_buttons, tell, value_slider
 from canopen_control.view.robot_connection import twist_motion
-from canopen_control.view.view_app import ViewApp
 
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
@@ -33,16 +30,6 @@ def test_what_is_held_is_sent_and_the_end_is_the_pages():
     visited(lambda: hold_buttons(context, [HoldButton(key, key) for key in motions], motions.get), act)
     assert context.held == [motions["go"]]
     assert context.let == 1
-
-
-pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
-
-
-def test_the_view_and_the_tests_stand_in_have_what_panels_are_promised():
-    for name in ("ask", "hold", "let_go", "refresh_faults"):
-        promised = list(inspect.signature(getattr(PanelContext, name)).parameters)
-        assert list(inspect.signature(getattr(ViewApp, name)).parameters) == promised
-        assert list(inspect.signature(getattr(FakeContext, name)).parameters) == promised
 
 
 def test_only_what_has_changed_is_sent():

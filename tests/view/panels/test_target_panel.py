@@ -76,9 +76,6 @@ def test_enable_is_grey_and_closed_while_stop_is_latched():
     assert visited(lambda: PowerPanel(context), act) == [(True, "green-8"), (False, "grey-5"), (True, "green-8")]
 
 
-pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
-
-
 def played(context, act):
     async def show(user, panel):
         panel.show(context.content())
