@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.output import print_result
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import AxisRequest
 
@@ -48,5 +49,6 @@ def run(args: argparse.Namespace) -> int:
     with RobotClient.connect(args.name) as robot:
         answer = robot.ask(request, HOMING_S if args.action == "home" else TIMEOUT_S)
     together = f" ({answer.text})" if answer.text else ""
-    print(f"{args.action} {args.node}{f' {args.mode}' if args.mode else ''}: done{together}")
+    done = {"action": args.action, "node": args.node, "joint": args.joint, "mode": args.mode, "text": answer.text}
+    print_result(args, done, f"{args.action} {args.node}{f' {args.mode}' if args.mode else ''}: done{together}")
     return 0

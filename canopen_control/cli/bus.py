@@ -17,7 +17,7 @@ from canopen_control.bus.channel import ChannelKind, ChannelSpec, parse_channel
 from canopen_control.bus.local import ask_hub
 from canopen_control.cli.support.arguments import whole
 from canopen_control.cli.support.completion_words import find_node, known_nodes
-from canopen_control.cli.support.output import Table, json_text
+from canopen_control.cli.support.output import Table, json_alone, json_text, print_result
 from canopen_control.errors import ConfigError, InterfaceNotFound
 from canopen_control.host.sockets import list_sockets
 from canopen_control.rpc.messages import hub
@@ -171,11 +171,9 @@ EXAMPLE = """canopen-control bus list
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", help="list interfaces, local buses and python-can adapters")
+    actions.add_parser("list", help="list interfaces, local buses and python-can adapters")
     status = actions.add_parser("status", help="show members, load and counters")
     status.add_argument("channel", nargs="?", metavar="CHANNEL", help="default: all local buses and CAN interfaces")
-    for action in (listing, status):
-        action.add_argument("--json", action="store_true", help="print JSON")
     up = actions.add_parser("up", help="bring a CAN interface up; a missing vcan is created")
     up.add_argument("interface", metavar="INTERFACE")
     up.add_argument("--bitrate", type=int, metavar="BIT/S", help="bit rate of a real interface")
@@ -326,14 +324,17 @@ def _interface(args: argparse.Namespace) -> str:
 
 
 def _up(args: argparse.Namespace) -> int:
-    can_interfaces.bring_up(
-        _interface(args), print, bitrate=args.bitrate, restart_ms=args.restart_ms, sample_point=args.sample_point
-    )
+    options = {"bitrate": args.bitrate, "restart_ms": args.restart_ms, "sample_point": args.sample_point}
+    with json_alone(args):
+        can_interfaces.bring_up(_interface(args), print, **options)
+    print_result(args, {"interface": args.interface, "up": True})
     return 0
 
 
 def _down(args: argparse.Namespace) -> int:
-    can_interfaces.bring_down(_interface(args), print)
+    with json_alone(args):
+        can_interfaces.bring_down(_interface(args), print)
+    print_result(args, {"interface": args.interface, "up": False})
     return 0
 
 
@@ -346,6 +347,7 @@ def _fault(args: argparse.Namespace) -> int:
     if getattr(args, "label", ""):
         args.label = _label(spec, args.label)
     ask_hub(spec.name, _REQUESTS[args.fault](args))
+    print_result(args, {"channel": str(spec), "fault": args.fault, "label": getattr(args, "label", "")})
     return 0
 
 

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import number, whole_number
+from canopen_control.cli.support.output import json_alone, print_result
 
 if TYPE_CHECKING:
     import argparse
@@ -101,8 +102,18 @@ def _calibrate(args: argparse.Namespace, link: BaseLink, robot: str) -> int:
     pace = fitting_pace(Pace(speed=args.speed, turn=args.turn), wheels)
     plan = CalibrationPlan(args.side, runs, args.passes, pace)
     ends = _ends(args, plan, simulated=simulated)
-    _announce(plan, link.controller, robot)
-    _tell(calibrate(link, ends, plan, _say, copy.write), link.controller, copy)
+    with json_alone(args):
+        _announce(plan, link.controller, robot)
+        outcome = calibrate(link, ends, plan, _say, copy.write)
+        _tell(outcome, link.controller, copy)
+    done = {
+        "controller": link.controller,
+        "largest_error_before": outcome.first.largest,
+        "largest_error_after": outcome.last.largest,
+        "parameters": outcome.factors,
+        "file": args.output if copy.path else None,
+    }
+    print_result(args, done)
     return 0
 
 

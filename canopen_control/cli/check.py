@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.run import add_file_arguments, add_kind_arguments, find_files
-from canopen_control.cli.support.output import json_text
+from canopen_control.cli.support.output import json_text, painted
 from canopen_control.rpc.messages.declare import Document
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json_text(_document(files.name, report)))
     else:
-        print("\n".join(_lines(files.name, report)))
+        print("\n".join(painted(_lines(files.name, report))))
     return 0 if report.passes(strict=args.strict) else 2
 
 

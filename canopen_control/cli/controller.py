@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.output import Table, json_text
+from canopen_control.cli.support.output import Table, json_text, print_result
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.robot import (
@@ -70,8 +70,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         switch.add_argument(f"--{option}", metavar="CONTROLLER", nargs="+", default=[], help=f"{option} these")
     for action in (switch, steps["activate"], steps["deactivate"]):
         action.add_argument("--best-effort", action="store_true", help="do what is possible and skip the rest")
-    for action in lists:
-        action.add_argument("--json", action="store_true", help="print JSON")
     for action in (*lists, *steps.values(), switch):
         action.add_argument("--name", help="the robot (default: the only one that runs)")
 
@@ -136,9 +134,13 @@ def _words(interface: InterfaceReading) -> str:
 
 
 def _one_by_one(args: argparse.Namespace, robot: RobotClient) -> int:
+    states: dict[str, str] = {}
     for name in args.controller:
         robot.ask(_STEP_REQUESTS[args.action](controller=name))
-        print(f"{name}: {_states(robot).get(name, 'unloaded')}")
+        states[name] = _states(robot).get(name, "unloaded")
+        if not args.json:
+            print(f"{name}: {states[name]}")
+    print_result(args, [{"name": name, "state": state} for name, state in states.items()])
     return 0
 
 
@@ -148,8 +150,12 @@ def _switch(args: argparse.Namespace, robot: RobotClient) -> int:
     before = _states(robot)
     robot.ask(SwitchControllers(activate=tuple(activate), deactivate=tuple(deactivate), strict=not args.best_effort))
     after = _states(robot)
-    for name in [*deactivate, *activate]:
-        print(f"{name}: {after.get(name, 'not loaded')}{'' if after.get(name) != before.get(name) else ', as before'}")
+    names = [*deactivate, *activate]
+    lines = [
+        f"{name}: {after.get(name, 'not loaded')}{'' if after.get(name) != before.get(name) else ', as before'}"
+        for name in names
+    ]
+    print_result(args, [{"name": name, "state": after.get(name, "unloaded")} for name in names], "\n".join(lines))
     return 0
 
 

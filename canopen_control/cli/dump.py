@@ -10,11 +10,11 @@ written.
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.object_table import csv_text, live_objects, table_lines, values_of
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
+from canopen_control.cli.support.output import print_result
 from canopen_control.errors import CanopenError
 from canopen_control.host.files import write_whole
 from canopen_control.od.dcf import dcf_text
@@ -49,13 +49,15 @@ def run(args: argparse.Namespace) -> int:
         objects = live_objects(session, select_objects(session.dictionary, args.what))
         if all(each.value is None for each in objects):
             raise CanopenError(f"{session}: none of these objects can be read")
+        rows = rows_of(session.dictionary, objects, session.node_id)
         text = _FORMATS[args.format](session, objects)
     if args.output is None:
-        sys.stdout.write(text)
+        print_result(args, rows, text.removesuffix("\n"))
         return 0
     write_whole(args.output, text.encode())
     told = sum(each.value is not None for each in objects)
-    print(f"{session}: {told} of {len(objects)} objects to {args.output}")
+    done = {"node_id": session.node_id, "file": args.output, "read": told, "objects": len(objects)}
+    print_result(args, done, f"{session}: {told} of {len(objects)} objects to {args.output}")
     return 0
 
 

@@ -243,7 +243,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     pdos = actions.add_parser("pdos", help="show what the PDOs map by default")
     pdos.add_argument("file", metavar="FILE")
     for action in (check, show, diff, pdos):
-        action.add_argument("--json", action="store_true", help="print JSON")
         action.add_argument("--node-id", type=node_id, metavar="N", help="value of $NODEID")
 
 

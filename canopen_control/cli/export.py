@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.heard_bus import add_network_arguments, described
+from canopen_control.cli.support.output import print_result
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import telling
 
@@ -44,6 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; 1 when a recording could not be read to its end."""
+    if args.json and args.output is None:
+        raise ConfigError("--json reports about a file, and standard output is for the data here; give -o FILE")
     return _dbc(args) if args.kind == "dbc" else _csv(args)
 
 
@@ -56,7 +59,7 @@ def _dbc(args: argparse.Namespace) -> int:
     with _output(args.output) as out:
         out.write(dbc_text(network))
     pdos = sum(len(node.pdos) for node in network.nodes.values())
-    _tell(args.output, f"{len(network.nodes)} nodes, {pdos} PDOs")
+    _tell(args, nodes=len(network.nodes), PDOs=pdos)
     return 0
 
 
@@ -71,7 +74,7 @@ def _csv(args: argparse.Namespace) -> int:
             rows = write_wide(_decoded(recording, network), _signals(network), out)
         else:
             rows = write_long(_decoded(recording, network), out)
-    _tell(args.output, f"{rows} rows")
+    _tell(args, rows=rows)
     tell_gaps(recording)
     return 1 if recording.problem else 0
 
@@ -109,6 +112,7 @@ def _output(path: str | None) -> Iterator[TextIO]:
         yield out
 
 
-def _tell(path: str | None, text: str) -> None:
-    if path is not None:
-        print(f"{path}: {text}")
+def _tell(args: argparse.Namespace, **counts: int) -> None:
+    if args.output is not None:
+        text = ", ".join(f"{count} {what}" for what, count in counts.items())
+        print_result(args, {"file": args.output, **counts}, f"{args.output}: {text}")

@@ -57,7 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("state", nargs="?", choices=["on", "off"], help="default: on")
     parser.add_argument("--can", metavar="CHANNEL", help="channel of the drive (default: that of the running robot)")
-    parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(args: argparse.Namespace) -> int:

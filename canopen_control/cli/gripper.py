@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import finite
 from canopen_control.cli.support.commands import the_controller
+from canopen_control.cli.support.output import json_text
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.gripper import MoveGripper
 
@@ -52,5 +53,8 @@ def run(args: argparse.Namespace) -> int:
         result = robot.ask(wanted, _PATIENCE_S)
     succeeded = result.state == "succeeded"
     where = "" if result.position is None else f" ({controller.joints[0]} is at {result.position:.4g})"
-    print(f"{result.text}{where}", file=sys.stdout if succeeded else sys.stderr)
+    if args.json:
+        print(json_text(result))
+    else:
+        print(f"{result.text}{where}", file=sys.stdout if succeeded else sys.stderr)
     return 0 if succeeded else 1

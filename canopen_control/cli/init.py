@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import timeout_seconds
+from canopen_control.cli.support.output import print_result
 from canopen_control.cli.support.target import LABEL, find_eds
 from canopen_control.data_files import data_names
 from canopen_control.errors import CanopenError, ConfigError
@@ -98,8 +99,23 @@ def run(args: argparse.Namespace) -> int:
         folder.name, devices, joints=args.joint, base=args.base, allow_unsupervised=args.allow_unsupervised
     )
     on_can = args.can is not None and not args.can.startswith(("local:", "memory:"))
-    print("\n".join(_lines(write_robot(robot, folder.parent, force=args.force), args.can if on_can else "can0")))
+    written = write_robot(robot, folder.parent, force=args.force)
+    print_result(args, _document(written), "\n".join(_lines(written, args.can if on_can else "can0")))
     return 0
+
+
+def _document(written: Written) -> dict[str, object]:
+    robot = written.robot
+    return {
+        "robot": robot.name,
+        "folder": str(written.folder),
+        "files": written.files,
+        "nodes": [{"node_id": node.device.node_id, "name": node.name} for node in robot.nodes],
+        "joints": [joint.name for joint in robot.joints],
+        "guessed": list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.told)),
+        "warnings": written.warnings,
+        "problems": written.problems,
+    }
 
 
 def _from_files(args: argparse.Namespace) -> list[Device]:

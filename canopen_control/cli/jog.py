@@ -29,6 +29,7 @@ from canopen_control.cli.support.open_session import (
     tell_event,
     with_counts,
 )
+from canopen_control.cli.support.output import json_alone, print_result
 from canopen_control.cli.support.target import parse_node_id, robot_on
 from canopen_control.errors import ConfigError
 from canopen_control.service.jog_motion import JogKind, JogLimits, JogScale, Quantity, parse_quantity
@@ -125,10 +126,14 @@ def run(args: argparse.Namespace) -> int:
         else:
             drive, scale = stack.enter_context(_own(args, request))
         if args.fault_reset:
-            print(reset_fault(drive))
+            print_result(args, {"joint": drive.joint, "fault_reset": True}, reset_fault(drive))
             return 0
         value, limits = request.limits(scale, args.max_current)
-        return JogRun(drive, scale, request.kind, value, limits, args.seconds).run()
+        jog = JogRun(drive, scale, request.kind, value, limits, args.seconds)
+        with json_alone(args):
+            code = jog.run()
+        print_result(args, {"joint": drive.joint, "ended": jog.ended.value, "travelled": jog.travelled})
+        return code
 
 
 def _request(args: argparse.Namespace) -> _Wish:
@@ -172,7 +177,8 @@ def _own(args: argparse.Namespace, request: _Wish) -> Iterator[tuple[JogDrive, J
     axis = axis_of(robot, args)
     scale = JogScale(args.counts or axis.counts, told=args.counts is not None or axis.told)
     _, limits = request.limits(JogScale(axis.counts, scale.told) if args.counts is None else scale, args.max_current)
-    print("\n".join(_lines(robot, axis, scale, limits)), flush=True)
+    with json_alone(args):
+        print("\n".join(_lines(robot, axis, scale, limits)), flush=True)
     robot = with_counts(robot, args.counts)
     with own_robot(robot, axis_of(robot, args), args.can, limits.speed, tell_event) as drive:
         yield drive, scale

@@ -22,7 +22,7 @@ from canopen_control.cia301.lss import (
     bit_timing_index,
 )
 from canopen_control.cli.support.arguments import whole_number
-from canopen_control.cli.support.output import json_text
+from canopen_control.cli.support.output import json_text, print_result
 from canopen_control.cli.support.target import LABEL, robot_on
 from canopen_control.errors import ConfigError, RemoteProtocolError
 from canopen_control.master.direct import DirectBus
@@ -77,8 +77,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
     for action in (switch, inquire, node_id, timing, store, activate, scan, find):
         action.add_argument("--can", required=True, metavar="CHANNEL", help="can0, local:NAME, ...")
-    for action in (inquire, scan):
-        action.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -102,7 +100,8 @@ def _switch(args: argparse.Namespace, bus: DirectBus) -> int:
     missing = [f"--{part}" for part, number in parts.items() if number is None]
     if len(missing) == len(PARTS):
         bus.lss(lambda master: master.switch_global(mode))
-        print(f"all slaves were told to switch to {args.mode}; LSS has no answer to that")
+        text = f"all slaves were told to switch to {args.mode}; LSS has no answer to that"
+        print_result(args, {"mode": args.mode, "identity": None}, text)
         return 0
     if missing:
         raise ConfigError(f"one slave is switched by its whole identity: {', '.join(missing)} missing")
@@ -110,7 +109,8 @@ def _switch(args: argparse.Namespace, bus: DirectBus) -> int:
         raise ConfigError("a single slave cannot be switched to waiting; leave the identity out to switch all")
     identity = LssIdentity(**parts)
     bus.lss(lambda master: master.switch_selective(identity))
-    print(f"{_identity(identity)}: in configuration")
+    done = {"mode": args.mode, "identity": identity._asdict()}
+    print_result(args, done, f"{_identity(identity)}: in configuration")
     return 0
 
 
@@ -134,7 +134,8 @@ def _node_id(args: argparse.Namespace, bus: DirectBus) -> int:
     if not 1 <= args.node_id <= 127 and args.node_id != UNCONFIGURED:
         raise ConfigError(f"node id {args.node_id}: it is 1 to 127, or {UNCONFIGURED} for none")
     bus.lss(lambda master: master.configure_node_id(args.node_id))
-    print(f"node id {args.node_id}: accepted; keep it with `lss store`, use it after `nmt reset-comm` or a restart")
+    text = f"node id {args.node_id}: accepted; keep it with `lss store`, use it after `nmt reset-comm` or a restart"
+    print_result(args, {"node_id": args.node_id}, text)
     return 0
 
 
@@ -144,13 +145,14 @@ def _bit_timing(args: argparse.Namespace, bus: DirectBus) -> int:
     if index is None:
         raise ConfigError(f"bit rate {rate!r}: LSS knows {_rates()} bit/s and {AUTO}")
     bus.lss(lambda master: master.configure_bit_timing(index))
-    print(f"bit rate {rate}: accepted; `lss activate` changes to it now, `lss store` keeps it for the next power-on")
+    text = f"bit rate {rate}: accepted; `lss activate` changes to it now, `lss store` keeps it for the next power-on"
+    print_result(args, {"bitrate": rate if rate == AUTO else int(rate)}, text)
     return 0
 
 
-def _store(_args: argparse.Namespace, bus: DirectBus) -> int:
+def _store(args: argparse.Namespace, bus: DirectBus) -> int:
     bus.lss(lambda master: master.store())
-    print("stored")
+    print_result(args, {"stored": True}, "stored")
     return 0
 
 
@@ -158,7 +160,8 @@ def _activate(args: argparse.Namespace, bus: DirectBus) -> int:
     if not 0 <= args.delay_ms <= 0xFFFF:
         raise ConfigError(f"delay {args.delay_ms} ms: it is 0 to 65535")
     bus.lss(lambda master: master.activate_bit_timing(args.delay_ms))
-    print(f"told to change in {args.delay_ms} ms; change this end's bit rate too, then wait {args.delay_ms} ms more")
+    text = f"told to change in {args.delay_ms} ms; change this end's bit rate too, then wait {args.delay_ms} ms more"
+    print_result(args, {"delay_ms": args.delay_ms}, text)
     return 0
 
 
@@ -167,10 +170,7 @@ def _fast_scan(args: argparse.Namespace, bus: DirectBus) -> int:
     if identity is None:
         raise RemoteProtocolError(0, f"LSS: no slave without a node id answers on {args.can}")
     assert isinstance(identity, LssIdentity)
-    if args.json:
-        print(json_text(identity._asdict()))
-    else:
-        print(f"{_identity(identity)}: in configuration")
+    print_result(args, identity._asdict(), f"{_identity(identity)}: in configuration")
     return 0
 
 
@@ -178,7 +178,7 @@ def _find(args: argparse.Namespace, bus: DirectBus) -> int:
     there = bus.lss(lambda master: master.identify_non_configured())
     if not there:
         raise RemoteProtocolError(0, f"LSS: no slave without a node id answers on {args.can}")
-    print("there are slaves without a node id; `lss fast-scan` finds one of them")
+    print_result(args, {"unconfigured": True}, "there are slaves without a node id; `lss fast-scan` finds one of them")
     return 0
 
 

@@ -49,7 +49,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="time to wait for the confirmation in s (default: 1.5, resets 5)",
     )
-    parser.add_argument("--json", action="store_true", help="print JSON")
     add_target_arguments(parser)
 
 

@@ -25,6 +25,7 @@ from canopen_control.check.preflight_record import SLOW, config_hash, read_seria
 from canopen_control.cli.run import add_file_arguments, find_files
 from canopen_control.cli.support.arguments import add_new_name, number
 from canopen_control.cli.support.identity import FIELDS, NAME, differences, identity_of, match_eds, read_known
+from canopen_control.cli.support.output import json_alone, print_result
 from canopen_control.errors import CanopenError, ConfigError, SdoAbort, SdoTimeout
 from canopen_control.host.files import write_whole
 from canopen_control.host.sockets import check_name
@@ -446,8 +447,11 @@ def run(args: argparse.Namespace) -> int:
             "nobody is there to ask (no terminal); add --yes to answer every question with yes, or --no-jog"
         )
     flight = Preflight(_read_setup(args), print, (lambda _question: True) if args.yes else _ask, args.speed)
-    passed = flight.look() and not args.no_jog and flight.move()
-    return _conclude(flight, passed=passed, looked_only=args.no_jog, report=args.report)
+    with json_alone(args):
+        passed = flight.look() and not args.no_jog and flight.move()
+        code, document = _conclude(flight, passed=passed, looked_only=args.no_jog, report=args.report)
+    print_result(args, document)
+    return code
 
 
 def _read_setup(args: argparse.Namespace) -> RobotSetup:
@@ -481,31 +485,35 @@ def _ask(question: str) -> bool:
     return answer.strip().lower() in ("y", "yes")
 
 
-def _conclude(flight: Preflight, *, passed: bool, looked_only: bool, report: str | None) -> int:
+def _conclude(
+    flight: Preflight, *, passed: bool, looked_only: bool, report: str | None
+) -> tuple[int, dict[str, object]]:
+    """Print the verdict; return the exit code and the findings."""
     setup = flight.setup
     failed = [step for step in flight.steps if step.passed is False]
     serials = read_serials(setup) if passed else {}
     silent = [name for name, serial in serials.items() if serial is None]
     if passed and silent:
         raise CanopenError(f"{', '.join(silent)} does not answer any more; no pass was written")
+    document = _document(flight, passed, serials)
     if report is not None:
-        _write_report(flight, Path(report), passed, serials)
+        write_whole(Path(report), f"{json.dumps(document, indent=2)}\n".encode())
     if passed:
         known = {name: serial for name, serial in serials.items() if serial is not None}
         path = save_record(setup, known, flight.covered)
         slow = [joint for joint in jog_interfaces(setup) if joint not in flight.covered]
         but = f"; slow stays what was not turned: {', '.join(slow)}" if slow else ""
         print(f"{setup.name} has passed{but}; run it with --real ({path})")
-        return 0
+        return 0, document
     if looked_only and not failed:
         print(f"nothing is wrong with what can be seen; without the jog {setup.name} has not passed")
-        return 0
+        return 0, document
     print(f"{setup.name} has not passed: {len(failed)} of {len(flight.steps)} steps failed")
-    return 1
+    return 1, document
 
 
-def _write_report(flight: Preflight, path: Path, passed: bool, serials: dict[str, int | None]) -> None:
-    report = {
+def _document(flight: Preflight, passed: bool, serials: dict[str, int | None]) -> dict[str, object]:
+    return {
         "robot": flight.setup.name,
         "time": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
         "passed": passed,
@@ -515,4 +523,3 @@ def _write_report(flight: Preflight, path: Path, passed: bool, serials: dict[str
         "joints": flight.covered,
         "steps": [asdict(step) for step in flight.steps],
     }
-    write_whole(path, f"{json.dumps(report, indent=2)}\n".encode())

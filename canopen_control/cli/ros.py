@@ -17,7 +17,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.cli.support.arguments import LONGEST_S, number
-from canopen_control.cli.support.output import json_text
+from canopen_control.cli.support.output import json_alone, json_text, print_result
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.environment import MODULE, clean_environment
 from canopen_control.rpc.messages.parameters import SCALARS
@@ -70,6 +70,7 @@ def set_parameter(graph: Graph, args: argparse.Namespace) -> int:
     (result,) = _call_service(graph, args, "set_parameters", "SetParameters", wanted).results
     if not result.successful:
         raise CanopenError(f"{args.node} has not set {args.name}: {result.reason}")
+    print_result(args, {"node": args.node, "name": args.name, "type": kind, "value": value})
     return 0
 
 
@@ -300,7 +301,8 @@ def _pub(graph: Graph, args: argparse.Namespace) -> int:
         raise CanopenError(f"nobody subscribes to {args.topic} as {args.type}; is the robot there, and run with --ros?")
     graph.spin(0.1)  # the other side needs a moment to know us as well
     begin, count = time.monotonic(), 0
-    print(f"publishing to {args.topic}" + ("" if args.once else f" at {args.rate:g} Hz"), flush=True)
+    with json_alone(args):
+        print(f"publishing to {args.topic}" + ("" if args.once else f" at {args.rate:g} Hz"), flush=True)
     while args.seconds is None or time.monotonic() < begin + args.seconds:
         publication.publish()
         count += 1
@@ -308,6 +310,7 @@ def _pub(graph: Graph, args: argparse.Namespace) -> int:
             graph.spin(0.2)  # what is sent is on its way until the other side has confirmed it
             break
         graph.spin(max(begin + count / args.rate - time.monotonic(), 0.0))
+    print_result(args, {"topic": args.topic, "published": count})
     return 0
 
 

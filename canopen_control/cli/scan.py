@@ -122,7 +122,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--timeout", type=timeout_seconds, default=0.2, metavar="S", help="timeout of each answer in s (default: 0.2)"
     )
-    parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import add_duration, number, seconds, whole_number
 from canopen_control.cli.support.open_session import add_session_arguments, open_sessions
-from canopen_control.cli.support.output import Table
+from canopen_control.cli.support.output import Table, json_text
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import write_whole
 from canopen_control.host.signals import on_signals
@@ -128,6 +128,27 @@ def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None 
     yield from table.lines()
 
 
+def _shot_document(
+    shot: Shot, signals: Sequence[Signal], cursors: tuple[float, float] | None, written: Path | None
+) -> dict[str, object]:
+    """Return a capture for --json: measures and cursors of each signal, and the samples, times from its zero."""
+    return {
+        "triggered": shot.triggered,
+        "signals": [
+            {
+                "name": each.name,
+                "label": each.label,
+                "unit": each.unit,
+                "measured": shot.measure(place),
+                "cursors": None if cursors is None else shot.cursors(place, *cursors),
+            }
+            for place, each in enumerate(signals)
+        ],
+        "samples": [[time - shot.zero, *row[: len(signals)]] for time, row in shot.rows],
+        "file": None if written is None else str(written),
+    }
+
+
 def _measured(shot: Shot, place: int) -> list[str]:
     measured, numbers = shot.measure(place), ["-"] * 4
     if measured is not None:
@@ -208,6 +229,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cursors", metavar="T1,T2", help="two times of a capture in s, from its trigger or its start")
     parser.add_argument("--overlay", metavar="FILE.csv", help="an earlier capture, drawn underneath the new one")
     parser.add_argument(
+        "--json", action="store_true", help="print each capture as a line of JSON: measures, cursors, samples"
+    )
+    parser.add_argument(
         "-o",
         "--output",
         metavar="FILE",
@@ -243,7 +267,9 @@ def run(args: argparse.Namespace) -> int:
         source: ScopeSource = (
             PolledSource(values, by_id, args.rate) if client is None else RobotSource(client, values, by_id, args.rate)
         )
-        return _Look(capture, source, signals, output, wait=args.wait, several=args.rolling or args.shots > 1).run()
+        return _Look(
+            capture, source, signals, output, wait=args.wait, several=args.rolling or args.shots > 1, as_json=args.json
+        ).run()
 
 
 def _capture(args: argparse.Namespace, trigger: Trigger | None, signals: int, extra: int) -> ScopeCapture:
@@ -285,9 +311,10 @@ class _Look:
         *,
         wait: float | None,
         several: bool,
+        as_json: bool,
     ) -> None:
         self._capture, self._source, self._signals, self._output = capture, source, signals, output
-        self._wait, self._several = wait, several
+        self._wait, self._several, self._as_json = wait, several, as_json
         self._ended = False
         self._taken = 0
         self._shown = 0.0
@@ -323,13 +350,17 @@ class _Look:
         for shot in self._capture.take():
             self._taken += 1
             self._wipe()
-            output = self._output
-            print("\n".join(shot_lines(shot, self._signals, output.overlay)), flush=True)
-            if output.cursors is not None:
-                print("\n".join(cursor_lines(shot, self._signals, output.cursors)), flush=True)
+            output, written = self._output, None
             if output.path is not None:
                 path = numbered(output.path, self._taken, several=self._several)
                 written = write_shot(path, shot, self._signals, output.overlay, output.cursors)
+            if self._as_json:
+                print(json_text(_shot_document(shot, self._signals, output.cursors, written), indent=None), flush=True)
+                continue
+            print("\n".join(shot_lines(shot, self._signals, output.overlay)), flush=True)
+            if output.cursors is not None:
+                print("\n".join(cursor_lines(shot, self._signals, output.cursors)), flush=True)
+            if written is not None:
                 print(f"written: {written}", flush=True)
 
     def _show(self, row: Sequence[float | None]) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import timeout_seconds
-from canopen_control.cli.support.output import Progress, json_text, watched
+from canopen_control.cli.support.output import Progress, json_text, print_result, watched
 from canopen_control.cli.support.target import add_target_arguments, open_target
 from canopen_control.errors import CanopenError, ConfigError, RemoteError, SdoAbort
 from canopen_control.od.address import find_object, parts_of
@@ -76,7 +76,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action.add_argument("file", metavar="FILE", help="a path, or - for standard input or output")
     for action in (read, write):
         action.add_argument("--type", metavar="T", help=f"instead of the EDS's: {TYPE_NAMES}")
-    read.add_argument("--json", action="store_true", help="print JSON")
     for action in (read, write, upload, download):
         action.add_argument("--eds", metavar="FILE", help="a path, or the name of a bundled file")
         action.add_argument(
@@ -175,11 +174,14 @@ def _write(args: argparse.Namespace, target: Target, node: TargetNode, address: 
         raise ConfigError(f"0x{address.index:04X}:{address.subindex:02X}: {known}: give its type, as in --type u32")
     data = parse_value(args.value, data_type)
     target.write(node, address.index, address.subindex, data)
-    print(f"{node}: {address.label}: written {show(data, data_type)}")
+    text = f"{node}: {address.label}: written {show(data, data_type)}"
+    print_result(args, _document(data, data_type, node, address), text)
 
 
 def _upload(args: argparse.Namespace, target: Target, node: TargetNode, address: ObjectAddress) -> None:
     path = None if args.file == STREAM else Path(args.file).expanduser()
+    if path is None and args.json:
+        raise ConfigError("--json reports about a file, and standard output is for the data here; give a FILE")
     if path is not None and not path.parent.is_dir():
         raise ConfigError(f"no folder {path.parent} for {args.file}")
     with _told(f"reading {node}: {address.label}", target, node):
@@ -192,7 +194,7 @@ def _upload(args: argparse.Namespace, target: Target, node: TargetNode, address:
         path.write_bytes(data)
     except OSError as error:
         raise ConfigError(f"{args.file} cannot be written: {error.strerror}") from None
-    print(f"{node}: {address.label}: {len(data)} bytes to {args.file}")
+    _tell_transfer(args, node, address, f"{len(data)} bytes to {args.file}", len(data))
 
 
 def _download(args: argparse.Namespace, target: Target, node: TargetNode, address: ObjectAddress) -> None:
@@ -202,7 +204,12 @@ def _download(args: argparse.Namespace, target: Target, node: TargetNode, addres
         raise ConfigError(f"{args.file} cannot be read: {error.strerror}") from None
     with _told(f"writing {node}: {address.label}", target, node):
         target.write(node, address.index, address.subindex, data)
-    print(f"{node}: {address.label}: {len(data)} bytes from {args.file}")
+    _tell_transfer(args, node, address, f"{len(data)} bytes from {args.file}", len(data))
+
+
+def _tell_transfer(args: argparse.Namespace, node: TargetNode, address: ObjectAddress, text: str, length: int) -> None:
+    where = {"node_id": node.node_id, "index": address.index, "subindex": address.subindex}
+    print_result(args, {**where, "file": args.file, "bytes": length}, f"{node}: {address.label}: {text}")
 
 
 def _told(what: str, target: Target, node: TargetNode) -> AbstractContextManager[None]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.output import print_result
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.robot import Shutdown, Subscribe
@@ -33,7 +34,8 @@ def run(args: argparse.Namespace) -> int:
             for _ in robot.messages(TIMEOUT_S):
                 pass
         except RemoteError as error:
-            if error.kind == "BusClosed":
-                return 0
-            raise
+            if error.kind != "BusClosed":
+                raise
+            print_result(args, {"robot": robot.robot, "ended": True})
+            return 0
     raise RemoteError("Timeout", f"robot {robot.robot} has not ended within {TIMEOUT_S:g} s; see its status")

@@ -13,7 +13,7 @@ import time
 from typing import TYPE_CHECKING
 
 from canopen_control.cia402.modes import INTERFACE_MODES
-from canopen_control.cli.support.output import Table, json_line, json_text
+from canopen_control.cli.support.output import Table, json_line, json_text, painted
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.robot import GetStatus, Subscribe
@@ -169,7 +169,7 @@ def run(args: argparse.Namespace) -> int:
         sync = [f"bus {name}: {bus.sync}" for name, bus in status.buses.items() if bus.sync]
         missing = [f"program {name}: {what}" for name, what in status.missing_programs.items()]
         more = [*sync, *missing, *_boot(status, current), *tell_causes(status.events, current), *_program(status)]
-        print("\n".join([*render(status), *([""] if more else []), *more]))
+        print("\n".join(painted([*render(status), *([""] if more else []), *more])))
     return 0
 
 
@@ -313,7 +313,7 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
             up = f"\x1b[{height}A" if live and height else ""
             up = "\x1b[H\x1b[2J" if former is not None and former != size else up  # resized: rows have moved
             end = "\x1b[K\n" if live else "\n"
-            print(up + end.join(lines) + end + ("\x1b[J" if live else ""), end="", flush=True)
+            print(up + end.join(painted(lines)) + end + ("\x1b[J" if live else ""), end="", flush=True)
             height = len(lines)
     except RemoteError as error:
         if error.kind != "BusClosed":

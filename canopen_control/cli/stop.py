@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cli.support.output import print_result
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import GetStatus, Release, Stop
 
@@ -39,7 +40,13 @@ def run(args: argparse.Namespace) -> int:
     with RobotClient.connect(args.name) as robot:
         robot.ask(Release(source=SOURCE) if args.release else Stop(latch=args.latch, source=SOURCE), TIMEOUT_S)
         has_drives = bool(robot.ask(GetStatus()).nodes)
-    print(_done(args.latch, args.release, has_drives))
+        done = {
+            "robot": robot.robot,
+            "stopped": not args.release,
+            "latched": args.latch,
+            "disabled": has_drives,
+        }
+    print_result(args, done, _done(args.latch, args.release, has_drives))
     return 0
 
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import add_duration, number, seconds
 from canopen_control.cli.support.commands import the_controller
-from canopen_control.cli.support.output import Progress
+from canopen_control.cli.support.output import Progress, json_text, print_result
 from canopen_control.client import RobotClient
 from canopen_control.client.robot_client import HEARTBEAT_S
 from canopen_control.client.trajectory_file import read_trajectory, read_waypoints, write_trajectory
@@ -168,7 +168,9 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if args.action == "cancel":
         with RobotClient.connect(args.name) as robot:
-            robot.ask(CancelTrajectory(controller=_controller(robot, args).name))
+            controller = _controller(robot, args).name
+            robot.ask(CancelTrajectory(controller=controller))
+        print_result(args, {"controller": controller, "cancelled": True})
         return 0
     return _record(args) if args.action == "record" else _play(args)
 
@@ -192,7 +194,10 @@ def _play(args: argparse.Namespace) -> int:
         with robot.heartbeats():
             result = robot.ask(wanted, patience)
     reached = result.state == "succeeded"
-    print(result.text, file=sys.stdout if reached else sys.stderr)
+    if args.json:
+        print(json_text(result))
+    else:
+        print(result.text, file=sys.stdout if reached else sys.stderr)
     return 0 if reached else 1
 
 
@@ -248,7 +253,9 @@ def _record(args: argparse.Namespace) -> int:
     points = recording.points()
     write_trajectory(args.output, recording.joints, points)
     full = f"; it ended with as many points as a trajectory may have, {MAX_POINTS}" if recording.is_full else ""
-    print(f"{args.output}: {len(points)} points in {points[-1].time_from_start:.1f} s{full}")
+    seconds = points[-1].time_from_start
+    done = {"file": args.output, "joints": recording.joints, "points": len(points), "seconds": seconds}
+    print_result(args, done, f"{args.output}: {len(points)} points in {seconds:.1f} s{full}")
     return 0
 
 

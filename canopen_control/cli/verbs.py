@@ -9,7 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
 
 XACRO = "xacro"  # where a verb's arguments hold NAME:=VALUE
@@ -85,6 +85,17 @@ GROUPS: Final = {
     },
 }
 VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()}
+#: verbs and actions that print no result, with the reason
+WITHOUT_JSON: Final = {
+    "run": "it prints events until the robot ends; `status --json` has the state",
+    "demo": "same as for `run`",
+    "ros bridge": "it runs until the robot ends; its options are those of ROS",
+    "monitor": "it is for people; `status --watch --json` has the same data",
+    "view": "it serves a page until Ctrl-C",
+    "teleop": "it is driven by keys",
+    "help": "it prints a text",
+    "completion": "it prints a script",
+}
 #: what `canopen-control` shows when no verb is named
 MOST_USED: Final = (
     *("run", "demo", "stop", "status", "monitor", "view", "trace", "teleop", "axis", "controller", "init", "scan"),
@@ -114,8 +125,20 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
         formatter_class=_HelpFormatter,
     )
     module.add_arguments(parser)
+    for path, action in actions_of(parser, verb):
+        if path not in WITHOUT_JSON and "--json" not in action._option_string_actions:  # noqa: SLF001 - no public way
+            action.add_argument("--json", action="store_true", help="print the result as JSON")
     _describe_actions(parser, module.EXAMPLE.splitlines())
     return parser
+
+
+def actions_of(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Yield the parsers that have no actions of their own, with their words, as in `ros topic list`."""
+    groups = [each for each in parser._actions if isinstance(each, argparse._SubParsersAction)]  # noqa: SLF001 - no public way
+    if not groups:
+        yield path, parser
+    for name, action in (each for group in groups for each in group.choices.items()):
+        yield from actions_of(action, f"{path} {name}")
 
 
 def _with_exit_codes(text: str) -> str:

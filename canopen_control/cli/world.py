@@ -152,7 +152,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--can", metavar="CHANNEL", help="channel of the drives (default: that of the running robot)")
     parser.add_argument("--name", help="the robot, if it has no drives (default: the only one that runs)")
-    parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(args: argparse.Namespace) -> int:

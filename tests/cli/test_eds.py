@@ -1,12 +1,12 @@
 """The verb `eds`: what it prints, and its exit codes."""
 
-import argparse
 import json
 
 import pytest
 from support.eds import MALFORMED, eds, section
 
-from canopen_control.cli.eds import EXAMPLE, add_arguments, run
+from canopen_control.cli.eds import EXAMPLE, run
+from canopen_control.cli.verbs import parser_of
 from canopen_control.data_files import data_path
 from canopen_control.od.dcf import write_dcf
 from canopen_control.od.eds import read_eds
@@ -17,9 +17,7 @@ TMCM = "TMCM-1270.eds"
 @pytest.fixture
 def cli(capsys):
     def call(*arguments):
-        parser = argparse.ArgumentParser()
-        add_arguments(parser)
-        code = run(parser.parse_args([str(argument) for argument in arguments]))
+        code = run(parser_of("eds").parse_args([str(argument) for argument in arguments]))
         captured = capsys.readouterr()
         return code, captured.out, captured.err
 

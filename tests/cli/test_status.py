@@ -326,6 +326,7 @@ def test_a_watch_on_a_terminal_of_80_by_24_stands_where_it_stood(monkeypatch):
             raise RemoteError("BusClosed", "robot gone has closed the connection")
 
     screen = Screen(80, 24)
+    monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(Robot()))
     monkeypatch.setattr("sys.stdout", screen)
     monkeypatch.setattr("os.get_terminal_size", lambda _descriptor: os.terminal_size((80, 24)))

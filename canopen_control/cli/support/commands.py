@@ -15,6 +15,7 @@ import time
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import seconds
+from canopen_control.cli.support.output import print_result
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.host.signals import on_signals
@@ -54,17 +55,18 @@ def send(args: argparse.Namespace, moving: Command, zeros: Command | None) -> in
     stopped = threading.Event()
     with on_signals((signal.SIGTERM,), stopped.set), RobotClient.connect(args.name) as robot:
         _begin(robot, moving, stopped)
-        if args.once:
-            return 0
+        sent = 1
         end = None if args.seconds is None else time.monotonic() + args.seconds
         try:
-            _repeat(robot, moving, end, stopped)
+            for sent in () if args.once else _repeat(robot, moving, end, stopped):  # noqa: B007 - the last one counts
+                pass
         except KeyboardInterrupt:
             pass  # the usual way to end it
         finally:
-            if zeros is not None:
+            if zeros is not None and not args.once:
                 with _where_nothing_moves():
                     robot.ask(zeros)
+    print_result(args, {"controller": args.controller, "sent": sent, "once": args.once})
     return 0
 
 
@@ -91,7 +93,9 @@ def _begin(robot: RobotClient, moving: Command, stopped: threading.Event) -> Non
             return
 
 
-def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: threading.Event) -> None:
+def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: threading.Event) -> Iterator[int]:
+    """Yield how often it was sent, after each time."""
+    sent = 1
     while not stopped.is_set():
         left = PERIOD_S if end is None else min(PERIOD_S, end - time.monotonic())
         if left <= 0 or stopped.wait(left):
@@ -101,6 +105,8 @@ def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: thr
         except RemoteError as error:
             if error.kind != _COMING:
                 raise
+        sent += 1
+        yield sent
 
 
 def ask_for_controllers(robot: str | None) -> Sequence[ControllerReading]:

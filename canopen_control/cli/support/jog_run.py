@@ -134,6 +134,8 @@ class JogRun:
         self._sample: StateSample | None = None
         self._current = DriveCurrent(drive)
         self._gone = False
+        self.ended = JogEnd.NONE  # why it ended, and how far it went in rad
+        self.travelled = 0.0
 
     def run(self) -> int:
         """Enable, move, stop and disable; 1 where the drive or a limit of the current ended it, or nothing turned."""
@@ -147,6 +149,7 @@ class JogRun:
                 self._move(client, keyboard, motion)
             finally:
                 stop_drive(client, self._drive, _SOURCE)
+        self.ended, self.travelled = motion.ended, motion.travelled
         with contextlib.suppress(OSError, ValueError):  # the terminal may be what is gone
             print(f"\n{motion.ended.value}: stopped and disabled", flush=True)
         if motion.ended is JogEnd.STATE:

@@ -314,7 +314,6 @@ def add_restore_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--include-protected", action="store_true", help="also write the calibration of another drive")
     parser.add_argument("--keep", action="store_true", help="keep the accepted values if the drive refuses others")
     parser.add_argument("--store", action="store_true", help="store in the drive (0x1010) after verification")
-    parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def reached(args: argparse.Namespace) -> Reached:

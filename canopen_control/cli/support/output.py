@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import queue
+import re
 import sys
 import threading
 import time
@@ -18,7 +20,8 @@ from typing import TYPE_CHECKING, Final, TextIO
 from canopen_control.rpc.wire import plain, text_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    import argparse
+    from collections.abc import Callable, Iterable, Iterator
     from typing import TextIO
 
     Sample = tuple[int, int | None]
@@ -35,6 +38,21 @@ _CLOSE_S: Final = 1.0  # for lines that wait when an announcer is closed
 def json_text(document: object, *, indent: int | None = 2) -> str:
     """Return a message, or a document, or lists and dicts of them; with `indent` None on one line."""
     return json.dumps(plain(document), indent=indent)
+
+
+def print_result(args: argparse.Namespace, document: object, text: str = "") -> None:
+    """Print the result of a verb: the document with --json, else its text if there is any."""
+    if args.json:
+        print(json_text(document))
+    elif text:
+        print(text)
+
+
+@contextlib.contextmanager
+def json_alone(args: argparse.Namespace) -> Iterator[None]:
+    """With --json, print everything but the result to standard error."""
+    with contextlib.redirect_stdout(sys.stderr) if args.json else contextlib.nullcontext():
+        yield
 
 
 def json_line(document: object) -> str:
@@ -115,6 +133,23 @@ def _rate(done: int, total: int | None, gained: int, elapsed: float, unit: str) 
     if gained <= 0 or not total or elapsed <= 0.0:
         return ""
     return f", {gained / elapsed:,.0f}{unit}/s, {(total - done) * elapsed / gained:.0f} s left"
+
+
+def painted(lines: Iterable[str]) -> list[str]:
+    """Return lines with what is good, doubtful and wrong in colour, as they are without a terminal or with NO_COLOR."""
+    if not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return list(lines)
+    return [
+        _COLOURED.sub(lambda match: f"\x1b[{_COLOURS[match.lastgroup or '']}m{match[0]}\x1b[m", line) for line in lines
+    ]
+
+
+_COLOURS: Final = {"wrong": "31", "doubtful": "33", "good": "32"}
+_COLOURED: Final = re.compile(
+    r"(?P<wrong>\bFAULT(?: REACTION ACTIVE)?\b|\berrors?(?=[:,]|$)|^fault\b|^  node \d+ \(.*|\bNOTHING stops\b.*)"
+    r"|(?P<doubtful>\bwarnings?(?=[:,]|$)|\bSTOPPED\b|\bQUICK STOP ACTIVE\b|^(?:stopped|stopping|waiting)\b)"
+    r"|(?P<good>\bOPERATION ENABLED\b|^running\b|\bnothing is wrong$)"
+)
 
 
 @contextlib.contextmanager

@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 from support.parameter_node import session_with
 
-from canopen_control.cli.support.open_session import add_restore_arguments, reached, restore_into
+from canopen_control.cli.support.open_session import reached, restore_into
+from canopen_control.cli.verbs import parser_of
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 from canopen_control.service.parameter_set import read_parameters
@@ -20,9 +21,7 @@ def _folders(private_folders):
 
 
 def arguments(*words):
-    parser = argparse.ArgumentParser()
-    add_restore_arguments(parser)
-    return parser.parse_args(words)
+    return parser_of("restore").parse_args(["5", "left.dcf", *words])
 
 
 def backup(**changes):
