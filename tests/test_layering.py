@@ -81,6 +81,7 @@ MAY_IMPORT = {
     "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
     "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime", "check"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
+    "conformance": ({"od", "bus", "host", "cia301", "cia402"}, STDLIB),
     "calibration": ({"client", "controllers", "rpc", "yamlfile"}, STDLIB),
     "robot": ({"client", "rpc", "runtime", "od"}, STDLIB),  # the library: a client, of a runtime that it starts too
     "ros": ({"client", "host", "rpc", "urdf"}, None),

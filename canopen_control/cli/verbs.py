@@ -47,6 +47,7 @@ GROUPS: Final = {
         "scan": "list the devices on a bus, and compare them with bus.yml",
         "lss": "assign node ids and bit rates (CiA 305)",
         "jog": "turn one drive by hand, with only its EDS",
+        "conform": "check a device against CiA 301 and 402, with a report",
         "preflight": "check a robot before its first run on real drives",
         "tune": "measure tracking, identify the load, compute loop gains",
         "calibrate": "measure wheel radii and track width of a base (UMBmark)",

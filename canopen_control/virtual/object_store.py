@@ -183,14 +183,17 @@ class ObjectStore:
             raise SdoServerAbort(AbortCode.GENERAL_ERROR) from None
 
     def size_of(self, index: int, subindex: int) -> int | None:
-        """Return the length in bytes that an entry must have, None where it is open or there is no entry.
+        """Return the length in bytes that a download to an entry must have, None where it is open.
 
-        SdoServerAbort where a gate is closed.
+        SdoServerAbort where there is no entry, it cannot be written or a gate is closed: the initiation is refused then
+        (CiA 301, 7.2.4.3.3).
         """
+        entry = self._entry(index, subindex)
+        if not entry.writable:
+            raise SdoServerAbort(AbortCode.READ_ONLY)
         if (gate := self._gates.get(index)) is not None:
             gate()
-        entry = self.od.get(index, subindex)
-        bits = None if entry is None else entry.data_type.bits
+        bits = entry.data_type.bits
         return None if bits is None else (bits + 7) // 8
 
     def download(self, index: int, subindex: int, data: bytes) -> None:

@@ -88,7 +88,9 @@ def test_strings_and_domains_may_have_any_length():
     values.download(0x2003, 0, b"a longer one")
     values.download(0x2006, 0, bytes(100))
     assert (values.get(0x2003), values.get(0x2006)) == ("a longer one", bytes(100))
-    assert (values.size_of(0x2003, 0), values.size_of(0x2004, 1), values.size_of(0x3000, 0)) == (None, 4, None)
+    assert (values.size_of(0x2003, 0), values.size_of(0x2004, 1)) == (None, 4)
+    with pytest.raises(SdoServerAbort, match="06020000"):  # refused at the initiation of the download
+        values.size_of(0x3000, 0)
 
 
 def test_sources_guards_and_watchers_have_their_say():

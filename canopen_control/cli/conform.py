@@ -1,0 +1,147 @@
+"""Check a device against CiA 301 and 402, and report what it does not keep.
+
+Without --configure, --store and --motion the checks change no value; some send requests that a device has to refuse.
+With them the checks also write parameters and reset the node, store parameters (flash wear), and switch on the power
+stage; each is asked for once unless --yes is given. At the end the parameters are compared and restored. A node of a
+running robot is refused, and so is an OPERATIONAL node where something would be changed.
+
+Exit codes: 0 no check that must pass has failed; 1 one has; 2 wrong usage, or nothing could be tested.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canopen_control.bus.channel import open_port
+from canopen_control.cia301.nmt import NmtState
+from canopen_control.cli.support.arguments import number
+from canopen_control.cli.support.output import Progress, json_text
+from canopen_control.cli.support.target import LABEL, find_eds, parse_node_id, robot_on
+from canopen_control.conformance.check import CheckTouch
+from canopen_control.conformance.checked_node import CheckedNode
+from canopen_control.conformance.report import changed_verdicts, junit, report_lines
+from canopen_control.conformance.run import choose, run_checks
+from canopen_control.errors import BusError, ConfigError
+from canopen_control.host.reactor import Reactor
+from canopen_control.od.eds import read_eds
+
+if TYPE_CHECKING:
+    import argparse
+
+    from canopen_control.conformance.run import ConformanceReport
+
+
+EXAMPLE = """canopen-control conform 5 --can can0 --eds drive.eds
+         canopen-control conform 5 --can can0 --eds drive.eds --configure --yes --junit conform.xml"""
+
+LEVELS = ("301", "402", "all")
+HEARTBEAT_S = 1.2  # a heartbeat of a second shows the NMT state
+_QUESTIONS = {
+    CheckTouch.CONFIGURE: "write parameters of the node and reset it",
+    CheckTouch.STORE: "store parameters in the node's flash",
+    CheckTouch.MOTION: "switch on the power stage; the shaft must be free to turn",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("node", metavar="NODE", help="node id")
+    parser.add_argument("--can", required=True, metavar="CHANNEL", help="channel of the bus (can0, local:NAME, ...)")
+    parser.add_argument("--eds", metavar="FILE", help="EDS of the device; without one fewer checks are made")
+    parser.add_argument("--level", choices=LEVELS, default="all", help="checks of one document (default: all)")
+    parser.add_argument("--configure", action="store_true", help="write parameters and reset the node, too")
+    parser.add_argument("--store", action="store_true", help="store parameters, too")
+    parser.add_argument("--motion", action="store_true", help="switch on the power stage, too")
+    parser.add_argument("--yes", action="store_true", help="do not ask before --configure, --store and --motion")
+    parser.add_argument(
+        "--timeout",
+        type=number("number of seconds above 0", lambda value: value > 0),
+        default=0.5,
+        metavar="S",
+        help="time that each answer may take in s (default: 0.5)",
+    )
+    parser.add_argument("--junit", metavar="FILE", help="write a JUnit XML report")
+    parser.add_argument("--against", metavar="OLD.json", help="show what differs from an older run's --json")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb."""
+    node_id = parse_node_id(args.node)
+    eds = None if args.eds is None else read_eds(find_eds(args.eds), node_id)
+    old = None if args.against is None else _old_verdicts(Path(args.against).expanduser())
+    touches = [touch for touch in CheckTouch if touch is CheckTouch.READ or getattr(args, touch.name.lower())]
+    checks = choose(args.level, touches)
+    if not checks:
+        raise ConfigError(f"level {args.level} has no checks for these options; give --configure or --motion too")
+    _refuse_robot(args.can, node_id)
+    for touch in touches[1:]:
+        _agree(touch, node_id, yes=args.yes)
+    with Reactor() as reactor:
+        port = open_port(args.can, label=LABEL, join=True)
+        try:
+            node = CheckedNode(reactor, port, node_id, eds, timeout_s=args.timeout)
+            if len(touches) > 1:
+                _refuse_operational(node)
+            with Progress(f"checking node {node_id}", "checks", rate=True) as progress:
+                report = run_checks(node, checks, progress.at)
+        except BusError as error:
+            raise ConfigError(f"nothing could be tested: {error}") from error
+        finally:
+            port.close()
+    _write(args, report, old)
+    return 1 if report.failed else 0
+
+
+def _refuse_robot(channel: str, node_id: int) -> None:
+    owner = robot_on(channel)
+    if owner is not None and any(node_id == node.node_id for node in owner[1].nodes):
+        raise ConfigError(f"node {node_id} on {channel} belongs to the running robot {owner[0]}; shut it down first")
+
+
+def _refuse_operational(node: CheckedNode) -> None:
+    """Refuse a node that a master may be using: its NMT state is that of the next heartbeat."""
+    if node.heartbeat(HEARTBEAT_S) is NmtState.OPERATIONAL:
+        raise ConfigError(
+            f"node {node.node_id} is OPERATIONAL: a master may be using it; stop that master, then send "
+            f"`canopen-control nmt preop {node.node_id} --can {node.port.channel}`"
+        )
+
+
+def _agree(touch: CheckTouch, node_id: int, *, yes: bool) -> None:
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise ConfigError(f"{touch.value} asks before it begins, and there is no terminal to ask on; add --yes")
+    print(f"{touch.value}: node {node_id}: {_QUESTIONS[touch]}. Go on? [y/N] ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise ConfigError(f"{touch.value} was not agreed to; nothing was done")
+
+
+def _old_verdicts(path: Path) -> dict[str, str]:
+    """Return the verdicts of an older report by the ids of its checks."""
+    try:
+        results = json.loads(path.read_text(encoding="utf-8"))["results"]
+        return {str(result["id"]): str(result["verdict"]) for result in results}
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be read: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError):
+        raise ConfigError(f"{path} is no report of `conform --json`") from None
+
+
+def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, str] | None) -> None:
+    changes = [] if old is None else changed_verdicts(report, old)
+    if args.junit is not None:
+        try:
+            Path(args.junit).expanduser().write_bytes(junit(report))
+        except OSError as error:
+            raise ConfigError(f"{args.junit} cannot be written: {error.strerror}") from None
+    if args.json:
+        print(json_text({**asdict(report), "changes": changes}))
+        return
+    for line in (*report_lines(report), *changes):
+        print(line)

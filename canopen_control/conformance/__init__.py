@@ -1,0 +1,1 @@
+"""Conformance of CANopen devices: checks of CiA 301, 305, 306 and 402 at one node, their runner and their reports."""

@@ -1,0 +1,108 @@
+"""Checks of a device: their ids, clauses and levels, and what each may do to the device."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.abort import abort_text
+from canopen_control.conformance.checked_node import ABORT, CheckFailed
+from canopen_control.errors import SdoAbort
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.conformance.checked_node import CheckedNode
+
+
+class CheckLevel(enum.Enum):
+    """Whether a clause demands or recommends."""
+
+    MUST = "must"
+    SHOULD = "should"
+
+
+class CheckTouch(enum.Enum):
+    """What a check does to the device; the value is the option that allows it, "" where none is needed."""
+
+    READ = ""
+    CONFIGURE = "--configure"
+    STORE = "--store"
+    MOTION = "--motion"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One check: `run` raises CheckFailed or NotApplicable; `group` is the document: 301, 305, 306 or 402."""
+
+    id: str
+    group: str
+    clause: str
+    title: str
+    level: CheckLevel
+    touch: CheckTouch
+    run: Callable[[CheckedNode], None]
+
+
+class CheckList(list[Check]):
+    """The checks of one document, in the order of their run."""
+
+    def __init__(self, group: str) -> None:
+        self.group = group
+        super().__init__()
+
+    def add(
+        self,
+        check_id: str,
+        clause: str,
+        title: str,
+        level: CheckLevel = CheckLevel.MUST,
+        touch: CheckTouch = CheckTouch.READ,
+    ) -> Callable[[Callable[[CheckedNode], None]], Callable[[CheckedNode], None]]:
+        """Return a decorator that appends a function as a check."""
+
+        def append(run: Callable[[CheckedNode], None]) -> Callable[[CheckedNode], None]:
+            self.append(Check(check_id, self.group, clause, title, level, touch, run))
+            return run
+
+        return append
+
+
+GENERAL_ERROR = 0x08000000  # a device may always answer so (CiA 301, 7.2.4.3.17)
+
+
+def expect(good: bool, came: str, due: str) -> None:
+    """Raise CheckFailed unless `good`."""
+    if not good:
+        raise CheckFailed(came, due)
+
+
+def expect_abort(node: CheckedNode, request: bytes, *codes: int) -> None:
+    """Send a raw SDO request that has to be aborted with one of `codes`, or with the general error."""
+    answer = node.ask(request)
+    due = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
+    if answer is None:
+        raise CheckFailed("no answer", due)
+    if answer[0] != ABORT or len(answer) != 8:
+        node.ask(bytes((ABORT, *request[1:4], 0, 0, 0, 8)))  # ends a transfer that may have begun
+        raise CheckFailed(f"answer {answer.hex(' ').upper()}", due)
+    code = int.from_bytes(answer[4:], "little")
+    expect(code in (*codes, GENERAL_ERROR), f"abort 0x{code:08X} ({abort_text(code)})", due)
+
+
+def expect_refused(node: CheckedNode, index: int, subindex: int, data: bytes, *codes: int) -> None:
+    """Download a value that has to be refused with one of `codes`, or with the general error."""
+    due = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
+    try:
+        node.write(index, subindex, data)
+    except SdoAbort as error:
+        came = f"abort 0x{error.code:08X} ({abort_text(error.code)})"
+        expect(error.code in (*codes, GENERAL_ERROR), came, due)
+    else:
+        raise CheckFailed(f"{data.hex(' ').upper()} was accepted by 0x{index:04X}:{subindex:02X}", due)
+
+
+def mux(index: int, subindex: int = 0) -> bytes:
+    """Return the multiplexer of an SDO request."""
+    return bytes((index & 0xFF, index >> 8, subindex))

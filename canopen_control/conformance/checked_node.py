@@ -1,0 +1,191 @@
+"""Frames between a check and one node, on a channel or in virtual time.
+
+The reactor decides about time: with a manual clock everything runs in virtual time. Every frame from or to the node is
+kept for the report, up to `KEPT` per check.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import partial
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtState, nmt_frame, state_of_byte
+from canopen_control.cia301.sdo_client import SdoClient
+from canopen_control.errors import BusClosed, CanopenError, SdoAbort
+from canopen_control.frame import CanFrame, frames_of, pack_records
+
+if TYPE_CHECKING:
+    from canopen_control.bus.port import Port
+    from canopen_control.cia301.nmt import NmtCommand
+    from canopen_control.cia301.sdo_exchange import SdoRequest
+    from canopen_control.host.reactor import Reactor
+    from canopen_control.od.eds import EdsFile
+
+
+REQUEST, ANSWER, EMERGENCY, SYNC = 0x600, 0x580, 0x80, 0x80  # CiA 301, 7.3.3
+ABORT = 0x80  # command specifier of an SDO abort
+KEPT = 20  # frames of a check in the report
+MS = 1_000_000
+
+
+class CheckFailed(Exception):
+    """A device did not do what its clause demands: what came, and what was due."""
+
+    def __init__(self, came: str, due: str) -> None:
+        self.came, self.due = came, due
+        super().__init__(f"{came}; due: {due}")
+
+
+class NotApplicable(Exception):
+    """A check does not concern this device: an optional object is absent, or there is no EDS to compare with."""
+
+
+class CheckedNode:
+    """One node on a port; `eds` is its description, None where none was given.
+
+    `timeout_s` is what each answer may take. Raises BusError when the bus is gone.
+    """
+
+    def __init__(
+        self, reactor: Reactor, port: Port, node_id: int, eds: EdsFile | None = None, *, timeout_s: float = 0.5
+    ) -> None:
+        self.reactor, self.port, self.node_id, self.eds = reactor, port, node_id, eds
+        self.timeout_s = timeout_s
+        self.state: NmtState | None = None  # as the last heartbeat showed it
+        self.notes: list[str] = []  # of the check under way
+        self.log: deque[str] = deque(maxlen=KEPT)
+        self._client = SdoClient(node_id, timeout_ns=round(timeout_s * 1e9))
+        self._frames: deque[tuple[int, CanFrame]] = deque(maxlen=100_000)
+        self._lost: BusClosed | None = None
+        reactor.add_reader(port, self._on_readable)
+
+    def close(self) -> None:
+        """Leave the reactor; the port stays open."""
+        self.reactor.remove_reader(self.port)
+
+    def begin(self) -> None:
+        """Forget frames and notes of the check before."""
+        self.log.clear()
+        self.notes = []
+        self._frames.clear()
+
+    # -- frames
+
+    def send(self, can_id: int, data: bytes = b"") -> None:
+        """Send a frame."""
+        self._send([CanFrame(can_id, data)])
+
+    def listen(self, seconds: float) -> list[tuple[int, CanFrame]]:
+        """Return the frames of the next `seconds`, each with its time in ns."""
+        self._frames.clear()
+        self.reactor.run_for(round(seconds * 1e9))
+        self._check_bus()
+        return list(self._frames)
+
+    def wait_for(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
+        """Return the first frame of an identifier, also one that came already; None after `seconds`."""
+        limit = round((self.timeout_s if seconds is None else seconds) * 1e9)
+        self.reactor.run_until(lambda: self._lost is not None or self._first(can_id) is not None, limit)
+        self._check_bus()
+        return self._first(can_id)
+
+    def heartbeat(self, seconds: float) -> NmtState | None:
+        """Return the NMT state of the next heartbeat or boot-up, None where none comes."""
+        self._frames.clear()
+        frame = self.wait_for(ERROR_CONTROL_COB_ID + self.node_id, seconds)
+        return None if frame is None or not frame.data else state_of_byte(frame.data[0])
+
+    def nmt(self, command: NmtCommand, node_id: int | None = None) -> None:
+        """Send an NMT command, to this node unless `node_id` is given."""
+        self._frames.clear()
+        self._client.forget()
+        self._send([nmt_frame(command, self.node_id if node_id is None else node_id)])
+
+    # -- SDO
+
+    def ask(self, request: bytes) -> bytes | None:
+        """Send eight raw bytes to the SDO server; return its answer, None where none came in time."""
+        self._frames.clear()
+        self.send(REQUEST + self.node_id, request)
+        frame = self.wait_for(ANSWER + self.node_id)
+        return None if frame is None else frame.data
+
+    def read(self, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
+        """Upload an object; raises SdoAbort, SdoTimeout or another RemoteProtocolError."""
+        return self._transfer(self._client.read(index, subindex, block=block, now=self.reactor.now()))
+
+    def write(self, index: int, subindex: int, data: bytes, *, block: bool = False) -> None:
+        """Download an object; raises as `read` does."""
+        self._transfer(self._client.write(index, subindex, data, block=block, now=self.reactor.now()))
+
+    def optional(self, index: int, subindex: int = 0) -> bytes:
+        """Upload an object that a device need not have; NotApplicable where the device refuses the upload."""
+        try:
+            return self.read(index, subindex)
+        except SdoAbort as error:
+            raise NotApplicable(f"0x{index:04X}:{subindex:02X} cannot be read: 0x{error.code:08X}") from None
+
+    def number(self, index: int, subindex: int = 0) -> int:
+        """Return an unsigned number of `optional`."""
+        return int.from_bytes(self.optional(index, subindex), "little")
+
+    def _transfer(self, request: SdoRequest) -> bytes:
+        client = self._client
+        while not request.done:
+            now = self.reactor.now()
+            due = client.next_deadline()
+            if due is not None and due <= now:
+                client.tick(now)
+            self._send(client.frames())
+            due = client.next_deadline()
+            wait = None if due is None else max(due - self.reactor.now(), 0)
+            if not request.done:
+                count = len(self._frames)
+                self.reactor.run_until(partial(self._more_than, count), wait)
+            self._check_bus()
+        self._send(client.frames())
+        client.events()
+        error: CanopenError | None = request.error
+        if error is not None:
+            raise error
+        return request.data
+
+    def _more_than(self, count: int) -> bool:
+        return len(self._frames) != count or self._lost is not None
+
+    # -- what the port gives
+
+    def _send(self, frames: list[CanFrame]) -> None:
+        if frames:
+            for frame in frames:
+                self._note(">", frame)
+            self.port.send(pack_records(frames))
+
+    def _on_readable(self) -> None:
+        try:
+            records = self.port.receive()
+        except BusClosed as error:
+            self._lost = error
+            self.reactor.remove_reader(self.port)
+            return
+        now = self.reactor.now()
+        for frame in frames_of(records):
+            if len(self._frames) == self._frames.maxlen:
+                self._frames.popleft()
+            self._frames.append((now, frame))
+            self._client.receive(frame, now)
+            if frame.can_id == ERROR_CONTROL_COB_ID + self.node_id and frame.data:
+                self.state = state_of_byte(frame.data[0])
+            self._note("<", frame)
+
+    def _note(self, direction: str, frame: CanFrame) -> None:
+        seconds = self.reactor.now() / 1e9
+        self.log.append(f"{seconds:.6f} {direction} {frame.can_id & 0x1FFFFFFF:03X} {frame.data.hex(' ').upper()}")
+
+    def _first(self, can_id: int) -> CanFrame | None:
+        return next((frame for _, frame in self._frames if frame.can_id == can_id), None)
+
+    def _check_bus(self) -> None:
+        if self._lost is not None:
+            raise self._lost

@@ -1,0 +1,190 @@
+"""A run of checks at one node, and its results.
+
+The values of all parameters are read before the first check and compared after the last; differences are written back.
+A node that is OPERATIONAL, or on whose bus another master sends, is changed in nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from canopen_control.conformance.check import Check, CheckLevel, CheckTouch
+from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
+from canopen_control.conformance.sdo_checks import SDO_CHECKS
+from canopen_control.errors import BusError, CanopenError, ConfigError, RemoteProtocolError, SdoTimeout
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+    from canopen_control.conformance.checked_node import CheckedNode
+    from canopen_control.od.model import Address
+
+
+CHECKS: tuple[Check, ...] = (*SDO_CHECKS,)
+ORDER = tuple(CheckTouch)  # checks that read come first, those that move last
+PASSED, FAILED, SKIPPED, ERROR = "passed", "failed", "skipped", "error"
+_NOT_PARAMETERS = frozenset((0x1001, 0x1003, 0x1010, 0x1011, *range(0x1F50, 0x1F60)))  # commands and histories
+_SILENCES = 3  # in a row, after which the device counts as gone
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """What became of one check; `came` and `due` are of a failure, `frames` the last frames of it."""
+
+    id: str
+    group: str
+    clause: str
+    title: str
+    level: str
+    verdict: str
+    came: str = ""
+    due: str = ""
+    seconds: float = 0.0
+    notes: list[str] = field(default_factory=list)
+    frames: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class ConformanceReport:
+    """The results of a run."""
+
+    node_id: int
+    identity: dict[str, str]
+    results: list[CheckResult]
+
+    @property
+    def failed(self) -> bool:
+        """Whether a check that must pass has failed, or could not be made."""
+        return any(
+            result.level == CheckLevel.MUST.value and result.verdict in (FAILED, ERROR) for result in self.results
+        )
+
+    def count(self, verdict: str) -> int:
+        """Return how many results have a verdict."""
+        return sum(result.verdict == verdict for result in self.results)
+
+
+def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
+    """Return the checks of a document, or of all, that the options allow, in the order of their run."""
+    chosen = [check for check in CHECKS if level in ("all", check.group) and check.touch in allowed]
+    return sorted(chosen, key=lambda check: ORDER.index(check.touch))
+
+
+def run_checks(
+    node: CheckedNode, checks: Sequence[Check], progress: Callable[[int, int], object] = lambda _done, _total: None
+) -> ConformanceReport:
+    """Run `checks`; ConfigError where the node does not answer, BusError where the bus is lost.
+
+    `progress` is called with the number of checks that are done and of all.
+    """
+    identity = _identity(node)
+    before = _parameters(node)
+    results: list[CheckResult] = []
+    silences = 0
+    for number, check in enumerate(checks):
+        progress(number, len(checks))
+        if silences >= _SILENCES:
+            results.append(_result(check, ERROR, came="not made: the device stopped answering"))
+            continue
+        result, silent = _run(node, check)
+        results.append(result)
+        silences = silences + 1 if silent else 0
+    results.append(_compare(node, before))
+    return ConformanceReport(node.node_id, identity, results)
+
+
+def _identity(node: CheckedNode) -> dict[str, str]:
+    try:
+        device_type = node.read(0x1000)
+    except SdoTimeout:
+        raise ConfigError(
+            f"node {node.node_id} on {node.port.channel} does not answer; list the nodes with "
+            f"`canopen-control scan {node.port.channel}`"
+        ) from None
+    except CanopenError as error:
+        if isinstance(error, BusError):
+            raise
+        device_type = b""
+    found = {"device type": device_type[::-1].hex().upper()}
+    for name, subindex in (("vendor", 1), ("product", 2), ("revision", 3), ("serial", 4)):
+        try:
+            found[name] = node.read(0x1018, subindex)[::-1].hex().upper()
+        except RemoteProtocolError:
+            continue
+    return found
+
+
+def _run(node: CheckedNode, check: Check) -> tuple[CheckResult, bool]:
+    """Return the result of a check, and whether it ended because the device did not answer."""
+    node.begin()
+    begin = node.reactor.now()
+    verdict, came, due, silent = PASSED, "", "", False
+    try:
+        check.run(node)
+    except NotApplicable as reason:
+        verdict, came = SKIPPED, str(reason)
+    except CheckFailed as failure:
+        verdict, came, due = FAILED, failure.came, failure.due
+    except SdoTimeout as error:
+        verdict, came, due, silent = FAILED, str(error), "an answer", True
+    except RemoteProtocolError as error:
+        verdict, came, due = FAILED, str(error), "a transfer without an abort"
+    seconds = (node.reactor.now() - begin) / 1e9
+    frames = list(node.log) if verdict == FAILED else []
+    return _result(check, verdict, came, due, seconds, list(node.notes), frames), silent
+
+
+def _result(
+    check: Check,
+    verdict: str,
+    came: str = "",
+    due: str = "",
+    seconds: float = 0.0,
+    notes: Sequence[str] = (),
+    frames: Sequence[str] = (),
+) -> CheckResult:
+    level = check.level.value
+    of_check = check.id, check.group, check.clause, check.title, level
+    return CheckResult(*of_check, verdict, came, due, seconds, list(notes), list(frames))
+
+
+# -- the device ends as it was
+
+
+def _parameters(node: CheckedNode) -> dict[Address, bytes]:
+    """Read what a check could change: all that can be read and written and is no process data."""
+    if node.eds is None:
+        return {}
+    values: dict[Address, bytes] = {}
+    for entry in node.eds.od:
+        if entry.readable and entry.writable and not entry.pdo_mappable and entry.index not in _NOT_PARAMETERS:
+            try:
+                values[entry.address] = node.read(*entry.address)
+            except RemoteProtocolError:
+                continue
+    return values
+
+
+def _compare(node: CheckedNode, before: Mapping[Address, bytes]) -> CheckResult:
+    """Compare the parameters with those before, and write back what differs."""
+    node.begin()
+    check = Check(
+        "Z01", "301", "7.4", "the parameters of the device are as before", CheckLevel.MUST, CheckTouch.READ, _nothing
+    )
+    if node.eds is None:
+        return _result(check, SKIPPED, "no EDS that lists the parameters; give one with --eds")
+    try:
+        node.read(0x1000)  # a device that is gone is asked for nothing more
+        after = _parameters(node)
+        changed = [address for address, value in before.items() if after.get(address) != value]
+        for address in changed:
+            node.write(address[0], address[1], before[address])
+    except RemoteProtocolError as error:
+        return _result(check, FAILED, f"a parameter could not be restored: {error}", "the value before the run")
+    notes = [f"0x{index:04X}:{subindex:02X} was restored" for index, subindex in changed]
+    return _result(check, PASSED, notes=notes)
+
+
+def _nothing(_session: CheckedNode) -> None:
+    """Do nothing: the comparison is no function of a node alone."""

@@ -1,0 +1,349 @@
+"""Checks of the SDO server and of the objects that it shows (CiA 301, 7.2.4 and 7.5.2).
+
+The ids are those of the project's list; `T` in a comment is the case of CiA's own conformance test tool 3.0.3.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.conformance.check import (
+    CheckLevel,
+    CheckList,
+    CheckTouch,
+    expect,
+    expect_abort,
+    expect_refused,
+    mux,
+)
+from canopen_control.conformance.checked_node import ABORT, ANSWER, REQUEST, CheckFailed, NotApplicable
+from canopen_control.errors import SdoAbort
+from canopen_control.od.codec import encode
+
+if TYPE_CHECKING:
+    from canopen_control.conformance.checked_node import CheckedNode
+    from canopen_control.od.model import Entry, ObjectDictionary
+
+
+SDO_CHECKS = CheckList("301")
+_add = SDO_CHECKS.add
+_SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
+_UPLOAD, _BLOCK_UPLOAD = 0x40, 0xA0
+_MANDATORY = (0x1000, 0x1001, 0x1018)
+_UNREAD = 2  # ObjFlags bit 1: not read in a scan (CiA 306)
+_SERVER = 0x1200
+
+
+def _od(node: CheckedNode) -> ObjectDictionary:
+    if node.eds is None:
+        raise NotApplicable("no EDS to compare with; give one with --eds")
+    return node.eds.od
+
+
+def _upload(index: int, subindex: int = 0) -> bytes:
+    return bytes((_UPLOAD, *mux(index, subindex), 0, 0, 0, 0))
+
+
+def _segmented(node: CheckedNode) -> tuple[int, int]:
+    """Return an object whose upload takes segments, and its length."""
+    for index in (0x1008, 0x1009, 0x100A):
+        answer = node.ask(_upload(index))
+        if answer is not None and answer[0] & 0xE2 == 0x40:
+            node.send(REQUEST + node.node_id, _client_abort(index))
+            return index, int.from_bytes(answer[4:], "little")
+    raise NotApplicable("no object of 0x1008 to 0x100A is longer than four bytes")
+
+
+def _client_abort(index: int) -> bytes:
+    return bytes((ABORT, *mux(index), 0, 0, 0, 8))
+
+
+@_add("S01", "7.2.4.3.5", "0x1000 is uploaded expedited with four bytes")  # T 2.1
+def _device_type(node: CheckedNode) -> None:
+    answer = node.ask(_upload(0x1000))
+    came = "no answer" if answer is None else answer.hex(" ").upper()
+    expect(answer is not None and answer[:4] == b"\x43\x00\x10\x00", came, "43 00 10 00 and the device type")
+
+
+@_add("S03", "7.2.4.3.17", "a download to 0x1000 (const) is refused")  # T 2.3
+def _read_only(node: CheckedNode) -> None:
+    value = node.read(0x1000)  # its own value: nothing changes where the device accepts it
+    request = bytes((0x23, *mux(0x1000))) + value[:4].ljust(4, b"\0")
+    expect_abort(node, request, AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS)
+
+
+@_add("S05", "7.2.4.3.17", "an upload of 0x1000:01, which does not exist, is refused")  # T 2.5
+def _no_subindex(node: CheckedNode) -> None:
+    expect_abort(node, _upload(0x1000, 1), AbortCode.NO_SUBINDEX)
+
+
+@_add("S06", "7.2.4.3.17", "an upload of 0x1004, which is reserved, is refused")  # T 2.6
+def _no_object(node: CheckedNode) -> None:
+    expect_abort(node, _upload(0x1004), AbortCode.NO_OBJECT)
+
+
+@_add("S06w", "7.2.4.3.17", "a download to 0x1004, which is reserved, is refused at its initiation")
+def _no_object_to_write(node: CheckedNode) -> None:
+    expect_abort(node, bytes((0x21, *mux(0x1004), 8, 0, 0, 0)), AbortCode.NO_OBJECT)
+
+
+@_add("S03s", "7.2.4.3.17", "a segmented download to 0x1000 is refused at its initiation")
+def _read_only_segmented(node: CheckedNode) -> None:
+    request = bytes((0x21, *mux(0x1000), 8, 0, 0, 0))
+    codes = AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS, AbortCode.LENGTH_MISMATCH, AbortCode.LENGTH_TOO_HIGH
+    expect_abort(node, request, *codes)
+
+
+@_add("S07", "7.2.4.3.17", "an unknown command specifier is refused")  # T 2.7
+def _unknown_command(node: CheckedNode) -> None:
+    expect_abort(node, bytes((0xE0, *mux(0x1000), 0, 0, 0, 0)), AbortCode.UNKNOWN_COMMAND)
+
+
+@_add("S12", "7.5.2.33", "0x1200 shows the identifiers of the default SDO")  # T 2.12
+def _server_parameters(node: CheckedNode) -> None:
+    for subindex, base in ((1, REQUEST), (2, ANSWER)):
+        value = node.number(_SERVER, subindex)
+        expect(value == base + node.node_id, f"0x{value:08X} in :{subindex:02X}", f"0x{base + node.node_id:X}")
+
+
+@_add("S14", "7.2.4.3.6", "segments alternate their toggle bit and hold the announced length")  # T 2.16
+def _segments(node: CheckedNode) -> None:
+    index, size = _segmented(node)
+    node.ask(_upload(index))
+    count, toggle = 0, 0
+    while True:
+        answer = node.ask(bytes((0x60 | toggle, *bytes(7))))
+        if answer is None or answer[0] & 0xE0 or answer[0] & 0x10 != toggle:
+            came = "no answer" if answer is None else answer.hex(" ").upper()
+            raise CheckFailed(came, f"a segment with toggle bit {toggle >> 4}")
+        count += 7 - (answer[0] >> 1 & 7)
+        if answer[0] & 1:
+            break
+        toggle ^= 0x10
+    expect(count == size, f"{count} bytes", f"the {size} bytes announced")
+
+
+@_add("S15", "7.2.4.3.17", "a first segment that is asked for with toggle bit 1 is refused")  # T 2.17
+def _first_toggle(node: CheckedNode) -> None:
+    index, _ = _segmented(node)
+    node.ask(_upload(index))
+    expect_abort(node, bytes((0x70, *bytes(7))), AbortCode.TOGGLE_NOT_ALTERNATED)
+
+
+@_add("S15r", "7.2.4.3.17", "a segment that is asked for twice with the same toggle bit is refused", _SHOULD)
+def _repeated_toggle(node: CheckedNode) -> None:
+    index, size = _segmented(node)
+    if size <= 14:
+        raise NotApplicable("no upload of 0x1008 to 0x100A takes three segments")
+    node.ask(_upload(index))
+    node.ask(bytes((0x60, *bytes(7))))
+    expect_abort(node, bytes((0x60, *bytes(7))), AbortCode.TOGGLE_NOT_ALTERNATED)
+
+
+@_add("S16", "7.2.4.3.13", "a block upload of 0x1000 works, or is refused as unknown")  # T 2.19
+def _block_upload(node: CheckedNode) -> None:
+    _block(node, 0x1000)
+    value = node.read(0x1000, block=True)
+    expect(value == node.read(0x1000), value.hex(" ").upper(), "the value of the expedited upload")
+
+
+def _block(node: CheckedNode, index: int) -> None:
+    """Raise NotApplicable where the server has no block upload."""
+    answer = node.ask(bytes((_BLOCK_UPLOAD | 4, *mux(index), 127, 0, 0, 0)))
+    if answer is not None and answer[0] & 0xE0 == 0xC0:
+        node.send(REQUEST + node.node_id, _client_abort(index))
+        return
+    if answer is not None and answer[0] == ABORT:
+        code = int.from_bytes(answer[4:], "little")
+        expect(code in (AbortCode.UNKNOWN_COMMAND, 0x08000000), f"abort 0x{code:08X}", "abort 0x05040001")
+        raise NotApplicable("the server has no block transfer")
+    if answer is not None and answer[0] & 0xE0 == _UPLOAD:  # 7.2.4.3.13: the server may switch the protocol
+        node.send(REQUEST + node.node_id, _client_abort(index))
+        raise NotApplicable("the server answers a block upload with the other protocol")
+    raise CheckFailed("no answer" if answer is None else answer.hex(" ").upper(), "an initiation of a block upload")
+
+
+@_add("S18", "7.2.4.3.13", "a block size of 128 is refused")  # T 2.26
+def _block_size(node: CheckedNode) -> None:
+    _block(node, 0x1000)
+    request = bytes((_BLOCK_UPLOAD, *mux(0x1000), 128, 0, 0, 0))
+    expect_abort(node, request, AbortCode.INVALID_BLOCK_SIZE, AbortCode.UNKNOWN_COMMAND)
+
+
+@_add("S18z", "7.2.4.3.13", "a block size of 0 is refused")  # T 2.26
+def _no_block_size(node: CheckedNode) -> None:
+    _block(node, 0x1000)
+    request = bytes((_BLOCK_UPLOAD, *mux(0x1000), 0, 0, 0, 0))
+    expect_abort(node, request, AbortCode.INVALID_BLOCK_SIZE, AbortCode.UNKNOWN_COMMAND)
+
+
+@_add("S20", "7.5.2.33", "further SDO servers and clients have legal identifiers, or are absent", _SHOULD)  # T 2.28
+def _further_servers(node: CheckedNode) -> None:
+    for index in (0x1201, 0x1280):
+        try:
+            value = int.from_bytes(node.read(index, 1), "little")
+        except SdoAbort as error:
+            codes = AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX
+            expect(error.code in codes, f"abort 0x{error.code:08X} for 0x{index:04X}:01", "0x06020000")
+        else:
+            expect(value >> 31 == 1 or value & 0x7FF > 0x80, f"0x{value:08X}", "a legal identifier or bit 31")
+
+
+@_add("S23", "7.2.4.3.17", "an abort of the client ends a transfer without an answer")
+def _abort_of_the_client(node: CheckedNode) -> None:
+    index, _ = _segmented(node)
+    node.ask(_upload(index))
+    answer = node.ask(_client_abort(index))
+    expect(answer is None, "" if answer is None else answer.hex(" ").upper(), "silence")
+    node.read(0x1000)
+
+
+@_add("S24", "7.2.4.3.5", "an initiation within a transfer ends that transfer", _SHOULD)
+def _initiation_within(node: CheckedNode) -> None:
+    index, _ = _segmented(node)
+    node.ask(_upload(index))
+    answer = node.ask(_upload(0x1000))
+    came = "no answer" if answer is None else answer.hex(" ").upper()
+    expect(answer is not None and answer[0] == 0x43, came, "the answer to the new request")
+
+
+@_add("S25", "7.2.4.3.17", "a request for a segment without a transfer is refused", _SHOULD)
+def _segment_alone(node: CheckedNode) -> None:
+    expect_abort(node, bytes((0x60, *bytes(7))), AbortCode.UNKNOWN_COMMAND, AbortCode.TOGGLE_NOT_ALTERNATED)
+
+
+@_add("S26", "7.2.4.3.2", "a request of seven bytes is ignored, and the server lives", _SHOULD)
+def _short_request(node: CheckedNode) -> None:
+    answer = node.ask(_upload(0x1000)[:7])
+    expect(answer is None, "" if answer is None else answer.hex(" ").upper(), "silence")
+    node.read(0x1000)
+
+
+@_add("S27", "7.2.4", "a hundred uploads in a row are answered", _SHOULD)
+def _in_a_row(node: CheckedNode) -> None:
+    times = []
+    for _ in range(100):
+        begin = node.reactor.now()
+        node.read(0x1000)
+        times.append(node.reactor.now() - begin)
+    node.notes.append(f"99 of 100 answers within {sorted(times)[98] / 1e6:.2f} ms")
+
+
+@_add("S02", "7.2.4.3.3", "the value of 0x1017 can be written back", touch=_CONFIGURE)  # T 2.2
+def _write_back(node: CheckedNode) -> None:
+    value = node.optional(0x1017)
+    node.write(0x1017, 0, value)
+    expect(node.read(0x1017) == value, node.read(0x1017).hex(" "), value.hex(" "))
+
+
+@_add("S08", "7.2.4.3.17", "four bytes for 0x1017 (UNSIGNED16) are refused", touch=_CONFIGURE)  # T 2.8
+def _too_long(node: CheckedNode) -> None:
+    value = node.optional(0x1017)
+    codes = AbortCode.LENGTH_TOO_HIGH, AbortCode.LENGTH_MISMATCH
+    expect_refused(node, 0x1017, 0, value.ljust(4, b"\0"), *codes)
+
+
+@_add("S09", "7.2.4.3.17", "one byte for 0x1017 (UNSIGNED16) is refused", touch=_CONFIGURE)  # T 2.9
+def _too_short(node: CheckedNode) -> None:
+    value = node.optional(0x1017)
+    expect_refused(node, 0x1017, 0, value[:1], AbortCode.LENGTH_TOO_LOW, AbortCode.LENGTH_MISMATCH)
+
+
+@_add("S13", "7.2.4.3.4", "two bytes can be written to 0x1017 in a segment", _SHOULD, _CONFIGURE)  # T 2.15
+def _segment_of_two(node: CheckedNode) -> None:
+    value = node.optional(0x1017)
+    answer = node.ask(bytes((0x21, *mux(0x1017), 2, 0, 0, 0)))
+    expect(answer is not None and answer[0] == 0x60, "no confirmation of the initiation", "60")
+    answer = node.ask(bytes((0x0B, *value, 0, 0, 0, 0, 0)))
+    expect(answer is not None and answer[0] == 0x20, "no confirmation of the segment", "20")
+    expect(node.read(0x1017) == value, node.read(0x1017).hex(" "), value.hex(" "))
+
+
+@_add("S28", "7.2.4.3.3", "an expedited download without a size is accepted or refused", _SHOULD, _CONFIGURE)
+def _no_size(node: CheckedNode) -> None:
+    value = node.optional(0x1017)
+    answer = node.ask(bytes((0x22, *mux(0x1017), *value, 0, 0)))
+    came = "no answer" if answer is None else answer.hex(" ").upper()
+    expect(answer is not None and answer[0] in (0x60, ABORT), came, "60 or an abort")
+
+
+# -- objects
+
+
+@_add("O00", "7.5.1", "the mandatory objects 0x1000, 0x1001 and 0x1018 are there")
+def _mandatory(node: CheckedNode) -> None:
+    for index in _MANDATORY:
+        node.read(index)
+
+
+@_add("O01", "7.4.7", "every readable object can be read, with the length of its type")  # T 4.1
+def _every_object(node: CheckedNode) -> None:
+    wrong = [text for entry in _od(node) if (text := _read_badly(node, entry))]
+    expect(not wrong, "; ".join(wrong[:10]) + (f" and {len(wrong) - 10} more" if len(wrong) > 10 else ""), "the EDS")
+
+
+def _read_badly(node: CheckedNode, entry: Entry) -> str:
+    """Return what is wrong with the upload of an object, "" where nothing is."""
+    if not entry.readable or entry.obj_flags & _UNREAD:
+        return ""
+    name = f"0x{entry.index:04X}:{entry.subindex:02X}"
+    try:
+        data = node.read(entry.index, entry.subindex)
+    except SdoAbort as error:
+        # 0x1003 shows no entry before the first error (7.5.2.4); a device state may refuse others
+        empty = error.code in (AbortCode.NO_DATA, AbortCode.NO_SUBINDEX) and entry.index == 0x1003
+        return "" if empty or error.code == AbortCode.DEVICE_STATE else f"{name}: abort 0x{error.code:08X}"
+    bits = entry.data_type.bits
+    return f"{name} has {len(data)} bytes" if bits is not None and len(data) != (bits + 7) // 8 else ""
+
+
+@_add("O02", "7.4.7", "constants have the values of the EDS", _SHOULD)  # T 4.2
+def _constants(node: CheckedNode) -> None:
+    wrong = []
+    for entry in _od(node).for_node(node.node_id):
+        if entry.access != "const" or entry.default is None or entry.index == 0x1018:
+            continue
+        if (data := node.read(entry.index, entry.subindex)) != encode(entry.default, entry.data_type):
+            wrong.append(f"0x{entry.index:04X}:{entry.subindex:02X} is {data.hex(' ').upper()}")
+    expect(not wrong, "; ".join(wrong[:10]), "the EDS")
+
+
+@_add("O04", "7.4.7.1", "subindex 0xFF shows the structure, or does not exist", _SHOULD)  # T 4.5
+def _structure(node: CheckedNode) -> None:
+    try:
+        data = node.read(0x1018, 0xFF)
+    except SdoAbort as error:
+        expect(error.code == AbortCode.NO_SUBINDEX, f"abort 0x{error.code:08X}", "0x06090011")
+    else:
+        expect(len(data) == 4, f"{len(data)} bytes", "4 bytes")
+
+
+@_add("O07", "7.5.2.19", "the identity of 0x1018 is that of the EDS")
+def _identity(node: CheckedNode) -> None:
+    od = _od(node)
+    for subindex in (1, 2):
+        entry = od.get(0x1018, subindex)
+        if entry is not None and isinstance(entry.default, int):
+            value = int.from_bytes(node.read(0x1018, subindex), "little")
+            expect(value == entry.default, f"0x{value:X} in :{subindex:02X}", f"0x{entry.default:X} of the EDS")
+
+
+@_add("O07v", "7.5.2.19", "the vendor id of 0x1018 is not 0, which is no valid one", _SHOULD)
+def _vendor(node: CheckedNode) -> None:
+    vendor = int.from_bytes(node.read(0x1018, 1), "little")
+    expect(vendor != 0, "vendor id 0", "the vendor id that CiA assigned")
+
+
+@_add("O08", "7.5.2.8", "the strings of 0x1008 to 0x100A are printable", _SHOULD)
+def _strings(node: CheckedNode) -> None:
+    texts = 0
+    for index in (0x1008, 0x1009, 0x100A):
+        try:
+            data = node.read(index).rstrip(b"\0")
+        except SdoAbort:
+            continue
+        texts += 1
+        expect(all(0x20 <= byte < 0x7F for byte in data), f"{data!r} in 0x{index:04X}", "VISIBLE_STRING")
+    if not texts:
+        raise NotApplicable("none of 0x1008 to 0x100A exists")

@@ -1,0 +1,46 @@
+"""The verb conform, as its user sees it."""
+
+import json
+from xml.etree import ElementTree as Xml
+
+import pytest
+from support.onbus import TMCM, OnBus
+
+from canopen_control.cli.main import main
+
+CAN = ["--can", "memory:conform"]
+
+
+@pytest.fixture
+def bus(private_folders):
+    with OnBus("memory:conform", {5: TMCM}) as devices:
+        yield devices
+
+
+def test_a_drive_passes_and_the_reports_hold_every_check(bus, capsys, tmp_path):
+    path, old = tmp_path / "conform.xml", tmp_path / "old.json"
+    assert main(["conform", "5", *CAN, "--timeout", "0.05", "--junit", str(path), "--json"]) == 0
+    text = capsys.readouterr().out
+    old.write_text(text)
+    document = json.loads(text)
+    assert document["node_id"] == 5
+    assert len(document["results"]) > 20
+    root = Xml.parse(path).getroot()
+    assert root.attrib["failures"] == "0"
+    assert len(root.findall("testsuite/testcase")) == int(root.attrib["tests"]) == len(document["results"])
+    document["results"][0]["verdict"] = "failed"
+    old.write_text(json.dumps(document))
+    assert main(["conform", "5", *CAN, "--timeout", "0.05", "--against", str(old)]) == 0
+    said = capsys.readouterr().out
+    assert "S01 (0x1000 is uploaded expedited with four bytes): failed -> passed" in said
+    assert "0 failed" in said
+
+
+def test_what_cannot_be_tested_is_one_sentence_and_exit_code_2(bus, capsys, tmp_path):
+    assert main(["conform", "6", *CAN, "--timeout", "0.05"]) == 2
+    assert "node 6 on memory:conform does not answer" in capsys.readouterr().err
+    assert main(["conform", "5", *CAN, "--configure"]) == 2
+    assert "add --yes" in capsys.readouterr().err
+    (tmp_path / "no.json").write_text("[1]")
+    assert main(["conform", "5", *CAN, "--against", str(tmp_path / "no.json")]) == 2
+    assert "is no report of `conform --json`" in capsys.readouterr().err

@@ -1,0 +1,47 @@
+"""A run of checks at a virtual drive in virtual time."""
+
+import pytest
+
+from canopen_control.conformance.check import Check, CheckLevel, CheckTouch
+from canopen_control.conformance.run import CHECKS, choose, run_checks
+from canopen_control.errors import ConfigError
+
+NOT_STORED = frozenset((CheckTouch.READ, CheckTouch.CONFIGURE))
+
+
+def test_a_node_that_does_not_answer_is_an_error_of_usage(bench):
+    with pytest.raises(ConfigError, match=r"node 6 .* does not answer; list the nodes"):
+        run_checks(bench(node_id=6), choose("all", NOT_STORED))
+
+
+def test_ids_of_checks_are_unique():
+    assert len({check.id for check in CHECKS}) == len(CHECKS)
+
+
+def test_a_device_that_dies_ends_in_a_report_that_says_so(bench):
+    session = bench()
+    checks = choose("301", NOT_STORED)
+    run_checks(session, checks[:1])
+    done = []
+
+    def die(count, _total):
+        done.append(count)
+        if count == 3:
+            session.device.receive = lambda _frame, _now: None
+            session.device.receive_records = lambda *_: 0
+
+    report = run_checks(session, checks, die)
+    assert report.failed
+    assert [result.came for result in report.results].count("not made: the device stopped answering") > 10
+    assert report.results[-1].came.startswith("a parameter could not be restored")
+
+
+def test_parameters_that_a_check_changed_are_restored_and_named(bench):
+    session = bench()
+    before = session.read(0x1017)
+    careless = Check(
+        "X", "301", "", "", CheckLevel.MUST, CheckTouch.CONFIGURE, lambda s: s.write(0x1017, 0, b"\x39\x05")
+    )
+    report = run_checks(session, [careless])
+    assert report.results[-1].notes == ["0x1017:00 was restored"]
+    assert session.read(0x1017) == before
