@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from protocol import drive_socket, hub_socket, robot_socket
 from words import BUS_YML
 
-from canopen_control.controllers.declared import TEXTS as CONTROLLERS
+from canopen_control.yamlfile.convert import fields_of, help_of, key_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -224,7 +224,7 @@ def controllers() -> str:
         "# Controllers and their parameters\n",
         "Names, defaults and meaning are those of ros2_controllers. `ros2 param describe` prints them too.\n",
         "## The controller manager\n",
-        _keys(ManagerParams, CONTROLLERS["ManagerParams"], {}),
+        _keys(ManagerParams, _parameters(ManagerParams), {}),
     ]
     for title, cls, pattern in groups:
         named = [name for name in types.TYPES if pattern and re.search(rf"(^|/)[^/]*{pattern}|{pattern}", name)]
@@ -240,30 +240,33 @@ def controllers() -> str:
         if cls is mecanum_params.MecanumParams:
             text += [
                 "### Limits: `linear.x.KEY`, `linear.y.KEY` and `angular.z.KEY`\n",
-                _keys(AxisLimits, CONTROLLERS["AxisLimits"], {}),
+                _keys(AxisLimits, _parameters(AxisLimits), {}),
             ]
         if cls is pid_params.PidParams:
             text += [
                 "### Each degree of freedom: `gains.DOF.KEY`\n",
-                _keys(pid_params.DofGains, CONTROLLERS["DofGains"], {}),
+                _keys(pid_params.DofGains, _parameters(pid_params.DofGains), {}),
             ]
         if cls is broadcasters.PoseParams:
             part = broadcasters.PoseTransform
-            text += ["### Its transform: `tf.KEY`\n", _keys(part, CONTROLLERS[part.__name__], {})]
+            text += ["### Its transform: `tf.KEY`\n", _keys(part, _parameters(part), {})]
         if cls is broadcasters.BatteryParams:
-            text += ["### Each battery: `BATTERY.KEY`\n", _keys(broadcasters.Battery, CONTROLLERS["Battery"], {})]
+            text += [
+                "### Each battery: `BATTERY.KEY`\n",
+                _keys(broadcasters.Battery, _parameters(broadcasters.Battery), {}),
+            ]
         if cls is trajectory.TrajectoryParams:
             for part, title in (
                 (trajectory.JointGains, "gains"),
                 (trajectory.JointConstraints, "constraints"),
                 (trajectory.LimitParams, "joint_limits"),
             ):
-                text += [f"### Each joint: `{title}.JOINT.KEY`\n", _keys(part, CONTROLLERS[part.__name__], {})]
+                text += [f"### Each joint: `{title}.JOINT.KEY`\n", _keys(part, _parameters(part), {})]
     return "\n".join(text)
 
 
 def _parameters(cls: type[Any]) -> dict[str, str]:
-    return {name: text for each in cls.__mro__ for name, text in CONTROLLERS.get(each.__name__, {}).items()}
+    return {key_of(entry): text for entry, _ in fields_of(cls) if (text := help_of(cls, entry))}
 
 
 # -- faults, verbs, layers

@@ -1,6 +1,6 @@
 """What each key of bus.yml means: the words of the generated reference.
 
-Those of the controllers' parameters are in `canopen_control.controllers.declared`, which ROS is told as well.
+Those of the controllers' parameters are the `help` of their settings, which ROS describes them by as well.
 Type, default and bounds come from the code. A test holds that every key has its words, and that no words are left over.
 """
 

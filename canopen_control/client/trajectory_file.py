@@ -35,7 +35,7 @@ class _Point:
     velocities: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
     accelerations: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
     effort: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
-    time_from_start: float | _Duration = setting(0.0, low=-_MOST, high=_MOST)  # noqa: RUF009 - a field
+    time_from_start: float | _Duration = setting(0.0, low=-_MOST, high=_MOST)
 
     @property
     def time(self) -> float:

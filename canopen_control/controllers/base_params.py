@@ -23,14 +23,20 @@ Six = tuple[float, float, float, float, float, float]
 class AxisLimits:
     """The limits of an axis of the twist, such as `linear.x`; nan is none."""
 
-    max_velocity: float = setting(NAN, low=0.0, nan=True)
-    min_velocity: float = setting(NAN, high=0.0, nan=True)
-    max_acceleration: float = setting(NAN, low=0.0, nan=True)
-    max_deceleration: float = setting(NAN, high=0.0, nan=True)
-    max_acceleration_reverse: float = setting(NAN, high=0.0, nan=True)
-    max_deceleration_reverse: float = setting(NAN, low=0.0, nan=True)
-    max_jerk: float = setting(NAN, low=0.0, nan=True)
-    min_jerk: float = setting(NAN, high=0.0, nan=True)
+    max_velocity: float = setting(NAN, low=0.0, nan=True, help="m/s, rad/s forward (left)")
+    min_velocity: float = setting(
+        NAN, high=0.0, nan=True, help="backward (right), a negative number; absent: minus `max_velocity`"
+    )
+    max_acceleration: float = setting(NAN, low=0.0, nan=True, help="m/s^2, rad/s^2 while gaining speed forward")
+    max_deceleration: float = setting(
+        NAN, high=0.0, nan=True, help="while losing it, a negative number; absent: minus `max_acceleration`"
+    )
+    max_acceleration_reverse: float = setting(
+        NAN, high=0.0, nan=True, help="while gaining speed backward, a negative number"
+    )
+    max_deceleration_reverse: float = setting(NAN, low=0.0, nan=True, help="while losing it")
+    max_jerk: float = setting(NAN, low=0.0, nan=True, help="m/s^3, rad/s^3")
+    min_jerk: float = setting(NAN, high=0.0, nan=True, help="a negative number; absent: minus `max_jerk`")
 
     @property
     def freezes(self) -> bool:
@@ -55,11 +61,11 @@ class AxisLimits:
 class BaseParams(CommonParams):
     """What every base has: the frames of its odometry, and how sure it is."""
 
-    odom_frame_id: str = "odom"
-    base_frame_id: str = "base_link"
-    pose_covariance_diagonal: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    twist_covariance_diagonal: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    enable_odom_tf: bool = True
+    odom_frame_id: str = setting("odom", help="parent frame of odometry")
+    base_frame_id: str = setting("base_link", help="child frame of odometry")
+    pose_covariance_diagonal: Six = setting((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), help="of the odometry's pose")
+    twist_covariance_diagonal: Six = setting((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), help="of the odometry's twist")
+    enable_odom_tf: bool = setting(True, help="publishes odom to base as a transform")
 
     def frame_ids(self, namespace: str = "") -> tuple[str, str]:
         """Return the names of the odometry and the base frame."""
@@ -76,8 +82,8 @@ class BaseParams(CommonParams):
 class PrefixedParams(BaseParams):
     """What a base has whose frames may have a prefix."""
 
-    tf_frame_prefix_enable: bool = True
-    tf_frame_prefix: str = ""
+    tf_frame_prefix_enable: bool = setting(True, help="whether frame names have a prefix")
+    tf_frame_prefix: str = setting("", help="that prefix; empty: the namespace")
 
     def frame_prefix(self, namespace: str) -> str:
         """Return the prefix, see `tf_prefix`."""

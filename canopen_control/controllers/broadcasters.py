@@ -65,24 +65,35 @@ _RENAMES: Final = {"state_joints": "batteries"}
 class Battery:
     """What is known of one battery: V and Ah, an enum of sensor_msgs/BatteryState, nan and "" where nothing is."""
 
-    minimum_voltage: float = setting(math.nan, nan=True)
-    maximum_voltage: float = setting(math.nan, nan=True)
-    capacity: float = setting(math.nan, nan=True)
-    design_capacity: float = setting(math.nan, nan=True)
-    power_supply_technology: int = setting(0, low=0, high=8)
-    location: str = ""
-    serial_number: str = ""
+    minimum_voltage: float = setting(
+        math.nan, nan=True, help="V of an empty battery, for the percentage of one that tells none"
+    )
+    maximum_voltage: float = setting(math.nan, nan=True, help="V of a full one")
+    capacity: float = setting(math.nan, nan=True, help="Ah, when it was full last")
+    design_capacity: float = setting(math.nan, nan=True, help="Ah of a new battery")
+    power_supply_technology: int = setting(0, low=0, high=8, help="its chemistry, a number of sensor_msgs/BatteryState")
+    location: str = setting("", help="where it is, such as a slot")
+    serial_number: str = setting("", help="its serial number")
 
 
 @dataclass(frozen=True)
 class BatteryParams(CommonParams):
     """Parameters of the broadcaster; `interfaces` by "<battery>.battery_temperature", `own` by battery."""
 
-    batteries: tuple[str, ...] = ()
-    interfaces: dict[str, bool] = setting(key="interfaces", section=True, factory=dict)  # noqa: RUF009 - makes a field
-    sensor_name: str = ""
-    design_capacity: float = setting(math.nan, nan=True)
-    power_supply_technology: int = setting(0, low=0, high=8)
+    batteries: tuple[str, ...] = setting(
+        (), help="names of <sensor>, <gpio> or <joint> parts, each with `battery_voltage` at least"
+    )
+    interfaces: dict[str, bool] = setting(
+        key="interfaces",
+        section=True,
+        factory=dict,
+        help="`.BATTERY.battery_temperature` and so on, true: that state interface is read too "
+        "(`battery_current`, `battery_charge`, `battery_percentage`, `battery_power_supply_status`, "
+        "`..._health`, `battery_present`)",
+    )
+    sensor_name: str = setting("", help="one battery alone, of which `voltage` is read (deprecated)")
+    design_capacity: float = setting(math.nan, nan=True, help="Ah, of that one")
+    power_supply_technology: int = setting(0, low=0, high=8, help="of that one")
     own: tuple[Battery, ...] = derived(())
 
     @property
@@ -153,8 +164,10 @@ _COVARIANCE: Final = 9
 class SensorParams(CommonParams):
     """Parameters of each: `sensor_name` is a <sensor> of the description, `frame_id` where its values are measured."""
 
-    sensor_name: str = ""
-    frame_id: str = ""
+    sensor_name: str = setting(
+        "", help="a <sensor> of the description, whose interfaces have the names of ros2_control"
+    )
+    frame_id: str = setting("", help="frame of the headers")
 
     def mistakes(self) -> Iterator[str]:
         """Yield what cannot be."""
@@ -172,9 +185,15 @@ class SensorParams(CommonParams):
 class ImuParams(SensorParams):
     """Parameters of imu_sensor_broadcaster/IMUSensorBroadcaster; covariances row by row about x, y, z."""
 
-    static_covariance_orientation: tuple[float, ...] = _UNKNOWN
-    static_covariance_angular_velocity: tuple[float, ...] = _UNKNOWN
-    static_covariance_linear_acceleration: tuple[float, ...] = _UNKNOWN
+    static_covariance_orientation: tuple[float, ...] = setting(
+        _UNKNOWN, help="nine numbers, row by row about x, y, z; all 0: not known"
+    )
+    static_covariance_angular_velocity: tuple[float, ...] = setting(
+        _UNKNOWN, help="the same of the angular velocity; -1 first: it is not measured"
+    )
+    static_covariance_linear_acceleration: tuple[float, ...] = setting(
+        _UNKNOWN, help="the same of the linear acceleration"
+    )
 
     def mistakes(self) -> Iterator[str]:
         """Yield what cannot be."""
@@ -189,11 +208,11 @@ class ImuParams(SensorParams):
 class RangeParams(SensorParams):
     """Parameters of range_sensor_broadcaster/RangeSensorBroadcaster; rad and m, the variance in m^2."""
 
-    radiation_type: int = setting(0, low=0, high=1)
-    field_of_view: float = setting(0.52, low=0.0, high=2 * math.pi)
-    min_range: float = 0.52
-    max_range: float = 4.0
-    variance: float = setting(0.0, low=0.0, high=1e9)
+    radiation_type: int = setting(0, low=0, high=1, help="0 ultrasound, 1 infrared")
+    field_of_view: float = setting(0.52, low=0.0, high=2 * math.pi, help="rad, the arc for which the distance holds")
+    min_range: float = setting(0.52, help="m, the least distance that is measured")
+    max_range: float = setting(4.0, help="m, the largest")
+    variance: float = setting(0.0, low=0.0, high=1e9, help="m^2; 0: not known")
 
 
 @dataclass(frozen=True)
@@ -204,9 +223,18 @@ class ForceTorqueParams(SensorParams):
     Nm are published as (value + offset) * multiplier.
     """
 
-    interface_names: dict[str, str] = setting(key="interface_names", section=True, factory=dict)  # noqa: RUF009 - makes a field
-    offset: dict[str, float] = setting(key="offset", section=True, factory=dict)  # noqa: RUF009 - makes a field
-    multiplier: dict[str, float] = setting(key="multiplier", section=True, factory=dict)  # noqa: RUF009 - makes a field
+    interface_names: dict[str, str] = setting(
+        key="interface_names",
+        section=True,
+        factory=dict,
+        help="`.force.x` to `.torque.z`: state interfaces by their full names, instead of `sensor_name`",
+    )
+    offset: dict[str, float] = setting(
+        key="offset", section=True, factory=dict, help="`.force.x` to `.torque.z`: N or Nm that are added"
+    )
+    multiplier: dict[str, float] = setting(
+        key="multiplier", section=True, factory=dict, help="`.force.x` to `.torque.z`: factor after that; absent: 1.0"
+    )
 
     @property
     def names(self) -> list[str]:
@@ -238,19 +266,24 @@ class ForceTorqueParams(SensorParams):
 class PoseTransform:
     """Whether a pose is a transform too, and to which frame; that of its name unless another is given."""
 
-    enable: bool = True
-    child_frame_id: str = ""
-    publish_rate: float = setting(0.0, low=0.0)
+    enable: bool = setting(True, help="whether the pose is a transform in `/tf` too")
+    child_frame_id: str = setting("", help="the frame that is there; empty: `pose_name`")
+    publish_rate: float = setting(0.0, low=0.0, help="has no effect: there is a transform at every update")
 
 
 @dataclass(frozen=True)
 class PoseParams(CommonParams):
     """Parameters of pose_broadcaster/PoseBroadcaster: the state interfaces of `pose_name`, or each by its own name."""
 
-    frame_id: str = ""
-    pose_name: str = ""
-    interface_names: dict[str, str] = setting(key="interface_names", section=True, factory=dict)  # noqa: RUF009 - makes a field
-    tf: PoseTransform = setting(PoseTransform(), key="tf", section=True)  # noqa: RUF009 - makes a field
+    frame_id: str = setting("", help="frame in which the pose is told")
+    pose_name: str = setting("", help="a <sensor> of the description with `position.x` to `orientation.w`")
+    interface_names: dict[str, str] = setting(
+        key="interface_names",
+        section=True,
+        factory=dict,
+        help="`.position.x` to `.orientation.w`: state interfaces by their full names, instead of it",
+    )
+    tf: PoseTransform = setting(PoseTransform(), key="tf", section=True)
 
     @property
     def names(self) -> list[str]:
@@ -559,9 +592,9 @@ def _mean(values: Sequence[float | None]) -> float | None:
 class StateParams(CommonParams):
     """Parameters of both: empty `joints` or `interfaces` are all there are; `stale_after` in s."""
 
-    joints: tuple[str, ...] = ()
-    interfaces: tuple[str, ...] = ()
-    stale_after: float = setting(0.5, low=1e-3)
+    joints: tuple[str, ...] = setting((), help="only these joints; empty: all")
+    interfaces: tuple[str, ...] = setting((), help="only these interfaces; empty: all that the broadcaster is about")
+    stale_after: float = setting(0.5, low=0.001, help="s without news after which a joint is STALE")
 
 
 class _StateBroadcaster(Controller):

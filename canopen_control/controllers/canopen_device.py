@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from canopen_control.controllers.base import Controller
 from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import RobotConfigError
+from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
@@ -27,7 +28,7 @@ DEVICE: Final = "canopen_ros2_controllers/Cia402DeviceController"
 class DeviceParams(CommonParams):
     """Parameters of both: `joint` is one that a node drives, or the name of a node that drives none."""
 
-    joint: str = ""
+    joint: str = setting("", help="a joint that a node drives, or the name of a node that drives none")
 
 
 class CanopenProxyController(Controller):

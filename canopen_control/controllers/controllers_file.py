@@ -85,16 +85,22 @@ class ManagerParams:
         "cpu_affinity": "run --cpu sets it",
     }
 
-    update_rate: int = setting(100, low=1, high=10_000)
-    use_sim_time: bool = False
-    enforce_command_limits: bool = False
-    handle_exceptions: bool = True
-    lock_memory: bool = False
-    thread_priority: int = 50
-    cpu_affinity: Any = None
-    robot_description: str = ""
-    unconfigured: tuple[str, ...] = setting((), key="hardware_components_initial_state.unconfigured")
-    inactive: tuple[str, ...] = setting((), key="hardware_components_initial_state.inactive")
+    update_rate: int = setting(100, low=1, high=10_000, help="Hz of the controllers, at most that of the cycle")
+    use_sim_time: bool = setting(False, help="for simulated robots; elsewhere it is told to have no effect")
+    enforce_command_limits: bool = setting(False, help="whether commands are kept within the limits of the description")
+    handle_exceptions: bool = setting(True, help="has no effect: an exception of a controller never ends the cycle")
+    lock_memory: bool = setting(False, help="has no effect: `run --realtime` locks it")
+    thread_priority: int = setting(50, help="has no effect here: `run --realtime` sets that of the cycle")
+    cpu_affinity: Any = setting(None, help="has no effect: `run --cpu` sets it")
+    robot_description: str = setting("", help="what the file gives; the description is that of the robot's folder")
+    unconfigured: tuple[str, ...] = setting(
+        (), key="hardware_components_initial_state.unconfigured", help="hardware that is left unconfigured at the start"
+    )
+    inactive: tuple[str, ...] = setting(
+        (),
+        key="hardware_components_initial_state.inactive",
+        help="hardware that is configured at the start and not activated",
+    )
 
 
 _IGNORED: Final = (

@@ -30,9 +30,9 @@ NAN: Final = math.nan
 class SwitchedLimits(AxisLimits):
     """The limits of `linear.x` or `angular.z`; nan is none, and so is a group whose `has_` is false."""
 
-    has_velocity_limits: bool = True
-    has_acceleration_limits: bool = True
-    has_jerk_limits: bool = True
+    has_velocity_limits: bool = setting(True, help="false: the velocity limits do not count")
+    has_acceleration_limits: bool = setting(True, help="false: the acceleration limits do not count")
+    has_jerk_limits: bool = setting(True, help="false: the jerk limits do not count")
 
     @property
     def freezes(self) -> bool:
@@ -59,22 +59,26 @@ class SwitchedLimits(AxisLimits):
 class DiffDriveParams(PrefixedParams):
     """Parameters of diff_drive_controller/DiffDriveController: m, s, Hz, rad."""
 
-    left_wheel_names: tuple[str, ...] | str = ()
-    right_wheel_names: tuple[str, ...] | str = ()
-    wheel_separation: float = setting(0.0, low=0.0)
-    wheel_radius: float = setting(0.0, low=0.0)
-    wheel_separation_multiplier: float = 1.0
-    left_wheel_radius_multiplier: float = 1.0
-    right_wheel_radius_multiplier: float = 1.0
-    wheel_radius_multiplier: float = NAN
-    open_loop: bool = False
-    position_feedback: bool = True
-    cmd_vel_timeout: float = setting(0.5, low=0.0, high=1e9)
-    publish_limited_velocity: bool = False
-    velocity_rolling_window_size: int = setting(10, low=1, high=100_000)
-    publish_rate: float = setting(50.0, low=1e-3)
-    linear: SwitchedLimits = setting(SwitchedLimits(), key="linear.x", section=True)  # noqa: RUF009 - it is a field
-    angular: SwitchedLimits = setting(SwitchedLimits(), key="angular.z", section=True)  # noqa: RUF009 - it is a field
+    left_wheel_names: tuple[str, ...] | str = setting((), help="joints of the left wheels, a name or a list")
+    right_wheel_names: tuple[str, ...] | str = setting((), help="joints of the right wheels, as many")
+    wheel_separation: float = setting(
+        0.0, low=0.0, help="m between the wheels of both sides; absent: the description's"
+    )
+    wheel_radius: float = setting(0.0, low=0.0, help="m; absent: the description's")
+    wheel_separation_multiplier: float = setting(1.0, help="calibration, a factor")
+    left_wheel_radius_multiplier: float = setting(1.0, help="calibration, a factor")
+    right_wheel_radius_multiplier: float = setting(1.0, help="calibration, a factor")
+    wheel_radius_multiplier: float = setting(NAN, help="both sides at once (noetic)")
+    open_loop: bool = setting(False, help="odometry from the commands instead of the wheels")
+    position_feedback: bool = setting(True, help="odometry from positions, else from velocities of the wheels")
+    cmd_vel_timeout: float = setting(0.5, low=0.0, high=1e9, help="s after which a twist ends; 0: never")
+    publish_limited_velocity: bool = setting(False, help="publishes what the limits left of a twist, on `cmd_vel_out`")
+    velocity_rolling_window_size: int = setting(
+        10, low=1, high=100_000, help="samples over which the odometry's velocity is averaged"
+    )
+    publish_rate: float = setting(50.0, low=0.001, help="Hz of odometry and transform")
+    linear: SwitchedLimits = setting(SwitchedLimits(), key="linear.x", section=True)
+    angular: SwitchedLimits = setting(SwitchedLimits(), key="angular.z", section=True)
 
     @property
     def left(self) -> tuple[str, ...]:

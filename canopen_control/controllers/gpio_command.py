@@ -44,12 +44,35 @@ class GpioParams(CommonParams):
     Interfaces are by "<gpio>.interfaces", safe values by "<gpio>.<interface>", `kept_outputs` are "<gpio>/<interface>".
     """
 
-    gpios: tuple[str, ...] = ()
-    command_interfaces: dict[str, tuple[str, ...]] = setting(key="command_interfaces", section=True, factory=dict)  # noqa: RUF009 - a new one each
-    state_interfaces: dict[str, tuple[str, ...]] = setting(key="state_interfaces", section=True, factory=dict)  # noqa: RUF009 - as above
-    safe_values: dict[str, float] = setting(key="safe_values", section=True, factory=dict)  # noqa: RUF009 - as above
-    kept_outputs: tuple[str, ...] = ()
-    command_timeout: float | None = setting(None, low=0.0, high=1e9)
+    gpios: tuple[str, ...] = setting((), help="names of <gpio> parts of the description")
+    command_interfaces: dict[str, tuple[str, ...]] = setting(
+        key="command_interfaces",
+        section=True,
+        factory=dict,
+        help="`.GPIO.interfaces`: the command interfaces, its outputs; none: it only tells",
+    )
+    state_interfaces: dict[str, tuple[str, ...]] = setting(
+        key="state_interfaces",
+        section=True,
+        factory=dict,
+        help="`.GPIO.interfaces`: the state interfaces that are told; none: every one of that gpio",
+    )
+    safe_values: dict[str, float] = setting(
+        key="safe_values",
+        section=True,
+        factory=dict,
+        help="`.GPIO.INTERFACE`: where the output goes when commands end; absent: 0.0",
+    )
+    kept_outputs: tuple[str, ...] = setting(
+        (), help="`GPIO/INTERFACE`: outputs that stay as they are when commands end"
+    )
+    command_timeout: float | None = setting(
+        None,
+        low=0.0,
+        high=1e9,
+        help="s after which a command ends; absent or 0: never (2 for interfaces named velocity, effort or "
+        "acceleration)",
+    )
 
     @property
     def outputs(self) -> list[str]:

@@ -45,17 +45,21 @@ P = TypeVar("P", bound="GripperParams")
 class GripperParams(CommonParams):
     """Parameters of position_controllers/GripperActionController: rad or m, Nm or N, s."""
 
-    joint: str = ""
-    action_monitor_rate: float = setting(20.0, low=0.1)
-    goal_tolerance: float = setting(0.01, low=0.0)
-    max_effort: float = setting(0.0, low=0.0)
-    allow_stalling: bool = False
-    stall_velocity_threshold: float = setting(0.001, low=0.0)
-    stall_timeout: float = setting(1.0, low=0.0, high=1e6)
-    state_interfaces: tuple[str, ...] = (POSITION, VELOCITY)
-    max_effort_interface: str = ""
-    max_velocity_interface: str = ""
-    max_velocity: float = setting(0.1, low=0.0)
+    joint: str = setting("", help="the joint of the gripper")
+    action_monitor_rate: float = setting(20.0, low=0.1, help="Hz of feedback to the action's client")
+    goal_tolerance: float = setting(0.01, low=0.0, help="rad or m within which the goal is reached")
+    max_effort: float = setting(0.0, low=0.0, help="Nm or N of a goal that gives none, or 0")
+    allow_stalling: bool = setting(False, help="a gripper that moves no more has succeeded, and goes on gripping")
+    stall_velocity_threshold: float = setting(0.001, low=0.0, help="rad/s or m/s; what is no faster does not move")
+    stall_timeout: float = setting(1.0, low=0.0, high=1e6, help="s without motion after which it has stalled")
+    state_interfaces: tuple[str, ...] = setting(
+        (POSITION, VELOCITY), help="what is read of the joint; `effort` for the result's effort"
+    )
+    max_effort_interface: str = setting(
+        "", help="the command interface that limits the effort, by its full name; empty: none"
+    )
+    max_velocity_interface: str = setting("", help="the one that limits the velocity")
+    max_velocity: float = setting(0.1, low=0.0, help="rad/s or m/s of a goal that gives none, or 0, for that interface")
 
     @property
     def limits(self) -> list[str]:

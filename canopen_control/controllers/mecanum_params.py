@@ -27,23 +27,29 @@ class MecanumParams(PrefixedParams):
 
     pose_covariance_diagonal: Six = _COVARIANCE
     twist_covariance_diagonal: Six = _COVARIANCE
-    reference_timeout: float = setting(0.0, low=0.0, high=1e9)
-    front_left_wheel_command_joint_name: str = ""
-    front_right_wheel_command_joint_name: str = ""
-    rear_right_wheel_command_joint_name: str = ""
-    rear_left_wheel_command_joint_name: str = ""
-    front_left_wheel_state_joint_name: str = ""
-    front_right_wheel_state_joint_name: str = ""
-    rear_right_wheel_state_joint_name: str = ""
-    rear_left_wheel_state_joint_name: str = ""
-    offset_x: float = setting(0.0, key="kinematics.base_frame_offset.x")
-    offset_y: float = setting(0.0, key="kinematics.base_frame_offset.y")
-    offset_angle: float = setting(0.0, key="kinematics.base_frame_offset.theta")
-    radius: float = setting(0.0, key=_RADIUS, low=0.0)
-    reach: float = setting(0.0, key=_REACH, low=0.0)
-    linear_x: AxisLimits = setting(AxisLimits(), key="linear.x", section=True)  # noqa: RUF009 - it is a field
-    linear_y: AxisLimits = setting(AxisLimits(), key="linear.y", section=True)  # noqa: RUF009 - it is a field
-    angular_z: AxisLimits = setting(AxisLimits(), key="angular.z", section=True)  # noqa: RUF009 - it is a field
+    reference_timeout: float = setting(
+        0.0, low=0.0, high=1e9, help="s after which a twist ends; 0: it counts for one update"
+    )
+    front_left_wheel_command_joint_name: str = setting("", help="joint of this wheel")
+    front_right_wheel_command_joint_name: str = setting("", help="joint of this wheel")
+    rear_right_wheel_command_joint_name: str = setting("", help="joint of this wheel")
+    rear_left_wheel_command_joint_name: str = setting("", help="joint of this wheel")
+    front_left_wheel_state_joint_name: str = setting("", help="joint where it is measured; empty: the same")
+    front_right_wheel_state_joint_name: str = setting("", help="joint where it is measured; empty: the same")
+    rear_right_wheel_state_joint_name: str = setting("", help="joint where it is measured; empty: the same")
+    rear_left_wheel_state_joint_name: str = setting("", help="joint where it is measured; empty: the same")
+    offset_x: float = setting(
+        0.0, key="kinematics.base_frame_offset.x", help="m from the middle of the wheels to the frame of the base"
+    )
+    offset_y: float = setting(0.0, key="kinematics.base_frame_offset.y", help="the same to the left")
+    offset_angle: float = setting(
+        0.0, key="kinematics.base_frame_offset.theta", help="rad by which that frame is turned"
+    )
+    radius: float = setting(0.0, key=_RADIUS, low=0.0, help="m")
+    reach: float = setting(0.0, key=_REACH, low=0.0, help="m from the middle to a wheel along x and y, added")
+    linear_x: AxisLimits = setting(AxisLimits(), key="linear.x", section=True)
+    linear_y: AxisLimits = setting(AxisLimits(), key="linear.y", section=True)
+    angular_z: AxisLimits = setting(AxisLimits(), key="angular.z", section=True)
 
     @property
     def commanded(self) -> tuple[str, ...]:

@@ -22,15 +22,19 @@ _NONE: Final[Six] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class OmniParams(PrefixedParams):
     """Parameters of omni_wheel_drive_controller/OmniWheelDriveController: m, s, rad."""
 
-    pose_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.pose")  # noqa: RUF009 - it is a field
-    twist_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.twist")  # noqa: RUF009 - it is a field
-    wheel_names: tuple[str, ...] = ()
-    wheel_offset: float | None = None
-    robot_radius: float = setting(0.0, low=0.0)
-    wheel_radius: float = setting(0.0, low=0.0)
-    open_loop: bool = False
-    position_feedback: bool = True
-    cmd_vel_timeout: float = setting(0.5, low=0.0, high=1e9)
+    pose_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.pose", help="of the odometry's pose")
+    twist_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.twist", help="of the odometry's twist")
+    wheel_names: tuple[str, ...] = setting(
+        (), help="joints of the wheels, three or more, around the base against the clock"
+    )
+    wheel_offset: float | None = setting(None, help="rad from straight ahead to the first wheel, seen from the middle")
+    robot_radius: float = setting(0.0, low=0.0, help="m from the middle to a wheel")
+    wheel_radius: float = setting(0.0, low=0.0, help="m")
+    open_loop: bool = setting(False, help="odometry from the commands instead of the wheels")
+    position_feedback: bool = setting(True, help="odometry from positions, else from velocities of the wheels")
+    cmd_vel_timeout: float = setting(
+        0.5, low=0.0, high=1e9, help="s after which a twist ends; 0: it counts for one update"
+    )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
         """Say what is wrong, each with whether it is."""

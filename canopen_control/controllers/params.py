@@ -185,11 +185,15 @@ class CommonParams:
         "thread_priority": "all controllers run in the cycle; run --realtime sets the priority of its thread",
     }
 
-    type: str = ""
-    update_rate: int = setting(0, low=0)
-    use_sim_time: bool = False
-    is_async: bool = False
-    thread_priority: int = 50
+    type: str = setting("", help="the type of the controller; it may stand in the controller manager's block instead")
+    update_rate: int = setting(0, low=0, help="Hz; 0: the controller manager's")
+    use_sim_time: bool = setting(
+        False,
+        help="for simulated robots, which publish /clock; elsewhere it is told to have no effect: stamps that "
+        "follow a `/clock` are the bridge's `use_sim_time`",
+    )
+    is_async: bool = setting(False, help="has no effect: all controllers run in the cycle")
+    thread_priority: int = setting(50, help="has no effect: `run --realtime` sets the priority of the cycle")
 
 
 # The parameters of the forward command controllers, the joint state broadcaster, and of a loop of any controller.
@@ -198,54 +202,59 @@ class CommonParams:
 
 
 _MAP: Final = "map_interface_to_joint_state."
+COMMAND_TIMEOUT_HELP: Final = (
+    "s after which a command ends; absent: 2 for velocities and efforts, none for positions; 0: never"
+)
 
 
 @dataclass(frozen=True)
 class GroupParams(CommonParams):
     """Parameters of the group controllers: `command_timeout` in s, see `command_life` for what absent and 0 mean."""
 
-    joints: tuple[str, ...] = ()
-    command_timeout: float | None = setting(None, low=0.0, high=1e9)
+    joints: tuple[str, ...] = setting((), help="the joints, in the order of a command's values")
+    command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
 
 
 @dataclass(frozen=True)
 class ForwardParams(GroupParams):
     """Parameters of forward_command_controller/ForwardCommandController."""
 
-    interface_name: str = ""
+    interface_name: str = setting("", help="the command interface: position, velocity or effort")
 
 
 @dataclass(frozen=True)
 class SingleParams(CommonParams):
     """Parameters of ROS 1's controllers of one joint; the gains of `pid` are the drive's own business."""
 
-    joint: str = ""
-    command_timeout: float | None = setting(None, low=0.0, high=1e9)
+    joint: str = setting("", help="the joint")
+    command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
 
 
 @dataclass(frozen=True)
 class MultiParams(CommonParams):
     """Parameters of forward_command_controller/MultiInterfaceForwardCommandController."""
 
-    joint: str = ""
-    interface_names: tuple[str, ...] = ()
-    command_timeout: float | None = setting(None, low=0.0, high=1e9)
+    joint: str = setting("", help="the joint")
+    interface_names: tuple[str, ...] = setting((), help="its command interfaces, in the order of a command's values")
+    command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
 
 
 @dataclass(frozen=True)
 class BroadcasterParams(CommonParams):
     """Parameters of joint_state_broadcaster/JointStateBroadcaster."""
 
-    joints: tuple[str, ...] = ()
-    interfaces: tuple[str, ...] = ()
-    extra_joints: tuple[str, ...] = ()
-    position: str = setting(POSITION, key=_MAP + POSITION)
-    velocity: str = setting(VELOCITY, key=_MAP + VELOCITY)
-    effort: str = setting(EFFORT, key=_MAP + EFFORT)
-    use_local_topics: bool = False
-    use_urdf_to_filter: bool = True
-    frame_id: str = "base_link"
-    publish_dynamic_joint_states: bool = True
+    joints: tuple[str, ...] = setting((), help="with `interfaces`: only these joints")
+    interfaces: tuple[str, ...] = setting((), help="with `joints`: only these interfaces")
+    extra_joints: tuple[str, ...] = setting((), help="joints that nothing measures, published as 0.0")
+    position: str = setting(POSITION, key=_MAP + POSITION, help="the interface that is published as position")
+    velocity: str = setting(VELOCITY, key=_MAP + VELOCITY, help="the interface that is published as velocity")
+    effort: str = setting(EFFORT, key=_MAP + EFFORT, help="the interface that is published as effort")
+    use_local_topics: bool = setting(False, help="publishes below its own name")
+    use_urdf_to_filter: bool = setting(True, help="only joints that the description moves, in alphabetical order")
+    frame_id: str = setting("base_link", help="frame of the headers")
+    publish_dynamic_joint_states: bool = setting(
+        True, help="publishes every state interface on `dynamic_joint_states` too"
+    )
 
 
 @dataclass(frozen=True)
@@ -256,16 +265,20 @@ class LoopGains:
     from the gains: upstream then computes what is no number.
     """
 
-    p: float = 0.0
-    i: float = 0.0
-    d: float = 0.0
-    i_clamp_max: float = math.inf
-    i_clamp_min: float = -math.inf
-    u_clamp_max: float = math.inf
-    u_clamp_min: float = -math.inf
-    antiwindup_strategy: str = setting("legacy", choices=tuple(each.value for each in AntiWindup))
-    tracking_time_constant: float = 0.0
-    error_deadband: float = 0.0
+    p: float = setting(0.0, help="proportional gain")
+    i: float = setting(0.0, help="integral gain")
+    d: float = setting(0.0, help="derivative gain")
+    i_clamp_max: float = setting(math.inf, help="upper limit of the integral")
+    i_clamp_min: float = setting(-math.inf, help="lower limit of the integral")
+    u_clamp_max: float = setting(math.inf, help="upper limit of the output")
+    u_clamp_min: float = setting(-math.inf, help="lower limit of the output")
+    antiwindup_strategy: str = setting(
+        "legacy",
+        choices=tuple(each.value for each in AntiWindup),
+        help="what the integral does at a limit of the output",
+    )
+    tracking_time_constant: float = setting(0.0, help="s of back_calculation; 0: from the gains")
+    error_deadband: float = setting(0.0, help="an error that is not integrated")
 
     def __post_init__(self) -> None:
         for key, value in (("p", self.p), ("i", self.i), ("d", self.d)):

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from canopen_control.controllers.params import CommonParams, LoopGains
+from canopen_control.controllers.params import COMMAND_TIMEOUT_HELP, CommonParams, LoopGains
 from canopen_control.errors import RobotConfigError
 from canopen_control.yamlfile.convert import derived, setting
 
@@ -20,12 +20,12 @@ class DofGains(LoopGains):
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {"activate_state_publisher": "~/controller_state tells all of it"}
 
-    antiwindup: bool = False
-    error_deadband: float = 1e-16
-    feedforward_gain: float = 0.0
-    angle_wraparound: bool = False
-    save_i_term: bool = True
-    activate_state_publisher: bool = False
+    antiwindup: bool = setting(False, help="with the strategy legacy: the integral itself is limited (deprecated)")
+    error_deadband: float = setting(1e-16, help="an error that is not integrated")
+    feedforward_gain: float = setting(0.0, help="factor of what leads")
+    angle_wraparound: bool = setting(False, help="the error of a joint without end is the short way round")
+    save_i_term: bool = setting(True, help="the integral outlives a deactivation")
+    activate_state_publisher: bool = setting(False, help="has no effect: `~/controller_state` tells all of it")
 
     @property
     def clamps_integral(self) -> bool:
@@ -42,15 +42,30 @@ class PidParams(CommonParams):
     `gains` are in the order of `dof_names`.
     """
 
-    dof_names: tuple[str, ...] = ()
-    reference_and_state_dof_names: tuple[str, ...] = ()
-    command_interface: str = ""
-    reference_and_state_interfaces: tuple[str, ...] = ()
-    set_current_state_as_first_setpoint: bool = True
-    use_external_measured_states: bool = False
-    measured_state_timeout: float = setting(0.2, low=0.001, high=60.0)
-    enable_feedforward: bool = False
-    command_timeout: float | None = setting(None, low=0.0, high=1e9)
+    dof_names: tuple[str, ...] = setting((), help="the joints that are commanded")
+    reference_and_state_dof_names: tuple[str, ...] = setting(
+        (), help="their names in references and states, where those differ"
+    )
+    command_interface: str = setting("", help="velocity, acceleration or effort: what the loops command")
+    reference_and_state_interfaces: tuple[str, ...] = setting(
+        (), help="what is controlled, and its derivative: [position, velocity]"
+    )
+    set_current_state_as_first_setpoint: bool = setting(
+        True, help="begins by keeping the joints where they are, else with targets of 0"
+    )
+    use_external_measured_states: bool = setting(
+        False, help="states come on `~/measured_state`, and not by the interfaces"
+    )
+    measured_state_timeout: float = setting(
+        0.2,
+        low=0.001,
+        high=60.0,
+        help="s; without a measured state for so long targets are 0, and references are forgotten",
+    )
+    enable_feedforward: bool = setting(
+        False, help="the reference leads by `feedforward_gain`, its derivative where that is given"
+    )
+    command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
     gains: tuple[DofGains, ...] = derived(())
 
     @property

@@ -40,17 +40,33 @@ class SteeringParams(BaseParams):
 
     pose_covariance_diagonal: Six = _COVARIANCE
     twist_covariance_diagonal: Six = _COVARIANCE
-    reference_timeout: float = setting(1.0, low=0.0, high=1e9)
-    traction_joints_names: tuple[str, ...] = ()
-    steering_joints_names: tuple[str, ...] = ()
-    traction_joints_state_names: tuple[str, ...] = ()
-    steering_joints_state_names: tuple[str, ...] = ()
-    open_loop: bool = False
-    reduce_wheel_speed_until_steering_reached: bool = False
-    position_feedback: bool = False
-    velocity_rolling_window_size: int = setting(10, low=1, high=100_000)
-    wheelbase: float = setting(0.0, low=0.0)
-    front_steering: bool = True
+    reference_timeout: float = setting(
+        1.0, low=0.0, high=1e9, help="s after which a twist ends; 0: it counts for one update"
+    )
+    traction_joints_names: tuple[str, ...] = setting((), help="joints that drive, from right to left")
+    steering_joints_names: tuple[str, ...] = setting((), help="joints that steer, from right to left")
+    traction_joints_state_names: tuple[str, ...] = setting(
+        (), help="joints where traction is measured; empty: the same"
+    )
+    steering_joints_state_names: tuple[str, ...] = setting(
+        (), help="joints where steering is measured; empty: the same"
+    )
+    open_loop: bool = setting(
+        False, help="odometry and the speeds of the wheels by the wanted curve instead of the measured one"
+    )
+    reduce_wheel_speed_until_steering_reached: bool = setting(
+        False, help="drives slowly while the steering is 30 degrees or more off"
+    )
+    position_feedback: bool = setting(
+        False, help="odometry from positions, else from velocities of the traction wheels"
+    )
+    velocity_rolling_window_size: int = setting(
+        10, low=1, high=100_000, help="steps over which the odometry's velocity is averaged"
+    )
+    wheelbase: float = setting(0.0, low=0.0, help="m between the axles")
+    front_steering: bool = setting(
+        True, help="which wheels names by front and rear mean (deprecated, as are those names)"
+    )
 
     @property
     def radius(self) -> float:
@@ -104,7 +120,7 @@ class BicycleParams(SteeringParams):
     kinematics: ClassVar[type[SteeringKinematics]] = BicycleKinematics
     radius_key: ClassVar[str] = "traction_wheel_radius"
 
-    traction_wheel_radius: float = setting(0.0, low=0.0)
+    traction_wheel_radius: float = setting(0.0, low=0.0, help="m, of the wheel that drives")
 
     @property
     def radius(self) -> float:
@@ -118,8 +134,8 @@ class TricycleParams(SteeringParams):
 
     kinematics: ClassVar[type[SteeringKinematics]] = TricycleKinematics
 
-    traction_wheels_radius: float = setting(0.0, low=0.0)
-    traction_track_width: float = setting(0.0, low=0.0)
+    traction_wheels_radius: float = setting(0.0, low=0.0, help="m, of the wheels that drive")
+    traction_track_width: float = setting(0.0, low=0.0, help="m between the wheels that drive")
 
     @property
     def radius(self) -> float:
@@ -144,7 +160,7 @@ class AckermannParams(TricycleParams):
 
     kinematics: ClassVar[type[SteeringKinematics]] = AckermannKinematics
 
-    steering_track_width: float = setting(0.0, low=0.0)
+    steering_track_width: float = setting(0.0, low=0.0, help="m between the wheels that steer; 0: as those that drive")
 
     @property
     def tracks(self) -> tuple[float, float]:
@@ -213,7 +229,7 @@ class Ros1AckermannParams(BicycleParams):
     wheel_separation_h_multiplier: float = 1.0
     wheel_radius_multiplier: float = 1.0
     steer_pos_multiplier: float = 1.0
-    linear: SwitchedLimits = setting(SwitchedLimits(), key="linear.x", section=True)  # noqa: RUF009 - it is a field
+    linear: SwitchedLimits = setting(SwitchedLimits(), key="linear.x", section=True)
 
     @property
     def limits(self) -> tuple[AxisLimits, ...]:

@@ -252,7 +252,7 @@ class SupervisionKeys:
     guard_time: int = setting(0, low=0, high=0xFFFF)
     life_time_factor: int = setting(0, low=0, high=0xFF)
     retry_factor: int | None = setting(None, low=1, high=255)
-    error_behavior: dict[int, int] = setting(factory=dict, low=0, high=0xFF)  # noqa: RUF009 - makes a field
+    error_behavior: dict[int, int] = setting(factory=dict, low=0, high=0xFF)
     allow_unsupervised: bool = False
     missed_syncs: int = setting(3, low=1, high=1000)
     multiplier: float = derived(3.0)
@@ -315,7 +315,7 @@ class UnitKeys:
     offset_pos_from_dev: float = 0.0
     channels: list[AxisUnits] = field(default_factory=list)
     counts_per_revolution: float | None = setting(None, low=1e-9, high=1e12)
-    gear_ratio: float | list[int] | None = setting(None, low=1e-9, high=1e9)  # noqa: RUF009 - makes a field
+    gear_ratio: float | list[int] | None = setting(None, low=1e-9, high=1e9)
     reversed: bool | None = None
     guesses: list[str] = field(default_factory=list)
 
@@ -352,7 +352,7 @@ class MotionKeys:
     following_error_action: Literal["stop", "warn", "ignore"] = "stop"
     ignore_remote: bool = False
     transition_timeout_ms: int = setting(5000, low=1, high=600_000)
-    transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)  # noqa: RUF009 - makes a field
+    transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)
 
 
 @dataclass(frozen=True)

@@ -119,14 +119,14 @@ class PhysicsFile:
     engine: str = "mujoco"
     urdf: str = ""
     mjcf: str = ""
-    arguments: dict[str, str] = setting(factory=dict)  # noqa: RUF009 - makes a field
+    arguments: dict[str, str] = setting(factory=dict)
     step_ms: float = setting(1.0, low=0.1, high=4.0)
     base: Literal["free", "fixed"] | None = None
     density: float = setting(DENSITY, low=1.0, high=30_000.0)
     floor: Floor = Floor()
     world: str = ""
-    encoders: dict[str, EncoderSettings] = setting(factory=dict)  # noqa: RUF009 - makes a field
-    sensors: dict[str, SensorSettings] = setting(factory=dict)  # noqa: RUF009 - makes a field
+    encoders: dict[str, EncoderSettings] = setting(factory=dict)
+    sensors: dict[str, SensorSettings] = setting(factory=dict)
     here: Node = position()  # noqa: RUF009 - makes a field
 
 

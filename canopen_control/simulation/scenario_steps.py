@@ -72,7 +72,7 @@ class SimulationStep(Happening):
     axis: int = setting(0, low=0, high=7)
     times: tuple[float, ...] = ()
     when: str = ""
-    plant: dict[str, float] = setting(factory=dict)  # noqa: RUF009 - makes a field
+    plant: dict[str, float] = setting(factory=dict)
     here: Node = position()  # noqa: RUF009 - makes a field
 
 

@@ -149,7 +149,7 @@ class Step(Happening):
     node: int | None = setting(None, low=1, high=MAX_NODE_ID)
     axis: int = setting(0, low=0, high=7)
     length: float | str | None = setting(None, key="for")
-    plant: dict[str, float] = setting(factory=dict)  # noqa: RUF009 - makes a field
+    plant: dict[str, float] = setting(factory=dict)
     here: Node = position()  # noqa: RUF009 - makes a field
 
 

@@ -127,7 +127,7 @@ class BaseFile:
     counts_per_revolution: float = setting(low=1e-6)
     left_wheel_radius: float | None = setting(None, low=1e-6)
     right_wheel_radius: float | None = setting(None, low=1e-6)
-    reversed: list[Literal["left", "right"]] = setting(factory=list)  # noqa: RUF009 - makes a field
+    reversed: list[Literal["left", "right"]] = setting(factory=list)
     slip: float = setting(0.0, low=0.0, high=0.5)
     share: str = ""
     here: Node = position()  # noqa: RUF009 - makes a field
@@ -162,9 +162,9 @@ class WorldFile:
 
     seed: int = 0
     default: AxisFile = dataclasses.field(default_factory=lambda: AxisFile(kind="ideal"))
-    axes: dict[str, AxisFile] = setting(factory=dict)  # noqa: RUF009 - makes a field
+    axes: dict[str, AxisFile] = setting(factory=dict)
     base: BaseFile | None = None
-    encoders: dict[str, EncoderFile] = setting(factory=dict)  # noqa: RUF009 - makes a field
+    encoders: dict[str, EncoderFile] = setting(factory=dict)
 
 
 class OwnWorld:

@@ -61,15 +61,24 @@ def setting(
     section: bool = False,
     factory: Any = MISSING,
     hint: str = "",
+    help: str = "",  # noqa: A002 - the word of argparse and click
 ) -> Any:
     """Return a dataclass field: `key` is its name in YAML, `low`/`high` bound numbers, `choices` lists what is allowed.
 
     Bounds and choices hold for the elements of a list, tuple or dict; with `nan` not a number is within any bounds. A
     list default is given as `factory=list`. A `section` gathers the parameters whose dotted names begin with `key`.
-    `hint` ends the message about a value of another type.
+    `hint` ends the message about a value of another type; `help` is the description of the parameter.
     """
     bounds = (low, high) if (low, high) != (None, None) else None
-    metadata = {"key": key, "range": bounds, "choices": choices, "nan": nan, "section": section, "hint": hint}
+    metadata = {
+        "key": key,
+        "range": bounds,
+        "choices": choices,
+        "nan": nan,
+        "section": section,
+        "hint": hint,
+        "help": help,
+    }
     if factory is not MISSING:
         return dataclasses.field(default_factory=factory, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
@@ -113,6 +122,12 @@ def fields_of(cls: type[Any]) -> list[tuple[dataclasses.Field[Any], Any]]:
 def key_of(entry: dataclasses.Field[Any]) -> str:
     """Return the key that a field is read from."""
     return str(entry.metadata.get("key") or entry.name)
+
+
+def help_of(cls: type[Any], entry: dataclasses.Field[Any]) -> str:
+    """Return the help text of a field of `cls`, that of a base class where a field overrides one; "" for none."""
+    fields = (base.__dict__.get("__dataclass_fields__", {}).get(entry.name) for base in cls.__mro__)
+    return next((text for field in fields if field and (text := field.metadata.get("help"))), "")
 
 
 def keys_of(cls: type[Any]) -> list[str]:

@@ -65,7 +65,7 @@ class Axis:
 @dataclass(frozen=True)
 class Some:
     rate: float = 1.0
-    x: Axis = setting(Axis(), key="linear.x", section=True)  # noqa: RUF009 - it is a field
+    x: Axis = setting(Axis(), key="linear.x", section=True)
 
 
 def test_sections_gather_dotted_names():

@@ -1,11 +1,15 @@
 """The generated reference tells every key, parameter, fault and verb, and has words for each."""
 
+import dataclasses
 import re
 import sys
+from importlib import import_module
+from pkgutil import walk_packages
 
 import pytest
 from support.documents import DOCS
 
+from canopen_control import controllers
 from canopen_control.cli.verbs import VERBS
 from canopen_control.controllers.types import TYPES
 from canopen_control.master import keys
@@ -52,8 +56,11 @@ def test_every_key_of_bus_yml_has_its_words_and_no_words_are_left_over(generate)
 
 def test_every_parameter_is_told_with_its_words(generate):
     text = generate.controllers()
-    told = {word for words in generate.CONTROLLERS.values() for word in words.values()}
-    assert [word for word in told if f"| {word} |" not in text] == []
+    modules = [import_module(each.name) for each in walk_packages(controllers.__path__, f"{controllers.__name__}.")]
+    classes = {each for module in modules for each in vars(module).values() if dataclasses.is_dataclass(each)}
+    texts = {field.metadata.get("help") for each in classes for field in dataclasses.fields(each)} - {"", None}
+    assert len(texts) > 150
+    assert [word for word in texts if f"| {word} |" not in text] == []
     assert [name for name in TYPES if text.count(f"- `{name}`\n") != 1] == []
 
 

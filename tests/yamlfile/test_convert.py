@@ -23,7 +23,7 @@ class Even:
 class Bounds:
     rate: float = setting(1.0, low=0.0, nan=True)
     names: tuple[str, ...] = setting((), choices=("a", "b"))
-    many: list[int] = setting(factory=list, low=1, high=3)  # noqa: RUF009 - it is a field
+    many: list[int] = setting(factory=list, low=1, high=3)
 
 
 def test_what_a_dataclass_refuses_is_a_mistake_in_the_file():

@@ -192,8 +192,9 @@ POINT_LIMITER: Final = "joint_limits/JointTrajectoryPointSaturationLimiter"
 class JointGains(LoopGains):
     """The gains of the loop over one joint, where velocity or effort alone is commanded; `i_clamp` is deprecated."""
 
-    ff_velocity_scale: float = 0.0
-    i_clamp: float = math.inf
+    p: float = setting(0.0, help="proportional gain of the loop over a velocity or effort")
+    ff_velocity_scale: float = setting(0.0, help="factor of the trajectory's velocity that is added")
+    i_clamp: float = setting(math.inf, help="limit of the integral on both sides (deprecated)")
 
     @property
     def integral_limits(self) -> tuple[float, float]:
@@ -206,24 +207,26 @@ class JointGains(LoopGains):
 class JointConstraints:
     """How far a joint may be off on the way and at the end, and how it may brake: rad, rad/s2 (m); 0 is none."""
 
-    trajectory: float = 0.0
-    goal: float = 0.0
-    max_deceleration_on_cancel: float = setting(0.0, low=0.0)
+    trajectory: float = setting(0.0, help="rad or m off the path that abort; 0: any")
+    goal: float = setting(0.0, help="rad or m off the end within which it is reached; 0: any")
+    max_deceleration_on_cancel: float = setting(0.0, low=0.0, help="rad/s^2 with which it brakes")
 
 
 @dataclass(frozen=True)
 class LimitParams:
     """The limits of a joint for the point limiter: rad, rad/s, rad/s2 (m); nan is the description's or none."""
 
-    has_position_limits: bool = True
-    min_position: float = setting(math.nan, nan=True)
-    max_position: float = setting(math.nan, nan=True)
-    has_velocity_limits: bool = True
-    max_velocity: float = setting(math.nan, low=0.0, nan=True)
-    has_acceleration_limits: bool = True
-    max_acceleration: float = setting(math.nan, low=0.0, nan=True)
-    has_deceleration_limits: bool = True
-    max_deceleration: float = setting(math.nan, low=0.0, nan=True)
+    has_position_limits: bool = setting(True, help="false: positions are not limited")
+    min_position: float = setting(math.nan, nan=True, help="rad or m; nan: that of the description")
+    max_position: float = setting(math.nan, nan=True, help="rad or m; nan: that of the description")
+    has_velocity_limits: bool = setting(True, help="false: velocities are not limited")
+    max_velocity: float = setting(math.nan, low=0.0, nan=True, help="rad/s or m/s; nan: that of the description")
+    has_acceleration_limits: bool = setting(True, help="false: accelerations are not limited")
+    max_acceleration: float = setting(math.nan, low=0.0, nan=True, help="rad/s² or m/s²; nan: none")
+    has_deceleration_limits: bool = setting(True, help="false: braking is limited as speeding up is")
+    max_deceleration: float = setting(
+        math.nan, low=0.0, nan=True, help="rad/s² or m/s², of braking; nan: as `max_acceleration`"
+    )
 
     def hard(self, lower: float, upper: float, velocity: float) -> HardLimits:
         """Return the limits that hold, with what the description says of positions and velocities."""
@@ -251,32 +254,86 @@ class TrajectoryParams(CommonParams):
     trajectory with a point that a joint cannot reach in time within its velocity limit.
     """
 
-    joints: tuple[str, ...] = ()
-    command_joints: tuple[str, ...] = ()
-    command_interfaces: tuple[str, ...] = ()
-    state_interfaces: tuple[str, ...] = ()
-    initial_scaling_factor: float = setting(1.0, key="speed_scaling.initial_scaling_factor", low=0.0)
-    scaling_state: str = setting("", key="speed_scaling.state_interface")
-    scaling_command: str = setting("", key="speed_scaling.command_interface")
-    allow_partial_joints_goal: bool = False
-    open_loop_control: bool = False
-    interpolate_from_desired_state: bool = False
-    allow_integration_in_goal_trajectories: bool = False
-    set_last_command_interface_value_as_state_on_activation: bool = True
-    action_monitor_rate: float = setting(20.0, low=0.1)
-    interpolation_method: str = setting("splines", choices=("splines", "none"))
-    allow_nonzero_velocity_at_trajectory_end: bool = False
-    cmd_timeout: float = 0.0
-    allow_trajectory_replacement: bool = False
-    upsampling: bool = setting(False, key="positions_upsampling.enable")
-    policy_frequency: float = setting(0.0, key="positions_upsampling.policy_frequency", low=0.0)
-    stopped_velocity_tolerance: float = setting(0.01, key="constraints.stopped_velocity_tolerance")
-    goal_time: float = setting(0.0, key="constraints.goal_time", low=0.0)
-    decelerate_on_cancel: bool = setting(False, key="constraints.decelerate_on_cancel")
-    allowed_start_tolerance: float = setting(0.1, low=0.0)
-    unreachable_points: str = setting("warn", choices=("warn", "refuse", "off"))
-    continue_without_client: bool = False
-    joint_limiter_type: str = setting("", choices=("", POINT_LIMITER))
+    joints: tuple[str, ...] = setting((), help="the joints of a trajectory")
+    command_joints: tuple[str, ...] = setting(
+        (), help="those that are commanded; empty: all; as many with other names: those of another hardware"
+    )
+    command_interfaces: tuple[str, ...] = setting(
+        (), help="of position, velocity, acceleration and effort, as they go together"
+    )
+    state_interfaces: tuple[str, ...] = setting((), help="of position, velocity and acceleration")
+    initial_scaling_factor: float = setting(
+        1.0,
+        key="speed_scaling.initial_scaling_factor",
+        low=0.0,
+        help="how fast the time of trajectories runs; positions alone",
+    )
+    scaling_state: str = setting(
+        "", key="speed_scaling.state_interface", help="a state interface that says how fast it runs"
+    )
+    scaling_command: str = setting(
+        "", key="speed_scaling.command_interface", help="a command interface that is told how fast it is to run"
+    )
+    allow_partial_joints_goal: bool = setting(False, help="takes trajectories of some joints; the others stay")
+    open_loop_control: bool = setting(
+        False, help="begins from the last command instead of the state, and closes no loop (deprecated)"
+    )
+    interpolate_from_desired_state: bool = setting(
+        False, help="begins, and brakes, from the last command instead of the state"
+    )
+    allow_integration_in_goal_trajectories: bool = setting(
+        False, help="takes points without positions and integrates what they have"
+    )
+    set_last_command_interface_value_as_state_on_activation: bool = setting(
+        True, help="holds what stands commanded, where that is known"
+    )
+    action_monitor_rate: float = setting(20.0, low=0.1, help="Hz of the feedback of goals")
+    interpolation_method: str = setting(
+        "splines", choices=("splines", "none"), help="splines, or none: each point is commanded until it is reached"
+    )
+    allow_nonzero_velocity_at_trajectory_end: bool = setting(False, help="takes trajectories that do not end at rest")
+    cmd_timeout: float = setting(
+        0.0, help="s after the end of a trajectory without another one until the joints are held; above goal_time"
+    )
+    allow_trajectory_replacement: bool = setting(
+        False, help="blends a new trajectory in at its start, for the joints that it names"
+    )
+    upsampling: bool = setting(
+        False, key="positions_upsampling.enable", help="velocities of a spline for trajectories of positions alone"
+    )
+    policy_frequency: float = setting(
+        0.0, key="positions_upsampling.policy_frequency", low=0.0, help="Hz of points that come without times"
+    )
+    stopped_velocity_tolerance: float = setting(
+        0.01,
+        key="constraints.stopped_velocity_tolerance",
+        help="rad/s at the end, where velocity or effort is commanded",
+    )
+    goal_time: float = setting(
+        0.0, key="constraints.goal_time", low=0.0, help="s after the end in which the goal must be reached; 0: no limit"
+    )
+    decelerate_on_cancel: bool = setting(
+        False,
+        key="constraints.decelerate_on_cancel",
+        help="brakes with `max_deceleration_on_cancel` where a trajectory is given up",
+    )
+    allowed_start_tolerance: float = setting(
+        0.1, low=0.0, help="rad or m from a joint to the first point, beyond what it can go until then; 0: any"
+    )
+    unreachable_points: str = setting(
+        "warn",
+        choices=("warn", "refuse", "off"),
+        help="what happens to a trajectory with a point that a joint cannot reach in time from the one before "
+        "within its velocity limit: `warn` (taken, and told), `refuse`, `off`",
+    )
+    continue_without_client: bool = setting(
+        False, help="a goal goes on when the action client that sent it is gone, as upstream's does"
+    )
+    joint_limiter_type: str = setting(
+        "",
+        choices=("", POINT_LIMITER),
+        help="keeps each commanded point within the limits (rolling); empty: nothing does",
+    )
     gains: tuple[JointGains, ...] = derived(())
     constraints: tuple[JointConstraints, ...] = derived(())
     joint_limits: tuple[LimitParams, ...] = derived(())
