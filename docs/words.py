@@ -91,6 +91,10 @@ BUS_YML: dict[str, dict[str, str]] = {
         "vcan not before 0.25 s",
         "following_error_action": "what bit 13 of the statusword leads to",
         "ignore_remote": "bit 9 (remote) of the statusword does not count, for drives that never set it",
+        "mode_timeout_ms": "ms until 0x6061 shows a mode that was asked for; Festo CMMP-AS shows -1 for some seconds "
+        "while it synchronises",
+        "enable_settle_ms": "ms after OPERATION ENABLED in which the targets rest, for drives whose set-points count "
+        "only when the brake has lifted (Elmo)",
         "transition_timeout_ms": "ms that the drive may take for a transition of CiA 402",
         "transition_timeouts_ms": "the same by the transition's number",
         "driver": "what the node is on a bus without controllers: a drive where it says Cia402, a proxy where it says "

@@ -548,6 +548,7 @@ class ModeRequest:
         self.display: int | None = None
         self.deadline = _NEVER
         self._timeout = timeout_ns
+        self._halved = False  # the deadline is that of a drive that shows no mode while it is off
         self._last_confirmed: int | None = None
 
     @property
@@ -594,9 +595,13 @@ class ModeRequest:
         unshown = display == 0 and not enabled
         if self.deadline == _NEVER:
             if not (unshown and self.state is ModeState.UNSHOWN):
+                self._halved = unshown
                 self.deadline = now + (self._timeout // 2 if unshown else self._timeout)
                 self._fire(ModeTrigger.NOT_SHOWN)
         elif now >= self.deadline:
+            if self._halved and not unshown:  # it has shown 0 before, and has the other half of the time
+                self._halved, self.deadline = False, now + self._timeout - self._timeout // 2
+                return None
             if not (unshown and self._fire(ModeTrigger.NONE_SHOWN)):
                 return self._time_out(mode, now)
             self.deadline = _NEVER
@@ -707,7 +712,9 @@ class DriveMachine:
         if self.fault:
             raise DriveError(f"{self.name}: cannot be enabled in a fault{self._seen()}; reset the fault first")
         if self.mode_request.failed:
-            raise DriveError(f"{self.name}: cannot be enabled, its mode was not confirmed; set a mode first")
+            raise DriveError(
+                f"{self.name}: cannot be enabled, its mode was not confirmed; set a mode first (`axis mode NODE MODE`)"
+            )
 
     def disable(self) -> None:
         """Stop the motor by the drive's own ramp (0x605C), then take its power down to `disabled_state`."""

@@ -136,7 +136,8 @@ class ModeTimedOut:
         """What happened, in words."""
         shown = "nothing" if self.display is None else mode_name(self.display)
         back = "" if self.restored is None else f"; back to {mode_name(self.restored)}"
-        return f"mode {mode_name(self.mode)} not confirmed, 0x6061 shows {shown}{back}"
+        late = "; mode_timeout_ms in bus.yml gives it more time" if self.display is not None else ""
+        return f"mode {mode_name(self.mode)} not confirmed, 0x6061 shows {shown}{back}{late}"
 
 
 @dataclass(frozen=True, slots=True)

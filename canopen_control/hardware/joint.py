@@ -24,7 +24,8 @@ from canopen_control.hardware.homing_run import HomingPhase, HomingRun, Referenc
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, StateInterface
 from canopen_control.hardware.joint_events import FaultReason, JointEvent, StatusWatch, joint_event_of
 from canopen_control.hardware.joint_targets import JointTargets
-from canopen_control.hardware.mode_choice import listed_modes
+from canopen_control.hardware.mode_choice import listed_modes, unlisted_modes
+from canopen_control.hardware.motion_watch import MotionWatch
 from canopen_control.hardware.stop_group import Base, StopGroup
 from canopen_control.master.event_log import Level
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
@@ -155,6 +156,7 @@ class JointParts:
         self.feedback.refresh_scale()
         self.targets.refresh()
         self._events += [JointEvent("parameters", text) for text in self.parameters.failed]
+        self._events += [JointEvent("mode", text) for text in unlisted_modes(self.axis, self.parameters)]
 
 
 def _holds_load(description: ControlJoint) -> bool:
@@ -175,6 +177,10 @@ _OVERDUE: Final = {
     AxisState.VOLTAGE_OFF: "its quick stop was not seen to end; its voltage is disabled: what turns coasts",
     AxisState.UNSTOPPED: "nothing it was told was seen to stop it: it may have power; cut its supply if it moves",
 }
+_STANDING: Final = (
+    "it is enabled and does not follow its set-points; check its brake, its power and which source its set-points come "
+    "from (with a brake that lifts late give it `enable_settle_ms` in bus.yml)"
+)
 _BOOTING: Final = "; booting it again"  # what was told of the node already
 
 
@@ -209,6 +215,9 @@ class JointDrive(JointParts):
         self.stopped_by = ""
         """What it was stopped by since it was last enabled, none of its user's."""
         self._watch = StatusWatch(self.axis, node.config.motion.following_error_action)
+        self._motion = MotionWatch(self.axis, self.machine)
+        self._settle_ns = node.config.motion.enable_settle_ms * 1_000_000
+        self._settled_at = 0  # before it, set-points of a drive that was just enabled would be lost
         self._status = AxisStatus(self.axis, self.machine, holds_load=self.power.holds_load)
         self._limits, self._controlword = self.axis.limits, self.axis.controlword  # for every cycle
         self._evaluations = -1
@@ -340,7 +349,7 @@ class JointDrive(JointParts):
             targets.follow(now, period)
             if (command := targets.tracked) is not None:
                 self.tracking.step(command.value, self._measured[command.quantity].value)
-        elif power.state is AxisState.READY and self.machine.may_move:
+        elif power.state is AxisState.READY and self.machine.may_move and now >= self._settled_at:
             self._fire(Trigger.MAY_MOVE)
             self.tracking.restart()
             targets.follow(now, period)
@@ -354,9 +363,12 @@ class JointDrive(JointParts):
         """Look at what need not be seen in every cycle; ten times a second."""
         if self._watch.leaves_limit():
             self._events.append(JointEvent("limit_left", "the limit is left", Level.INFO))
-        if self._watch.turns_the_wrong_way(self.enabled):
+        self._motion.look(self.targets.current, self.enabled)
+        if self._watch.turns_the_wrong_way(self.enabled) or self._motion.turns_away:
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
             self._events.append(JointEvent("direction", text, stops=True))
+        if self._motion.stands:
+            self._events.append(JointEvent("standing", _STANDING))
         if (unit := self.feedback.turns_in_unit(self._now)) is not None:
             self._events.append(JointEvent("velocity_unit", unit.text, stops=unit.faster))
         if self.enabled:
@@ -395,8 +407,10 @@ class JointDrive(JointParts):
         """Look at a drive that is being enabled or stopped for what comes next."""
         power, machine = self.power, self.machine
         if power.state in RISING:
-            if machine.enabled and self._fire(Trigger.DRIVE_ENABLED) and machine.halted:
-                self._fire(Trigger.HALT)
+            if machine.enabled and self._fire(Trigger.DRIVE_ENABLED):
+                self._settled_at = now + self._settle_ns
+                if machine.halted:
+                    self._fire(Trigger.HALT)
             return
         state = machine.state
         if not self.node.ready:

@@ -328,23 +328,23 @@ class _ScaledTarget(ModeTarget):
     low = INT16_MIN
     high = INT16_MAX
 
-    def _factor(self) -> float:
+    def factor(self) -> float:
         """Return device units per SI unit."""
         raise NotImplementedError
 
     def span(self) -> tuple[float, float]:
         """Return what the object holds, for a reversed axis too; not finite where the factor is that small."""
-        factor = self._factor()
+        factor = self.factor()
         ends = self.low / factor, self.high / factor
         return min(ends), max(ends)
 
     def pushes(self, value: float) -> bool:
         """Whether a velocity or torque leads beyond the limit that is active."""
-        return value * self._factor() * self._axis.limits.blocked > 0  # not for nan
+        return value * self.factor() * self._axis.limits.blocked > 0  # not for nan
 
     def _scaled(self, value: float) -> int:
         """Return a target in device units; 0 for none, and for one that does not fit, which is noted."""
-        raw = to_object(value * self._factor(), self.low, self.high)
+        raw = to_object(value * self.factor(), self.low, self.high)
         self._axis.misfit = _NAN if raw is not None else value
         return 0 if raw is None else raw
 
@@ -378,7 +378,8 @@ class VelocityTarget(_ScaledTarget):
         """Return a target within the limits, in the units of its object."""
         return self._axis.limits.of_velocity(raw)
 
-    def _factor(self) -> float:
+    def factor(self) -> float:
+        """Return velocity units per rad/s (m/s)."""
         return self._axis.scale.vel_to_dev
 
     def slow(self, period: float) -> bool:
@@ -408,7 +409,8 @@ class WordVelocityTarget(VelocityTarget):
     low = INT16_MIN
     high = INT16_MAX
 
-    def _factor(self) -> float:
+    def factor(self) -> float:
+        """Return rpm of the motor per rad/s (m/s)."""
         return self._axis.rpm_to_dev
 
     def _bounded(self, raw: int) -> int:
@@ -463,7 +465,8 @@ class EffortTarget(_ScaledTarget):
         last, self._last = self._last, here
         return _NAN if last is None or period <= 0.0 else (here - last) / axis.scale.pos_to_dev / period
 
-    def _factor(self) -> float:
+    def factor(self) -> float:
+        """Return torque units per N m (N)."""
         return self._axis.scale.eff_to_dev
 
     def slow(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode

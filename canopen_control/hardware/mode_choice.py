@@ -15,7 +15,6 @@ from canopen_control.cia402.modes import (
     TARGET_OBJECTS,
     OperationMode,
     mode_for_interface,
-    require_mode,
     supported_modes,
 )
 from canopen_control.cia402.objects import axis_index
@@ -56,6 +55,32 @@ A TARGET is served by all of them. The first is what a drive begins with: those 
 
 
 def listed_modes(axis: Axis, parameters: AxisParameters) -> tuple[OperationMode, ...]:
+    """Return what 0x6502 lists, and the modes that bus.yml gives; () where 0x6502 says nothing.
+
+    Drives have modes that 0x6502 does not list (Technosoft iPOS: CSP; roboticslab-uc3m/yarp-devices, issue 222).
+    """
+    listed = _of_drive(axis, parameters)
+    return (*listed, *(mode for mode in _of_file(axis) if mode not in listed)) if listed else ()
+
+
+def unlisted_modes(axis: Axis, parameters: AxisParameters) -> list[str]:
+    """Return a sentence for each mode that bus.yml gives and 0x6502 does not list."""
+    listed = _of_drive(axis, parameters)
+    named = ", ".join(mode.name for mode in listed)
+    return [
+        f"0x6502 lists {named}, and not {mode.name}, which bus.yml gives; that is tried"
+        for mode in _of_file(axis)
+        if listed and mode not in listed
+    ]
+
+
+def _of_file(axis: Axis) -> list[OperationMode]:
+    keys = axis.node.config.motion
+    given = (keys.position_mode, keys.velocity_mode, keys.effort_mode)
+    return [OperationMode(mode) for mode in given if mode is not None]
+
+
+def _of_drive(axis: Axis, parameters: AxisParameters) -> tuple[OperationMode, ...]:
     """Return what 0x6502 lists: as read from the drive, else as the EDS has it; () where neither says.
 
     0 says nothing: a drive has a mode, and a maker who gives no value writes it too.
@@ -75,7 +100,6 @@ def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> Opera
     wanted = given[interface]
     listed = listed_modes(axis, parameters)
     if wanted is not None:
-        require_mode(wanted, listed)
         require_mapped(axis, OperationMode(wanted))
         return OperationMode(wanted)
     if not listed:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cia301.sync import SYNC_COB_ID
-from canopen_control.cia402.modes import OperationMode
+from canopen_control.cia402.modes import OperationMode, mode_name
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError, ConfigError, nearest
 from canopen_control.frame import Service, cob_id
@@ -102,6 +102,22 @@ def _meant(key: str, section: Node, known: Collection[str], misnamed: Mapping[st
     return meant
 
 
+def _require_modes(motion: MotionKeys, node: Node) -> None:
+    """Name the modes that cannot serve the interface of their key: CiA 402 has no such target, or none is known."""
+    for kind in ("position", "velocity", "effort", "torque"):
+        number, key = getattr(motion, f"{kind}_mode"), f"{kind}_mode"
+        served = "effort" if kind == "torque" else kind
+        if number is None or _MODES.get(number) == served:
+            continue
+        place = node.get(key) or node
+        fits = ", ".join(f"{mode} ({OperationMode(mode).name})" for mode, of in sorted(_MODES.items()) if of == served)
+        if number < 0:
+            what = f"{key}: {number} is a mode of the manufacturer, whose target object is not known here"
+        else:
+            what = f"{key}: {mode_name(number)} serves no {served} interface"
+        place.error(f"{what}; give one of {fits}")
+
+
 def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: bool) -> Node:
     """Merge `defaults` below a node as asked for, and say where the other way would give another value."""
     if defaults is None:
@@ -149,6 +165,7 @@ def node_config(name: str, node: Node, master: MasterConfig, options: Options) -
         if number not in _TRANSITIONS:
             place = node.get("transition_timeouts_ms") or node
             place.error(f"no transition {number}; CiA 402 numbers them 0 to {_TRANSITIONS[-1]}")
+    _require_modes(keys.motion, node)
     return replace(
         keys,
         supervision=_supervision(keys.supervision, master, options),

@@ -351,6 +351,8 @@ class MotionKeys:
     recovery: Literal["boot", "enable"] = "boot"
     following_error_action: Literal["stop", "warn", "ignore"] = "stop"
     ignore_remote: bool = False
+    mode_timeout_ms: int = setting(2000, low=1, high=600_000)
+    enable_settle_ms: int = setting(0, low=0, high=60_000)
     transition_timeout_ms: int = setting(5000, low=1, high=600_000)
     transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)
 

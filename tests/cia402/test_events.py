@@ -37,7 +37,10 @@ SAID = [
         "did not leave unknown for OPERATION_ENABLED in time (no statusword)",
     ),
     (ModeConfirmed(1, 8), "mode CSP confirmed"),
-    (ModeTimedOut(1, 8, 0, None), "mode CSP not confirmed, 0x6061 shows NONE"),
+    (
+        ModeTimedOut(1, 8, 0, None),
+        "mode CSP not confirmed, 0x6061 shows NONE; mode_timeout_ms in bus.yml gives it more time",
+    ),
     (
         EnableLost(1, State.SWITCH_ON_DISABLED, 0x0240),
         "no longer enabled, now SWITCH_ON_DISABLED (statusword 0x0240, power stage off); enable to go on",

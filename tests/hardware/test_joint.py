@@ -8,7 +8,7 @@ from support.robots import LEFT, RIGHT, Bench, copy_robby
 
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
-from canopen_control.errors import RobotConfigError, UnsupportedMode
+from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.axis_power import Action, AxisState
 from canopen_control.runtime.axis_request import reached
 
@@ -74,13 +74,12 @@ def test_a_node_that_is_not_there_has_no_values(robby):
     assert joint.power.state is AxisState.OFF
 
 
-def test_the_mode_of_bus_yml_wins_and_must_be_one_the_drive_has(robby, tmp_path):
+def test_the_mode_of_bus_yml_wins_over_what_the_drive_lists(robby, tmp_path):
     joint = robby.joint(LEFT)
     assert joint.targets.mode_for("velocity") is OperationMode.PV
     config = copy_robby(tmp_path, bus={"velocity_mode: 3": "velocity_mode: 9"})
     other = Bench("joint2", config=config)
-    with pytest.raises(UnsupportedMode, match="CSV"):
-        other.joint(LEFT).targets.mode_for("velocity")
+    assert other.joint(LEFT).targets.mode_for("velocity") is OperationMode.CSV
     other.close()
 
 

@@ -1,0 +1,154 @@
+"""What the master does about drives that differ from the textbook, one deviation in a test."""
+
+import pytest
+from support.makers import drive, folder, sentences
+from support.makers import robot as make_robot
+
+from canopen_control.cia402.state import State
+from canopen_control.errors import BusConfigError
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.virtual.virtual_drive import VirtualDrive
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def robot(tmp_path):
+    """Make the robot of a test, running, by its modes and more keys of bus.yml; it is closed at the end."""
+    made = []
+
+    def make(*modes, **options):
+        made.append(make_robot(tmp_path, *modes, **options))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+@pytest.fixture
+def standing(monkeypatch):
+    """Drives that are enabled and take no set-points; the dictionary's `ms` bounds how long, None for ever."""
+    refresh, since, limit = VirtualDrive.refresh, {}, {"ms": None}
+
+    def stand(self, now, *, controlword=False, set_point=False):
+        if self.power.state is not State.OPERATION_ENABLED:
+            since.pop(id(self), None)
+        elif limit["ms"] is None or now - since.setdefault(id(self), now) < limit["ms"] * MS:
+            self.mover.advance(now)
+            if controlword:
+                self._control(now)
+            return
+        refresh(self, now, controlword=controlword, set_point=set_point)
+
+    monkeypatch.setattr(VirtualDrive, "refresh", stand)
+    return limit
+
+
+@pytest.mark.parametrize(("mode", "controller"), [("csp", "pos"), ("csv", "vel")])
+@pytest.mark.usefixtures("standing")
+def test_an_enabled_axis_that_ignores_its_set_points_is_named_within_two_seconds(robot, mode, controller):
+    made = robot(mode)
+    made.command(controller, 0.5, 0.5, seconds=3)
+    made.run(2.0)
+    assert any("pan_drive" in each and "does not follow its set-points" in each for each in sentences(made))
+
+
+@pytest.mark.parametrize("mode", ["csp", "pp", pytest.param("ip", marks=pytest.mark.rest)])
+def test_an_axis_whose_feedback_is_mirrored_stops_in_every_mode_of_positions(robot, mode):
+    made = robot(mode)
+    for node_id in (2, 3):
+        drive(made, node_id).readings.inverted.break_with(True)
+    for step in range(80):
+        made.command("pos", 0.6 if mode == "pp" else 0.01 * (step + 1), 0.0)
+        made.run(0.02)
+    assert any("pan_drive" in each and "turns against its command" in each for each in sentences(made))
+    assert made.state != "running"
+
+
+@pytest.mark.rest
+@pytest.mark.parametrize("mode", ["csp", "pp", "ip", "pv", "csv"])
+def test_a_motion_and_its_way_back_are_no_deviation(robot, mode):
+    made = robot(mode)
+    controller = "vel" if mode in ("pv", "csv") else "pos"
+    for step in range(150):
+        value = 0.5 if step < 75 else -0.5
+        made.command(controller, value if mode in ("pp", "pv", "csv") else 0.006 * min(step, 150 - step), 0.0)
+        made.run(0.02)
+    assert not [each for each in sentences(made) if "against" in each or "does not follow" in each]
+    assert made.state == "running"
+
+
+def _peak_speed(made):
+    made.disable()
+    made.run(1)
+    made.enable()
+    made.until(lambda: drive(made, 2).state is State.OPERATION_ENABLED, 3)
+    peak = 0.0
+    for step in range(60):
+        made.command("pos", 0.01 * (step + 1), 0.0)
+        made.run(0.02)
+        peak = max(peak, abs(made.velocity("pan")))
+    return peak
+
+
+def test_a_settling_time_keeps_set_points_until_the_brake_has_lifted(robot, standing):
+    standing["ms"] = 500
+    assert _peak_speed(robot("csp", keys="enable_settle_ms: 600")) < 2.1
+
+
+def test_a_mode_of_bus_yml_that_0x6502_does_not_list_is_tried_and_named(robot, monkeypatch):
+    monkeypatch.setattr(VirtualDrive, "_check_mode", lambda _self, _entry, value: value)
+    attach = VirtualDrive._attach
+
+    def without_csp(self):
+        attach(self)
+        self._store.preset(0x6502, 0, 0x001F0065)  # as Technosoft's iPOS shows it
+
+    monkeypatch.setattr(VirtualDrive, "_attach", without_csp)
+    made = robot("csp")
+    assert made.state == "running"
+    assert any("not CSP, which bus.yml gives" in each for each in sentences(made))
+
+
+def _slow_display(monkeypatch, ms):
+    """Show -1 in 0x6061 for a time after a change of mode, as Festo's CMMP-AS does while it synchronises."""
+    attach, shown = VirtualDrive._attach, {}
+
+    def slow(self):
+        attach(self)
+        source = self._store.source_of(0x6061, 0)
+
+        def read():
+            now, mode = self._clock.now, source()
+            last, at = shown.get(id(self), (None, 0))
+            if mode != last:
+                shown[id(self)] = (mode, at := now)
+            return -1 if mode == 7 and now - at < ms * MS else mode
+
+        self._store.on_read(0x6061, 0, read)
+
+    monkeypatch.setattr(VirtualDrive, "_attach", slow)
+
+
+def test_a_mode_that_is_shown_late_has_its_own_time(robot, monkeypatch):
+    _slow_display(monkeypatch, 4000)
+    made = robot("ip", keys="mode_timeout_ms: 6000")
+    assert made.state == "running"
+    assert not [each for each in sentences(made) if "not confirmed" in each]
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("velocity_mode: -3", "-3 is a mode of the manufacturer"),
+        ("velocity_mode: 11", "CSTCA serves no velocity interface"),
+        ("velocity_mode: 5", r"mode 5 \(reserved\) serves no velocity interface"),
+        ("velocity_mode: 8", "CSP serves no velocity interface"),
+    ],
+)
+def test_a_mode_that_cannot_serve_its_interface_is_refused_with_its_line(tmp_path, keys, message):
+    path = folder(tmp_path, "csp", keys=keys)
+    with pytest.raises(BusConfigError, match=rf"bus.yml:\d+.*{message}"):
+        read_robot(find_robot(str(path)))
