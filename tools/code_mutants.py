@@ -203,7 +203,7 @@ self.reactor.call_later(300_000_000, begin)
         "latch_lost_at_restart",
         "the STOP latch is lost at a restart",
         Change(
-            "runtime.readiness",
+            "runtime.enable_status",
             "StopLatch.keep",
             'self.by = str(json.loads(path.read_text())["by"])',
             "path.unlink()",

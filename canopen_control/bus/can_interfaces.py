@@ -28,7 +28,7 @@ from canopen_control.frame import FRAME_BITS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    Run = Callable[[Sequence[str]], "Result"]
+    Run = Callable[[Sequence[str]], "CommandResult"]
     """Runs a command to its end; OSError if it cannot be started."""
 
 
@@ -250,7 +250,7 @@ class CanInterface:
     traffic: Mapping[str, int] = field(default_factory=dict)  # rx_packets, rx_dropped, tx_packets, ...
 
 
-class Result(NamedTuple):
+class CommandResult(NamedTuple):
     """How a command ended."""
 
     returncode: int
@@ -258,7 +258,7 @@ class Result(NamedTuple):
     error: str
 
 
-class Command(NamedTuple):
+class InterfaceCommand(NamedTuple):
     """One step, with why in a word or two; an `optional` one may fail, because a later one would tell."""
 
     argv: tuple[str, ...]
@@ -269,10 +269,10 @@ class Command(NamedTuple):
         return shlex.join(self.argv)
 
 
-def run_command(argv: Sequence[str]) -> Result:
+def run_command(argv: Sequence[str]) -> CommandResult:
     """Run a command to its end; OSError if it cannot be started."""
     done = subprocess.run(argv, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
-    return Result(done.returncode, done.stdout, done.stderr.strip())
+    return CommandResult(done.returncode, done.stdout, done.stderr.strip())
 
 
 # Seeing ------------------------------------------------------------------------------------------------------------
@@ -359,15 +359,15 @@ def find_can_interface(name: str, run: Run = run_command) -> CanInterface | None
 # Setting -----------------------------------------------------------------------------------------------------------
 
 
-def _ip(purpose: str, *words: str) -> Command:
-    return Command(("ip", "link", *words), purpose)
+def _ip(purpose: str, *words: str) -> InterfaceCommand:
+    return InterfaceCommand(("ip", "link", *words), purpose)
 
 
-def _up_virtual(name: str, kind: str, link: CanInterface | None) -> list[Command]:
+def _up_virtual(name: str, kind: str, link: CanInterface | None) -> list[InterfaceCommand]:
     commands = []
     if link is None:
         commands = [
-            Command(("modprobe", kind), f"load the {kind} module", optional=True),  # it may be built in
+            InterfaceCommand(("modprobe", kind), f"load the {kind} module", optional=True),  # it may be built in
             _ip("make the interface", "add", "dev", name, "type", kind),
         ]
     if link is None or link.queue_length != QUEUE_LENGTH:
@@ -379,7 +379,7 @@ def _up_virtual(name: str, kind: str, link: CanInterface | None) -> list[Command
 
 def _up_real(
     link: CanInterface, bitrate: int | None, restart_ms: int | None, sample_point: float | None
-) -> list[Command]:
+) -> list[InterfaceCommand]:
     wanted: dict[str, float | None] = {"bitrate": bitrate, "sample-point": sample_point, "restart-ms": restart_ms}
     present: dict[str, float | None] = {
         "bitrate": link.bitrate,
@@ -412,7 +412,7 @@ def up_commands(
     bitrate: int | None = None,
     restart_ms: int | None = None,
     sample_point: float | None = None,
-) -> list[Command]:
+) -> list[InterfaceCommand]:
     """Return what has to be done to bring an interface up as wanted, nothing if it is; `link` is what is there."""
     kind = link.kind if link is not None else next((kind for kind in _VIRTUAL if name.startswith(kind)), "can")
     if kind in _VIRTUAL:
@@ -459,7 +459,7 @@ def bring_down(name: str, say: Callable[[str], None], *, run: Run = run_command)
     _run_all(name, [_ip("take it down", "set", name, "down")], say, run)
 
 
-def _run_all(name: str, commands: Sequence[Command], say: Callable[[str], None], run: Run) -> None:
+def _run_all(name: str, commands: Sequence[InterfaceCommand], say: Callable[[str], None], run: Run) -> None:
     prefix = _privilege(name, commands, run) if commands else ()
     for command in commands:
         whole = command._replace(argv=(*prefix, *command.argv))
@@ -469,7 +469,7 @@ def _run_all(name: str, commands: Sequence[Command], say: Callable[[str], None],
             raise ConfigError(f"{name}: {whole} failed: {problem}")
 
 
-def _problem(command: Command, run: Run) -> str:
+def _problem(command: InterfaceCommand, run: Run) -> str:
     """Run a command and return what went wrong, with advice; empty if nothing did."""
     try:
         result = run(command.argv)
@@ -481,7 +481,7 @@ def _problem(command: Command, run: Run) -> str:
     return said + next((f"; {advice}" for text, advice in _ADVICE.items() if text in said), "")
 
 
-def _privilege(name: str, commands: Sequence[Command], run: Run) -> tuple[str, ...]:
+def _privilege(name: str, commands: Sequence[InterfaceCommand], run: Run) -> tuple[str, ...]:
     """Return the words before a command that make it run as root; raise `ConfigError` where there is no way."""
     if os.geteuid() == 0:
         return ()

@@ -18,8 +18,8 @@ import socket
 import sys
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.bus.exchange import Exchange, Member
-from canopen_control.bus.wanted import GIVES_STAMPS, TAKES_WANTED, Hello, HelloServer, pack_hello
+from canopen_control.bus.frame_router import FrameRouter, RouterPort
+from canopen_control.bus.subscription import GIVES_STAMPS, TAKES_SUBSCRIPTION, Hello, HelloServer, pack_hello
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.lifeline import report_failure, report_ready
 from canopen_control.host.reactor import Reactor
@@ -41,7 +41,7 @@ class _End:
 
     __slots__ = ("member", "reading", "socket", "writing")
 
-    def __init__(self, sock: socket.socket, member: Member) -> None:
+    def __init__(self, sock: socket.socket, member: RouterPort) -> None:
         self.socket, self.member = sock, member
         self.reading = True
         self.writing = False
@@ -52,7 +52,7 @@ class Hub:
 
     def __init__(self, reactor: Reactor, name: str) -> None:
         self.name = name
-        self.exchange = Exchange()
+        self.router = FrameRouter()
         self.on_end = reactor.stop
         self._reactor = reactor
         self._started = reactor.now()
@@ -79,16 +79,16 @@ class Hub:
             from canopen_control.bus.hubcontrol import HubControl
 
             self._control = HubControl(
-                self.name, self.exchange, self._reactor, self._asked, started=self._started, after=self._after
+                self.name, self.router, self._reactor, self._asked, started=self._started, after=self._after
             )
 
     def _admit(self, sock: socket.socket, hello: Hello) -> None:
         """Make a member of who has greeted."""
-        member = self.exchange.join(hello.label, hello.pid)
+        member = self.router.join(hello.label, hello.pid)
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
             sock.setsockopt(socket.SOL_SOCKET, option, _BUFFER_SIZE)  # the kernel takes what it allows
         end = self._ends[member.number] = _End(sock, member)
-        member.outbox += pack_hello(os.getpid(), member.label, abilities=TAKES_WANTED | GIVES_STAMPS)
+        member.outbox += pack_hello(os.getpid(), member.label, abilities=TAKES_SUBSCRIPTION | GIVES_STAMPS)
         self._reactor.add_reader(sock, functools.partial(self._read, end))
         if self._linger is not None:
             self._linger.cancel()
@@ -96,7 +96,7 @@ class Hub:
         self._reactor.call_soon(self._serve_control)
 
     def _drop(self, end: _End) -> None:
-        self.exchange.leave(end.member)
+        self.router.leave(end.member)
         self._ends.pop(end.member.number, None)
         self._reactor.remove_reader(end.socket)
         self._reactor.remove_writer(end.socket)
@@ -158,23 +158,23 @@ class Hub:
         if not data:
             self._drop(end)
             return
-        self.exchange.receive(end.member, data, self._reactor.now())
+        self.router.receive(end.member, data, self._reactor.now())
         self._after()
 
     def _after(self) -> None:
         """See to what the exchange wants next: writing at the end of this turn, a timer, less or more reading."""
-        if self.exchange.dirty and not self._flush_planned:
+        if self.router.dirty and not self._flush_planned:
             self._flush_planned = True
             self._reactor.call_soon(self._flush)
-        if self.exchange.wire is not None or self._timer is not None:
+        if self.router.wire is not None or self._timer is not None:
             self._plan_tick()
             self._pace_readers()
-        elif self.exchange.next_deadline() is not None:
+        elif self.router.next_deadline() is not None:
             self._plan_tick()
 
     def _flush(self) -> None:
         self._flush_planned = False
-        for member in self.exchange.take_dirty():
+        for member in self.router.take_dirty():
             end = self._ends.get(member.number)
             if end is not None and not end.writing:
                 self._write(end)
@@ -188,7 +188,7 @@ class Hub:
         except OSError:
             self._drop(end)
             return
-        self.exchange.sent(member, sent)
+        self.router.sent(member, sent)
         if bool(member.outbox) is not end.writing:
             end.writing = not end.writing
             if end.writing:
@@ -197,7 +197,7 @@ class Hub:
                 self._reactor.remove_writer(end.socket)
 
     def _plan_tick(self) -> None:
-        deadline = self.exchange.next_deadline()
+        deadline = self.router.next_deadline()
         if self._timer is not None:
             if self._timer.active and self._timer.deadline_ns == deadline:
                 return
@@ -205,12 +205,12 @@ class Hub:
         self._timer = None if deadline is None else self._reactor.call_at(deadline, self._tick)
 
     def _tick(self) -> None:
-        self.exchange.tick(self._reactor.now())
+        self.router.tick(self._reactor.now())
         self._after()
 
     def _pace_readers(self) -> None:
         for end in self._ends.values():
-            if self.exchange.may_read(end.member) is not end.reading:
+            if self.router.may_read(end.member) is not end.reading:
                 end.reading = not end.reading
                 if end.reading:
                     self._reactor.add_reader(end.socket, functools.partial(self._read, end))

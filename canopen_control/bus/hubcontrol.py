@@ -1,4 +1,4 @@
-"""The control socket of a hub: answers the requests of `rpc.messages.hub` about one `Exchange`.
+"""The control socket of a hub: answers the requests of `rpc.messages.hub` about one `FrameRouter`.
 
 Its import costs more than all else of a hub, msgspec first of all: the hub does it when nobody waits for frames.
 """
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import socket
     from collections.abc import Callable, Mapping
 
-    from canopen_control.bus.exchange import Exchange, Member
+    from canopen_control.bus.frame_router import FrameRouter, RouterPort
     from canopen_control.frame import CanFrame
     from canopen_control.host.reactor import Reactor
 
@@ -46,7 +46,7 @@ class HubControl:
     def __init__(
         self,
         name: str,
-        exchange: Exchange,
+        exchange: FrameRouter,
         reactor: Reactor,
         listener: socket.socket,
         *,
@@ -129,7 +129,7 @@ def _frame(asked: hub.SendErrorFrame) -> CanFrame:
     return ERROR_FRAMES[asked.kind]()
 
 
-def _member(member: Member) -> hub.Member:
+def _member(member: RouterPort) -> hub.Member:
     queued = len(member.outbox) // RECORD_SIZE
     return hub.Member(member.label, member.pid, member.rx, member.tx, member.lost, queued)
 

@@ -47,7 +47,7 @@ class KernelSync:
     """The task for one interface; `frames` are sent in turn, one each period."""
 
     sender = "the kernel"
-    mending = "it is set up again"
+    correction = "it is set up again"
 
     def __init__(
         self, interface: str, frames: Sequence[CanFrame], make_socket: Callable[[], BcmSocket] | None = None

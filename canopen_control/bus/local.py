@@ -14,18 +14,18 @@ from typing import TYPE_CHECKING, Final, NoReturn, TypeVar
 
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames
-from canopen_control.bus.port import BusEventKind, EventLog, PortStats, Records, SendQueue, whole_records
-from canopen_control.bus.wanted import (
+from canopen_control.bus.port import BusEventKind, BusEventLog, PortStats, Records, SendQueue, whole_records
+from canopen_control.bus.subscription import (
     GIVES_STAMPS,
     HELLO_SIZE,
-    TAKES_WANTED,
+    TAKES_SUBSCRIPTION,
     VERSION,
     Chunk,
     Hello,
     chunks_of,
     pack_hello,
-    pack_wanted,
-    pack_wish,
+    pack_stamp_request,
+    pack_subscription,
     parse_hello,
 )
 from canopen_control.errors import BusClosed, BusError, BusNotOpen, CanopenError, ConfigError, RemoteError
@@ -66,7 +66,7 @@ class LocalPort:
         self._partial = b""
         self._chunks: list[Chunk] | None = None  # of the last reading, once stamps are asked for
         self._queue = SendQueue()
-        self._events = EventLog()
+        self._events = BusEventLog()
         self.events = self._events.drain
         """Return what happened since the last call."""
         self._dropping = False
@@ -119,7 +119,7 @@ class LocalPort:
         """
         if self.gives_stamps and self._chunks is None:
             self._chunks = [_NOTHING]
-            self._tell(pack_wish(echo=echo))
+            self._tell(pack_stamp_request(echo=echo))
 
     @property
     def gives_stamps(self) -> bool:
@@ -170,8 +170,8 @@ class LocalPort:
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
         """Ask the hub for these identifiers only: it leaves out what holds none of them, and others may come too."""
-        if self._abilities & TAKES_WANTED:
-            self._tell(pack_wanted(can_ids))
+        if self._abilities & TAKES_SUBSCRIPTION:
+            self._tell(pack_subscription(can_ids))
 
     def _tell(self, asked: bytes) -> None:
         """Send records that are for the hub and no frames."""

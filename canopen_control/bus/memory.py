@@ -14,7 +14,15 @@ from weakref import WeakValueDictionary
 
 from canopen_control.bus import error_frames
 from canopen_control.bus.error_events import note_errors
-from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, WakeDescriptor, whole_records
+from canopen_control.bus.port import (
+    BusEvent,
+    BusEventKind,
+    BusEventLog,
+    PortStats,
+    Records,
+    WakeDescriptor,
+    whole_records,
+)
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
@@ -218,7 +226,7 @@ class MemoryPort:
         self.wants_write = False
         self._queue = bytearray()
         self._lost = 0
-        self._events = EventLog()
+        self._events = BusEventLog()
         self._wake: WakeDescriptor | None = None
         self._gone = ""
 

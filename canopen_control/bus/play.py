@@ -26,7 +26,7 @@ _TRY_S = 0.1
 
 
 @dataclass(slots=True)
-class Played:
+class PlayReport:
     """What was played; `errors` are error frames, which nobody can send, `late_max` in seconds."""
 
     frames: int = 0
@@ -37,7 +37,7 @@ class Played:
 def play(
     frames: Iterable[RecordedFrame],
     port: Port,
-    played: Played,
+    played: PlayReport,
     *,
     speed: float = 1.0,
     clock: Callable[[], int] = time.monotonic_ns,

@@ -27,7 +27,7 @@ from canopen_control.host.sockets import list_sockets
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from canopen_control.bus.wanted import Chunk
+    from canopen_control.bus.subscription import Chunk
 
 
 class LocalBus(can.BusABC):

@@ -115,7 +115,7 @@ SEND_LIMIT: Final = 4096
 """Frames that may wait: most of a second at 1 Mbit/s; what is older would only confuse."""
 
 
-class EventLog:
+class BusEventLog:
     """What happened to a port and was not fetched yet: bounded, since an owner may never ask; the oldest go first."""
 
     __slots__ = ("_events",)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from canopen_control.bus.wanted import STAMP_STEP_NS
+from canopen_control.bus.subscription import STAMP_STEP_NS
 from canopen_control.frame import RECORD_SIZE
 
 if TYPE_CHECKING:

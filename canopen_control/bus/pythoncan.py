@@ -28,7 +28,7 @@ from canopen_control.bus.port import (
     SEND_LIMIT,
     BusEvent,
     BusEventKind,
-    EventLog,
+    BusEventLog,
     PortStats,
     Records,
     SendQueue,
@@ -143,7 +143,7 @@ class PythonCanPort:
         self._stamps: list[int] = []
         self._taken_stamps: list[int] = []
         self._adapter_clock: AdapterClock | None = None  # once stamps are asked for
-        self._events = EventLog()
+        self._events = BusEventLog()
         self._outgoing = SendQueue(SEND_LIMIT)
         self._lost = 0  # by the threads, not yet in stats
         self._down = False

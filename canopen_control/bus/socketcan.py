@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.error_events import note_errors
 from canopen_control.bus.error_frames import has_error_frames, overrun_frame
-from canopen_control.bus.port import BusEvent, BusEventKind, EventLog, PortStats, Records, SendQueue, whole_records
+from canopen_control.bus.port import BusEvent, BusEventKind, BusEventLog, PortStats, Records, SendQueue, whole_records
 from canopen_control.bus.port_abilities import UnixOffset
 from canopen_control.bus.rawsocket import (
     ALL_INTERFACES,
@@ -57,7 +57,7 @@ class SocketCanPort:
         self._now = now
         self._queue = SendQueue()
         self._full = False  # by ENOBUFS, of which the kernel does not tell the end
-        self._events = EventLog()
+        self._events = BusEventLog()
         self._overflows = 0
         self._dropping = False
         self._down = ""  # what was told of it, empty while it works

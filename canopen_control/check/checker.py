@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.runtime.sync_choice import SyncChoice
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
     from canopen_control.yamlfile.problems import Problem
 
 
@@ -165,7 +165,7 @@ class _Checker:
             self.findings += rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None
 
-    def _read_description(self) -> Description | None:
+    def _read_description(self) -> UrdfDescription | None:
         path = self._files.description
         try:
             mappings = self._files.mappings(mock=self._options.mock)

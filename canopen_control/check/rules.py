@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from canopen_control.master.config import BusConfig
     from canopen_control.master.keys import NodeConfig
     from canopen_control.runtime.robot_files import RobotFiles
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.joint_element import Joint
     from canopen_control.urdf.robot_model import WheelGeometry
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
@@ -215,7 +215,7 @@ def find(
     files: RobotFiles,
     bus: BusConfig | None = None,
     control: ControllersFile | None = None,
-    description: Description | None = None,
+    description: UrdfDescription | None = None,
     *,
     controllers: Sequence[str] = (),
     launch: Path | None = None,
@@ -237,7 +237,7 @@ def find(
 
 
 def _started(
-    files: RobotFiles, control: ControllersFile | None, description: Description | None, asked: Sequence[str]
+    files: RobotFiles, control: ControllersFile | None, description: UrdfDescription | None, asked: Sequence[str]
 ) -> frozenset[str] | None:
     """Return the controllers that a run would activate, None where that cannot be known."""
     if control is None or description is None:
@@ -377,7 +377,9 @@ def _joints(robot: CheckedRobot) -> Iterator[Finding]:
                 yield Finding(config.path, place, robot.severity(name), f"{name}: {text}", fix)
 
 
-def _why_not(joint: str, kind: str, parts: dict[str, list[ControlJoint]], description: Description) -> tuple[str, str]:
+def _why_not(
+    joint: str, kind: str, parts: dict[str, list[ControlJoint]], description: UrdfDescription
+) -> tuple[str, str]:
     where = description.path
     if joint not in parts and joint not in description.joints:
         return f"joint {joint!r} is not in {where}{nearest(joint, parts)}", "use the description's name"

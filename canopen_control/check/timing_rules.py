@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from canopen_control.master.keys import NodeConfig
     from canopen_control.master.plan_builder import PdoLayout
     from canopen_control.runtime.robot_files import RobotFiles
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
     from canopen_control.yamlfile.node import Node
 
 
@@ -78,7 +78,7 @@ class CheckedRobot:
     files: RobotFiles
     bus: BusConfig | None = None
     control: ControllersFile | None = None
-    description: Description | None = None
+    description: UrdfDescription | None = None
     asked: Sequence[str] = ()
     mock: bool = False
     real: bool = False
@@ -114,7 +114,7 @@ _FEEDBACK: Final = (
 
 
 def check_timing(
-    config: BusConfig, control: ControllersFile | None, description: Description | None
+    config: BusConfig, control: ControllersFile | None, description: UrdfDescription | None
 ) -> Iterator[Finding]:
     """Yield what is wrong with the timing of the set-points on a bus."""
     yield from _never_in_time(config, cycle_ns(config, control))

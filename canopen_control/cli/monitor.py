@@ -20,7 +20,7 @@ from canopen_control.errors import ConfigError
 if TYPE_CHECKING:
     import argparse
 
-    from canopen_control.monitor.sources import Source
+    from canopen_control.monitor.sources import ScreenSource
 
 
 EXAMPLE = """canopen-control monitor
@@ -65,13 +65,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _source(args: argparse.Namespace) -> Source:
-    from canopen_control.monitor.sources import BusSource, RobotSource
+def _source(args: argparse.Namespace) -> ScreenSource:
+    from canopen_control.monitor.sources import BusSource, LiveRobot
 
     if args.can is None:
         from canopen_control.client import select_robot
 
-        return RobotSource(select_robot(args.name))
+        return LiveRobot(select_robot(args.name))
     from canopen_control.cli.support.heard_bus import heard_bus
     from canopen_control.monitor.tap import LABEL
     from canopen_control.trace.listen import open_listener

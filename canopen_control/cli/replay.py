@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable, Iterator
 
-    from canopen_control.bus.play import Played
+    from canopen_control.bus.play import PlayReport
     from canopen_control.bus.recordings import RecordedFrame
     from canopen_control.cli.support.heard_bus import Source
     from canopen_control.host.reactor import Reactor
@@ -152,10 +152,10 @@ def _tell_a_new_bus(channel: str) -> None:
 
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     """Play it and say what was played, also when Ctrl-C ends it."""
-    from canopen_control.bus.play import Played, play
+    from canopen_control.bus.play import PlayReport, play
     from canopen_control.cli.support.heard_bus import tell_gaps
 
-    port, played, ended = open_port(channel, label=LABEL), Played(), False
+    port, played, ended = open_port(channel, label=LABEL), PlayReport(), False
     progress = Progress(f"playing into {channel}, Ctrl-C ends it", "frames")
     try:
         play(_told(recording, played, progress), port, played, speed=args.speed)
@@ -171,14 +171,14 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     return _INTERRUPTED if ended else 1 if recording.problem else 0
 
 
-def _told(recording: Source, played: Played, progress: Progress) -> Iterator[RecordedFrame]:
+def _told(recording: Source, played: PlayReport, progress: Progress) -> Iterator[RecordedFrame]:
     """Yield the frames and say from time to time how far it is."""
     for each in recording:
         progress.at(played.frames)
         yield each
 
 
-def _sentence(channel: str, played: Played, lost: int) -> str:
+def _sentence(channel: str, played: PlayReport, lost: int) -> str:
     text = f"{played.frames} frames into {channel}, none later than {1e3 * played.late_max:.1f} ms"
     text += f", {played.errors} error frames left out" if played.errors else ""
     return text + (f", {lost} lost" if lost else "")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.cli.support.output import Announcer
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.robot_files import RobotFiles
-    from canopen_control.runtime.run_session import Session
+    from canopen_control.runtime.run_session import RunSession
     from canopen_control.runtime.setup import RobotSetup
 
 
@@ -246,7 +246,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         raise ConfigError(f"{where}: {_NO_DEMO}")
     _require_parts(args, setup)
     from canopen_control.cli.support.output import Announcer
-    from canopen_control.runtime.run_session import RunOptions, Session
+    from canopen_control.runtime.run_session import RunOptions, RunSession
 
     options = RunOptions(
         physics=args.physics,
@@ -265,7 +265,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         cpu=args.cpu,
     )
     unclear = _unclear(setup) if setup.reaches_real_drives and not args.full_speed else None
-    session = Session(setup, options)
+    session = RunSession(setup, options)
     announcer = Announcer(sys.stderr if table else sys.stdout)
     try:
         prefix = f"{setup.name}: " if args.say_name else ""
@@ -356,7 +356,7 @@ def _unclear(setup: RobotSetup) -> SlowReason | None:
     return slow_reason(setup)
 
 
-def _warn(session: Session) -> None:
+def _warn(session: RunSession) -> None:
     """Tell what `check` warns of."""
     from canopen_control.check.checker import start_warnings
     from canopen_control.master.event_log import Event, Level
@@ -365,7 +365,7 @@ def _warn(session: Session) -> None:
         session.robot.report(Event(session.reactor.now(), "check", "", text, Level.WARNING))
 
 
-def _slow_down(session: Session, unclear: SlowReason) -> None:
+def _slow_down(session: RunSession, unclear: SlowReason) -> None:
     from canopen_control.check.preflight_record import SLOW, limit_speed
     from canopen_control.master.event_log import Event, Level
 

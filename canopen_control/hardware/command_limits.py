@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from canopen_control.hardware.interfaces import CommandInterface, InterfaceRegistry, StateInterface
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.joint_element import Joint, SoftLimits
     from canopen_control.urdf.ros2_control import ControlJoint
 
@@ -571,7 +571,7 @@ _NO_BOUNDS: Final = InterfaceInfo("")
 class CommandLimits:
     """The limits of all joints of a description."""
 
-    def __init__(self, description: Description, registry: InterfaceRegistry) -> None:
+    def __init__(self, description: UrdfDescription, registry: InterfaceRegistry) -> None:
         self._limited: list[Limited] = []
         self._clock = 0.0
         states = {each.name: each for each in registry.state_interfaces}

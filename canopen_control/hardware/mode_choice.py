@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from canopen_control.hardware.axis import Axis
     from canopen_control.hardware.axis_parameters import AxisParameters
     from canopen_control.master.plan import NodePlan
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
@@ -181,7 +181,7 @@ PLUGINS: Final = (
 )
 
 
-def with_interfaces_of_plugins(description: Description, plans: Iterable[NodePlan]) -> Description:
+def with_interfaces_of_plugins(description: UrdfDescription, plans: Iterable[NodePlan]) -> UrdfDescription:
     """Return the description with the interfaces that its plugins would export, and a note for each joint that has."""
     by_name = {plan.name: plan for plan in plans}
     hardware = tuple(_completed(tag, by_name) for tag in description.hardware)

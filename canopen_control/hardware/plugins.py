@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from canopen_control.hardware.simulation import Engine
     from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.simulation import LaserScanReading
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.joint_element import Mimic
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem, Transmission
 
@@ -414,7 +414,7 @@ KNOWN: Final = {
 """Plugin name to kind."""
 
 
-def kind_of(description: Description, tag: Ros2ControlSystem, *, mock: bool = False, real: bool = False) -> Kind:
+def kind_of(description: UrdfDescription, tag: Ros2ControlSystem, *, mock: bool = False, real: bool = False) -> Kind:
     """Return what a tag is to be; an unknown plugin is a RobotConfigError with the nearest one, unless overruled."""
     if mock or real:
         return Kind.MOCK if mock else Kind.CANOPEN
@@ -427,7 +427,7 @@ def kind_of(description: Description, tag: Ros2ControlSystem, *, mock: bool = Fa
 
 
 def made_up(
-    description: Description, tag: Ros2ControlSystem, kind: Kind, engine: Engine | None = None
+    description: UrdfDescription, tag: Ros2ControlSystem, kind: Kind, engine: Engine | None = None
 ) -> HardwareComponent:
     """Return the component of a tag that needs no bus. A tag that is mocked by option moves its joints."""
     if kind is Kind.SIMULATION:

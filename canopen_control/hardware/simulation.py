@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.simulation import LaserScanReading
-    from canopen_control.urdf.joint_element import Joint, Limits
+    from canopen_control.urdf.joint_element import Joint, UrdfLimits
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
@@ -143,7 +143,7 @@ class FirstOrderMotor:
     """
 
     def __init__(
-        self, limits: Limits, time_constant: float = 0.02, inertia: float = 0.01, damping: float = 0.1
+        self, limits: UrdfLimits, time_constant: float = 0.02, inertia: float = 0.01, damping: float = 0.1
     ) -> None:
         self.position = self.velocity = self.effort = 0.0
         self._limits, self._time_constant = limits, time_constant
@@ -226,7 +226,7 @@ class SimulatedSystem(Lifecycle):
         self,
         description: Ros2ControlSystem,
         joints: Mapping[str, Joint],
-        make_motor: Callable[[Limits], Motor] | None = None,
+        make_motor: Callable[[UrdfLimits], Motor] | None = None,
         engine: Engine | None = None,
     ) -> None:
         super().__init__()
@@ -388,7 +388,7 @@ def _extras(parts: Sequence[ControlJoint]) -> _Extras:
     return states, commands, mirrored
 
 
-def _motor(limits: Limits, parameters: Mapping[str, str]) -> FirstOrderMotor:
+def _motor(limits: UrdfLimits, parameters: Mapping[str, str]) -> FirstOrderMotor:
     given: dict[str, float] = {}
     for name in ("time_constant", "inertia", "damping"):
         if name not in parameters:

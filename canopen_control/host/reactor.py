@@ -23,8 +23,8 @@ from collections import deque
 from typing import TYPE_CHECKING, Final, Protocol, TypeAlias, cast
 
 from canopen_control.errors import LocalProtocolError
-from canopen_control.host.selection import open_asker
-from canopen_control.host.timer import Clock, ManualClock, MonotonicClock, Timer, TimerQueue, open_alarm
+from canopen_control.host.polling import open_poller
+from canopen_control.host.timer import ManualClock, MonotonicClock, Timer, TimerQueue, TimeSource, open_alarm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -88,8 +88,8 @@ class Reactor:
     twenty are printed to stderr). All methods but `call_threadsafe` belong to the loop's own thread.
     """
 
-    def __init__(self, clock: Clock | None = None, selector: selectors.BaseSelector | None = None) -> None:
-        self.clock: Clock = MonotonicClock() if clock is None else clock
+    def __init__(self, clock: TimeSource | None = None, selector: selectors.BaseSelector | None = None) -> None:
+        self.clock: TimeSource = MonotonicClock() if clock is None else clock
         self.now: Callable[[], int] = self.clock.now
         """Return the clock's time in nanoseconds."""
         self.errors = 0
@@ -99,7 +99,7 @@ class Reactor:
         self._timers = TimerQueue()
         self._soon: deque[Callable[[], object]] = deque()
         self._from_threads: deque[Callable[[], object]] = deque()
-        self._epoll = open_asker(self._selector)
+        self._epoll = open_poller(self._selector)
         self._poll = self._select if self._epoll is None else self._epoll.poll
         self._turns = 0
         self._alarm = None if self.clock.is_manual else open_alarm()

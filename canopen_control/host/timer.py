@@ -26,7 +26,7 @@ _TFD_TIMER_ABSTIME: Final = 1
 _ONCE: Final = (1).to_bytes(8, sys.byteorder)  # how often a timer has rung, as it is read
 
 
-class Clock(Protocol):
+class TimeSource(Protocol):
     """A source of monotonic nanoseconds."""
 
     @property

@@ -45,7 +45,7 @@ Words: TypeAlias = "Callable[[str, Sequence[str]], list[str]]"
 """Of a node and the parts of a line, the words of a verb."""
 
 
-class Work(NamedTuple):
+class NodeVerb(NamedTuple):
     """What one line is asked for, parts with commas between them, and the words of the verb for a node."""
 
     does: str
@@ -78,20 +78,22 @@ def _with_node(verb: str) -> Words:
 
 
 WORKS: Final = {
-    "jog": Work("turn it, slowly", "20rpm,3s or 90deg; options of the verb after it: 90deg,--max-current=300", _jog),
-    "scope": Work("objects over time", "0x6064,0x606C; also --for=5, --trigger=fault, --output=step.csv", _scope),
-    "tune": Work(
+    "jog": NodeVerb(
+        "turn it, slowly", "20rpm,3s or 90deg; options of the verb after it: 90deg,--max-current=300", _jog
+    ),
+    "scope": NodeVerb("objects over time", "0x6064,0x606C; also --for=5, --trigger=fault, --output=step.csv", _scope),
+    "tune": NodeVerb(
         "step, Bode, identification, gains",
         "step=30rpm, bode, identify=150 or revert; --yes agrees to the limits that it tells without",
         _tune,
     ),
-    "backup": Work("its parameters as a DCF", "FILE.dcf", lambda node, parts: ["backup", node, "-o", *parts]),
-    "diff": Work("compare with a file or another node", "FILE.dcf or NODE", _with_node("diff")),
-    "restore": Work("write the parameters of a DCF", "FILE.dcf; also --store, --keep", _with_node("restore")),
-    "clone": Work("give it the parameters of another", "NODE; also --store, --keep", _with_node("clone")),
-    "firmware": Work("load a program", "FILE; also --confirm", _on_node("firmware")),
-    "dump": Work("all that it holds", "table or csv", lambda node, parts: ["dump", node, "--format", *parts]),
-    "nmt": Work("take it out, or start it", "preop, start, reset-node", _with_node("nmt")),
+    "backup": NodeVerb("its parameters as a DCF", "FILE.dcf", lambda node, parts: ["backup", node, "-o", *parts]),
+    "diff": NodeVerb("compare with a file or another node", "FILE.dcf or NODE", _with_node("diff")),
+    "restore": NodeVerb("write the parameters of a DCF", "FILE.dcf; also --store, --keep", _with_node("restore")),
+    "clone": NodeVerb("give it the parameters of another", "NODE; also --store, --keep", _with_node("clone")),
+    "firmware": NodeVerb("load a program", "FILE; also --confirm", _on_node("firmware")),
+    "dump": NodeVerb("all that it holds", "table or csv", lambda node, parts: ["dump", node, "--format", *parts]),
+    "nmt": NodeVerb("take it out, or start it", "preop, start, reset-node", _with_node("nmt")),
 }
 """By what is chosen."""
 

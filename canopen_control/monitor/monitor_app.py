@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from canopen_control.monitor.drive_objects import DriveObjects, WorkRun
     from canopen_control.monitor.frame_tables import FrameTable
     from canopen_control.monitor.monitor_content import LogLine, MonitorContent
-    from canopen_control.monitor.sources import Source
+    from canopen_control.monitor.sources import ScreenSource
     from canopen_control.monitor.tap import BusTap
     from canopen_control.rpc.messages.declare import Request
 
@@ -314,7 +314,7 @@ class MonitorApp(App[None]):
         Binding("ctrl+c", "quit", "Quit", show=False, priority=True),
     ]
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: ScreenSource) -> None:
         super().__init__()
         self.source = source
         self.paused = False

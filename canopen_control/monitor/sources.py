@@ -458,7 +458,7 @@ SOURCE: Final = "monitor"
 TIMEOUT_S: Final = 20.0  # of a stop or an enable: the drives take their ramps
 
 
-class Source(Protocol):
+class ScreenSource(Protocol):
     """What the screen needs; `frames` and `trace` are those of the buses it listens to, which are `taps`."""
 
     can_command: bool
@@ -503,7 +503,7 @@ class Source(Protocol):
         ...
 
 
-class RobotSource:
+class LiveRobot:
     """A running robot: its API, and its buses where somebody else can listen."""
 
     can_command = True

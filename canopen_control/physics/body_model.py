@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from canopen_control.physics.urdf_repair import RepairedUrdf
     from canopen_control.physics.world_file import Start, WorldDescription
     from canopen_control.physics.world_sensors import WorldSensor
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.joint_element import Joint
 
 
@@ -146,7 +146,7 @@ def alone(robot: PreparedRobot, world: WorldDescription, step: float, path: str)
 
 def prepared(
     spec: Any,  # noqa: ANN401 - as above
-    description: Description,
+    description: UrdfDescription,
     axes: Mapping[str, AxisSettings],
     floor: Floor,
     *,
@@ -202,7 +202,7 @@ def give_locks(spec: Any, axes: Mapping[str, AxisSettings], step: float) -> None
         lock.solref, lock.solimp = [2.0 * step, 1.0], [0.99, 0.999, 0.0001, 0.5, 2.0]
 
 
-def _check_joints(axes: Mapping[str, AxisSettings], description: Description, path: str) -> None:
+def _check_joints(axes: Mapping[str, AxisSettings], description: UrdfDescription, path: str) -> None:
     problems = []
     for name, axis in axes.items():
         joint = description.joints.get(name)

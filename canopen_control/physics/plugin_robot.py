@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from canopen_control.physics.body_model import Body, JointPlace
     from canopen_control.rpc.messages.drive import WorldAct
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
@@ -247,7 +247,7 @@ def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
     }
 
 
-def sensors_of(description: Description, tag: Ros2ControlSystem) -> list[WorldSensor]:
+def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[WorldSensor]:
     """Return the sensors of a tag that a world has; PhysicsError with what is wrong of them."""
     model = description.model
     found = tag_sensors(tag.sensors, model.links, model.root, description.path)
@@ -469,7 +469,7 @@ class SimulatedRobot:
 
 
 def make_simulated(
-    description: Description,
+    description: UrdfDescription,
     tag: Ros2ControlSystem,
     scene: Path | None = None,
     loops: Mapping[str, Mapping[str, EffortLoop]] | None = None,
@@ -488,7 +488,7 @@ def make_simulated(
 
 
 def _made(
-    description: Description,
+    description: UrdfDescription,
     tag: Ros2ControlSystem,
     scene: Path | None,
     loops: Mapping[str, Mapping[str, EffortLoop]],

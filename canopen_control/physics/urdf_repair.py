@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
 
 
 _FOREIGN: Final = ("ros2_control", "gazebo", "transmission", "mujoco_inputs", "mujoco")
@@ -52,7 +52,7 @@ class RepairedUrdf:
     meshes: dict[str, bytes] = field(default_factory=dict)
 
 
-def repaired(description: Description) -> RepairedUrdf:
+def repaired(description: UrdfDescription) -> RepairedUrdf:
     """Return a description as MuJoCo can read it; PhysicsError for what it could not make up."""
     root = ET.fromstring(description.urdf_xml)
     notes: list[str] = []
@@ -141,7 +141,7 @@ def _unusable(stl: bytes) -> str:
     return ""
 
 
-def _check_dynamics(description: Description, problems: list[str]) -> None:
+def _check_dynamics(description: UrdfDescription, problems: list[str]) -> None:
     """Tell the joints whose friction or damping would drive them."""
     for joint in description.joints.values():
         for name, value in (("damping", joint.dynamics.damping), ("friction", joint.dynamics.friction)):
@@ -150,7 +150,7 @@ def _check_dynamics(description: Description, problems: list[str]) -> None:
                 problems.append(f"{where}: {name}={value:g} of <dynamics> is below 0; give 0 or more")
 
 
-def _check_inertia(link: ET.Element, description: Description, notes: list[str], problems: list[str]) -> None:
+def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[str], problems: list[str]) -> None:
     """Bring an inertia that no body has to the nearest one that is possible; tell one that is none."""
     element, mass = link.find("inertial/inertia"), _mass_of(link)
     if element is None or mass <= 0.0:
@@ -189,7 +189,7 @@ def _check_inertia(link: ET.Element, description: Description, notes: list[str],
         element.set(key, repr(float(put_right[row, column])))
 
 
-def _is_moved(description: Description, link: str) -> bool:
+def _is_moved(description: UrdfDescription, link: str) -> bool:
     """Whether a joint that moves ends at a link."""
     return any(joint.child == link and not joint.fixed for joint in description.joints.values())
 
@@ -202,7 +202,7 @@ def _mass_of(link: ET.Element) -> float:
         return 0.0
 
 
-def _masses_missing(root: ET.Element, description: Description) -> list[str]:
+def _masses_missing(root: ET.Element, description: UrdfDescription) -> list[str]:
     """Return the moving links without a mass or a shape of which one could be made, with the lines of their joints."""
     heavy = {link.get("name", "") for link in root.findall("link") if _weighs(link)}
     return [
@@ -219,7 +219,7 @@ def _weighs(link: ET.Element) -> bool:
     return _mass_of(link) > 0.0
 
 
-def _rigid(description: Description, link: str) -> Iterator[str]:
+def _rigid(description: UrdfDescription, link: str) -> Iterator[str]:
     """Yield a link and those that are fixed to it, further out."""
     yield link
     for joint in description.joints.values():

@@ -108,7 +108,7 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
     return tuple(whole), "; ".join(told)
 
 
-class AxisRequest:
+class PendingAxisRequest:
     """`action` on `joints`; `done` is called once, with None or a sentence that names who did not do it and why."""
 
     def __init__(

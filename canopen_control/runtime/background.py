@@ -11,7 +11,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import CanopenError
-from canopen_control.runtime.run_session import RunOptions, Session
+from canopen_control.runtime.run_session import RunOptions, RunSession
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +38,7 @@ class BackgroundRobot:
     ) -> None:
         self.name = setup.name
         self._setup, self._options, self._prepare = setup, options or RunOptions(), prepare
-        self._session: Session | None = None
+        self._session: RunSession | None = None
         self._thread: threading.Thread | None = None
         self._settled = threading.Event()  # runs, or has failed
         self._failure: CanopenError | None = None
@@ -77,7 +77,7 @@ class BackgroundRobot:
 
     def _run(self) -> None:
         try:
-            self._session = session = Session(self._setup, self._options)
+            self._session = session = RunSession(self._setup, self._options)
             try:
                 session.robot.on_event = lambda event: self._settled.set() if event.kind in _SETTLED else None
                 if self._prepare is not None:

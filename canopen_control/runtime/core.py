@@ -21,30 +21,30 @@ from canopen_control.master.event_log import Event, EventLog, Level
 from canopen_control.runtime.assembly import Assembly
 from canopen_control.runtime.axis_request import (
     ALONE,
-    AxisRequest,
+    PendingAxisRequest,
     ProbeReading,
     axes_of,
     begin_action,
     find_node,
     whole_bases,
 )
+from canopen_control.runtime.enable_status import (
+    MandatoryNodes,
+    StopLatch,
+    claimed_off,
+    cost_of_skipping,
+    disabled_reason,
+    enable_hint,
+    in_fault,
+    not_enabled_error,
+    split_by_stop_group,
+    startup_complete,
+    stop_summary,
+    why_not_started,
+)
 from canopen_control.runtime.ground_truth import TruePoseTracker
 from canopen_control.runtime.node_readings import NodeReadings
 from canopen_control.runtime.pacer import Pacer
-from canopen_control.runtime.readiness import (
-    NeededNodes,
-    StopLatch,
-    by_stop_group,
-    cause,
-    claimed_off,
-    cost_of_skipping,
-    ending,
-    hint,
-    in_fault,
-    refusal,
-    settled,
-    why_not_started,
-)
 from canopen_control.runtime.robot_bus import RobotBus
 from canopen_control.runtime.robot_clock import RobotClock, WallClock, step_words
 from canopen_control.runtime.startup_controllers import prepare_controllers, require_active, switch_controllers
@@ -247,21 +247,21 @@ class RobotCore:
             geometry=WheelGeometry(setup.description.model),
             description=setup.description.joints,
         )
-        self.manager.why_waiting = partial(refusal, self.joints)
-        self.manager.explain = partial(cause, self.joints)
-        self.manager.running.divide = partial(by_stop_group, self.joints)
+        self.manager.why_waiting = partial(not_enabled_error, self.joints)
+        self.manager.explain = partial(disabled_reason, self.joints)
+        self.manager.running.divide = partial(split_by_stop_group, self.joints)
         self.cycle = RobotCycle(self.pacer, made, self.manager, reactor, self._advance_start, self._after)
         self.pacer.on_edge = self.cycle.step
         self._phase = RobotState.STARTING
         self._activated = self._was_latched = False
         self._deadline = self._stopping_until = 0
-        self._requests: list[AxisRequest] = []
+        self._requests: list[PendingAxisRequest] = []
         if setup.controllers.manager.enforce_command_limits:
             self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
         self.manager.on_switch(self._regroup)
         self.node_readings = NodeReadings(self.nodes, self._bus_by_node, self.joints.values(), self.systems)
-        self.needed = NeededNodes(made, self.latch, self.manager.running.forget, self.report, self.after_cycle)
+        self.needed = MandatoryNodes(made, self.latch, self.manager.running.forget, self.report, self.after_cycle)
 
     # ------------------------------------------------------------------------------------------- life
 
@@ -294,7 +294,7 @@ class RobotCore:
     def _hint(self, waiting: list[JointDrive]) -> str | None:
         if self._phase is not RobotState.RUNNING:  # what starts goes on to run when STOP is released
             return self.latch.hint if self._phase is RobotState.STARTING else None
-        return self.needed.hint or hint(waiting)
+        return self.needed.hint or enable_hint(waiting)
 
     def join(self) -> None:
         """Open the buses, which starts those that a program serves; raises BusError. `start` begins."""
@@ -442,7 +442,9 @@ class RobotCore:
         self.manager.running.forget(self.cycle.clock.now(), f"stop was commanded by {latched_by or by}")
         for system in self.systems:
             system.stop(now)
-        self._requests.append(AxisRequest(tuple(self.joints.values()), Action.DISABLE, now + STOP_TIMEOUT_NS, done))
+        self._requests.append(
+            PendingAxisRequest(tuple(self.joints.values()), Action.DISABLE, now + STOP_TIMEOUT_NS, done)
+        )
 
     def axis(
         self,
@@ -466,7 +468,7 @@ class RobotCore:
         extra_ns = begin_action(action, joints, self.systems, now, method=method, mode=mode)
         if action in ALONE:
             self.manager.running.set_aside([each.joint for each in joints], self.cycle.clock.now())
-        self._requests.append(AxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + extra_ns, done))
+        self._requests.append(PendingAxisRequest(joints, action, now + REQUEST_TIMEOUT_NS + extra_ns, done))
         if together:
             self.report(Event(now, "together", "", together))
         return together
@@ -514,7 +516,7 @@ class RobotCore:
             self._activate()
             for system in self.systems if self._was_latched else ():
                 system.stop(now)  # a release enables nothing
-        elif self._activated and (settled(self.nodes.values(), self.joints.values()) or now > self._deadline):
+        elif self._activated and (startup_complete(self.nodes.values(), self.joints.values()) or now > self._deadline):
             self._phase, self.cycle.advance = RobotState.RUNNING, None
             self.report(Event(now, "running", "", f"{self.setup.name} runs: {self.setup.runs}"))
             self.has_run = True
@@ -530,7 +532,7 @@ class RobotCore:
             return
         if late:
             self.report(Event(now, "stop_timeout", "", "the drives did not confirm the stop in time", Level.ERROR))
-        how = ending(self.joints.values())  # as they are now: the reset takes their statuswords away
+        how = stop_summary(self.joints.values())  # as they are now: the reset takes their statuswords away
         for bus in self.buses.values():
             bus.release_nodes()
         self._end(f"has stopped, {how}" if how else "has stopped")

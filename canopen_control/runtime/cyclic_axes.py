@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from canopen_control.master.config import BusConfig
     from canopen_control.master.keys import NodeConfig
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
@@ -39,12 +39,12 @@ class CyclicAxis:
     target: int
 
 
-def cyclic_axes(config: BusConfig, description: Description) -> list[CyclicAxis]:
+def cyclic_axes(config: BusConfig, description: UrdfDescription) -> list[CyclicAxis]:
     """Return those of one bus, one for each mode of a joint."""
     return [axis for tag in description.hardware for joint in tag.joints for axis in _axes(config, joint)]
 
 
-def linear_axes(config: BusConfig, description: Description) -> frozenset[tuple[str, int]]:
+def linear_axes(config: BusConfig, description: UrdfDescription) -> frozenset[tuple[str, int]]:
     """Return node and axis of each prismatic joint that a bus moves."""
     return frozenset(
         (node.name, axis_number(joint))

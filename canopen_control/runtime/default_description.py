@@ -33,7 +33,7 @@ from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import TARGET
 from canopen_control.hardware.mode_choice import serving_objects
 from canopen_control.hardware.system import PLUGINS
-from canopen_control.urdf.description import Description
+from canopen_control.urdf.description import UrdfDescription
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY, InterfaceInfo
 from canopen_control.urdf.robot_model import RobotModel
 from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
@@ -51,23 +51,23 @@ _DRIVERS: Final = ("Cia402", "MotionController")
 _URDF: Final = '<robot name="{name}"><link name="base_link"/></robot>'
 
 
-def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> Description:
+def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> UrdfDescription:
     """Return what a URDF would say: a robot without a shape, whose joints are the drives; RobotConfigError."""
     joints = tuple(joint for bus in buses.values() for joint in _joints(bus))
     _refuse_doubles(path, joints)
     system = _system(name, joints)
-    return Description(path, _URDF.format(name=name), RobotModel(name), (system,) if joints else ())
+    return UrdfDescription(path, _URDF.format(name=name), RobotModel(name), (system,) if joints else ())
 
 
-def controllers_of(path: str, description: Description) -> ControllersFile:
+def controllers_of(path: str, description: UrdfDescription) -> ControllersFile:
     """Return what a ros2_controllers.yaml would say: a controller for each drive, of the drive's own name."""
     names = [joint.name for system in description.hardware for joint in system.joints]
     return ControllersFile(controllers=_target_controllers(names, path), path=path)
 
 
 def with_free_drives(
-    description: Description, control: ControllersFile, buses: Mapping[str, BusConfig]
-) -> tuple[Description, ControllersFile, tuple[str, ...]]:
+    description: UrdfDescription, control: ControllersFile, buses: Mapping[str, BusConfig]
+) -> tuple[UrdfDescription, ControllersFile, tuple[str, ...]]:
     """Return both with the drives that take targets beside those of the description, and these drives' names."""
     free = tuple(
         (joint, node, axis) for joint, node, axis, problem in _free(buses, description, control) if not problem
@@ -98,7 +98,7 @@ def default_warnings(buses: Mapping[str, BusConfig]) -> Iterator[str]:
 
 
 def unmoved_drives(
-    buses: Mapping[str, BusConfig], description: Description, control: ControllersFile | None
+    buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile | None
 ) -> Iterator[str]:
     """Yield what the drives are that no joint of a description names, each with its place."""
     free = dict[str, str]()
@@ -118,7 +118,7 @@ _BESIDE: Final = "drives_of_bus_yml"
 
 
 def _free(
-    buses: Mapping[str, BusConfig], description: Description, control: ControllersFile
+    buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile
 ) -> Iterator[tuple[str, NodeConfig, int, str]]:
     """Yield the axes that say they are drives, and that no joint names: what a joint would be, and what forbids it."""
     if any(tag.plugin in PLUGINS for tag in description.hardware):
@@ -132,7 +132,7 @@ def _free(
                     yield joint, node, axis, lack or (clash if joint in taken else "")
 
 
-def _is_named(node: NodeConfig, description: Description) -> bool:
+def _is_named(node: NodeConfig, description: UrdfDescription) -> bool:
     joints = [part.parameters for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
     return any(
         each.get("device_name") == node.name or each.get("node_id", "").strip() == str(node.node_id) for each in joints

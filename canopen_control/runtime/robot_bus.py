@@ -43,15 +43,15 @@ _MOST_TRIMMED = 20  # this part of a period at most, and _LATENCY_US
 _LATENCY_US = 100  # beyond that it is no latency: the machine stands still at times
 
 
-class Task(Protocol):
-    """What sends SYNC; `sender` and `mending` are who it is and what is done where none comes, in words."""
+class SyncTask(Protocol):
+    """What sends SYNC; `sender` names it, and `correction` says what is done while none comes."""
 
     @property
     def sender(self) -> str:
         """Who sends SYNC on this bus."""
 
     @property
-    def mending(self) -> str:
+    def correction(self) -> str:
         """What is done about SYNC that is missing; empty while it comes."""
 
     def start(self, period_us: int) -> None:
@@ -102,11 +102,13 @@ class _Excess:
         return found
 
 
-class SyncOfAnother:
+class NodeSync:
     """The SYNC of a node, with which nothing can be done but to listen."""
 
     sender = "a node of the bus (sync_producer: other)"
-    mending = "the cycle goes on by its own clock, and drives that wait for SYNC stand; let a node produce it (0x1005)"
+    correction = (
+        "the cycle goes on by its own clock, and drives that wait for SYNC stand; let a node produce it (0x1005)"
+    )
 
     def start(self, period_us: int) -> None:
         """Do nothing: it is sent already, or will be."""
@@ -118,7 +120,7 @@ class SyncOfAnother:
         """Do nothing."""
 
 
-class FollowedSync:
+class ExternalSync:
     """The SYNC of one bus; `lead(now)` is called with every one that is heard, None for a bus that is not followed.
 
     `count` is how many were heard; `first_wait_ns` is how much later the first one may come: it waits for the boot of
@@ -127,7 +129,7 @@ class FollowedSync:
 
     def __init__(
         self,
-        task: Task,
+        task: SyncTask,
         period_us: int,
         lead: Callable[[int], None] | None,
         report: Callable[[Event], None],
@@ -175,7 +177,7 @@ class FollowedSync:
             return
         self._deadline = now + _RETRY_NS
         self._task.close()
-        why = self._task.mending
+        why = self._task.correction
         try:
             self._begin()
         except BusError as error:
@@ -237,7 +239,7 @@ class RobotBus:
         self._reactor, self._report, self._on_lost = reactor, report, on_lost
         self._synchronous = config.master.sync_period > 0
         self._sync_with_rpdos = not config.master.sends_sync_first
-        self._followed: FollowedSync | None = None
+        self._followed: ExternalSync | None = None
         self._by_kernel = False
         self._syncs = 0  # heard when the last cycle's RPDOs left
         self._writing = False
@@ -288,15 +290,15 @@ class RobotBus:
         sync = self.network.sync
         task = KernelSync(parse_channel(self.channel).name, [sync.frame() for _ in range(max(1, sync.overflow))])
         self._by_kernel = True
-        self._follow(FollowedSync(task, self.config.master.sync_period, lead, self._report))
+        self._follow(ExternalSync(task, self.config.master.sync_period, lead, self._report))
 
     def follow_sync(self, lead: Callable[[int], None] | None) -> None:
         """Send no SYNC, since a node of the bus does, and call `lead(now)` for each; before `open`."""
         master = self.config.master
         first_wait_ns = (master.boot_time or DEFAULT_BOOT_MS) * 1_000_000
-        self._follow(FollowedSync(SyncOfAnother(), master.sync_period, lead, self._report, first_wait_ns))
+        self._follow(ExternalSync(NodeSync(), master.sync_period, lead, self._report, first_wait_ns))
 
-    def _follow(self, sync: FollowedSync) -> None:
+    def _follow(self, sync: ExternalSync) -> None:
         self._followed = sync
         self.network.hear_sync(sync.heard)
 

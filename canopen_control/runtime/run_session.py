@@ -1,6 +1,6 @@
 """One run of a robot in this process: core, API, children and signals, from start to end.
 
-Whatever happens after `Session` was made, `close` leaves no child, no socket and no lock behind;
+Whatever happens after `RunSession` was made, `close` leaves no child, no socket and no lock behind;
 the stop order is ramp, disable, clients, drives, and the hub leaves by itself.
 """
 
@@ -177,7 +177,7 @@ class RunOptions:
     plant: Path | None = None
 
 
-class Session:
+class RunSession:
     """Everything of one run. `run` blocks until the robot has stopped and returns why it failed, or None."""
 
     def __init__(self, setup: RobotSetup, options: RunOptions, *, reactor: Reactor | None = None) -> None:

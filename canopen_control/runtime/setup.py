@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from canopen_control.master.config import BusConfig
     from canopen_control.master.plan import NodePlan
     from canopen_control.runtime.robot_files import RobotFiles
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
 
     _ReadBuses = Callable[[], dict[str, BusConfig]]
 
@@ -58,7 +58,7 @@ class RobotSetup:
     files: RobotFiles
     buses: dict[str, BusConfig]
     channels: dict[str, str]
-    description: Description
+    description: UrdfDescription
     controllers: ControllersFile
     to_activate: tuple[str, ...]
     mock: bool
@@ -217,7 +217,7 @@ def _contents(
     mock: bool,
     strict: bool,
     real: bool,
-) -> tuple[dict[str, BusConfig], Description, ControllersFile, tuple[str, ...]]:
+) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile, tuple[str, ...]]:
     """Return what is in the files, with the controllers of free drives, and the names of those to activate."""
     buses, written, given = _read(files, name, read, reader, mock=mock, strict=strict)
     description, control, free = _add_free_drives(files, buses, written, given, mock=mock)
@@ -233,7 +233,7 @@ def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, 
 
 def _read(
     files: RobotFiles, name: str, read: _ReadBuses, reader: DescriptionReader | None, *, mock: bool, strict: bool
-) -> tuple[dict[str, BusConfig], Description, ControllersFile]:
+) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
     """Return the buses, the description and the controllers: as the files have them, else as a bus alone makes them."""
     if files.bus_alone:
         return _read_bus_alone(files, name, read, mock=mock)
@@ -242,8 +242,13 @@ def _read(
 
 
 def _add_free_drives(
-    files: RobotFiles, buses: Mapping[str, BusConfig], description: Description, control: ControllersFile, *, mock: bool
-) -> tuple[Description, ControllersFile, tuple[str, ...]]:
+    files: RobotFiles,
+    buses: Mapping[str, BusConfig],
+    description: UrdfDescription,
+    control: ControllersFile,
+    *,
+    mock: bool,
+) -> tuple[UrdfDescription, ControllersFile, tuple[str, ...]]:
     """Return both with the controllers of the drives that take targets by themselves, and the names of these."""
     if files.bus_alone:
         return description, control, tuple(control.controllers)
@@ -252,7 +257,7 @@ def _add_free_drives(
 
 def _read_bus_alone(
     files: RobotFiles, name: str, read: _ReadBuses, *, mock: bool
-) -> tuple[dict[str, BusConfig], Description, ControllersFile]:
+) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
     """Return the buses of a bus.yml without ros2_control, and what its nodes make of the other two files."""
     _refuse_for_a_bus(files, mock=mock)
     buses = read()
@@ -262,7 +267,7 @@ def _read_bus_alone(
 
 def _read_files(
     files: RobotFiles, read: _ReadBuses, reader: DescriptionReader, *, strict: bool
-) -> tuple[dict[str, BusConfig], Description, ControllersFile]:
+) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
     """Return the buses, the description and the controllers as the three files have them."""
     buses = read()  # while xacro runs
     control = read_controllers(files.controllers, strict=strict, variables=files.variables)
@@ -272,7 +277,7 @@ def _read_files(
 def _told_by_files(
     buses: Mapping[str, BusConfig],
     control: ControllersFile,
-    description: Description,
+    description: UrdfDescription,
     *,
     mock: bool,
     real: bool,
@@ -343,7 +348,7 @@ def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
 
 
 def _require_bus(
-    files: RobotFiles, buses: Mapping[str, BusConfig], description: Description, *, mock: bool, real: bool
+    files: RobotFiles, buses: Mapping[str, BusConfig], description: UrdfDescription, *, mock: bool, real: bool
 ) -> None:
     """Raise RobotConfigError for a description that wants drives where no bus.yml describes any."""
     for tag in () if buses else description.hardware:
@@ -357,7 +362,7 @@ def _require_bus(
 def _choose_sync(
     buses: Mapping[str, BusConfig],
     channels: Mapping[str, str],
-    description: Description,
+    description: UrdfDescription,
     *,
     kernel_sync: bool,
     mock: bool,
@@ -405,7 +410,7 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
 
 
 def started_controllers(
-    files: RobotFiles, control: ControllersFile, description: Description, asked: Sequence[str]
+    files: RobotFiles, control: ControllersFile, description: UrdfDescription, asked: Sequence[str]
 ) -> tuple[str, ...]:
     """Return the controllers to activate: those asked for, else the first that moves joints; and all that move none."""
     for name in asked:

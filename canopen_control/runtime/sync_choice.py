@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.cyclic_axes import CyclicAxis
-    from canopen_control.urdf.description import Description
+    from canopen_control.urdf.description import UrdfDescription
 
 
 class SyncSender(enum.Enum):
@@ -69,7 +69,9 @@ _REMEDY = (
 )
 
 
-def choose_sync(config: BusConfig, channel: str, description: Description, *, by_option: bool = False) -> SyncChoice:
+def choose_sync(
+    config: BusConfig, channel: str, description: UrdfDescription, *, by_option: bool = False
+) -> SyncChoice:
     """Choose who sends SYNC on a bus; `by_option`: the kernel was asked for on the command line."""
     master = config.master
     if not master.sync_period:

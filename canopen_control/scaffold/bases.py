@@ -13,7 +13,7 @@ from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 
 
 @dataclass(frozen=True, slots=True)
-class Base:
+class BaseKind:
     """A kind of base; `shapes` are its joints by number of drives, none where any number will do.
 
     The last `steering` joints are positions. `type_name` is its controller's, "" for none.
@@ -64,21 +64,21 @@ _DIFF: Final = (
 BASES: Final = {
     base.name: base
     for base in (
-        Base("none"),
-        Base(
+        BaseKind("none"),
+        BaseKind(
             "diff",
             "diff_drive_controller/DiffDriveController",
             _DIFF,
             words="two drives (left, right) or four (front left, front right, rear left, rear right)",
         ),
-        Base(
+        BaseKind(
             "tricycle",
             "tricycle_steering_controller/TricycleSteeringController",
             (("left_wheel_joint", "right_wheel_joint", "steering_joint"),),
             steering=1,
             words="three drives (rear left, rear right, steering)",
         ),
-        Base(
+        BaseKind(
             "mecanum",
             "mecanum_drive_controller/MecanumDriveController",
             _DIFF[1:],

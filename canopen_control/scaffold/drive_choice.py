@@ -17,7 +17,7 @@ from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode, mode_name, supported_modes
 from canopen_control.cia402.units import rpm_of_unit, told_counts
 from canopen_control.errors import RobotConfigError
-from canopen_control.scaffold.pdo_choice import PdoUse, PdoWish, choose_pdos
+from canopen_control.scaffold.pdo_choice import PdoRequirement, PdoUse, choose_pdos
 
 if TYPE_CHECKING:
     from collections.abc import Container, Sequence
@@ -149,7 +149,7 @@ def _feedback_pdos(od: ObjectDictionary, axes: Sequence[int]) -> tuple[PdoUse, .
         return tuple((objects.axis_index(index, axis), 0) for axis in axes for index in indices)
 
     useful = each(objects.MODES_OF_OPERATION_DISPLAY, *_FEEDBACK.values(), objects.ERROR_CODE)
-    tpdos, missing = choose_pdos(od, PdoWish(False, each(objects.STATUSWORD), useful))
+    tpdos, missing = choose_pdos(od, PdoRequirement(False, each(objects.STATUSWORD), useful))
     if missing:
         raise RobotConfigError(f"no TPDO can carry its statusword ({_named(missing)})")
     for axis in axes:
@@ -221,7 +221,7 @@ def _rpdos(
         needed += [(objects.axis_index(objects.CONTROLWORD, axis), 0), (objects.axis_index(index, axis), subindex)]
     useful = tuple((objects.axis_index(objects.MODES_OF_OPERATION, axis), 0) for axis in axes)
     transmission = 1 if any(mode in _WITH_SYNC for _, mode in chosen) else _ON_ARRIVAL
-    return choose_pdos(od, PdoWish(True, tuple(needed), useful, transmission))
+    return choose_pdos(od, PdoRequirement(True, tuple(needed), useful, transmission))
 
 
 def _counts(od: ObjectDictionary, axis: int) -> float | None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.errors import RobotConfigError
 from canopen_control.profiles.device_type import Profile, profile_of
 from canopen_control.profiles.profile_tables import profile_signals
-from canopen_control.scaffold.bases import BASES, Base
+from canopen_control.scaffold.bases import BASES, BaseKind
 from canopen_control.scaffold.drive_choice import POSITION, axes_of, choose_drive, supervision_of
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ class NewRobot:
 
     name: str
     nodes: tuple[NewNode, ...]
-    base: Base
+    base: BaseKind
     master_id: int
     baudrate: int
     sync_us: int = 20_000

@@ -25,7 +25,7 @@ _PREDEFINED = 4  # PDOs of each direction with a COB-ID in the predefined connec
 
 
 @dataclass(frozen=True, slots=True)
-class PdoWish:
+class PdoRequirement:
     """What PDOs of one direction are to carry; `transmission` is the type wanted, as far as the device takes it."""
 
     is_rpdo: bool
@@ -49,7 +49,7 @@ class PdoUse:
     own: bool = False
 
 
-def choose_pdos(od: ObjectDictionary, wish: PdoWish) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
+def choose_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
     """Return the PDOs to use, by number, and what is needed and cannot be carried."""
     pdos = [pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od]
     needed = [each for each in wish.needed if _mappable(od, each, wish)]
@@ -70,7 +70,7 @@ def _chosen(
     od: ObjectDictionary,
     pdos: Sequence[Pdo],
     fixed: Sequence[Pdo],
-    wish: PdoWish,
+    wish: PdoRequirement,
     wanted: tuple[list[Address], list[Address]],
 ) -> list[_Use]:
     """Choose as they are where the mapping cannot be changed, else fill them, else both."""
@@ -125,7 +125,7 @@ def _covering(
     return uses
 
 
-def _result(od: ObjectDictionary, uses: Sequence[_Use], wish: PdoWish) -> tuple[PdoUse, ...]:
+def _result(od: ObjectDictionary, uses: Sequence[_Use], wish: PdoRequirement) -> tuple[PdoUse, ...]:
     return tuple(
         PdoUse(pdo.number, objects, remaps, _auto(od, pdo), _transmission(od, pdo, wish))
         for pdo, objects, remaps in sorted(uses, key=lambda use: use[0].number)
@@ -148,14 +148,14 @@ def _objects(pdo: Pdo) -> set[Address]:
     return set(_ordered(pdo))
 
 
-def _mappable(od: ObjectDictionary, address: Address, wish: PdoWish) -> bool:
+def _mappable(od: ObjectDictionary, address: Address, wish: PdoRequirement) -> bool:
     entry = od.get(*address)
     if entry is None or entry.data_type.bits is None or entry.data_type.bits % 8:
         return False
     return entry.rpdo_mappable if wish.is_rpdo else entry.tpdo_mappable
 
 
-def _usable(od: ObjectDictionary, pdo: Pdo, wish: PdoWish) -> bool:
+def _usable(od: ObjectDictionary, pdo: Pdo, wish: PdoRequirement) -> bool:
     """Whether a PDO can be taken as the device has it: everything in it is there, may be, and fits."""
     return (
         bool(pdo.mapped)
@@ -188,7 +188,7 @@ def _auto(od: ObjectDictionary, pdo: Pdo) -> bool:
     return (entry.writable and entry.low is None and entry.high is None) or not (pdo.cob_id or 0) & 0x7FF
 
 
-def _transmission(od: ObjectDictionary, pdo: Pdo, wish: PdoWish) -> int | None:
+def _transmission(od: ObjectDictionary, pdo: Pdo, wish: PdoRequirement) -> int | None:
     entry = od.get(pdo.communication, 2)
     if entry is None or not entry.writable or outside_limits(entry, wish.transmission):
         return None

@@ -41,7 +41,7 @@ class _ServerEnd:
 
     def __init__(self, client: SimulatedClient, actor: Actor) -> None:
         self._client, self._actor = client, actor
-        self._fileno = actor.selector.allot()
+        self._fileno = actor.selector.allocate()
         self.inbox = bytearray()
         self.open = True
 
@@ -58,7 +58,7 @@ class _ServerEnd:
 
     def arrived(self) -> None:
         """Have the server look: something has come, or the client has left."""
-        self._actor.selector.mark(self._fileno)
+        self._actor.selector.set_ready(self._fileno)
         self._actor.arrived()
 
     def recv(self, most: int) -> bytes:
@@ -66,7 +66,7 @@ class _ServerEnd:
         data = bytes(self.inbox[:most])
         del self.inbox[:most]
         if not self.inbox and self._client.here:
-            self._actor.selector.unmark(self._fileno)
+            self._actor.selector.clear_ready(self._fileno)
         if not data and self._client.here:
             raise BlockingIOError
         return data
@@ -87,7 +87,7 @@ class _ServerEnd:
 
     def close(self) -> None:
         """End the connection."""
-        self._actor.selector.unmark(self._fileno)
+        self._actor.selector.clear_ready(self._fileno)
         self.open = False
 
 
@@ -96,7 +96,7 @@ class _Listener:
 
     def __init__(self, actor: Actor) -> None:
         self._actor = actor
-        self._fileno = actor.selector.allot()
+        self._fileno = actor.selector.allocate()
         self._waiting: list[_ServerEnd] = []
 
     def fileno(self) -> int:
@@ -106,13 +106,13 @@ class _Listener:
     def add(self, end: _ServerEnd) -> None:
         """Let somebody wait for the server to accept him."""
         self._waiting.append(end)
-        self._actor.selector.mark(self._fileno)
+        self._actor.selector.set_ready(self._fileno)
         self._actor.arrived()
 
     def accept(self) -> tuple[_ServerEnd, str]:
         """Return who has waited longest; BlockingIOError where nobody does."""
         if not self._waiting:
-            self._actor.selector.unmark(self._fileno)
+            self._actor.selector.clear_ready(self._fileno)
             raise BlockingIOError
         return self._waiting.pop(0), ""
 

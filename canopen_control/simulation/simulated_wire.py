@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.bus import error_frames
 from canopen_control.bus.arbitration import PacedWire
 from canopen_control.bus.error_events import note_errors
-from canopen_control.bus.port import SEND_LIMIT, BusEvent, EventLog, PortStats, Records, whole_records
+from canopen_control.bus.port import SEND_LIMIT, BusEvent, BusEventLog, PortStats, Records, whole_records
 from canopen_control.errors import BusClosed
 from canopen_control.frame import RECORD, RECORD_SIZE, CanFrame, pack_records
 
@@ -215,9 +215,9 @@ class SimulatedPort:
         self.wants_write = False
         self.wanted: frozenset[int] | None = None
         self._wire, self._actor = wire, actor
-        self._fileno = actor.selector.allot()
+        self._fileno = actor.selector.allocate()
         self._queue: list[bytes] = []
-        self._events = EventLog()
+        self._events = BusEventLog()
         self.events: Callable[[], list[BusEvent]] = self._events.drain
         """Return what happened since the last call."""
         self._closed = self._errors_wait = False
@@ -238,7 +238,7 @@ class SimulatedPort:
 
     def put(self, records: bytes) -> None:
         """Queue records for this reader (called by the wire)."""
-        if not self._queue and self._actor.selector.mark(self._fileno):
+        if not self._queue and self._actor.selector.set_ready(self._fileno):
             self._actor.arrived()
         self._queue.append(records)
 
@@ -256,7 +256,7 @@ class SimulatedPort:
             return b""
         records = queue[0] if len(queue) == 1 else b"".join(queue)
         queue.clear()
-        self._actor.selector.unmark(self._fileno)
+        self._actor.selector.clear_ready(self._fileno)
         self.stats.rx += len(records) // RECORD_SIZE
         if self._errors_wait:
             self._errors_wait = False
@@ -279,5 +279,5 @@ class SimulatedPort:
     def close(self) -> None:
         """Leave the bus; a second call does nothing."""
         self._closed = True
-        self._actor.selector.unmark(self._fileno)
+        self._actor.selector.clear_ready(self._fileno)
         self._wire.leave(self)

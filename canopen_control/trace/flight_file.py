@@ -35,7 +35,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 from canopen_control.bus.recordings import interface_name, line_of, parse_line
-from canopen_control.bus.wanted import STAMP_STEP_NS
+from canopen_control.bus.subscription import STAMP_STEP_NS
 from canopen_control.errors import ConfigError
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of
 from canopen_control.host.files import make_private, telling

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from canopen_control.urdf.document import Element
     from canopen_control.urdf.joint_element import Joint
-    from canopen_control.urdf.link_element import Link
+    from canopen_control.urdf.link_element import UrdfLink
 
 
 # Runs the real xacro over a file, in a process of its own.
@@ -125,7 +125,7 @@ class GazeboPlugin:
 
 
 @dataclass(frozen=True)
-class Description:
+class UrdfDescription:
     """A robot: its URDF as text (xacro processed), its links and joints, and who drives what.
 
     `ros1` says that the hardware was made of ROS 1's <transmission> tags, for want of a <ros2_control> tag.
@@ -140,7 +140,7 @@ class Description:
     notes: tuple[str, ...] = ()
 
     @property
-    def links(self) -> Mapping[str, Link]:
+    def links(self) -> Mapping[str, UrdfLink]:
         """The links by name."""
         return self.model.links
 
@@ -155,7 +155,7 @@ class Description:
         return tuple(joint.name for joint in self.joints.values() if not joint.fixed)
 
 
-def read_description(path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> Description:
+def read_description(path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> UrdfDescription:
     """Read a .urdf or .xacro file; `mappings` are xacro's arguments. RobotConfigError names every mistake.
 
     A name that ends in `?` is an argument that the file need not have.
@@ -190,14 +190,14 @@ class DescriptionReader:
         if self._xacro is not None:
             self._xacro.close()
 
-    def result(self) -> Description:
+    def result(self) -> UrdfDescription:
         """Return the description; RobotConfigError names every mistake."""
         if self._xacro is None:
             return parse_description(self._source, self._path)
         return parse_description(self._xacro.result(), self._path, source=self._source)
 
 
-def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = None) -> Description:
+def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = None) -> UrdfDescription:
     """Return the description of a URDF text; `source` is the xacro text it was made of, to find lines in."""
     document = read_document(urdf, path, source)
     model = model_of(document)
@@ -212,7 +212,7 @@ def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = N
     check_owners(document, hardware)
     document.raise_if_any()
     notes = tuple(_notes(path, hardware, old if tags else ()))
-    return Description(path, urdf, model, hardware, gazebo, bool(old and not tags), notes)
+    return UrdfDescription(path, urdf, model, hardware, gazebo, bool(old and not tags), notes)
 
 
 def _gazebo_plugins(root: Element) -> tuple[GazeboPlugin, ...]:

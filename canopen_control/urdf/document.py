@@ -20,21 +20,21 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-class Place(NamedTuple):
+class ElementPlace(NamedTuple):
     """Where something begins in the file."""
 
     line: int
     column: int
 
 
-NOWHERE = Place(0, 0)
+NOWHERE = ElementPlace(0, 0)
 
 
 class Placed(Protocol):
     """What has a place in the file: an element, or what was read of one."""
 
     @property
-    def place(self) -> Place:
+    def place(self) -> ElementPlace:
         """Where it begins."""
 
 
@@ -43,7 +43,7 @@ class Element:
 
     __slots__ = ("attributes", "children", "place", "tag", "text")
 
-    def __init__(self, tag: str, attributes: dict[str, str], place: Place) -> None:
+    def __init__(self, tag: str, attributes: dict[str, str], place: ElementPlace) -> None:
         self.tag, self.attributes, self.place = tag, attributes, place
         self.children: list[Element] = []
         self.text = ""
@@ -57,12 +57,12 @@ class Element:
         return {each.attributes.get("name", ""): each.text for each in self.children if each.tag == "param"}
 
 
-class Document:
+class UrdfDocument:
     """A description's elements, and the collector of its mistakes."""
 
     def __init__(self, root: Element, path: str) -> None:
         self.root, self._path = root, path
-        self._problems: dict[tuple[Place, str], None] = {}
+        self._problems: dict[tuple[ElementPlace, str], None] = {}
 
     def error(self, where: Placed, message: str) -> None:
         """Add a mistake at an element, or at what was read of one."""
@@ -168,31 +168,31 @@ class _Builder:
         if self._open:
             self._open[-1].text += text
 
-    def _place(self, tag: str, attributes: dict[str, str]) -> Place:
+    def _place(self, tag: str, attributes: dict[str, str]) -> ElementPlace:
         if self._source is not None:
             return self._source.place(tag, attributes.get("name", ""))
-        return Place(self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1)
+        return ElementPlace(self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1)
 
 
 class _XacroLines:
     """Guesses where in a xacro file an element of its result comes from; `${...}` in a name fits anything."""
 
     def __init__(self, source: str) -> None:
-        self._places: list[tuple[str, str, Place]] = []
+        self._places: list[tuple[str, str, ElementPlace]] = []
         self._seen: dict[tuple[str, str], int] = {}
         for found in _OPENING.finditer(source):
             begin = found.start()
-            place = Place(source.count("\n", 0, begin) + 1, begin - source.rfind("\n", 0, begin))
+            place = ElementPlace(source.count("\n", 0, begin) + 1, begin - source.rfind("\n", 0, begin))
             self._places.append((found[1], found[2], place))
 
-    def place(self, tag: str, name: str) -> Place:
+    def place(self, tag: str, name: str) -> ElementPlace:
         """Return the place of the next element of this tag and name, the beginning if nothing fits."""
         seen = self._seen.get((tag, name), 0)
         self._seen[tag, name] = seen + 1
         places = [place for its_tag, its_name, place in self._places if its_tag == tag and its_name == name]
         if not places:
             places = [place for its_tag, its_name, place in self._places if its_tag == tag and _fits(its_name, name)]
-        return places[min(seen, len(places) - 1)] if places else Place(1, 1)
+        return places[min(seen, len(places) - 1)] if places else ElementPlace(1, 1)
 
 
 _OPENING = re.compile(r"<([\w:.-]+)\b[^<>]*?\bname=[\"']([^\"']*)[\"']")
@@ -204,7 +204,7 @@ def _fits(written: str, name: str) -> bool:
     return re.fullmatch(pattern, name) is not None
 
 
-def read_document(text: str, path: str, source: str | None = None) -> Document:
+def read_document(text: str, path: str, source: str | None = None) -> UrdfDocument:
     """Return the elements of an XML text, or raise RobotConfigError with the place where it is none.
 
     `source` is the xacro text that it was made of: lines are sought in it.
@@ -219,4 +219,4 @@ def read_document(text: str, path: str, source: str | None = None) -> Document:
         raise RobotConfigError(f"{path}: no XML: {error}") from error
     if builder.root is None:
         raise RobotConfigError(f"{path}: no XML: there is no element in it")
-    return Document(builder.root, path)
+    return UrdfDocument(builder.root, path)

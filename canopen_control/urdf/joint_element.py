@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.errors import nearest
-from canopen_control.urdf.document import NOWHERE, Place
+from canopen_control.urdf.document import NOWHERE, ElementPlace
 from canopen_control.urdf.geometry import ORIGIN, Pose, Vector, about, along, from_rpy
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from canopen_control.urdf.document import Document, Element
+    from canopen_control.urdf.document import Element, UrdfDocument
 
 
 # Command and state interfaces as a description declares them: their standard names, bounds and initial values.
@@ -45,7 +45,7 @@ class InterfaceInfo:
     limited: bool = True
 
 
-def read_interfaces(document: Document, element: Element, tag: str) -> dict[str, InterfaceInfo]:
+def read_interfaces(document: UrdfDocument, element: Element, tag: str) -> dict[str, InterfaceInfo]:
     """Return the interfaces of a <joint>, <sensor> or <gpio>; `tag` is command_interface or state_interface."""
     found: dict[str, InterfaceInfo] = {}
     for each in element.children:
@@ -73,7 +73,7 @@ _TURNING: Final = ("revolute", "continuous")
 
 
 @dataclass(frozen=True)
-class Limits:
+class UrdfLimits:
     """A joint's <limit>: rad or m, rad/s or m/s, Nm or N; infinite where there is none."""
 
     lower: float = -math.inf
@@ -150,9 +150,9 @@ class Joint:
     child: str
     origin: Pose = ORIGIN
     axis: Vector = (1.0, 0.0, 0.0)
-    limits: Limits = Limits()
+    limits: UrdfLimits = UrdfLimits()
     mimic: Mimic | None = None
-    place: Place = NOWHERE
+    place: ElementPlace = NOWHERE
     soft: SoftLimits | None = None
     dynamics: Dynamics = Dynamics()
 
@@ -192,7 +192,7 @@ class Joint:
         return Transform(self.parent, self.child, self.pose(position))
 
 
-def read_joint(document: Document, element: Element) -> Joint:
+def read_joint(document: UrdfDocument, element: Element) -> Joint:
     """Return a <joint>; what is wrong in it is reported to the document."""
     name = document.name(element)
     kind = element.attributes.get("type", "")
@@ -216,12 +216,12 @@ def read_joint(document: Document, element: Element) -> Joint:
     )
 
 
-def _origin(document: Document, element: Element | None) -> Pose:
+def _origin(document: UrdfDocument, element: Element | None) -> Pose:
     xyz, rpy = (document.vector(element, key, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
     return Pose(xyz, from_rpy(rpy))
 
 
-def _link_of(document: Document, element: Element, tag: str) -> str:
+def _link_of(document: UrdfDocument, element: Element, tag: str) -> str:
     child = element.child(tag)
     if child is None or "link" not in child.attributes:
         document.error(element, f"joint {element.attributes.get('name', '?')}: <{tag} link=...> is missing")
@@ -229,11 +229,11 @@ def _link_of(document: Document, element: Element, tag: str) -> str:
     return child.attributes["link"]
 
 
-def _limits(document: Document, limit: Element | None, kind: str) -> Limits:
+def _limits(document: UrdfDocument, limit: Element | None, kind: str) -> UrdfLimits:
     if limit is None:
-        return Limits()
+        return UrdfLimits()
     bounded = kind in _NEEDS_LIMITS
-    return Limits(
+    return UrdfLimits(
         document.number(limit, "lower", 0.0) if bounded else -math.inf,
         document.number(limit, "upper", 0.0) if bounded else math.inf,
         document.number(limit, "velocity", math.inf),
@@ -241,21 +241,21 @@ def _limits(document: Document, limit: Element | None, kind: str) -> Limits:
     )
 
 
-def _soft_limits(document: Document, safety: Element | None) -> SoftLimits | None:
+def _soft_limits(document: UrdfDocument, safety: Element | None) -> SoftLimits | None:
     if safety is None:
         return None
     keys = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
     return SoftLimits(*(document.number(safety, key, 0.0) for key in keys))
 
 
-def _dynamics(document: Document, dynamics: Element | None) -> Dynamics:
+def _dynamics(document: UrdfDocument, dynamics: Element | None) -> Dynamics:
     if dynamics is None:
         return Dynamics()
     given = dynamics.attributes
     return Dynamics(*(document.number(dynamics, key, 0.0) if key in given else None for key in ("damping", "friction")))
 
 
-def _mimic(document: Document, element: Element) -> Mimic | None:
+def _mimic(document: UrdfDocument, element: Element) -> Mimic | None:
     mimic = element.child("mimic")
     if mimic is None:
         return None

@@ -10,13 +10,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.urdf.document import NOWHERE, Place
+from canopen_control.urdf.document import NOWHERE, ElementPlace
 from canopen_control.urdf.geometry import ORIGIN, Pose, Vector, from_rpy
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from canopen_control.urdf.document import Document, Element
+    from canopen_control.urdf.document import Element, UrdfDocument
 
 
 GREY: Final = (160, 165, 172)
@@ -41,7 +41,7 @@ class Visual:
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class UrdfLink:
     """A rigid part of the robot; `radius` in m if its collision, else its visual, has one cylinder or sphere.
 
     `place` is that of its tag.
@@ -50,10 +50,10 @@ class Link:
     name: str
     visuals: tuple[Visual, ...] = ()
     radius: float | None = None
-    place: Place = NOWHERE
+    place: ElementPlace = NOWHERE
 
 
-def read_links(document: Document, notes: list[str]) -> dict[str, Link]:
+def read_links(document: UrdfDocument, notes: list[str]) -> dict[str, UrdfLink]:
     """Return the links of a `<robot>` by name; `notes` is filled with what of them cannot be drawn."""
     children = document.root.children
     materials = {
@@ -65,11 +65,11 @@ def read_links(document: Document, notes: list[str]) -> dict[str, Link]:
     return document.by_name((each, _link(document, each, materials, notes)) for each in links)
 
 
-def _link(document: Document, element: Element, materials: Mapping[str, _Rgba], notes: list[str]) -> Link:
+def _link(document: UrdfDocument, element: Element, materials: Mapping[str, _Rgba], notes: list[str]) -> UrdfLink:
     name = document.name(element)
     visuals = tuple(_visuals(element, materials, notes))
     radii = (_radius([each for each in element.children if each.tag == tag]) for tag in ("collision", "visual"))
-    return Link(name, visuals, next((radius for radius in radii if radius is not None), None), element.place)
+    return UrdfLink(name, visuals, next((radius for radius in radii if radius is not None), None), element.place)
 
 
 def _radius(elements: Sequence[Element]) -> float | None:

@@ -16,10 +16,10 @@ from canopen_control.urdf.link_element import read_links
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from canopen_control.urdf.document import Document
+    from canopen_control.urdf.document import UrdfDocument
     from canopen_control.urdf.geometry import Vector
     from canopen_control.urdf.joint_element import Joint
-    from canopen_control.urdf.link_element import Link
+    from canopen_control.urdf.link_element import UrdfLink
 
 
 # What the description knows of a robot's wheels, for controllers that are not told it and to check those that are.
@@ -80,7 +80,7 @@ class RobotModel:
     """A robot's links and joints by name, in the order of the file; `notes` say what of it cannot be drawn."""
 
     name: str
-    links: dict[str, Link] = field(default_factory=dict)
+    links: dict[str, UrdfLink] = field(default_factory=dict)
     joints: dict[str, Joint] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -105,7 +105,7 @@ def read_model(urdf: str, path: str = "<urdf>") -> RobotModel:
     return model
 
 
-def model_of(document: Document) -> RobotModel:
+def model_of(document: UrdfDocument) -> RobotModel:
     """Return the links and joints of a description; what is wrong in them is reported to the document."""
     root, notes = document.root, list[str]()
     if root.tag != "robot":
@@ -126,7 +126,7 @@ def _parents_first(root: str, left: list[Joint]) -> Iterator[Joint]:
         left = [joint for joint in left if joint.child not in reached]
 
 
-def _check_tree(document: Document, links: Mapping[str, Link], joints: Mapping[str, Joint]) -> None:
+def _check_tree(document: UrdfDocument, links: Mapping[str, UrdfLink], joints: Mapping[str, Joint]) -> None:
     parents: dict[str, str] = {}
     for joint in joints.values():
         for link in (joint.parent, joint.child):

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import nearest
-from canopen_control.urdf.document import NOWHERE, Place
+from canopen_control.urdf.document import NOWHERE, ElementPlace
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY, InterfaceInfo, read_interfaces
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from canopen_control.urdf.document import Document, Element
+    from canopen_control.urdf.document import Element, UrdfDocument
     from canopen_control.urdf.joint_element import Joint, Mimic
 
 
@@ -46,7 +46,7 @@ class Transmission:
     reduction: float = 1.0
     offset: float = 0.0
     interfaces: tuple[str, ...] = ()
-    place: Place = NOWHERE
+    place: ElementPlace = NOWHERE
 
     @property
     def trivial(self) -> bool:
@@ -55,7 +55,7 @@ class Transmission:
 
 
 def read_transmissions(
-    document: Document, elements: Iterable[Element], joints: Mapping[str, Joint]
+    document: UrdfDocument, elements: Iterable[Element], joints: Mapping[str, Joint]
 ) -> tuple[Transmission, ...]:
     """Return the <transmission> tags, one for each joint; what is wrong in them is reported to the document."""
     found: dict[str, Transmission] = {}
@@ -69,7 +69,7 @@ def read_transmissions(
     return tuple(found.values())
 
 
-def _transmission(document: Document, element: Element) -> Transmission:
+def _transmission(document: UrdfDocument, element: Element) -> Transmission:
     name = document.name(element)
     kind = element.child("type") or element.child("plugin")
     if kind is None or kind.text.rpartition("/")[2] != "SimpleTransmission":
@@ -91,7 +91,7 @@ def _transmission(document: Document, element: Element) -> Transmission:
 
 
 def _reduction(
-    document: Document, element: Element, joint: Element | None, actuator: Element | None
+    document: UrdfDocument, element: Element, joint: Element | None, actuator: Element | None
 ) -> tuple[float, float]:
     places = (actuator, joint, element)
     tags = [place.child(tag) for place in places if place is not None for tag in _REDUCTIONS]
@@ -108,7 +108,7 @@ _REDUCTIONS: Final = ("mechanicalReduction", "mechanical_reduction")
 
 
 def _transmission_interfaces(
-    document: Document, name: str, joint: Element | None, actuator: Element | None
+    document: UrdfDocument, name: str, joint: Element | None, actuator: Element | None
 ) -> tuple[str, ...]:
     """Return the command interfaces of the `<hardwareInterface>` tags, which older files have at the actuator."""
     found: list[str] = []
@@ -138,7 +138,7 @@ class ControlJoint:
     command_interfaces: dict[str, InterfaceInfo] = field(default_factory=dict)
     state_interfaces: dict[str, InterfaceInfo] = field(default_factory=dict)
     mimic: Mimic | None = None
-    place: Place = NOWHERE
+    place: ElementPlace = NOWHERE
 
 
 @dataclass(frozen=True)
@@ -153,10 +153,10 @@ class Ros2ControlSystem:
     sensors: tuple[ControlJoint, ...] = ()
     gpios: tuple[ControlJoint, ...] = ()
     transmissions: tuple[Transmission, ...] = ()
-    place: Place = NOWHERE
+    place: ElementPlace = NOWHERE
 
 
-def read_system(document: Document, element: Element, joints: Mapping[str, Joint]) -> Ros2ControlSystem:
+def read_system(document: UrdfDocument, element: Element, joints: Mapping[str, Joint]) -> Ros2ControlSystem:
     """Return a <ros2_control> tag; what is wrong in it is reported to the document."""
     name, kind = document.name(element), element.attributes.get("type", "")
     if kind not in KINDS:
@@ -180,7 +180,7 @@ def read_system(document: Document, element: Element, joints: Mapping[str, Joint
     )
 
 
-def _part(document: Document, element: Element, joints: Mapping[str, Joint]) -> ControlJoint:
+def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint]) -> ControlJoint:
     name = document.name(element)
     commands = read_interfaces(document, element, "command_interface")
     states = read_interfaces(document, element, "state_interface")
@@ -197,7 +197,7 @@ def _part(document: Document, element: Element, joints: Mapping[str, Joint]) -> 
     return ControlJoint(name, element.parameters(), commands, states, mimic, element.place)
 
 
-def check_owners(document: Document, hardware: Sequence[Ros2ControlSystem]) -> None:
+def check_owners(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem]) -> None:
     """See to it that no interface is exported twice, and no tag name is used twice."""
     names: set[str] = set()
     owners: dict[str, str] = {}

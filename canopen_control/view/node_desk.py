@@ -75,7 +75,7 @@ def uploaded(data: bytes, name: str) -> ParameterSet:
     return parse_backup(data, name)
 
 
-def backup(session: NodeSession, work: NodeWork) -> str:
+def backup(session: NodeSession, work: NodeJob) -> str:
     """Read all parameters and keep them as a file."""
     if unfinished := unfinished_words(session, Reached(robot=session.robot)):
         work.lines.append(unfinished)
@@ -89,7 +89,7 @@ def backup(session: NodeSession, work: NodeWork) -> str:
     return f"{session}: {len(parameters.values) - len(lost)} parameters in {name}"
 
 
-def compare(session: NodeSession, work: NodeWork, file: ParameterSet) -> str:
+def compare(session: NodeSession, work: NodeJob, file: ParameterSet) -> str:
     """Read what a file holds and keep what differs as a table: address, name, file, node."""
     node, left_out = read_same(session, file, work.at)
     why = {each.entry.address: each.why for each in left_out}
@@ -111,7 +111,7 @@ def compare(session: NodeSession, work: NodeWork, file: ParameterSet) -> str:
 
 
 def restore(
-    session: NodeSession, work: NodeWork, file: ParameterSet, options: RestoreOptions, *, any_node: bool = False
+    session: NodeSession, work: NodeJob, file: ParameterSet, options: RestoreOptions, *, any_node: bool = False
 ) -> str:
     """Write what a file holds and prove it; DriveError where the node has refused some."""
     if session.od is None:
@@ -126,7 +126,7 @@ def restore(
     return report.words(session)
 
 
-def clone_from(session: NodeSession, work: NodeWork, source: NodeDesk, options: RestoreOptions) -> str:
+def clone_from(session: NodeSession, work: NodeJob, source: NodeJobs, options: RestoreOptions) -> str:
     """Read all parameters of another node and write them into this one."""
     work.doing = f"reading {source.place.name}"
     parameters = source.with_session(lambda other: read_parameters(other, told=work.at)[0])
@@ -170,7 +170,7 @@ def check_image(image: bytes, name: str) -> None:
         raise ConfigError(f"{name} is an EDS or a DCF and no program; nothing was sent")
 
 
-def load_program(session: NodeSession, work: NodeWork, image: bytes, options: ProgramOptions) -> str:
+def load_program(session: NodeSession, work: NodeJob, image: bytes, options: ProgramOptions) -> str:
     """Load a program and start it; DriveError with what the node has now where that failed."""
     identity = device_identity(session)
     refuse_stranger(session, identity)
@@ -191,7 +191,7 @@ def load_program(session: NodeSession, work: NodeWork, image: bytes, options: Pr
 
 
 @contextlib.contextmanager
-def _watched(session: NodeSession, work: NodeWork, progress: DownloadProgress, size: int) -> Iterator[None]:
+def _watched(session: NodeSession, work: NodeJob, progress: DownloadProgress, size: int) -> Iterator[None]:
     """Follow step and bytes from a thread of its own, while this one waits for the transfer."""
     over = threading.Event()
 
@@ -217,7 +217,7 @@ T = TypeVar("T")
 
 
 @dataclass(slots=True)
-class NodeWork:
+class NodeJob:
     """A long piece of work: how far it is, and what came of it. Written by its thread, read by the pages.
 
     `key` says which tab it is of, `doing` which part of it goes on. `told` is the sentence at its end, `good` whether
@@ -266,14 +266,14 @@ class NodeWork:
         return self.good is not None
 
 
-class NodeDesk(NodeObjects):
+class NodeJobs(NodeObjects):
     """The node at `place` of the running robot `robot`; `history` are the writes of all pages."""
 
     def __init__(
         self, robot: str, place: NodePlace, connect: Callable[[str, float], RobotClient] = RobotClient.connect
     ) -> None:
         super().__init__(robot, place, SOURCE, connect)
-        self.work: NodeWork | None = None
+        self.work: NodeJob | None = None
         self.scope: ScopeRun | None = None
         self.tuned: TuneFound | None = None
         self.history = EditHistory()
@@ -311,7 +311,7 @@ class NodeDesk(NodeObjects):
         """Whether a long piece of work goes on."""
         return self.work is not None and not self.work.over
 
-    def begin(self, work: NodeWork, function: Callable[[NodeSession, NodeWork], str]) -> str | None:
+    def begin(self, work: NodeJob, function: Callable[[NodeSession, NodeJob], str]) -> str | None:
         """Begin what takes long on a thread; `function` returns the sentence at its end. The reason if it may not."""
         if self.work is not None and not self.work.over:
             return f"{self.place.name} is busy: {self.work.title}; wait for its end"
@@ -319,7 +319,7 @@ class NodeDesk(NodeObjects):
         threading.Thread(target=self._run, args=(work, function), name=f"page {work.key}", daemon=True).start()
         return None
 
-    def _run(self, work: NodeWork, function: Callable[[NodeSession, NodeWork], str]) -> None:
+    def _run(self, work: NodeJob, function: Callable[[NodeSession, NodeJob], str]) -> None:
         good = False
         try:
             with self._editing:

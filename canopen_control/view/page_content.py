@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from canopen_control.rpc.messages.drive import FaultListing
-    from canopen_control.view.robot_connection import VirtualNode
+    from canopen_control.view.robot_connection import NodeAddress
 
 from collections import deque
 from typing import TYPE_CHECKING
@@ -85,7 +85,7 @@ _TIMEOUT_S: Final = 1.0
 class FaultClient:
     """Asks virtual drives for their faults and switches them; `nodes` are those of the robot, virtual or not."""
 
-    def __init__(self, nodes: Iterable[VirtualNode]) -> None:
+    def __init__(self, nodes: Iterable[NodeAddress]) -> None:
         self._nodes = {node.name: node for node in nodes}
 
     def drives(self) -> list[str]:

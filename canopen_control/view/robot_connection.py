@@ -45,7 +45,7 @@ Pose = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class VirtualNode:
+class NodeAddress:
     """Where a node would be if it were virtual: a bus's channel and a node id."""
 
     name: str
@@ -60,7 +60,7 @@ class RobotInfo:
     robot: str
     urdf: str
     path: str
-    nodes: tuple[VirtualNode, ...]
+    nodes: tuple[NodeAddress, ...]
     buses: tuple[str, ...]
     joints: tuple[str, ...]
     state: StateSample
@@ -91,7 +91,7 @@ def read_robot_info(robot: str, description: Description, listing: NodeListing, 
         robot,
         description.urdf,
         description.path,
-        tuple(VirtualNode(each.name, listing.buses[each.bus].channel, each.node_id) for each in listing.nodes),
+        tuple(NodeAddress(each.name, listing.buses[each.bus].channel, each.node_id) for each in listing.nodes),
         tuple(status.buses),
         tuple(sorted(status.joints)),
         state,
@@ -128,7 +128,7 @@ _HEARTBEAT_S: Final = 0.5  # this process says so 20 times a second; the robot b
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class TeleopCommands:
     """What moves and what rests; the robot forgets both when this process dies.
 
     `again` is sent instead of `moving` while the same motion goes on, None: `moving` itself.
@@ -140,7 +140,7 @@ class Motion:
     again: Command | None = None
 
 
-def twist_motion(controller: str, linear: float, angular: float, lateral: float = 0.0) -> Motion:
+def twist_motion(controller: str, linear: float, angular: float, lateral: float = 0.0) -> TeleopCommands:
     """Return the motion of a base: m/s forward and to the left, and rad/s."""
     moving, resting = (
         TwistController(
@@ -148,22 +148,24 @@ def twist_motion(controller: str, linear: float, angular: float, lateral: float 
         )
         for ahead, aside, around in ((linear, lateral, angular), (0.0, 0.0, 0.0))
     )
-    return Motion(controller, moving, resting)
+    return TeleopCommands(controller, moving, resting)
 
 
-def trajectory_motion(controller: str, joints: Sequence[str], positions: Sequence[float], seconds: float) -> Motion:
+def trajectory_motion(
+    controller: str, joints: Sequence[str], positions: Sequence[float], seconds: float
+) -> TeleopCommands:
     """Return the motion of an arm to `positions`, at rest there after `seconds`; let go of, it brakes and is held."""
     point = TrajectoryPoint(positions=list(positions), velocities=[0.0] * len(positions), time_from_start=seconds)
     goal = SendTrajectory(
         controller=controller, joints=list(joints), points=[point], source=SOURCE, heartbeat=_HEARTBEAT_S
     )
     rest = CancelTrajectory(controller=controller, own=True, why="the page let go")
-    return Motion(controller, goal, rest, TrajectoryHeartbeat())
+    return TeleopCommands(controller, goal, rest, TrajectoryHeartbeat())
 
 
 def joint_motion(
     controller: str, values: Sequence[float], resting: Sequence[float], interface: str | None = None
-) -> Motion:
+) -> TeleopCommands:
     """Return the motion of joints to `values`; they rest at zero, or where they are if these are positions.
 
     `interface` is what the values are, where the controller may take something else by the time they come.
@@ -172,7 +174,7 @@ def joint_motion(
         CommandController(controller=controller, values=list(each), source=SOURCE, dead_man=True, interface=interface)
         for each in (values, resting)
     )
-    return Motion(controller, moved, rested)
+    return TeleopCommands(controller, moved, rested)
 
 
 class DeadMan:
@@ -181,7 +183,7 @@ class DeadMan:
     def __init__(self, send: Callable[[Command], object]) -> None:
         self._send = send
         self._driver: str | None = None
-        self._motion: Motion | None = None
+        self._motion: TeleopCommands | None = None
         self._heard = 0
 
     @property
@@ -194,7 +196,7 @@ class DeadMan:
         """When `tick` is due, in ns."""
         return None if self._driver is None else self._heard + LET_GO_NS
 
-    def hold(self, page: str, motion: Motion, now: int) -> bool:
+    def hold(self, page: str, motion: TeleopCommands, now: int) -> bool:
         """Take note that a page holds a button; False if another one drives."""
         self.tick(now)
         if self._driver not in (None, page):

@@ -13,7 +13,7 @@ from canopen_control.rpc.messages.drive import GetWorld
 from canopen_control.rpc.messages.simulation import GetSimulation
 from canopen_control.service.live_reader import LiveReader
 from canopen_control.urdf.robot_model import RobotModel, read_model
-from canopen_control.view.node_desk import NodeDesk
+from canopen_control.view.node_desk import NodeJobs
 from canopen_control.view.page_content import DriveFaults, FaultClient, PageContent, RecentEvents
 from canopen_control.view.robot_connection import pose_of, true_pose_of
 from canopen_control.view.sampling import History, Sampler, commanded_interfaces, names
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
     from canopen_control.view.elements.nicegui_elements import SceneChange
-    from canopen_control.view.robot_connection import Pose, RobotInfo, VirtualNode
+    from canopen_control.view.robot_connection import NodeAddress, Pose, RobotInfo
 
 
 # Lets something happen in the world of a simulated robot: asks its virtual drives, by their control sockets.
@@ -42,7 +42,7 @@ _TIMEOUT_S: Final = 1.0
 class WorldClient:
     """Asks for what happens in the world of `robot`; `nodes` are its own, virtual or not."""
 
-    def __init__(self, robot: str, nodes: Iterable[VirtualNode]) -> None:
+    def __init__(self, robot: str, nodes: Iterable[NodeAddress]) -> None:
         self._robot, self._nodes = robot, tuple(nodes)
 
     def changeable(self) -> bool:
@@ -72,7 +72,7 @@ class WorldClient:
             client.ask(what)
         return False
 
-    def _drive(self) -> VirtualNode | None:
+    def _drive(self) -> NodeAddress | None:
         """Return any virtual drive in such a world: all of a world answer for it."""
         alive = set(list_sockets("drive"))
         for node in self._nodes:
@@ -84,7 +84,7 @@ class WorldClient:
         return None
 
 
-def _connect(node: VirtualNode) -> DriveClient:
+def _connect(node: NodeAddress) -> DriveClient:
     return DriveClient.connect(node.channel, node.node_id, _TIMEOUT_S, label=f"the virtual drive {node.name}")
 
 
@@ -114,7 +114,7 @@ class RobotView:
         self.fault_client, self.faults = FaultClient(info.nodes), DriveFaults()
         self.world_client = WorldClient(info.robot, info.nodes)
         self.controllers: tuple[ControllerReading, ...] = ()
-        self._desks = {place.name: NodeDesk(info.robot, place) for place in info.places}
+        self._desks = {place.name: NodeJobs(info.robot, place) for place in info.places}
         self.live_reader = LiveReader()
         self._sampler = Sampler()
         self._scene: SceneChange = {}
@@ -124,7 +124,7 @@ class RobotView:
         """The names of the nodes, by node id."""
         return list(self._desks)
 
-    def desk(self, node: str) -> NodeDesk:
+    def desk(self, node: str) -> NodeJobs:
         """Return where the work at a node is done, for all pages."""
         return self._desks[node]
 

@@ -40,7 +40,7 @@ _TIMEOUT_S: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class ScopeWish:
+class ScopeForm:
     """What is looked at: `trigger` as the verb takes it, "" for none; `rolling`: shot after shot."""
 
     signals: tuple[str, ...]
@@ -72,7 +72,7 @@ class ScopeRun:
     """Takes shots of a node of a running robot; `connect` is for tests."""
 
     def __init__(
-        self, desk: NodeObjects, wish: ScopeWish, connect: Callable[[str, float], RobotClient] = RobotClient.connect
+        self, desk: NodeObjects, wish: ScopeForm, connect: Callable[[str, float], RobotClient] = RobotClient.connect
     ) -> None:
         wish.check()
         self.wish = wish

@@ -78,7 +78,7 @@ def drive_targets(state: StateSample, controllers: Iterable[ControllerReading]) 
 _DRIVEN_S: Final = 0.5  # without a word of a held button the drive has ended
 
 
-class Targets:
+class TargetSliders:
     """A controller's sliders: `limits` are their ends, `clock` gives s. Positions in rad or m, None if unknown."""
 
     def __init__(self, limits: Mapping[str, tuple[float, float]], clock: Callable[[], float] = time.monotonic) -> None:

@@ -133,7 +133,7 @@ _SILENT: Final = "the page that played it has fallen silent"
 
 
 @dataclass(frozen=True, slots=True)
-class Played:
+class TrajectoryOutcome:
     """How it ended: whether its goal was reached, and the robot's sentence."""
 
     reached: bool
@@ -159,12 +159,14 @@ class TrajectoryPlayer:
         """The page that plays, None if nobody does."""
         return self._page
 
-    async def play(self, page: str, controller: str, trajectory: LoadedTrajectory) -> Played:
+    async def play(self, page: str, controller: str, trajectory: LoadedTrajectory) -> TrajectoryOutcome:
         """Play to the end, whatever that is."""
         if not self._may_play(page):
-            return Played(False, "this page may not move the robot")
+            return TrajectoryOutcome(False, "this page may not move the robot")
         if self._run is not None:
-            return Played(False, "a trajectory is played already, by this page or another one; it has to end first")
+            return TrajectoryOutcome(
+                False, "a trajectory is played already, by this page or another one; it has to end first"
+            )
         run = self._run = _Run(controller, trajectory)
         self._page, self._heard = page, self._clock()
         try:
@@ -209,13 +211,13 @@ class _Run:
         self._sent = self._cancelled = False
         self._why: str | None = None
 
-    def play(self, connect: Callable[[], RobotClient]) -> Played:
+    def play(self, connect: Callable[[], RobotClient]) -> TrajectoryOutcome:
         """Send it and wait for its end."""
         try:
             with connect() as self._client:
                 return self._follow(self._client)
         except CanopenError as error:
-            return Played(False, str(error))
+            return TrajectoryOutcome(False, str(error))
 
     def cancel(self, why: str | None) -> None:
         """End it: the joints brake. What has not been sent yet is not sent, a second call changes nothing."""
@@ -231,22 +233,22 @@ class _Run:
         if self._client is not None:
             self._client.close()
 
-    def _follow(self, client: RobotClient) -> Played:
+    def _follow(self, client: RobotClient) -> TrajectoryOutcome:
         loaded = self._trajectory
         rest = client.send_points(loaded.points)
         if self._cancelled:
-            return Played(False, f"it was not sent: {self._why or 'cancelled'}")
+            return TrajectoryOutcome(False, f"it was not sent: {self._why or 'cancelled'}")
         wanted = SendTrajectory(
             controller=self._controller, joints=loaded.joints, points=rest, source=SOURCE, heartbeat=HEARTBEAT_S
         )
         verdict = client.ask(wanted)
         if not verdict.accepted:
-            return Played(False, verdict.text)
+            return TrajectoryOutcome(False, verdict.text)
         self._sent = True
         if self._cancelled:  # while it was accepted
             self._tell()
         result = client.ask(TrajectoryEnd(), loaded.duration + _PATIENCE_S)
-        return Played(result.state == "succeeded", result.text)
+        return TrajectoryOutcome(result.state == "succeeded", result.text)
 
     def beat(self) -> None:
         """Have the robot know that this process is at work."""

@@ -40,7 +40,7 @@ _HUNDREDTHS: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
-class TuneWish:
+class TuneForm:
     """What is asked for: speeds in rad/s, travel in rad each way, torque and current in per mille, crossover in Hz.
 
     `axis` is that of the drive, of one with several.
@@ -85,7 +85,7 @@ class TuneWish:
         self.request.check(self.limits, SCALE)
 
 
-def confirmed_words(wish: TuneWish) -> list[str]:
+def confirmed_words(wish: TuneForm) -> list[str]:
     """Return what somebody confirms before the drive moves."""
     limits = wish.limits
     return [
@@ -99,14 +99,14 @@ def confirmed_words(wish: TuneWish) -> list[str]:
 class TuneFound:
     """What came of the last run: curves, a frequency response, gains that can be set; written by its thread."""
 
-    wish: TuneWish
+    wish: TuneForm
     curves: NamedShot | None = None
     bode: Bode | None = None
     gains: LoopGains | None = None
     lines: list[str] = field(default_factory=list)
 
 
-class Work(Protocol):
+class JobProgress(Protocol):
     """The piece of work that pages look at: how far it is, which raises where it is to end, and what came of it."""
 
     lines: list[str]
@@ -131,7 +131,7 @@ def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: in
     )
 
 
-class Presence:
+class PagePresence:
     """When a page was there last; `clock` in s."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -149,10 +149,10 @@ class Presence:
 
 def tune(
     session: NodeSession,
-    work: Work,
+    work: JobProgress,
     client: RobotClient,
     found: TuneFound,
-    presence: Presence,
+    presence: PagePresence,
     run: Callable[..., TuneRun] = TuneRun,
 ) -> str:
     """Excite an axis of a node within its limits, and keep what it shows; the sentence at its end."""
@@ -203,14 +203,14 @@ def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
 
 
 def apply_gains(
-    session: NodeSession, work: Work, gains: LoopGains, counts: float, *, axis: int = 0, stores: bool
+    session: NodeSession, work: JobProgress, gains: LoopGains, counts: float, *, axis: int = 0, stores: bool
 ) -> str:
     """Set proposed gains of an axis and prove them; `counts` are the user units of 0x6064 of one turn."""
     work.lines += applied(session, gains, counts / math.tau, GainPlace(axis, stores=stores))
     return f"{session.name}: gains set and proven; Revert takes them back"
 
 
-def revert(session: NodeSession, work: Work, *, axis: int = 0, stores: bool) -> str:
+def revert(session: NodeSession, work: JobProgress, *, axis: int = 0, stores: bool) -> str:
     """Give an axis back the gains from before the first that were set."""
     work.lines += reverted(session, GainPlace(axis, stores=stores))
     return f"{session.name}: gains are those from before"

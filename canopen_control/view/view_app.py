@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from canopen_control.view.elements.nicegui_elements import FeedMessage
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import Panel, PanelContext
-    from canopen_control.view.robot_connection import Command, Motion, RobotInfo
+    from canopen_control.view.robot_connection import Command, RobotInfo, TeleopCommands
 
 
 # One page of the robot, as one browser has it: STOP, then the panels of the table below, the Drive view, and the feed.
@@ -290,7 +290,7 @@ class ViewApp:
             else await in_thread(partial(connection.ask, request))
         )
 
-    def hold(self, page: str, motion: Motion, told: Callable[[str], None]) -> None:
+    def hold(self, page: str, motion: TeleopCommands, told: Callable[[str], None]) -> None:
         """Take note that a page holds a button; `told` gets a sentence if it may not drive."""
         if page not in self._pages or not self.teleop:
             return  # it was closed while this was on its way

@@ -9,7 +9,7 @@ import pytest
 from canopen_control.bus import can_interfaces as module
 from canopen_control.bus.can_interfaces import (
     CanInterface,
-    Result,
+    CommandResult,
     bring_down,
     bring_up,
     find_can_interface,
@@ -64,12 +64,12 @@ class Shell:
 
     def __call__(self, argv):
         if argv[-2:] == ("link", "show"):
-            return Result(0, json.dumps(self.entries), "")
+            return CommandResult(0, json.dumps(self.entries), "")
         self.ran.append(" ".join(argv))
         answer = self.failures.get(argv[0] if argv[0] != "ip" else argv[2], "")
         if isinstance(answer, OSError):
             raise answer
-        return Result(2 if answer else 0, "", answer)
+        return CommandResult(2 if answer else 0, "", answer)
 
 
 @pytest.fixture(autouse=True)
@@ -139,7 +139,7 @@ def test_a_missing_ip_says_what_to_install():
 
 def test_a_failing_ip_is_quoted():
     with pytest.raises(ConfigError, match="ip link show failed: boom"):
-        list_can_interfaces(lambda argv: Result(1, "", "boom"))
+        list_can_interfaces(lambda argv: CommandResult(1, "", "boom"))
 
 
 @pytest.mark.parametrize(

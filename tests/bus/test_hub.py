@@ -20,7 +20,7 @@ from support.jsonserver import line_of
 from canopen_control.bus.arbitration import duration_ns, frame_bits
 from canopen_control.bus.hub import LINGER_NS, Hub
 from canopen_control.bus.local import LocalPort, open_local
-from canopen_control.bus.wanted import HELLO_SIZE, VERSION, pack_hello, parse_hello
+from canopen_control.bus.subscription import HELLO_SIZE, VERSION, pack_hello, parse_hello
 from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.lineclient import LineClient
@@ -268,7 +268,7 @@ def test_another_version_is_answered_with_ours(bench):
 def test_a_stalled_reader_loses_only_its_own_frames_and_learns_how_many(bench):
     sender, quick, stalled = (bench.join(label) for label in ("sender", "quick", "stalled"))
     sent = 0
-    (member,) = bench.hub.exchange.labelled("stalled")
+    (member,) = bench.hub.router.labelled("stalled")
     while member.lost == 0:
         batch = [frame(sent + n) for n in range(500)]
         sender.send(pack_records(batch))

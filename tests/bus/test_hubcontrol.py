@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.host import use_private_folders
 from support.properties import examples
 
-from canopen_control.bus.exchange import Exchange
+from canopen_control.bus.frame_router import FrameRouter
 from canopen_control.bus.hubcontrol import ERROR_FRAMES, HubControl
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import Reactor
@@ -24,13 +24,13 @@ class Desk:
     """A control socket on a manual clock, with two members on its exchange and one who asks."""
 
     def __init__(self):
-        self.exchange, self.after = Exchange(), 0
+        self.router, self.after = FrameRouter(), 0
         self.reactor = Reactor(ManualClock(5_000_000_000))
         path = socket_path("busctl", "robby")
         self.control = HubControl(
-            "robby", self.exchange, self.reactor, listen(path), started=self.reactor.now(), after=self._after
+            "robby", self.router, self.reactor, listen(path), started=self.reactor.now(), after=self._after
         )
-        self.left, self.right = self.exchange.join("left", 11), self.exchange.join("right", 12)
+        self.left, self.right = self.router.join("left", 11), self.router.join("right", 12)
         self.peer = connect(path)
         self.peer.setblocking(False)
         (self.hello,) = self.tell(b"")
@@ -82,7 +82,7 @@ def test_the_hello_names_the_bus_and_the_protocol_of_all_sockets(desk):
 
 
 def test_the_status_says_who_is_there_and_what_is_wrong(desk):
-    desk.exchange.receive(desk.left, pack_records([CanFrame(0x181)] * 3), 0)
+    desk.router.receive(desk.left, pack_records([CanFrame(0x181)] * 3), 0)
     desk.ask("cut", label="right")
     desk.ask("drop", label="left", can_id=0x181, every=2, count=4)
     desk.ask("delay", ms=5)

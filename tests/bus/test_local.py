@@ -19,7 +19,7 @@ from support.localbus import TIMEOUT_S, hub_status, kill_hub, receive
 from canopen_control.bus.error_frames import bus_off_frame, overrun_frame
 from canopen_control.bus.local import LocalPort, ask_hub, greet, open_local
 from canopen_control.bus.port import SEND_LIMIT, BusEventKind
-from canopen_control.bus.wanted import HELLO_SIZE, VERSION, pack_hello
+from canopen_control.bus.subscription import HELLO_SIZE, VERSION, pack_hello
 from canopen_control.errors import BusClosed, BusError, BusNotOpen, ConfigError, LocalProtocolError
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import Reactor

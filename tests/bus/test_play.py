@@ -1,6 +1,6 @@
 from canopen_control.bus.error_frames import bus_off_frame
 from canopen_control.bus.memory import MemoryBus
-from canopen_control.bus.play import Played, play
+from canopen_control.bus.play import PlayReport, play
 from canopen_control.bus.recordings import RecordedFrame
 from canopen_control.frame import CanFrame
 
@@ -38,7 +38,7 @@ def played(times_ms, name, late=0, speed=1.0, frames=None):
             port.send(records)
 
     recorded = [RecordedFrame(5_000 * MS + round(ms * MS), frame) for ms, frame in zip(times_ms, frames, strict=True)]
-    result = Played()
+    result = PlayReport()
     play(recorded, Noting(), result, speed=speed, clock=clock, sleep=clock.sleep)
     heard = len(ear.receive()) // 16
     port.close()

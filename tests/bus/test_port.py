@@ -12,7 +12,7 @@ from canopen_control.bus.port import (
     EVENT_LIMIT,
     BusEvent,
     BusEventKind,
-    EventLog,
+    BusEventLog,
     PortStats,
     SendQueue,
     WakeDescriptor,
@@ -23,7 +23,7 @@ from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
 
 def test_events_come_once_and_in_order():
-    log = EventLog()
+    log = BusEventLog()
     log.add(BusEventKind.DOWN, "gone")
     log.extend([BusEvent(BusEventKind.UP, "back")])
     assert [event.text for event in log.drain()] == ["gone", "back"]
@@ -31,7 +31,7 @@ def test_events_come_once_and_in_order():
 
 
 def test_an_owner_who_never_asks_costs_no_memory():
-    log = EventLog()
+    log = BusEventLog()
     for number in range(EVENT_LIMIT + 5):
         log.add(BusEventKind.OVERRUN, str(number))
     events = log.drain()

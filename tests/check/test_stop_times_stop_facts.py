@@ -7,8 +7,8 @@ from support.arm6 import copy_arm
 from support.robots import copy_robby
 
 from canopen_control.check.stop_times import axis_facts, command_lives
+from canopen_control.host.polling import MarkedSelector
 from canopen_control.host.reactor import Reactor
-from canopen_control.host.selection import MarkedSelector
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.robot_files import find_robot

@@ -8,7 +8,7 @@ from support.control import FORWARD, Hardware, add, manager
 from canopen_control.controllers.command_life import GoalState
 from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.errors import ControlError, UnknownInterface
-from canopen_control.urdf.joint_element import Joint, Limits
+from canopen_control.urdf.joint_element import Joint, UrdfLimits
 
 POSITION = "position_controllers/GripperActionController"
 EFFORT = "effort_controllers/GripperActionController"
@@ -188,7 +188,7 @@ def test_any_other_end_takes_the_goal_back(end):
     ],
 )
 def test_a_goal_that_cannot_be_is_refused_and_the_one_before_goes_on(sent, words):
-    gripper = Gripper(limits=Limits(0.0, 0.08))
+    gripper = Gripper(limits=UrdfLimits(0.0, 0.08))
     before = gripper.send(0.05)
     with pytest.raises(ControlError) as caught:
         gripper.send(*sent)

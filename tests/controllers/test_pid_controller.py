@@ -10,7 +10,7 @@ from support.control import Hardware, S, add, manager, put
 from canopen_control.controllers.base import Controller, ControllerState
 from canopen_control.errors import ControlError, NotEnabled, RobotConfigError, UnknownInterface
 from canopen_control.rpc.messages.parameters import ParameterValue
-from canopen_control.urdf.joint_element import Joint, Limits
+from canopen_control.urdf.joint_element import Joint, UrdfLimits
 
 MS = 1_000_000
 TYPE = "pid_controller/PidController"
@@ -185,7 +185,7 @@ def test_a_velocity_of_0_outlives_who_gave_it():
 
 def test_a_reference_beyond_the_limits_of_the_joint_is_refused_with_its_name():
     robot = Robot("effort", ("position", "velocity"))
-    robot.pid.description = {"a": Joint("a", "revolute", "", "", limits=Limits(-0.5, 1.5, 2.0, 3.0))}
+    robot.pid.description = {"a": Joint("a", "revolute", "", "", limits=UrdfLimits(-0.5, 1.5, 2.0, 3.0))}
     robot.manager.configure("pid")
     robot.start().command(1.5, 9.0, -2.0, 9.0)
     robot.cycle()

@@ -11,18 +11,18 @@ from canopen_control.hardware.plugins import (
     transmitted,
 )
 from canopen_control.hardware.simulation import SimulatedSystem
-from canopen_control.urdf.description import Description
-from canopen_control.urdf.document import Place
+from canopen_control.urdf.description import UrdfDescription
+from canopen_control.urdf.document import ElementPlace
 from canopen_control.urdf.joint_element import InterfaceInfo, Joint
 from canopen_control.urdf.robot_model import RobotModel
 from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem, Transmission
 
 JOINT = ControlJoint("j", {}, {"velocity": InterfaceInfo("velocity")}, {"position": InterfaceInfo("position")})
-ROBOT = Description("r.urdf", "", RobotModel("r", joints={"j": Joint("j", "continuous", "a", "b")}))
+ROBOT = UrdfDescription("r.urdf", "", RobotModel("r", joints={"j": Joint("j", "continuous", "a", "b")}))
 
 
 def tag(plugin: str, **how) -> Ros2ControlSystem:
-    return Ros2ControlSystem("s", "system", plugin, joints=(JOINT,), place=Place(7, 3), **how)
+    return Ros2ControlSystem("s", "system", plugin, joints=(JOINT,), place=ElementPlace(7, 3), **how)
 
 
 @pytest.mark.parametrize(

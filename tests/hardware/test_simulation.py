@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
 from canopen_control.hardware.simulation import PLUGINS, FirstOrderMotor, SimulatedSystem
-from canopen_control.urdf.joint_element import InterfaceInfo, Joint, Limits, Mimic
+from canopen_control.urdf.joint_element import InterfaceInfo, Joint, Mimic, UrdfLimits
 from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 MS = 1_000_000
-FREE = Limits()
+FREE = UrdfLimits()
 ALL = ("position", "velocity", "effort")
 
 
@@ -59,7 +59,7 @@ def test_a_velocity_is_approached_with_the_time_constant():
 
 @given(st.floats(-20, 20), st.lists(st.integers(1, 200), min_size=1, max_size=10))
 def test_how_time_is_cut_into_steps_does_not_matter_for_a_velocity(target, steps):
-    fine, coarse = FirstOrderMotor(Limits()), FirstOrderMotor(Limits())
+    fine, coarse = FirstOrderMotor(UrdfLimits()), FirstOrderMotor(UrdfLimits())
     coarse.follow("velocity", target, sum(steps) / 1000)
     for each in steps:
         fine.follow("velocity", target, each / 1000)
@@ -92,7 +92,7 @@ def test_an_effort_moves_inertia_against_damping():
 
 @given(st.sampled_from(ALL), st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=20))
 def test_it_never_leaves_the_limits_of_the_description(interface, commands):
-    motor = FirstOrderMotor(Limits(-1.0, 2.0, 3.0, 4.0), inertia=0.1, damping=1.0)
+    motor = FirstOrderMotor(UrdfLimits(-1.0, 2.0, 3.0, 4.0), inertia=0.1, damping=1.0)
     for each in commands:
         motor.follow(interface, each, 0.1)
         assert -1.0 <= motor.position <= 2.0

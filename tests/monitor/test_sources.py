@@ -18,8 +18,8 @@ from canopen_control.monitor.monitor_content import Tone
 from canopen_control.monitor.sources import (
     BusSource,
     BusTable,
+    LiveRobot,
     RobotLink,
-    RobotSource,
     _Axis,
     content_of,
     is_emergency,
@@ -309,7 +309,7 @@ def test_joints_show_the_target_of_the_mode(bus):
 
 @pytest.fixture
 def robot_source(private_folders):
-    source = RobotSource()
+    source = LiveRobot()
     source.start()
     yield source
     source.close()

@@ -17,14 +17,14 @@ from canopen_control.physics.plugin_robot import (
 )
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
 from canopen_control.urdf.description import parse_description
-from canopen_control.urdf.document import Place
+from canopen_control.urdf.document import ElementPlace
 from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 ANGLES = {"min_angle": "-1.5", "max_angle": "1.5", "angle_increment": "0.5"}
 
 
 def found(parameters, **hardware):
-    part = ControlJoint("lidar", parameters, place=Place(7, 5))
+    part = ControlJoint("lidar", parameters, place=ElementPlace(7, 5))
     return tag_lidars(Ros2ControlSystem("robot", "system", "plugin", hardware, (), (part,)), "base", "robot.urdf")
 
 

@@ -6,14 +6,14 @@ import pytest
 
 from canopen_control.physics.physics_file import PhysicsError, SensorSettings
 from canopen_control.physics.tag_sensors import FORCE, IMU, INTERFACES, MAGNET, POSE, RANGE, tag_sensors
-from canopen_control.urdf.document import Place
+from canopen_control.urdf.document import ElementPlace
 from canopen_control.urdf.ros2_control import ControlJoint
 
 LINKS = ("base", "imu_link")
 
 
 def part(*interfaces, name="one", **parameters):
-    return ControlJoint(name, parameters, {}, dict.fromkeys(interfaces), None, Place(7, 5))
+    return ControlJoint(name, parameters, {}, dict.fromkeys(interfaces), None, ElementPlace(7, 5))
 
 
 def found(*parts):

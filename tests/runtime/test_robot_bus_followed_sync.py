@@ -9,7 +9,7 @@ from support.robots import LEFT, MS, RIGHT, Bench
 from canopen_control.bus.channel import open_port
 from canopen_control.errors import BusError
 from canopen_control.frame import CanFrame, pack_records
-from canopen_control.runtime.robot_bus import FollowedSync, SyncOfAnother
+from canopen_control.runtime.robot_bus import ExternalSync, NodeSync
 
 PERIOD_NS = 20 * MS
 
@@ -17,7 +17,7 @@ PERIOD_NS = 20 * MS
 class Kernel:
     """Sends SYNC on a memory bus as the broadcast manager would, by the simulated clock; `refuses` is its answer."""
 
-    sender, mending = "the kernel", "it is set up again"
+    sender, correction = "the kernel", "it is set up again"
 
     def __init__(self, bench):
         self._reactor, self._port = bench.reactor, open_port(bench.channel, label="kernel")
@@ -124,7 +124,7 @@ def test_a_start_that_the_kernel_refuses_is_a_bus_error_and_leaves_nothing_open(
 def test_a_bus_that_leads_no_cycle_watches_its_sync_all_the_same():
     class Task:
         starts = closes = 0
-        sender, mending = "the kernel", "it is set up again"
+        sender, correction = "the kernel", "it is set up again"
 
         def start(self, period_us):
             self.starts += 1
@@ -133,7 +133,7 @@ def test_a_bus_that_leads_no_cycle_watches_its_sync_all_the_same():
             self.closes += 1
 
     task, told = Task(), []
-    sync = FollowedSync(task, 20_000, None, told.append)
+    sync = ExternalSync(task, 20_000, None, told.append)
     sync.start(0)
     for now in range(0, 3000 * MS, 20 * MS):
         sync.heard(now)
@@ -146,7 +146,7 @@ def test_a_bus_that_leads_no_cycle_watches_its_sync_all_the_same():
 
 def test_the_first_sync_of_a_node_that_has_to_boot_is_waited_for_and_its_absence_says_what_to_do():
     told = []
-    sync = FollowedSync(SyncOfAnother(), 10_000, None, told.append, first_wait_ns=5000 * MS)
+    sync = ExternalSync(NodeSync(), 10_000, None, told.append, first_wait_ns=5000 * MS)
     sync.start(0)
     for now in range(0, 5000 * MS, 100 * MS):
         sync.tick(now)
@@ -162,7 +162,7 @@ def test_the_first_sync_of_a_node_that_has_to_boot_is_waited_for_and_its_absence
 class Slow:
     """A kernel that adds its latency to each period, and a process that hears SYNC up to 2 ms late."""
 
-    sender, mending = "the kernel", "it is set up again"
+    sender, correction = "the kernel", "it is set up again"
 
     def __init__(self, latency_ns):
         self.latency_ns, self.told = latency_ns, []
@@ -178,7 +178,7 @@ class Slow:
 
 def heard_by_a_late_process(task, syncs, stalls=(), period_us=10_000):
     """Let so many SYNCs come, each stall of which delays all after it; return the periods between the last hundred."""
-    sync, chance, sent = FollowedSync(task, period_us, None, print), random.Random(5), []
+    sync, chance, sent = ExternalSync(task, period_us, None, print), random.Random(5), []
     sync.start(0)
     now = 0
     for number in range(syncs):
@@ -205,7 +205,7 @@ def test_a_machine_that_stands_still_again_and_again_is_no_latency_to_be_taken_o
 
 def test_one_that_is_set_up_again_begins_with_the_whole_period():
     task = Slow(70_000)
-    sync = FollowedSync(task, 10_000, None, lambda _event: None)
+    sync = ExternalSync(task, 10_000, None, lambda _event: None)
     sync.start(0)
     for number in range(400):
         sync.heard(number * 10_070_000)

@@ -8,7 +8,7 @@ from canopen_control.errors import CanopenError, ConfigError, RobotConfigError
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import runtime_dir
 from canopen_control.runtime.robot_files import find_robot
-from canopen_control.runtime.run_session import RunOptions, Session
+from canopen_control.runtime.run_session import RunOptions, RunSession
 from canopen_control.runtime.setup import read_robot
 
 pytestmark = pytest.mark.robot
@@ -21,31 +21,31 @@ def setup(name, channel):
 
 
 def test_a_channel_has_one_master_on_this_host():
-    first = Session(setup("one", "memory:busy"), RunOptions(drives=False))
+    first = RunSession(setup("one", "memory:busy"), RunOptions(drives=False))
     with pytest.raises(RobotConfigError, match=rf"memory:busy is busy: process {os.getpid()}"):
-        Session(setup("two", "memory:busy"), RunOptions(drives=False))
+        RunSession(setup("two", "memory:busy"), RunOptions(drives=False))
     first.close()
-    Session(setup("two", "memory:busy"), RunOptions(drives=False)).close()
+    RunSession(setup("two", "memory:busy"), RunOptions(drives=False)).close()
 
 
 def test_a_lock_through_a_link_is_a_sentence(tmp_path):
     link = runtime_dir() / "master-memory_linked.lock"
     link.symlink_to(tmp_path / "victim")
     with pytest.raises(ConfigError, match=r"_linked\.lock cannot be a lock: it is a symbolic link; remove it"):
-        Session(setup("linked", "memory:linked"), RunOptions(drives=False))
+        RunSession(setup("linked", "memory:linked"), RunOptions(drives=False))
     link.unlink()
     assert not (tmp_path / "victim").exists()
 
 
 def test_a_name_has_one_robot():
-    first = Session(setup("same", "memory:a"), RunOptions(drives=False))
+    first = RunSession(setup("same", "memory:a"), RunOptions(drives=False))
     with pytest.raises(CanopenError, match="same"):
-        Session(setup("same", "memory:b"), RunOptions(drives=False))
+        RunSession(setup("same", "memory:b"), RunOptions(drives=False))
     first.close()
 
 
 def test_closing_leaves_no_socket_and_twice_is_once():
-    session = Session(setup("gone", "memory:c"), RunOptions(drives=False))
+    session = RunSession(setup("gone", "memory:c"), RunOptions(drives=False))
     assert list(runtime_dir().glob("robot-*.sock"))
     session.close()
     session.close()
@@ -54,7 +54,7 @@ def test_closing_leaves_no_socket_and_twice_is_once():
 
 def test_the_duration_counts_from_running_on():
     reactor = Reactor()
-    session = Session(setup("timed", "memory:d"), RunOptions(duration=0.2), reactor=reactor)
+    session = RunSession(setup("timed", "memory:d"), RunOptions(duration=0.2), reactor=reactor)
     try:
         assert session.run() is None
         assert session.robot.pacer.count * 0.02 > 0.2
@@ -64,7 +64,7 @@ def test_the_duration_counts_from_running_on():
 
 def test_the_page_is_a_client_that_is_started_when_the_boot_is_over(monkeypatch):
     started = []
-    session = Session(setup("page", "memory:page"), RunOptions(drives=False, view=True, teleop=True))
+    session = RunSession(setup("page", "memory:page"), RunOptions(drives=False, view=True, teleop=True))
 
     def start_client(name, arguments, **how):
         assert how["restarts"] is not None  # a page that is killed is started anew
@@ -83,7 +83,7 @@ def test_the_page_is_a_client_that_is_started_when_the_boot_is_over(monkeypatch)
 def test_a_processor_of_its_own_is_the_robots_and_not_its_childrens(monkeypatch):
     everywhere = os.sched_getaffinity(0)
     one = min(everywhere)
-    session = Session(setup("pinned", "memory:pin"), RunOptions(cpu=one))
+    session = RunSession(setup("pinned", "memory:pin"), RunOptions(cpu=one))
     started = []
     monkeypatch.setattr(
         session.supervisor, "start_drives", lambda _setup, _plant: started.append(os.sched_getaffinity(0))
@@ -105,12 +105,12 @@ def test_a_processor_of_its_own_is_the_robots_and_not_its_childrens(monkeypatch)
 @LINUX
 def test_what_is_refused_ends_the_run_before_there_is_anything_of_it():
     with pytest.raises(RobotConfigError, match="--cpu 4000"):
-        Session(setup("refused", "memory:refused"), RunOptions(cpu=4000))
+        RunSession(setup("refused", "memory:refused"), RunOptions(cpu=4000))
     assert list(runtime_dir().glob("robot-*.sock")) == []
 
 
 def test_what_ends_it_before_it_began_ends_it():
-    session = Session(setup("early", "memory:early"), RunOptions(drives=False))
+    session = RunSession(setup("early", "memory:early"), RunOptions(drives=False))
     session.robot.join()
     session.reactor.call_soon(lambda: session.robot.shutdown("a test"))
     session.reactor.run()
@@ -122,7 +122,7 @@ def test_what_ends_it_before_it_began_ends_it():
 
 @pytest.mark.sources
 def test_a_robot_whose_drives_are_ready_boots_when_it_has_heard_them(monkeypatch):
-    session = Session(setup("heard", "memory:heard"), RunOptions(drives=False))
+    session = RunSession(setup("heard", "memory:heard"), RunOptions(drives=False))
     heard = []
     monkeypatch.setattr(session.robot, "has_heard", lambda _names: bool(heard))
     session.start()
@@ -136,7 +136,7 @@ def test_a_robot_whose_drives_are_ready_boots_when_it_has_heard_them(monkeypatch
 @pytest.mark.parametrize(("write", "nodes", "said"), [(write_drives, 2, True), (write_io, 1, False)])
 def test_a_demo_of_a_bus_without_controllers_moves_nothing_and_says_how(tmp_path, write, nodes, said):
     found = read_robot(find_robot(str(write(tmp_path))), name="alone", can=["memory:alone"])
-    session = Session(found, RunOptions(duration=0.3, motion=True), reactor=Reactor())
+    session = RunSession(found, RunOptions(duration=0.3, motion=True), reactor=Reactor())
     events = []
     session.robot.on_event = events.append
     try:

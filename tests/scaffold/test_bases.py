@@ -3,7 +3,7 @@
 import pytest
 
 from canopen_control.scaffold import bases
-from canopen_control.scaffold.bases import BASES, Base
+from canopen_control.scaffold.bases import BASES, BaseKind
 from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 
 
@@ -34,5 +34,5 @@ def test_the_left_wheels_are_mirrored_and_the_steering_is_not():
 
 def test_a_controller_that_this_version_lacks_is_named(monkeypatch):
     monkeypatch.setattr(bases, "TYPES", {})
-    said = Base("mecanum", "mecanum_drive_controller/MecanumDriveController").problem(4)
+    said = BaseKind("mecanum", "mecanum_drive_controller/MecanumDriveController").problem(4)
     assert said.startswith("--base mecanum: this version has no mecanum_drive_controller/MecanumDriveController")

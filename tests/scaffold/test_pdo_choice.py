@@ -2,11 +2,11 @@
 
 from support.drive_shapes import FOUR_PAIRS, TWO_MORE, TWO_PAIRS, shape, slots_of
 
-from canopen_control.scaffold.pdo_choice import PdoWish, choose_pdos
+from canopen_control.scaffold.pdo_choice import PdoRequirement, choose_pdos
 
 WORD, MODE, SPEED, POSITION = (0x6040, 0), (0x6060, 0), (0x60FF, 0), (0x607A, 0)
-COMMANDS = PdoWish(True, (WORD, SPEED), (MODE,), 255)
-FEEDBACK = PdoWish(False, ((0x6041, 0),), ((0x6061, 0), (0x6064, 0), (0x606C, 0)))
+COMMANDS = PdoRequirement(True, (WORD, SPEED), (MODE,), 255)
+FEEDBACK = PdoRequirement(False, ((0x6041, 0),), ((0x6061, 0), (0x6064, 0), (0x606C, 0)))
 
 
 def chosen(od, wish):
@@ -79,7 +79,7 @@ def test_the_predefined_identifier_is_given_to_the_first_four_alone():
     od = slots_of(shape(pdos=more), 1)
     for number in range(3):
         del od.entries[0x1400 + number, 1]
-    uses, _ = choose_pdos(od, PdoWish(True, (WORD, SPEED)))
+    uses, _ = choose_pdos(od, PdoRequirement(True, (WORD, SPEED)))
     assert [(use.number, use.auto) for use in uses] == [(4, True), (5, False)]
 
 

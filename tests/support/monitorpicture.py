@@ -8,7 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from canopen_control.monitor.monitor_app import MonitorApp
-from canopen_control.monitor.sources import RobotSource
+from canopen_control.monitor.sources import LiveRobot
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,7 +23,7 @@ def take(path: Path, robot: str, channel: str) -> Path:
 
 
 async def _take(path: Path, robot: str, channel: str) -> None:
-    app = MonitorApp(RobotSource(robot))
+    app = MonitorApp(LiveRobot(robot))
     async with app.run_test(size=SIZE) as pilot:
         for line in (
             f"fault 3 drive_fault on --can {channel}",

@@ -10,7 +10,7 @@ from support.samples import controllers_of, sample_of, status_of
 from canopen_control.rpc.messages.drive import FaultListing
 from canopen_control.rpc.messages.robot import BusPlace, Description, NodeListing, NodePlace
 from canopen_control.service.node_session import NodeSession
-from canopen_control.view.node_desk import NodeDesk
+from canopen_control.view.node_desk import NodeJobs
 from canopen_control.view.page_content import DriveFaults
 from canopen_control.view.robot_connection import read_robot_info
 from canopen_control.view.robot_view import RobotView
@@ -70,7 +70,7 @@ def robot(**status):
     return RobotView(info(**status), lambda _content, kind: f"/mesh/1.{kind}")
 
 
-class StubDesk(NodeDesk):
+class StubDesk(NodeJobs):
     """The desk of a node whose objects are those of a `stub` (support.service_node), with the dictionary `od`."""
 
     def __init__(self, stub, od, name="left_drive", node_id=3):

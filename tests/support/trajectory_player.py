@@ -16,7 +16,7 @@ from canopen_control.controllers.trajectory.params import GoalTolerances, JointT
 from canopen_control.controllers.trajectory.point import Point
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
-from canopen_control.urdf.joint_element import Joint, Limits
+from canopen_control.urdf.joint_element import Joint, UrdfLimits
 
 OURS = {"allowed_start_tolerance": 0.0}
 """What upstream does not judge."""
@@ -37,7 +37,7 @@ def goal_of(values: dict[str, Any]) -> Goal:
 
 def joint(name: str, values: dict[str, Any]) -> Joint:
     velocity = values.get("velocity")
-    return Joint(name, values["type"], "", "", limits=Limits(velocity=math.inf if velocity is None else velocity))
+    return Joint(name, values["type"], "", "", limits=UrdfLimits(velocity=math.inf if velocity is None else velocity))
 
 
 class Player:

@@ -11,7 +11,7 @@ from support.properties import examples
 from canopen_control.errors import RobotConfigError
 from canopen_control.urdf.description import parse_description, read_description
 from canopen_control.urdf.geometry import IDENTITY, from_rpy
-from canopen_control.urdf.joint_element import Limits, Mimic
+from canopen_control.urdf.joint_element import Mimic, UrdfLimits
 
 ROBBY = Path(__file__).parents[2] / "config" / "robby" / "robby.urdf.xacro"
 
@@ -28,7 +28,7 @@ def test_links_joints_limits_and_mimics_are_read():
     shoulder = arm.joints["shoulder"]
     assert (shoulder.parent, shoulder.child, shoulder.place.line) == ("base", "upper", 3)
     assert (shoulder.origin, shoulder.axis) == (((1, 2, 3), from_rpy((0, 0, 1.5))), (0, 0, 1))
-    assert shoulder.limits == Limits(-1.0, 2.0, 3.0, 4.0)
+    assert shoulder.limits == UrdfLimits(-1.0, 2.0, 3.0, 4.0)
     assert arm.joints["grip2"].mimic == Mimic("grip", -1.0, 0.5)
     assert arm.movable_joints == ("shoulder", "grip", "grip2")
     assert arm.urdf_xml == ARM

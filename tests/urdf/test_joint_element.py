@@ -6,7 +6,7 @@ import pytest
 
 from canopen_control.urdf.description import parse_description
 from canopen_control.urdf.geometry import ORIGIN, Pose, from_yaw, rotate
-from canopen_control.urdf.joint_element import Dynamics, Joint, Limits, Mimic, SoftLimits
+from canopen_control.urdf.joint_element import Dynamics, Joint, Mimic, SoftLimits, UrdfLimits
 from canopen_control.urdf.robot_model import read_model
 
 URDF = """<robot name="r">
@@ -63,7 +63,7 @@ def test_where_a_joint_is_nobody_knows_before_it_or_whom_it_mimics_has_a_positio
 
 
 def test_limits_are_known_by_the_name_of_an_interface():
-    limits = Limits(-1.0, 2.0, 3.0, 4.0)
+    limits = UrdfLimits(-1.0, 2.0, 3.0, 4.0)
     lift, wheel = (Joint("j", kind, "a", "b", limits=limits) for kind in ("prismatic", "continuous"))
     spans = [lift.span(each) for each in ("position", "velocity", "effort", "acceleration")]
     assert spans == [(-1.0, 2.0), (-3.0, 3.0), (-4.0, 4.0), (-math.inf, math.inf)]

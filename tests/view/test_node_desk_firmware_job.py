@@ -10,7 +10,7 @@ from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.service.program_download import DownloadStep, ProgramOptions
 from canopen_control.view import node_desk
-from canopen_control.view.node_desk import MOST_FIRMWARE_BYTES, NodeWork, check_image, load_program, options_of
+from canopen_control.view.node_desk import MOST_FIRMWARE_BYTES, NodeJob, check_image, load_program, options_of
 
 NEW = b"version two " * 400
 
@@ -37,7 +37,7 @@ def steps(monkeypatch):
 
 
 def work():
-    return NodeWork("firmware", "loading", "bytes")
+    return NodeJob("firmware", "loading", "bytes")
 
 
 def test_the_program_before_and_after_is_told_with_what_was_noted(session, steps):

@@ -3,10 +3,10 @@ from support.onbus import TMCM, OnBus
 
 from canopen_control.errors import RemoteError
 from canopen_control.view.page_content import FaultClient, read_faults
-from canopen_control.view.robot_connection import VirtualNode
+from canopen_control.view.robot_connection import NodeAddress
 from canopen_control.virtual.control import NodeControl
 
-NODES = (VirtualNode("left", "memory:desk", 3), VirtualNode("right", "memory:desk", 2))
+NODES = (NodeAddress("left", "memory:desk", 3), NodeAddress("right", "memory:desk", 2))
 
 
 @pytest.fixture

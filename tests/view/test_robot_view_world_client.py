@@ -6,12 +6,12 @@ from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint
 from canopen_control.rpc.messages.simulation import GetSimulation, Simulation
 from canopen_control.view import robot_view
-from canopen_control.view.robot_connection import VirtualNode
+from canopen_control.view.robot_connection import NodeAddress
 from canopen_control.view.robot_view import WorldClient
 from canopen_control.virtual.plant import PlainWorld
 
 CAN = "memory:view-world"
-NODES = (VirtualNode("real", CAN, 4), VirtualNode("virtual", CAN, 5))
+NODES = (NodeAddress("real", CAN, 4), NodeAddress("virtual", CAN, 5))
 
 
 class Noting(PlainWorld):

@@ -6,7 +6,7 @@ from canopen_control.data_files import data_path
 from canopen_control.urdf.description import read_description
 from canopen_control.urdf.geometry import Pose
 from canopen_control.urdf.joint_element import Joint
-from canopen_control.urdf.link_element import Link, Visual
+from canopen_control.urdf.link_element import UrdfLink, Visual
 from canopen_control.urdf.robot_model import RobotModel, read_model
 from canopen_control.view.scene_tree import SceneTree, Trail, angles_of, extent_of
 
@@ -38,7 +38,7 @@ def test_angles_come_by_the_order_of_the_joints_and_nobody_knows_is_none(robby):
 
 def test_what_cannot_be_drawn_is_told_and_the_rest_is_there():
     visuals = (Visual("mesh", (1, 1, 1), file="a.stl"), Visual("sphere", (0.2,)))
-    tree, _ = made(RobotModel("r", {"base": Link("base", visuals)}, notes=("x",)))
+    tree, _ = made(RobotModel("r", {"base": UrdfLink("base", visuals)}, notes=("x",)))
     assert [note.split(":")[0] for note in tree.notes] == ["x", "mesh a.stl"]
     assert [each["shape"] for each in tree.tree["visuals"]] == ["sphere"]
 
@@ -46,7 +46,7 @@ def test_what_cannot_be_drawn_is_told_and_the_rest_is_there():
 def test_a_mesh_is_served_once_however_often_it_is_used(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     visual = Visual("mesh", (2.0, 2.0, 2.0), file="a.obj")
-    tree, published = made(RobotModel("r", {"base": Link("base", (visual, visual))}), str(tmp_path / "r.urdf"))
+    tree, published = made(RobotModel("r", {"base": UrdfLink("base", (visual, visual))}), str(tmp_path / "r.urdf"))
     assert [each["url"] for each in tree.tree["visuals"]] == ["/mesh/1.stl"] * 2
     assert len(published) == 1
 
@@ -63,6 +63,6 @@ def test_the_trail_grows_with_the_way_and_begins_anew_after_a_jump():
 def test_the_camera_knows_how_far_the_robot_reaches(robby):
     assert 0.1 < extent_of(robby) < 0.4
     assert extent_of(RobotModel("r")) == 0.1
-    ball = Link("b", (Visual("sphere", (1,)),))
-    far = RobotModel("r", {"a": Link("a"), "b": ball}, {"s": Joint("s", "fixed", "a", "b", Pose((3, 0, 0)))})
+    ball = UrdfLink("b", (Visual("sphere", (1,)),))
+    far = RobotModel("r", {"a": UrdfLink("a"), "b": ball}, {"s": Joint("s", "fixed", "a", "b", Pose((3, 0, 0)))})
     assert extent_of(far) == 3.5

@@ -1,6 +1,6 @@
 import pytest
 
-from canopen_control.view.targets import Targets
+from canopen_control.view.targets import TargetSliders
 
 LIMITS = {"a": (-1.0, 2.0), "b": (-1.0, 2.0)}
 
@@ -19,7 +19,7 @@ def clock():
 
 @pytest.fixture
 def targets(clock):
-    return Targets(LIMITS, clock)
+    return TargetSliders(LIMITS, clock)
 
 
 def test_a_slider_shows_where_its_joint_is_within_its_ends(targets):

@@ -15,7 +15,13 @@ from canopen_control.rpc.messages.trajectory import (
     TrajectoryResult,
     TrajectoryVerdict,
 )
-from canopen_control.view.trajectory_player import HERE_HZ, SILENT_S, LoadedTrajectory, Played, TrajectoryPlayer
+from canopen_control.view.trajectory_player import (
+    HERE_HZ,
+    SILENT_S,
+    LoadedTrajectory,
+    TrajectoryOutcome,
+    TrajectoryPlayer,
+)
 
 WAVE = LoadedTrajectory("wave", ["a"], [TrajectoryPoint(positions=[1.0], time_from_start=2.0)])
 ACCEPTED = TrajectoryVerdict(accepted=True)
@@ -90,7 +96,7 @@ def play():
 
 
 def test_it_is_sent_as_a_goal_that_dies_with_its_connection_and_its_end_is_told(play):
-    assert play.run(play.robot.finish.set) == Played(True, "ok")
+    assert play.run(play.robot.finish.set) == TrajectoryOutcome(True, "ok")
     goal = play.robot.sent[0]
     assert (goal.controller, goal.joints, goal.points, goal.source) == ("arm", ["a"], WAVE.points, "view")
     assert goal.dead_man
@@ -100,7 +106,7 @@ def test_it_is_sent_as_a_goal_that_dies_with_its_connection_and_its_end_is_told(
 
 def test_what_the_robot_refuses_is_its_sentence():
     play = Play(Robot(TrajectoryVerdict(accepted=False, error_code=-1, text="joint_1 is disabled")))
-    assert play.run(print) == Played(False, "joint_1 is disabled")
+    assert play.run(print) == TrajectoryOutcome(False, "joint_1 is disabled")
 
 
 def test_a_robot_that_is_gone_is_a_sentence(play):
@@ -108,7 +114,7 @@ def test_a_robot_that_is_gone_is_a_sentence(play):
         raise RemoteError("BusClosed", "robot arm is not running")
 
     play.player._connect = gone
-    assert play.run(print) == Played(False, "robot arm is not running")
+    assert play.run(print) == TrajectoryOutcome(False, "robot arm is not running")
 
 
 def test_the_page_that_plays_cancels_and_no_other(play):
@@ -159,7 +165,7 @@ def test_a_silent_page_ends_it_and_one_that_is_there_does_not(play):
 
 
 def test_the_end_of_the_view_hangs_up(play):
-    assert play.run(play.player.end) == Played(False, "the connection is closed")
+    assert play.run(play.player.end) == TrajectoryOutcome(False, "the connection is closed")
     assert play.robot.closed
 
 
@@ -175,7 +181,7 @@ def test_what_is_cancelled_before_it_is_sent_is_not_sent(play):
         return given
 
     play.robot.send_points = points
-    assert play.run(print) == Played(False, "it was not sent: the page that played it was closed")
+    assert play.run(print) == TrajectoryOutcome(False, "it was not sent: the page that played it was closed")
     assert play.robot.sent == []
 
 
@@ -196,7 +202,7 @@ def test_one_plays_at_a_time(play):
 
 def test_who_may_not_play_reaches_no_robot():
     play = Play(Robot(), may_play=lambda page: page == "page 2")
-    assert play.run(print) == Played(False, "this page may not move the robot")
+    assert play.run(print) == TrajectoryOutcome(False, "this page may not move the robot")
     assert play.robot.sent == []
 
 

@@ -20,11 +20,11 @@ from canopen_control.rpc.messages.robot import GetNodes, GetStatus, Stop
 from canopen_control.scaffold.new_robot import Device
 from canopen_control.service.jog_motion import JogKind
 from canopen_control.service.tune_run import TuneTest
-from canopen_control.view.node_desk import NodeDesk, NodeWork
+from canopen_control.view.node_desk import NodeJob, NodeJobs
 from canopen_control.view.tune_job import (
-    Presence,
+    PagePresence,
+    TuneForm,
     TuneFound,
-    TuneWish,
     apply_gains,
     confirmed_words,
     curves_of,
@@ -32,7 +32,7 @@ from canopen_control.view.tune_job import (
     tune,
 )
 
-STEP = TuneWish(TuneTest.STEP, 0.01, 1.0)
+STEP = TuneForm(TuneTest.STEP, 0.01, 1.0)
 
 
 class Page:
@@ -41,8 +41,8 @@ class Page:
     def __init__(self, bench, client):
         self.bench, self.client = bench, client
         (place,) = client.ask(GetNodes()).nodes
-        self.desk, self.work = NodeDesk(client.robot, place), NodeWork("tune", "Tuning")
-        self.presence = Presence(lambda: 0.0)
+        self.desk, self.work = NodeJobs(client.robot, place), NodeJob("tune", "Tuning")
+        self.presence = PagePresence(lambda: 0.0)
 
     def run(self, wish):
         found = TuneFound(wish)
@@ -83,7 +83,7 @@ def test_a_step_is_found_with_its_curves_and_stands_in_the_events(private_folder
 @pytest.mark.rest
 def test_a_plant_is_identified_and_its_gains_are_set_and_taken_back(private_folders):
     with page_for(JogKind.TORQUE) as page:
-        _, found = page.run(TuneWish(TuneTest.IDENTIFY, 0.01, 8.0, torque=190.0, crossover=10.0))
+        _, found = page.run(TuneForm(TuneTest.IDENTIFY, 0.01, 8.0, torque=190.0, crossover=10.0))
         value = {line[:19].strip(): float(line[19:].split()[0]) for line in found.lines[:3]}
         assert value["inertia"] == pytest.approx(INERTIA, rel=0.03)
         assert value["Coulomb friction"] == pytest.approx(COULOMB, rel=0.03)
@@ -102,7 +102,7 @@ def test_a_plant_is_identified_and_its_gains_are_set_and_taken_back(private_fold
 def test_a_page_that_goes_ends_it_at_once(private_folders):
     with page_for(JogKind.VELOCITY) as page:
         seconds = iter([0.0, *[0.0] * 60, *[5.0] * 1000])
-        page.presence = Presence(lambda: next(seconds))
+        page.presence = PagePresence(lambda: next(seconds))
         with pytest.raises(DriveError, match="the page that began it is gone: stopped and disabled"):
             page.run(STEP)
         assert page.power is not State.OPERATION_ENABLED
@@ -125,7 +125,7 @@ def test_stop_and_the_button_end_it(private_folders, end):
                 page.work.end()
 
         with in_background(press), pytest.raises(CanopenError):
-            page.run(TuneWish(TuneTest.STEP, 0.01, 8.0))
+            page.run(TuneForm(TuneTest.STEP, 0.01, 8.0))
         assert page.power is not State.OPERATION_ENABLED
         assert 0 < page.work.done < 700
 
@@ -133,10 +133,10 @@ def test_stop_and_the_button_end_it(private_folders, end):
 @pytest.mark.parametrize(
     ("wish", "why"),
     [
-        (TuneWish(TuneTest.STEP, 0.01, 2.0, speed=0.0), "moves nothing"),
-        (TuneWish(TuneTest.STEP, 0.01, 2.0, speed=9.0), "beyond the limit"),
-        (TuneWish(TuneTest.IDENTIFY, 0.01, 8.0, torque=200.0, most_current=100.0), "beyond --max-current"),
-        (TuneWish(TuneTest.BODE, 0.01, 0.1), "too short"),
+        (TuneForm(TuneTest.STEP, 0.01, 2.0, speed=0.0), "moves nothing"),
+        (TuneForm(TuneTest.STEP, 0.01, 2.0, speed=9.0), "beyond the limit"),
+        (TuneForm(TuneTest.IDENTIFY, 0.01, 8.0, torque=200.0, most_current=100.0), "beyond --max-current"),
+        (TuneForm(TuneTest.BODE, 0.01, 0.1), "too short"),
     ],
 )
 def test_what_is_beyond_the_limits_is_told_before_anything_moves(wish, why):

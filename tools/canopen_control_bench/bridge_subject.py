@@ -12,7 +12,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.runtime.robot_files import find_robot
-from canopen_control.runtime.run_session import RunOptions, Session
+from canopen_control.runtime.run_session import RunOptions, RunSession
 from canopen_control.runtime.setup import read_robot
 from canopen_control_bench.turns import say
 
@@ -26,7 +26,7 @@ CONTROLLER = "robby_base_controller"
 class BridgeSubject:
     """The robot of a session as its API sees it, with its commands timed."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: RunSession) -> None:
         self.session, self.latencies = session, list[float]()
         session.api._robot = self  # type: ignore[assignment]  # noqa: SLF001 - the measuring point, compiled or not
         session.robot.on_running = lambda: say({"ready": True})
@@ -63,7 +63,7 @@ class BridgeSubject:
 def main(arguments: Sequence[str]) -> int:
     """Run until standard input ends."""
     setup = read_robot(find_robot("robby"), name=arguments[0], mock=True, controllers=[CONTROLLER])
-    session = Session(setup, RunOptions(drives=False))
+    session = RunSession(setup, RunOptions(drives=False))
     try:
         BridgeSubject(session)
         return 0 if session.run() is None else 1

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from canopen_control.errors import CanopenError
 from canopen_control.runtime.realtime import DEFAULT_PRIORITY
 from canopen_control.runtime.robot_files import find_robot
-from canopen_control.runtime.run_session import RunOptions, Session
+from canopen_control.runtime.run_session import RunOptions, RunSession
 from canopen_control.runtime.setup import read_robot
 from canopen_control_bench.turns import Turn, say
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 class Subject:
     """A session that serves turns from standard input."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: RunSession) -> None:
         self.session, self.robot, self.reactor = session, session.robot, session.reactor
         self._turn: Turn | None = None
         self._left = 0
@@ -142,7 +142,7 @@ def main(arguments: list[str]) -> int:
     """Run the robot and serve turns."""
     folder, name, channels, *cpu = arguments
     setup = read_robot(find_robot(folder), name=name, can=channels.split(","))
-    session = Session(setup, options(*map(int, cpu)))
+    session = RunSession(setup, options(*map(int, cpu)))
     try:
         failure = Subject(session).run()
     finally:

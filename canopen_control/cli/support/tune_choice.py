@@ -48,7 +48,7 @@ def choose_tuned(device: Device, kind: JogKind, period_us: int, *, allow_unsuper
 
 
 def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:
-    from canopen_control.scaffold.pdo_choice import PdoWish, choose_pdos
+    from canopen_control.scaffold.pdo_choice import PdoRequirement, choose_pdos
 
     listed = device.od.get(SUPPORTED_DRIVE_MODES, 0)
     modes = supported_modes(listed.value) if listed is not None and isinstance(listed.value, int) else ()
@@ -59,7 +59,7 @@ def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:
     def each(*indices: int) -> tuple[tuple[int, int], ...]:
         return tuple((axis.index(index), 0) for axis in axes for index in indices)
 
-    tpdos, _ = choose_pdos(device.od, PdoWish(False, each(STATUSWORD), each(*_FEEDBACK)))
+    tpdos, _ = choose_pdos(device.od, PdoRequirement(False, each(STATUSWORD), each(*_FEEDBACK)))
     rpdos = drive.rpdos
     if axes != drive.axes:
         rpdos = tuple(replace(use, transmission=_WITH_SYNC) if use.transmission else use for use in rpdos)

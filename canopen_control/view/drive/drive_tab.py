@@ -15,7 +15,7 @@ from canopen_control.view.words import BAD, GOOD, IDLE, sentence
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.rpc.messages.state import NodeReading
-    from canopen_control.view.node_desk import NodeDesk, NodeWork
+    from canopen_control.view.node_desk import NodeJob, NodeJobs
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
 
@@ -29,7 +29,7 @@ _SHOWN: Final = 200  # of lines and rows
 class WorkBar:
     """Follows the newest work of the tab `key` at a node, whichever page has begun it; `can_end`: it may be ended."""
 
-    def __init__(self, desk: NodeDesk, key: str, *, can_end: bool = True) -> None:
+    def __init__(self, desk: NodeJobs, key: str, *, can_end: bool = True) -> None:
         self._desk, self._key, self._can_end = desk, key, can_end
         self._words = Html()
         self._bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback rounded size=10px")
@@ -71,7 +71,7 @@ class WorkBar:
             ui.download.content(data, name)
 
 
-def progress_words(work: NodeWork, now: float) -> str:
+def progress_words(work: NodeJob, now: float) -> str:
     """Return what goes on, how far it is, how fast, and how long the rest takes."""
     words = f"{work.title}: {work.doing}" if work.doing else work.title
     if work.total:
@@ -80,7 +80,7 @@ def progress_words(work: NodeWork, now: float) -> str:
     return words + (f", {pace[0]:,.0f} {work.unit}/s, {pace[1]:.0f} s left" if pace is not None else "")
 
 
-def outcome(work: NodeWork) -> str:
+def outcome(work: NodeJob) -> str:
     """Return the lines and the table of what came of it, as HTML."""
     lines = "".join(f"<p class='cc-line'>{escape(each)}</p>" for each in work.lines[:_SHOWN])
     if not work.table:
@@ -99,7 +99,7 @@ class DriveTabContext:
     """The node that a tab is about: the page's robot, where the node is, and what is done at it for all pages."""
 
     panel: PanelContext
-    desk: NodeDesk
+    desk: NodeJobs
 
     @property
     def place(self) -> NodePlace:

@@ -12,7 +12,7 @@ from canopen_control.service.restore import Reached, RestoreOptions
 from canopen_control.view import node_desk as jobs
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
 from canopen_control.view.elements.nicegui_elements import FileUpload
-from canopen_control.view.node_desk import MOST_FIRMWARE_BYTES, NodeWork, check_image, load_program, options_of
+from canopen_control.view.node_desk import MOST_FIRMWARE_BYTES, NodeJob, check_image, load_program, options_of
 from canopen_control.view.panels.panel import Html, tell
 from canopen_control.view.robot_connection import SOURCE, in_thread
 from canopen_control.view.words import BAD, GOOD, IDLE, WARN, sentence
@@ -176,7 +176,7 @@ class FirmwareTab:
         except ConfigError as error:
             tell("Not begun", str(error))
             return
-        work = NodeWork(_FIRMWARE_KEY, f"Loading {name} into {self._context.node}", "bytes")
+        work = NodeJob(_FIRMWARE_KEY, f"Loading {name} into {self._context.node}", "bytes")
         refused = self._desk.begin(work, lambda session, told: load_program(session, told, image, options))
         if refused is not None:
             tell("Not begun", refused)
@@ -288,8 +288,8 @@ class ParametersTab:
         self._file = None
         self._told.show(sentence(f"Not read. {why}", BAD))
 
-    def _begin(self, title: str, unit: str, function: Callable[[NodeSession, NodeWork], str]) -> None:
-        refused = self._desk.begin(NodeWork(_KEY, title, unit), function)
+    def _begin(self, title: str, unit: str, function: Callable[[NodeSession, NodeJob], str]) -> None:
+        refused = self._desk.begin(NodeJob(_KEY, title, unit), function)
         if refused is not None:
             ui.notify(refused, type="negative", position="top")
         self._bar.show()

@@ -18,7 +18,7 @@ from canopen_control.view.elements.nicegui_elements import FileUpload
 from canopen_control.view.panels.panel import Html, tell
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.scope_chart import chart_options, cursor_change, height_of
-from canopen_control.view.scope_run import ScopeRun, ScopeWish
+from canopen_control.view.scope_run import ScopeForm, ScopeRun
 from canopen_control.view.words import BAD, GOOD, IDLE, sentence
 
 if TYPE_CHECKING:
@@ -170,12 +170,12 @@ class ScopeTab:
             return
         self._desk.scope.start()
 
-    def _wish(self, *, rolling: bool) -> ScopeWish:
+    def _wish(self, *, rolling: bool) -> ScopeForm:
         kind = str(self._trigger.value)
         trigger = {_NONE: "", _FAULT: _FAULT}.get(kind, f"{self._place.value}:{kind}:{self._level.value or 0.0}")
         length = min(max(float(self._length.value or 0.0), _LIMITS[0]), _LIMITS[1])
         before = float(self._before.value or 0.0)
-        return ScopeWish(tuple(self._signals.value or []), length, trigger, before, rolling)
+        return ScopeForm(tuple(self._signals.value or []), length, trigger, before, rolling)
 
     def _end_it(self) -> None:
         if self._desk.scope is not None:

@@ -14,8 +14,8 @@ from canopen_control.errors import ConfigError
 from canopen_control.service.tune_run import TuneTest
 from canopen_control.view import tune_job as jobs
 from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
-from canopen_control.view.elements.nicegui_elements import Presence
-from canopen_control.view.node_desk import NodeWork
+from canopen_control.view.elements.nicegui_elements import PresenceElement
+from canopen_control.view.node_desk import NodeJob
 from canopen_control.view.panels.panel import Html
 from canopen_control.view.scope_chart import BODE_HEIGHT, bode_options, chart_options, height_of
 from canopen_control.view.words import BAD, sentence
@@ -48,11 +48,11 @@ class TuneTab:
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
-        self._here = jobs.Presence()
+        self._here = jobs.PagePresence()
         self._drawn: jobs.TuneFound | None = None
         self._mine = False
         self._period = 0.01
-        self._confirmed: jobs.TuneWish | None = None
+        self._confirmed: jobs.TuneForm | None = None
         with ui.element("div").classes("cc-tab-columns"):
             with ui.element("section").classes("cc-panel"):
                 ui.html("Excitation", sanitize=False, tag="h2")
@@ -72,7 +72,7 @@ class TuneTab:
             self._chart = ui.echart({}).classes("cc-scope-chart")
             self._bode = ui.echart({}).classes("cc-scope-chart")
         self._picture.visible = self._bode.visible = False
-        self._presence = Presence(self._here.here)
+        self._presence = PresenceElement(self._here.here)
         self._make_dialog()
         self._arrange()
 
@@ -174,11 +174,11 @@ class TuneTab:
 
     # ------------------------------------------------------------------------------------ what the user does
 
-    def _wish(self) -> jobs.TuneWish:
+    def _wish(self) -> jobs.TuneForm:
         def number(element: Any) -> float:  # noqa: ANN401 - an input of the toolkit
             return float(element.value or 0.0)
 
-        wish = jobs.TuneWish(
+        wish = jobs.TuneForm(
             TuneTest[str(self._test.value)],
             self._period,
             number(self._seconds),
@@ -225,7 +225,7 @@ class TuneTab:
         self._here.here()
         here = self._here
 
-        def run(session: NodeSession, work: NodeWork) -> str:
+        def run(session: NodeSession, work: NodeJob) -> str:
             with RobotClient.connect(self._desk.robot, _TIMEOUT_S) as client:
                 told = jobs.tune(session, work, client, found, here)
             self._desk.tuned = found
@@ -251,7 +251,7 @@ class TuneTab:
             self._start("Taking gains back", "objects", revert)
 
     def _start(self, title: str, unit: str, function: Any) -> bool:  # noqa: ANN401 - takes a session and the work
-        refused = self._desk.begin(NodeWork(_KEY, f"{title} of {self._context.node}", unit), function)
+        refused = self._desk.begin(NodeJob(_KEY, f"{title} of {self._context.node}", unit), function)
         self._refused.show("" if refused is None else sentence(refused, BAD))
         self._bar.show()
         return refused is None

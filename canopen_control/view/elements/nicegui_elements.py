@@ -102,7 +102,7 @@ class HoldButtons(Element, component="hold_buttons.js"):
         self.on("release", lambda _event: let_go(), [])
 
 
-class Presence(Element, component="presence.js"):
+class PresenceElement(Element, component="presence.js"):
     """Nothing to see. While it is on, `here()` is called again and again as long as the page is there."""
 
     def __init__(self, here: Callable[[], None]) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.view.page_content import PageContent
-    from canopen_control.view.robot_connection import Motion
+    from canopen_control.view.robot_connection import TeleopCommands
     from canopen_control.view.robot_view import RobotView
     from canopen_control.view.trajectory_player import TrajectoryPlayer
 
@@ -40,7 +40,7 @@ class PanelContext(Protocol):
         """Ask the robot and wait; the reason if it was not done."""
         ...
 
-    def hold(self, page: str, motion: Motion, told: Callable[[str], None]) -> None:
+    def hold(self, page: str, motion: TeleopCommands, told: Callable[[str], None]) -> None:
         """Take note that a page holds a button; `told` gets a sentence if it may not drive."""
         ...
 
@@ -104,7 +104,7 @@ def value_slider(label: str, low: float, high: float, step: float, value: float)
 
 
 def hold_buttons(
-    context: PanelContext, buttons: Sequence[HoldButton], motion: Callable[[str], Motion | None], kind: str = ""
+    context: PanelContext, buttons: Sequence[HoldButton], motion: Callable[[str], TeleopCommands | None], kind: str = ""
 ) -> HoldButtons:
     """Make buttons that send `motion(key)` while they are held, nothing for None; the end is the page's."""
     client = ui.context.client

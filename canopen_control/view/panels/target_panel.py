@@ -21,7 +21,7 @@ from canopen_control.view.targets import MODES, DriveTarget, drive_targets
 if TYPE_CHECKING:
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
-    from canopen_control.view.robot_connection import Motion
+    from canopen_control.view.robot_connection import TeleopCommands
 
 
 # Enable, disable and reset: all drives, and each of them.
@@ -187,7 +187,7 @@ class _Row:
         self._slider.props(f"min={-end} max={end} step={end / 200}")
         self._slider.value = min(max(float(self._slider.value), -end), end)
 
-    def _motion(self) -> Motion | None:
+    def _motion(self) -> TeleopCommands | None:
         drive, slider = self._drive, self._slider
         if slider is None or not drive.quantity:
             return None

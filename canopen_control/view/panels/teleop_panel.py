@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import ui
 
 from canopen_control.rpc.messages.robot import SwitchControllers
-from canopen_control.urdf.joint_element import Limits
+from canopen_control.urdf.joint_element import UrdfLimits
 from canopen_control.view.elements.nicegui_elements import HoldButton
 from canopen_control.view.panels.panel import LARGEST, LOOK, hold_buttons, tell, value_slider
 from canopen_control.view.robot_connection import joint_motion, trajectory_motion, twist_motion
-from canopen_control.view.targets import Targets, drive_targets
+from canopen_control.view.targets import TargetSliders, drive_targets
 from canopen_control.view.trajectory_player import follows_trajectories
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading
     from canopen_control.view.page_content import PageContent
     from canopen_control.view.panels.panel import PanelContext
-    from canopen_control.view.robot_connection import Motion
+    from canopen_control.view.robot_connection import TeleopCommands
 
 
 #: button, sign, key of the keyboard, and what it makes of the speeds: factors forward, to the left, and around
@@ -59,8 +59,8 @@ class TeleopPanel:
         self._context, self._client = context, ui.context.client
         self._joints = context.robot.model.joints
         self._positions: dict[str, float | None] = {}
-        self._targets: Targets | None = None
-        self._arm: Motion | None = None  # what is held, while the sliders stay as they are
+        self._targets: TargetSliders | None = None
+        self._arm: TeleopCommands | None = None  # what is held, while the sliders stay as they are
         self._asked: object = None
         self._sliders: dict[str, ui.slider] = {}
         self._shown: object = None
@@ -129,7 +129,7 @@ class TeleopPanel:
         pad = {**_PAD, **(_SIDEWAYS if controller.drives_sideways else {})}
         buttons = [HoldButton(key, label, sign, keyboard) for key, (label, sign, keyboard, *_) in pad.items()]
 
-        def motion(key: str) -> Motion:
+        def motion(key: str) -> TeleopCommands:
             ahead, aside, around = pad[key][3:]
             speed, turn = float(linear.value), float(angular.value)
             return twist_motion(controller.name, ahead * speed, around * turn, aside * speed)
@@ -142,7 +142,7 @@ class TeleopPanel:
         """Make a slider for each value of the controller, and one button that sends them while it is held."""
         limits = {joint: self._range(joint, controller.interface or "") for joint in controller.joints}
         if controller.interface == "position":
-            self._targets = Targets(limits)
+            self._targets = TargetSliders(limits)
             self._targets.follow(self._positions)
         for joint, (low, high) in limits.items():
             value = self._targets.values[joint] if self._targets is not None else min(max(0.0, low), high)
@@ -154,14 +154,14 @@ class TeleopPanel:
     def _reach(self, controller: ControllerReading) -> None:
         """Make a slider for each joint of an arm, and one button: while it is held, the arm goes where they are."""
         limits = {joint: self._range(joint, "position") for joint in controller.joints}
-        targets = self._targets = Targets(limits)
+        targets = self._targets = TargetSliders(limits)
         targets.follow(self._positions)
         for joint, (low, high) in limits.items():
             slider = self._sliders[joint] = value_slider(joint, low, high, (high - low) / 400, targets.values[joint])
             slider.on("update:model-value", partial(self._on_set, joint))
         share = value_slider("speed, %", *_SHARE)
 
-        def motion(_key: str) -> Motion | None:
+        def motion(_key: str) -> TeleopCommands | None:
             begins = not targets.driven
             asked = targets.targets(self._positions), float(share.value)
             if begins or asked != self._asked:  # a slider was set; the way to it begins where the arm is now
@@ -171,7 +171,7 @@ class TeleopPanel:
 
         hold_buttons(self._context, [HoldButton("drive", "Hold to move")], motion)
 
-    def _way(self, controller: ControllerReading, wanted: Sequence[float], percent: float) -> Motion | None:
+    def _way(self, controller: ControllerReading, wanted: Sequence[float], percent: float) -> TeleopCommands | None:
         """Return the way to where the sliders are, within each joint's limits; None where nobody knows where one is.
 
         From rest to rest on a cubic the velocity peaks at 1.5 times its mean, the acceleration at 6 d/T^2.
@@ -191,7 +191,7 @@ class TeleopPanel:
         if self._targets is not None and isinstance(event.args, (int, float)):
             self._targets.set(joint, float(event.args))
 
-    def _motion(self, controller: ControllerReading) -> Motion:
+    def _motion(self, controller: ControllerReading) -> TeleopCommands:
         if self._targets is None:
             values = [float(slider.value) for slider in self._sliders.values()]
             return joint_motion(controller.name, values, [0.0] * len(values))
@@ -202,7 +202,7 @@ class TeleopPanel:
     def _range(self, joint: str, interface: str) -> tuple[float, float]:
         """Return what a slider may be set to, by the description's limits as far as it has any."""
         found = self._joints.get(joint)
-        limits = found.limits if found is not None else Limits()
+        limits = found.limits if found is not None else UrdfLimits()
         if interface == "position" and math.isfinite(limits.lower) and math.isfinite(limits.upper):
             return limits.lower, limits.upper if limits.lower < limits.upper else limits.lower + 1.0
         largest = LARGEST.get(interface, 1.0)

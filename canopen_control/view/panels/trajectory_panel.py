@@ -12,7 +12,7 @@ from nicegui import ui
 
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.samples import TrajectorySample
-from canopen_control.view.elements.nicegui_elements import Feed, FileUpload, Presence
+from canopen_control.view.elements.nicegui_elements import Feed, FileUpload, PresenceElement
 from canopen_control.view.panels.panel import Html
 from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.scene_tree import angles_of
@@ -76,7 +76,7 @@ class TrajectoryPanel:
         self._bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback")
         self._told = Html()
         self._feed = Feed()
-        self._presence = Presence(lambda: self._context.player.here(page))
+        self._presence = PresenceElement(lambda: self._context.player.here(page))
         self._arrange()
 
     def show(self, content: PageContent) -> None:

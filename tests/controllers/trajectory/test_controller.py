@@ -18,7 +18,7 @@ from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.errors import ControlError, TrajectoryRefused
 from canopen_control.hardware.interfaces import InterfaceRegistry
 from canopen_control.rpc.messages.parameters import ParameterValue
-from canopen_control.urdf.joint_element import Joint, Limits
+from canopen_control.urdf.joint_element import Joint, UrdfLimits
 
 CASES = cases("jtc_scenarios")
 #: what upstream does there hurts; the tests below say what is done instead
@@ -68,7 +68,7 @@ class Arm:
             each.value = 0.0
         registry = InterfaceRegistry()
         registry.register(self.hardware)
-        description = {each: Joint(each, kind, "", "", limits=Limits(*limits)) for each in JOINTS}
+        description = {each: Joint(each, kind, "", "", limits=UrdfLimits(*limits)) for each in JOINTS}
         self.manager = ControllerManager(registry, 100, description=description)
         given = {"command_interfaces": ["position"], "state_interfaces": ["position", "velocity"], **params}
         self.controller = add(self.manager, "arm", TYPE, joints=list(JOINTS), **given)

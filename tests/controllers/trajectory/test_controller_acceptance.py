@@ -8,7 +8,7 @@ from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.validation import PackedPoints
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.rpc.messages.samples import TrajectoryPoint
-from canopen_control.urdf.joint_element import Joint, Limits
+from canopen_control.urdf.joint_element import Joint, UrdfLimits
 
 S = 1_000_000_000
 JOINTS, HERE = ("a", "b"), [0.0, 0.0]
@@ -30,7 +30,7 @@ def acceptance(lower=-3.0, upper=3.0, kind="revolute"):
     commands = [CommandInterface(each, "position") for each in JOINTS]
     group.take(commands, [StateInterface(each, "position", 0.0) for each in JOINTS])
     group.read()
-    joints = {each: Joint(each, kind, "", "", limits=Limits(lower, upper, 2.0)) for each in JOINTS}
+    joints = {each: Joint(each, kind, "", "", limits=UrdfLimits(lower, upper, 2.0)) for each in JOINTS}
     return Acceptance(params, group, joints), commands
 
 
@@ -71,7 +71,7 @@ def test_limits_of_the_interfaces_count_beside_those_of_the_description():
 def test_a_joint_has_its_limits_under_the_name_that_a_controller_exports_it_by():
     names = ("loops/a", "b")
     params = TrajectoryParams(joints=names, command_interfaces=("position",), state_interfaces=("position",))
-    joints = {each: Joint(each, "revolute", "", "", limits=Limits(-3.0, 3.0, 2.0)) for each in JOINTS}
+    joints = {each: Joint(each, "revolute", "", "", limits=UrdfLimits(-3.0, 3.0, 2.0)) for each in JOINTS}
     made = Acceptance(params, JointGroup(names, names, ("position",), ("position",)), joints)
     assert [(each.upper, each.velocity) for each in made.limits.values()] == [(3.0, 2.0), (3.0, 2.0)]
     told = made.mistake(JointTrajectory(names, [Point([4.0, 0.0], time=S)]), 0, [3.5, 0.0])

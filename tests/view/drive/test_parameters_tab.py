@@ -11,7 +11,7 @@ from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.parameters_tab import ParametersTab
-from canopen_control.view.node_desk import NodeWork, backup
+from canopen_control.view.node_desk import NodeJob, backup
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 SPEED = (0x6081, 0)
@@ -29,7 +29,7 @@ def desk_of(node_id=3, name="left_drive"):
 
 
 def dcf(desk):
-    work = NodeWork("parameters", "x")
+    work = NodeJob("parameters", "x")
     desk.with_session(lambda session: backup(session, work))
     return work.file[1]
 
@@ -141,7 +141,7 @@ def test_a_page_that_only_looks_may_back_up_and_compare():
 
 def test_nothing_else_begins_beside_it():
     async def act(user, tab, page):
-        tab._desk.work = NodeWork("firmware", "Loading a.bin into left_drive")
+        tab._desk.work = NodeJob("firmware", "Loading a.bin into left_drive")
         user.find("Back up").click()
         await user.should_see("left_drive is busy: Loading a.bin into left_drive; wait for its end")
         tab.show(page.content())

@@ -9,7 +9,7 @@ from support.service_node import NodeStub
 from canopen_control.view.drive import parameters_tab
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.parameters_tab import FirmwareTab
-from canopen_control.view.node_desk import NodeWork
+from canopen_control.view.node_desk import NodeJob
 from canopen_control.view.words import BAD
 
 
@@ -81,7 +81,7 @@ def test_nothing_begins_beside_other_work(loaded):
     async def act(user, tab, page):
         await upload(user, "a.bin", b"image")
         tab.show(page.content())
-        tab._desk.work = NodeWork("parameters", "Restoring a.dcf")
+        tab._desk.work = NodeJob("parameters", "Restoring a.dcf")
         user.find("Load it into the drive").click()
         await user.should_see("left_drive is busy: Restoring a.dcf")
 

@@ -16,7 +16,7 @@ from canopen_control.service.tune_gains import LoopGains
 from canopen_control.service.tune_run import TuneTest
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.tune_tab import TuneTab
-from canopen_control.view.tune_job import TuneFound, TuneWish
+from canopen_control.view.tune_job import TuneForm, TuneFound
 
 OD = read_eds(data_path("eds", "generic_cia402.eds"), 3).od
 
@@ -48,7 +48,7 @@ def played(act, *, teleop=True, joints=("left",), controllers=None, new=None):
 def found(test=TuneTest.IDENTIFY, **more):
     rows = tuple((n / 100, (1.0, 0.5, 0.1 * n)) for n in range(5))
     curves = NamedShot(Shot(rows), ("command", "velocity", "position"), ("rad/s", "rad/s", "rad"))
-    return TuneFound(TuneWish(test, 0.01, 2.0), curves, lines=["inertia <1>"], **more)
+    return TuneFound(TuneForm(test, 0.01, 2.0), curves, lines=["inertia <1>"], **more)
 
 
 @pytest.mark.rest

@@ -15,7 +15,7 @@ from canopen_control.view.elements.nicegui_elements import (
     HoldButton,
     HoldButtons,
     ObjectTree,
-    Presence,
+    PresenceElement,
     RobotScene,
     StripCharts,
 )
@@ -79,12 +79,12 @@ def test_a_page_says_that_it_is_there_while_it_is_to():
     told = []
 
     async def act(user, presence):
-        user.find(kind=Presence).trigger("here")
+        user.find(kind=PresenceElement).trigger("here")
         before = presence.props["on"]
         presence.switch(on=True)
         return before, presence.props["on"]
 
-    assert visited(lambda: Presence(lambda: told.append("here")), act) == (False, True)
+    assert visited(lambda: PresenceElement(lambda: told.append("here")), act) == (False, True)
     assert told == ["here"]
 
 

@@ -11,9 +11,9 @@ from nicegui.elements.upload_files import SmallFileUpload
 from support.pages import FORWARD, FakeContext, html, seen, settle, visited
 
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
-from canopen_control.view.elements.nicegui_elements import Feed, Presence
+from canopen_control.view.elements.nicegui_elements import Feed, PresenceElement
 from canopen_control.view.panels.trajectory_panel import TrajectoryPanel
-from canopen_control.view.trajectory_player import MOST_BYTES, Played
+from canopen_control.view.trajectory_player import MOST_BYTES, TrajectoryOutcome
 
 ARM = FORWARD | {"name": "arm", "topic": None, "tells": "trajectory", "joints": ["lift"]}
 ARM_2 = ARM | {"name": "arm_2"}
@@ -27,7 +27,7 @@ class Player:
     def __init__(self):
         self.played, self.cancelled, self.there = [], [], 0
         self.ended = asyncio.Event()
-        self.result = Played(True, "the goal was reached")
+        self.result = TrajectoryOutcome(True, "the goal was reached")
 
     async def play(self, page, controller, trajectory):
         self.played.append((controller, trajectory.name))
@@ -125,7 +125,7 @@ def test_a_file_that_cannot_be_read_is_told(data, words):
 def test_it_is_played_while_the_page_says_that_it_is_there():
     async def act(user, panel, context):
         await upload(user)
-        presence = user.find(kind=Presence)
+        presence = user.find(kind=PresenceElement)
         (element,) = presence.elements
         off = element.props["on"]
         user.find("Play").click()
@@ -154,7 +154,7 @@ def test_it_is_played_while_the_page_says_that_it_is_there():
 
 def test_what_is_refused_is_the_robots_sentence_and_stays():
     async def act(user, panel, context):
-        context.player.result = Played(False, "joint <1> is disabled")
+        context.player.result = TrajectoryOutcome(False, "joint <1> is disabled")
         context.player.ended.set()
         await upload(user)
         user.find("Play").click()

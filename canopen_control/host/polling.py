@@ -1,4 +1,4 @@
-"""What a reactor waits with: the kernel's epoll, or marks of a simulation, in which readiness costs no system call."""
+"""Pollers for the reactor: epoll, or an in-process one for simulations, whose readiness costs no system call."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _FIRST: Final = 1 << 30  # no file has such a number
 _READABLE: Final = getattr(select, "EPOLLIN", 1)
 
 
-class Asker(Protocol):
-    """Whom a reactor asks what is ready."""
+class Poller(Protocol):
+    """Source of the descriptors that are ready."""
 
     def poll(self, timeout: float | None, maxevents: int, /) -> Sequence[tuple[int, int]]:
         """Return descriptors, and what they are ready for as epoll says it."""
@@ -26,10 +26,10 @@ class Asker(Protocol):
         """Give the descriptor back."""
 
 
-def open_asker(selector: selectors.BaseSelector) -> Asker | None:
-    """Return who knows faster than a selector what is ready, None for a kind without one: the kernel's object, marks.
+def open_poller(selector: selectors.BaseSelector) -> Poller | None:
+    """Return a poller faster than the selector itself; None where there is none.
 
-    The former is a descriptor of its own, so that both can be closed.
+    That of epoll is a descriptor of its own, so that both can be closed.
     """
     if isinstance(selector, MarkedSelector):
         return selector
@@ -39,9 +39,9 @@ def open_asker(selector: selectors.BaseSelector) -> Asker | None:
 
 
 class MarkedSelector(selectors.BaseSelector):
-    """Tells who was marked as readable, in the order of the marks; it never waits.
+    """In-process selector: reports what was set ready, in that order, and never waits.
 
-    Numbers come from `allot` and stand for descriptors. Real descriptors may be registered too, and are never ready.
+    Numbers come from `allocate` and stand for descriptors. Real descriptors may be registered too, and are never ready.
     """
 
     def __init__(self) -> None:
@@ -49,17 +49,17 @@ class MarkedSelector(selectors.BaseSelector):
         self._marked: dict[int, None] = {}
         self._next = _FIRST
 
-    def allot(self) -> int:
-        """Return a number that nobody has."""
+    def allocate(self) -> int:
+        """Return an unused number."""
         self._next += 1
         return self._next
 
-    def mark(self, number: int) -> bool:
-        """Make a number readable, until `unmark`; return whether it is watched, so that somebody is to be woken."""
+    def set_ready(self, number: int) -> bool:
+        """Make a number readable, until `clear_ready`; return whether a reactor watches it and has to be woken."""
         self._marked[number] = None
         return number in self._keys
 
-    def unmark(self, number: int) -> None:
+    def clear_ready(self, number: int) -> None:
         """Make a number unreadable; a no-op where it is."""
         self._marked.pop(number, None)
 

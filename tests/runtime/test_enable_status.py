@@ -12,7 +12,7 @@ from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
 from canopen_control.hardware.axis_power import Action
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotState
-from canopen_control.runtime.readiness import StopLatch, is_controlword
+from canopen_control.runtime.enable_status import StopLatch, is_controlword
 
 
 @pytest.fixture

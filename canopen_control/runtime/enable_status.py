@@ -61,7 +61,7 @@ def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
     return [joint for joint in claimed if joint.claimed != TARGET] or claimed
 
 
-def hint(joints: Sequence[JointDrive]) -> str | None:
+def enable_hint(joints: Sequence[JointDrive]) -> str | None:
     """Say which of these drives follow no command, and what to call; None where there are none."""
     if not joints:
         return None
@@ -72,7 +72,7 @@ def hint(joints: Sequence[JointDrive]) -> str | None:
     return f"{_names(waiting)} {_are(waiting)} {_what(waiting)} and will not move: {_remedy(waiting)}"
 
 
-def by_stop_group(joints: Mapping[str, JointDrive], ends: Sequence[CommandInterface]) -> list[Ends]:
+def split_by_stop_group(joints: Mapping[str, JointDrive], ends: Sequence[CommandInterface]) -> list[Ends]:
     """Return interfaces in parts that stop together; what has no drive is a part by its name."""
     groups: dict[int | str, list[CommandInterface]] = {}
     for each in ends:
@@ -81,10 +81,10 @@ def by_stop_group(joints: Mapping[str, JointDrive], ends: Sequence[CommandInterf
     return [tuple(part) for part in groups.values()]
 
 
-def refusal(joints: Mapping[str, JointDrive], waiting: Sequence[CommandInterface]) -> NotEnabled:
+def not_enabled_error(joints: Mapping[str, JointDrive], waiting: Sequence[CommandInterface]) -> NotEnabled:
     """Return what is raised for a command to joints that do not follow it."""
     drives = [joints[name] for name in dict.fromkeys(each.joint for each in waiting) if name in joints]
-    text = hint(drives) or ", ".join(each.name for each in waiting)
+    text = enable_hint(drives) or ", ".join(each.name for each in waiting)
     kind = NotYetEnabled if all(map(is_rising, drives)) else NotEnabled
     return kind(f"{text}; a command that comes before is refused and not kept")
 
@@ -100,7 +100,7 @@ def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
     return False
 
 
-def settled(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
+def startup_complete(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
     """Whether no drive is on its way to be enabled any more: it is, or it has a reason not to be."""
     drives = tuple(joints)
     claimed = _claimed(drives)
@@ -133,7 +133,7 @@ def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
     return f"{node.who}: {reason}"
 
 
-def cause(joints: Mapping[str, JointDrive], waiting: Sequence[CommandInterface]) -> str:
+def disabled_reason(joints: Mapping[str, JointDrive], waiting: Sequence[CommandInterface]) -> str:
     """Say which joints follow no command, and what to call: the lost alone, else the faulty, the halted, all."""
     drives = {each.joint: joints[each.joint] for each in waiting if each.joint in joints}
     found = {
@@ -149,7 +149,7 @@ def cause(joints: Mapping[str, JointDrive], waiting: Sequence[CommandInterface])
     return not_enabled(waiting)
 
 
-def ending(joints: Iterable[JointDrive]) -> str:
+def stop_summary(joints: Iterable[JointDrive]) -> str:
     """Say what the drives are at the end of a run: disabled, still with power, or seen by nobody; "" without any."""
     seen = [(joint.node.name, joint.state) for joint in joints]
     parts = [
@@ -210,7 +210,7 @@ def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
 _RISING: Final = (Action.ENABLE, Action.HOME)
 
 
-class NeededNodes:
+class MandatoryNodes:
     """Watches the nodes of a robot that it needs and that move none of its joints, beside the `latch` of STOP.
 
     `forget(now, why)` has every controller forget its command; the hooks `after_cycle` get one more where it has nodes.

@@ -1,10 +1,10 @@
-"""What an end of a ``local:`` bus and its hub tell each other among the frames, in records of their own.
+"""Handshake and control records of a ``local:`` bus: subscriptions, time stamps and echo.
 
-An end asks for identifiers, for time stamps, or for its own frames. A hub that can do it says so in its greeting. It
-goes the way of the frames, so that whatever an end sends after a change of its mind, such as the answer to who made it
-listen elsewhere, comes after that change. The hub puts a stamp before each chunk of frames that came at once. Each
-record that asks holds up to two identifiers, with the flags of linux/can.h; its own identifier, all ones, is none that
-a frame can have. An end that has said nothing hears everything but itself, without stamps.
+An end asks for identifiers, for time stamps, or for its own frames. A hub that supports this says so in its greeting.
+The records travel among the frames, so that what an end sends after a change comes after that change. The hub puts a
+stamp before each chunk of frames that came at once. Each request record holds up to two identifiers, with the flags of
+linux/can.h; its own identifier, all ones, is none that a frame can have. An end that asked for nothing receives
+everything but its own frames, without stamps.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ def _refuse(sock: socket.socket) -> None:
         sock.send(pack_hello(os.getpid(), ""))
 
 
-TAKES_WANTED: Final = 1
+TAKES_SUBSCRIPTION: Final = 1
 GIVES_STAMPS: Final = 2
 """Abilities of a hub, in its greeting: it takes identifiers; it gives stamps, and own frames back."""
 STAMP_STEP_NS: Final = 1000
@@ -181,7 +181,7 @@ _LAST: Final = 0x80
 _MOST: Final = 4096  # identifiers; an end that wants more hears everything
 
 
-def pack_wanted(can_ids: Iterable[int]) -> bytes:
+def pack_subscription(can_ids: Iterable[int]) -> bytes:
     """Return the records that ask for these identifiers only."""
     wanted = sorted(set(can_ids))
     pairs = [wanted[at : at + 2] for at in range(0, len(wanted), 2)] or [[]]
@@ -192,7 +192,7 @@ def pack_wanted(can_ids: Iterable[int]) -> bytes:
     )
 
 
-def pack_wish(*, echo: bool = False) -> bytes:
+def pack_stamp_request(*, echo: bool = False) -> bytes:
     """Return the record that asks for time stamps, and with `echo` for the own frames too."""
     return _RECORD.pack(MARK, _STAMPS | (_ECHO if echo else 0), 0, 0)
 
@@ -244,7 +244,7 @@ def chunks_of(data: bytes, before: Chunk) -> Iterator[Chunk]:
         own, begin = bool(kind & _OWN), mark + RECORD_SIZE
 
 
-class Wanted:
+class Subscription:
     """What one end has asked for: `ids` is None while it hears everything, `echoes` are its own frames."""
 
     __slots__ = ("_coming", "echoes", "ids", "stamps")

@@ -5,20 +5,20 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.bus.wanted import (
+from canopen_control.bus.subscription import (
     HELLO_SIZE,
     LABEL_SIZE,
     MAGIC,
     MARK,
     VERSION,
     Chunk,
-    Wanted,
+    Subscription,
     chunks_of,
     own_stamp,
     pack_hello,
     pack_stamp,
-    pack_wanted,
-    pack_wish,
+    pack_stamp_request,
+    pack_subscription,
     parse_hello,
 )
 from canopen_control.frame import RECORD_SIZE, CanFrame, pack_records
@@ -47,42 +47,42 @@ FRAME = pack_records([CanFrame(0x181, b"\xff" * 8)])
 
 @given(st.sets(st.integers(0, 0xFFFFFFFF), max_size=50))
 def test_what_is_asked_for_is_what_is_heard(can_ids):
-    wanted = Wanted()
-    assert wanted.take(FRAME + pack_wanted(can_ids) + FRAME) == FRAME * 2
+    wanted = Subscription()
+    assert wanted.take(FRAME + pack_subscription(can_ids) + FRAME) == FRAME * 2
     assert wanted.ids == can_ids
 
 
 def test_nothing_changes_before_the_last_identifier_is_there():
-    wanted, asked = Wanted(), pack_wanted([0x80, 0x202, 0x602])
+    wanted, asked = Subscription(), pack_subscription([0x80, 0x202, 0x602])
     assert wanted.ids is None
     wanted.take(asked[:RECORD_SIZE])
     assert wanted.ids is None
     wanted.take(asked[RECORD_SIZE:])
     assert wanted.ids == {0x80, 0x202, 0x602}
-    wanted.take(pack_wanted([0x80]))
+    wanted.take(pack_subscription([0x80]))
     assert wanted.ids == {0x80}
 
 
 def test_who_asks_for_more_than_can_be_kept_hears_everything():
-    wanted = Wanted()
-    wanted.take(pack_wanted(range(5000)))
+    wanted = Subscription()
+    wanted.take(pack_subscription(range(5000)))
     assert wanted.ids is None
 
 
 def test_data_that_look_like_the_mark_are_data():
     record = pack_records([CanFrame(0x181, MARK + b"abc")])
-    assert Wanted().take(record + pack_wanted([])) == record
+    assert Subscription().take(record + pack_subscription([])) == record
 
 
 NOTHING = Chunk(0, own=False, records=b"")
 
 
 def test_stamps_and_own_frames_are_asked_for_beside_identifiers():
-    wanted = Wanted()
+    wanted = Subscription()
     assert (wanted.stamps, wanted.echoes) == (False, False)
-    assert wanted.take(pack_wish() + FRAME + pack_wanted([0x80])) == FRAME
+    assert wanted.take(pack_stamp_request() + FRAME + pack_subscription([0x80])) == FRAME
     assert (wanted.stamps, wanted.echoes, wanted.ids) == (True, False, {0x80})
-    wanted.take(pack_wish(echo=True))
+    wanted.take(pack_stamp_request(echo=True))
     assert (wanted.stamps, wanted.echoes, wanted.ids) == (True, True, {0x80})
 
 

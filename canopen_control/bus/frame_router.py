@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.arbitration import PacedWire
 from canopen_control.bus.error_frames import bus_off_frame, has_error_frames, overrun_frame, restarted_frame
-from canopen_control.bus.wanted import MARK, STAMP_STEP_NS, Wanted, own_stamp, pack_stamp
+from canopen_control.bus.subscription import MARK, STAMP_STEP_NS, Subscription, own_stamp, pack_stamp
 from canopen_control.bus.wire_faults import WireFaults
 from canopen_control.frame import ERROR_FLAG, RECORD, RECORD_SIZE, CanFrame, pack_records
 
@@ -31,10 +31,10 @@ DELAY_LIMIT = 65536
 """Chunks of frames that a delay may hold back."""
 
 
-class Member:
+class RouterPort:
     """One opened end; counters are in frames and from its own point of view."""
 
-    __slots__ = ("label", "lost", "missed", "number", "outbox", "partial", "pid", "rx", "silent", "tx", "wanted")
+    __slots__ = ("label", "lost", "missed", "number", "outbox", "partial", "pid", "rx", "silent", "subscription", "tx")
 
     def __init__(self, number: int, label: str, pid: int) -> None:
         self.number, self.label, self.pid = number, label, pid
@@ -43,18 +43,18 @@ class Member:
         self.silent = False
         self.partial = b""
         self.outbox = bytearray()
-        self.wanted = Wanted()
+        self.subscription = Subscription()
 
 
-class Exchange:
+class FrameRouter:
     """One bus. The owner writes the `outbox` of each member in `dirty` and says with `sent` how much went."""
 
     def __init__(self, *, limit: int = QUEUE_LIMIT) -> None:
-        self.members: dict[int, Member] = {}
+        self.members: dict[int, RouterPort] = {}
         self.faults = WireFaults()
         self.frames = 0
         self.dropped = 0
-        self.dirty: list[Member] = []
+        self.dirty: list[RouterPort] = []
         self.wire: PacedWire | None = None
         self._limit = limit
         self._next_number = 1
@@ -67,10 +67,10 @@ class Exchange:
 
     # Members -------------------------------------------------------------------------------------------------------
 
-    def join(self, label: str, pid: int) -> Member:
+    def join(self, label: str, pid: int) -> RouterPort:
         """Add an end; its label is made unique."""
         number, self._next_number = self._next_number, self._next_number + 1
-        member = Member(number, self._unique(label or f"pid-{pid}"), pid)
+        member = RouterPort(number, self._unique(label or f"pid-{pid}"), pid)
         member.silent = self.faults.silences(member.label)
         self.members[number] = member
         return member
@@ -83,21 +83,21 @@ class Exchange:
             name = f"{label}-{number}"
         return name
 
-    def leave(self, member: Member) -> None:
+    def leave(self, member: RouterPort) -> None:
         """Remove an end; what it sent before still travels, except what waits for the wire."""
         self.members.pop(member.number, None)
-        self._stamping = any(each.wanted.stamps for each in self.members.values())
+        self._stamping = any(each.subscription.stamps for each in self.members.values())
         self._last_due.pop(member.number, None)
         if self.wire is not None:
             self.wire.forget(member.number)
 
-    def labelled(self, label: str) -> list[Member]:
+    def labelled(self, label: str) -> list[RouterPort]:
         """Return the ends with this label, all of them for ""."""
         return [member for member in self.members.values() if label in ("", member.label)]
 
     # Frames --------------------------------------------------------------------------------------------------------
 
-    def receive(self, member: Member, data: bytes, now: int) -> None:
+    def receive(self, member: RouterPort, data: bytes, now: int) -> None:
         """Take bytes from an end, in any split."""
         self._now = now
         if member.partial:
@@ -107,8 +107,8 @@ class Exchange:
             member.partial = data[-excess:]
             data = data[:-excess]
         if MARK in data:
-            data = member.wanted.take(data)
-            self._stamping = self._stamping or member.wanted.stamps
+            data = member.subscription.take(data)
+            self._stamping = self._stamping or member.subscription.stamps
         if not data:
             return
         member.tx += len(data) // RECORD_SIZE
@@ -119,12 +119,12 @@ class Exchange:
         else:
             self._transmit(member.number, data, now)
 
-    def _lose(self, member: Member, records: bytes) -> None:
+    def _lose(self, member: RouterPort, records: bytes) -> None:
         count = len(records) // RECORD_SIZE
         member.lost += count
         self.dropped += count
 
-    def _with_faults(self, member: Member, records: bytes, now: int) -> None:
+    def _with_faults(self, member: RouterPort, records: bytes, now: int) -> None:
         kept = self.faults.survivors(member.label, records)
         self.dropped += (len(records) - len(kept)) // RECORD_SIZE
         # Never before what is under way already: one sender's frames stay in order when its delay shrinks.
@@ -158,16 +158,16 @@ class Exchange:
         stamp = self._stamp(records, at) if self._stamping else b""
         for number, member in self.members.items():
             if number == sender:
-                if stamp and member.wanted.echoes and not member.silent:
+                if stamp and member.subscription.echoes and not member.silent:
                     self._put(member, records, own_stamp(stamp))
                 continue
             if member.silent:
                 continue
-            wanted = member.wanted.ids
-            if wanted is not None:
+            ids = member.subscription.ids
+            if ids is not None:
                 if can_ids is None:
                     can_ids = _plain_ids(records)
-                if can_ids and wanted.isdisjoint(can_ids):
+                if can_ids and ids.isdisjoint(can_ids):
                     continue
             self._put(member, records, stamp)
 
@@ -178,7 +178,7 @@ class Exchange:
         self._next_stamp = at + len(records) // RECORD_SIZE * STAMP_STEP_NS
         return pack_stamp(at)
 
-    def _put(self, member: Member, records: bytes, stamp: bytes) -> None:
+    def _put(self, member: RouterPort, records: bytes, stamp: bytes) -> None:
         outbox = member.outbox
         if member.missed or len(outbox) + len(records) > self._limit:
             records = self._squeeze(member, records)
@@ -186,12 +186,12 @@ class Exchange:
                 return
         if not outbox:
             self.dirty.append(member)
-        if stamp and member.wanted.stamps:
+        if stamp and member.subscription.stamps:
             outbox += stamp
         outbox += records
         member.rx += len(records) // RECORD_SIZE
 
-    def _squeeze(self, member: Member, records: bytes) -> bytes:
+    def _squeeze(self, member: RouterPort, records: bytes) -> bytes:
         """Return the records that still fit; the rest is lost and counted. Once one is lost, so is all that follows."""
         room = 0 if member.missed else max(0, self._limit - len(member.outbox)) // RECORD_SIZE * RECORD_SIZE
         lost = (len(records) - room) // RECORD_SIZE
@@ -199,7 +199,7 @@ class Exchange:
         member.lost += lost
         return records[:room]
 
-    def sent(self, member: Member, size: int) -> None:
+    def sent(self, member: RouterPort, size: int) -> None:
         """Note that the first `size` bytes of the outbox are written; a reader that catches up learns what it lost."""
         outbox = member.outbox
         if size == len(outbox):
@@ -210,15 +210,15 @@ class Exchange:
             self._append(member, overrun_frame(member.missed))
             member.missed = 0
 
-    def _append(self, member: Member, frame: CanFrame) -> None:
+    def _append(self, member: RouterPort, frame: CanFrame) -> None:
         if not member.outbox:
             self.dirty.append(member)
         record = pack_records([frame])
-        if member.wanted.stamps:
+        if member.subscription.stamps:
             member.outbox += self._stamp(record, self._now)
         member.outbox += record
 
-    def take_dirty(self) -> list[Member]:
+    def take_dirty(self) -> list[RouterPort]:
         """Return the ends whose outbox was empty and is not now, each once."""
         dirty, self.dirty = self.dirty, []
         return dirty
@@ -246,7 +246,7 @@ class Exchange:
         wire = self.wire.next_deadline() if self.wire is not None else None
         return min([*due, wire] if wire is not None else due, default=None)
 
-    def may_read(self, member: Member) -> bool:
+    def may_read(self, member: RouterPort) -> bool:
         """Whether to read from this end: a paced wire that is behind pushes back on its senders."""
         return self.wire is None or self.wire.backlog(member.number) < BACKLOG_LIMIT
 

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.bus import exchange as exchange_module
+from canopen_control.bus import frame_router
 from canopen_control.bus.arbitration import duration_ns, frame_bits
 from canopen_control.bus.error_frames import lost_frames, overrun_frame, protocol_error_frame
-from canopen_control.bus.exchange import BACKLOG_LIMIT, Exchange
-from canopen_control.bus.wanted import Chunk, chunks_of, pack_wanted, pack_wish
+from canopen_control.bus.frame_router import BACKLOG_LIMIT, FrameRouter
+from canopen_control.bus.subscription import Chunk, chunks_of, pack_stamp_request, pack_subscription
 from canopen_control.bus.wire_faults import DropRule
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of, pack_records
 
@@ -30,7 +30,7 @@ def take(exchange, member):
 
 @pytest.fixture
 def exchange():
-    return Exchange()
+    return FrameRouter()
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def trio(exchange):
 
 @given(st.lists(st.integers(0, 0xFFFF), min_size=1, max_size=40), st.data())
 def test_any_split_of_the_stream_reassembles(numbers, data):
-    exchange = Exchange()
+    exchange = FrameRouter()
     sender, reader = exchange.join("a", 1), exchange.join("b", 2)
     sent = [frame(number) for number in numbers]
     stream = pack_records(sent)
@@ -69,7 +69,7 @@ def test_each_reader_is_dirty_once_however_much_arrives(exchange, trio):
 
 
 def test_a_stalled_reader_loses_only_its_own_frames_and_is_told_how_many():
-    exchange = Exchange(limit=4 * RECORD_SIZE)
+    exchange = FrameRouter(limit=4 * RECORD_SIZE)
     sender, quick, stalled = (exchange.join(label, 1) for label in ("sender", "quick", "stalled"))
     for number in range(10):
         exchange.receive(sender, pack_records([frame(number)]), 0)
@@ -83,7 +83,7 @@ def test_a_stalled_reader_loses_only_its_own_frames_and_is_told_how_many():
 
 
 def test_the_report_of_lost_frames_stands_where_they_are_missing():
-    exchange = Exchange(limit=4 * RECORD_SIZE)
+    exchange = FrameRouter(limit=4 * RECORD_SIZE)
     sender, reader = exchange.join("sender", 1), exchange.join("reader", 2)
     exchange.receive(sender, pack_records([frame(number) for number in range(6)]), 0)
     exchange.sent(reader, 2 * RECORD_SIZE)
@@ -93,7 +93,7 @@ def test_the_report_of_lost_frames_stands_where_they_are_missing():
 
 @given(st.lists(st.tuples(st.integers(1, 6), st.integers(0, 100)), max_size=60))
 def test_frames_received_and_frames_reported_lost_add_up_to_those_sent(steps):
-    exchange = Exchange(limit=8 * RECORD_SIZE)
+    exchange = FrameRouter(limit=8 * RECORD_SIZE)
     sender, reader = exchange.join("sender", 1), exchange.join("reader", 2)
     stream, sent = b"", 0
     for count, writable in steps:
@@ -189,7 +189,7 @@ def test_a_delay_holds_frames_until_they_are_due(exchange, trio):
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.sampled_from([0, 1, 3, 10])), min_size=1, max_size=30))
 def test_frames_of_one_sender_stay_in_order_when_its_delay_changes(steps):
-    exchange = Exchange()
+    exchange = FrameRouter()
     sender, reader = exchange.join("a", 1), exchange.join("b", 2)
     now = 0
     for number, (wait, delay) in enumerate(steps):
@@ -202,7 +202,7 @@ def test_frames_of_one_sender_stay_in_order_when_its_delay_changes(steps):
 
 
 def test_a_delay_holds_back_a_bounded_number_and_counts_the_rest(exchange, trio, monkeypatch):
-    monkeypatch.setattr(exchange_module, "DELAY_LIMIT", 2)
+    monkeypatch.setattr(frame_router, "DELAY_LIMIT", 2)
     master, left, _right = trio
     exchange.faults.delay("master", 5 * MS)
     for number in range(3):
@@ -282,7 +282,7 @@ def test_ending_the_bit_rate_lets_everything_out(exchange, trio):
 
 @given(st.binary(max_size=200), st.booleans())
 def test_garbage_never_raises(data, paced):
-    exchange = Exchange()
+    exchange = FrameRouter()
     sender, reader = exchange.join("a", 1), exchange.join("b", 2)
     exchange.pace(1_000_000 if paced else None, 0)
     exchange.receive(sender, data, 0)
@@ -295,7 +295,7 @@ def test_garbage_never_raises(data, paced):
 
 def test_who_wants_something_is_left_in_peace_by_all_that_holds_nothing_of_it(exchange, trio):
     master, left, right = trio
-    exchange.receive(left, pack_wanted([0x80, 0x202]), 0)
+    exchange.receive(left, pack_subscription([0x80, 0x202]), 0)
     assert not master.outbox
     assert not right.outbox
     assert exchange.frames == left.tx == 0
@@ -307,7 +307,7 @@ def test_who_wants_something_is_left_in_peace_by_all_that_holds_nothing_of_it(ex
 
 def test_what_comes_together_with_something_wanted_comes_with_it(exchange, trio):
     master, left, right = trio
-    exchange.receive(left, pack_wanted([0x80]), 0)
+    exchange.receive(left, pack_subscription([0x80]), 0)
     cycle = [CanFrame(0x80), frame(1, 0x203)]
     exchange.receive(master, pack_records(cycle), 0)
     assert take(exchange, left) == take(exchange, right) == cycle
@@ -315,7 +315,7 @@ def test_what_comes_together_with_something_wanted_comes_with_it(exchange, trio)
 
 def test_frames_with_flags_are_left_to_who_gets_them(exchange, trio):
     master, left, _ = trio
-    exchange.receive(left, pack_wanted([0x80]), 0)
+    exchange.receive(left, pack_subscription([0x80]), 0)
     for each in (protocol_error_frame(), CanFrame(0x80000080), CanFrame(0x40000702)):
         exchange.receive(master, pack_records([each]), 0)
         assert take(exchange, left) == [each]
@@ -323,7 +323,7 @@ def test_frames_with_flags_are_left_to_who_gets_them(exchange, trio):
 
 def test_what_is_wanted_may_come_in_any_split_between_frames(exchange, trio):
     master, left, right = trio
-    stream = pack_records([frame(1)]) + pack_wanted(range(0x80, 0x85)) + pack_records([frame(2)])
+    stream = pack_records([frame(1)]) + pack_subscription(range(0x80, 0x85)) + pack_records([frame(2)])
     for byte in stream:
         exchange.receive(left, bytes([byte]), 0)
     assert take(exchange, master) == [frame(1), frame(2)]
@@ -334,7 +334,7 @@ def test_what_is_wanted_may_come_in_any_split_between_frames(exchange, trio):
 
 def test_a_paced_wire_knows_what_is_wanted(exchange, trio):
     master, left, _ = trio
-    exchange.receive(left, pack_wanted([0x80]), 0)
+    exchange.receive(left, pack_subscription([0x80]), 0)
     exchange.pace(1_000_000, 0)
     exchange.receive(master, pack_records([frame(1, 0x203), CanFrame(0x80)]), 0)
     exchange.tick(MS)
@@ -355,7 +355,7 @@ def chunks(exchange, member):
 @pytest.fixture
 def listener(exchange, trio):
     listener = exchange.join("trace", 13)
-    exchange.receive(listener, pack_wish(), 0)
+    exchange.receive(listener, pack_stamp_request(), 0)
     return listener
 
 
@@ -381,7 +381,7 @@ def test_no_chunk_is_stamped_before_the_last_frame_of_the_one_before(exchange, t
 def test_two_listeners_see_the_same_times(exchange, trio, listener):
     other = exchange.join("record", 14)
     exchange.receive(trio[0], pack_records([frame(1)]), MS)
-    exchange.receive(other, pack_wish(), MS)
+    exchange.receive(other, pack_stamp_request(), MS)
     exchange.receive(trio[0], pack_records([frame(2)]), MS)
     first = chunks(exchange, listener)
     assert [at for at, _, _ in first] == [MS, MS + 1000]
@@ -391,7 +391,7 @@ def test_two_listeners_see_the_same_times(exchange, trio, listener):
 def test_own_frames_come_back_in_their_place_and_say_so(exchange, trio):
     master, left, _ = trio
     loud = exchange.join("loud", 13)
-    exchange.receive(loud, pack_wish(echo=True), 0)
+    exchange.receive(loud, pack_stamp_request(echo=True), 0)
     exchange.receive(master, pack_records([frame(1)]), MS)
     exchange.receive(loud, pack_records([frame(2)]), 2 * MS)
     exchange.receive(left, pack_records([frame(3)]), 3 * MS)
