@@ -143,7 +143,7 @@ class Lockstep:
         return wait is not None and bool(wait.deadline <= self.now_ns or wait.ready())
 
 
-class _Asker:
+class _Poller:
     """What a reactor in lockstep waits with."""
 
     def __init__(self, steps: Lockstep, real: Any) -> None:
@@ -232,7 +232,7 @@ def lockstep() -> Iterator[Lockstep]:
         yield Lockstep.current
         return
     steps = Lockstep()
-    asker = reactor.open_asker
+    poller = reactor.open_poller
     with pytest.MonkeyPatch.context() as patch:
         for name, value in (
             ("monotonic", steps.seconds), ("monotonic_ns", steps.now), ("time", steps.wall),
@@ -241,7 +241,7 @@ def lockstep() -> Iterator[Lockstep]:
             patch.setattr(time, name, value)
         patch.setattr(timer.MonotonicClock, "now", staticmethod(steps.now))
         patch.setattr(reactor, "open_alarm", lambda: None)
-        patch.setattr(reactor, "open_asker", lambda selector: _Asker(steps, asker(selector)))
+        patch.setattr(reactor, "open_poller", lambda selector: _Poller(steps, poller(selector)))
         patch.setattr(select, "poll", _Poll)
         patch.setattr(select, "select", _select)
         patch.setattr(threading.Event, "wait", _event_wait)
