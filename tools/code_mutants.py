@@ -209,7 +209,7 @@ self.reactor.call_later(300_000_000, begin)
             "path.unlink()",
         ),
         (_scenario("robby", "robby_latch"),),
-        "runtime/test_readiness",
+        "runtime/test_enable_status",
     ),
     Mutant(
         "latch_leaves_with_client",
