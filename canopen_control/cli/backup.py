@@ -18,7 +18,6 @@ from canopen_control.cli.support.open_session import add_session_arguments, open
 from canopen_control.cli.support.output import json_text
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.files import write_whole
-from canopen_control.rpc.messages.declare import Document
 from canopen_control.service.parameter_set import backup_file_text
 from canopen_control.service.restore import unfinished_words
 
@@ -28,16 +27,6 @@ if TYPE_CHECKING:
 
 EXAMPLE = """canopen-control backup left_drive -o left_drive.dcf
          canopen-control backup 3 -o node3.dcf --can can0 --eds TMCM-1270.eds"""
-
-
-class BackupDocument(Document, frozen=True, kw_only=True):
-    """What `backup --json` prints; `left_out` are the objects that the file does not hold, with the reason."""
-
-    node_id: int
-    node: str | None
-    file: str
-    parameters: int
-    left_out: list[str]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,9 +56,8 @@ def run(args: argparse.Namespace) -> int:
     left_out = [*map(str, side.left_out), *lost]
     count = len(side.parameters.values) - len(lost)
     if args.json:
-        node_id = side.parameters.node_id
-        print(json_text(BackupDocument(node_id=node_id, node=name or None, file=args.output, parameters=count,
-                                       left_out=left_out)))  # fmt: skip
+        node = {"node_id": side.parameters.node_id, "node": name or None}
+        print(json_text({**node, "file": args.output, "parameters": count, "left_out": left_out}))
         return 0
     for line in left_out:
         print(f"canopen-control: left out: {line}", file=sys.stderr)

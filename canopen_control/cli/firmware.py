@@ -21,7 +21,6 @@ from canopen_control.cli.support.arguments import whole, whole_number
 from canopen_control.cli.support.open_session import add_session_arguments, open_session
 from canopen_control.cli.support.output import Progress, json_text, watched
 from canopen_control.errors import CanopenError, ConfigError, DriveError
-from canopen_control.rpc.messages.declare import Document
 from canopen_control.service.parameter_set import device_identity
 from canopen_control.service.program_download import (
     DownloadProgress,
@@ -43,20 +42,6 @@ if TYPE_CHECKING:
 EXAMPLE = """canopen-control firmware 3 drive-1.4.bin --can can0
          canopen-control firmware 3 drive-1.4.bin --can can0 --eds drive.eds --expect 0x1A2B3C4D
          canopen-control firmware 3 drive-1.4.bin --can can0 --expect-date 2026-11-21"""
-
-
-class FirmwareDocument(Document, frozen=True, kw_only=True):
-    """What `firmware --json` prints; `old` and `new` are 0x1F56, the dates 0x1F52, null where the node tells none."""
-
-    node_id: int
-    program: int
-    bytes: int
-    old: int | None
-    new: int | None
-    old_date: str | None
-    new_date: str | None
-    tries: int
-    notes: list[str]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,18 +82,18 @@ def run(args: argparse.Namespace) -> int:
         with quiet_node(session, starts_again=False):
             _download(session, image, options, progress)
         boot_check(session, identity)
-    document = FirmwareDocument(
-        node_id=session.node_id,
-        program=args.program,
-        bytes=len(image),
-        old=progress.old,
-        new=progress.new,
-        old_date=_text(progress.old_date),
-        new_date=_text(progress.new_date),
-        tries=progress.tries,
-        notes=progress.notes,
-    )
     if args.json:
+        document = {
+            "node_id": session.node_id,
+            "program": args.program,
+            "bytes": len(image),
+            "old": progress.old,  # 0x1F56 and, as a date, 0x1F52; null where the node has none
+            "new": progress.new,
+            "old_date": _text(progress.old_date),
+            "new_date": _text(progress.new_date),
+            "tries": progress.tries,
+            "notes": progress.notes,
+        }
         print(json_text(document))
         return 0
     for note in progress.notes:

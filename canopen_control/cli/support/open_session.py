@@ -19,7 +19,7 @@ from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.support.target import BusTarget, RobotTarget, add_target_arguments, find_eds, robot_on
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, ConfigError, DriveError
-from canopen_control.rpc.messages.declare import Document
+from canopen_control.rpc.wire import plain
 from canopen_control.service.drive_faults import fault_words, why_not_free
 from canopen_control.service.driven_axis import drive_of_robot
 from canopen_control.service.jog_motion import JogScale
@@ -285,23 +285,6 @@ def sides(a: str, b: str, args: argparse.Namespace) -> tuple[Side, Side]:
     return found[0], found[1]
 
 
-class RestoreDocument(Document, frozen=True, kw_only=True):
-    """What `restore --json` and `clone --json` print; `refused` and `protected` name objects with the reason.
-
-    `foreign` are objects of the file that no restore writes: read-only ones, commands, live values.
-    """
-
-    source: str
-    node_id: int
-    written: int
-    verified: int
-    protected: list[str]
-    foreign: list[str]
-    refused: list[str]
-    undone: bool
-    stored: bool
-
-
 def add_restore_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what restore and clone have in common."""
     parser.add_argument(
@@ -337,18 +320,7 @@ def _note(line: str) -> None:
 
 def _print(report: RestoreReport, session: NodeSession, *, as_json: bool) -> None:
     if as_json:
-        document = RestoreDocument(
-            source=report.source,
-            node_id=session.node_id,
-            written=report.written,
-            verified=report.verified,
-            protected=report.protected,
-            foreign=report.foreign,
-            refused=report.refused,
-            undone=report.undone,
-            stored=report.stored,
-        )
-        print(json_text(document))
+        print(json_text({"source": report.source, "node_id": session.node_id} | plain(report)))
         return
     for line in report.refused:
         _note(f"refused: {line}")

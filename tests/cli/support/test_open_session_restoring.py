@@ -50,6 +50,8 @@ def test_the_same_as_json(capsys):
     assert restore_into(session_with(TMCM), backup(s6081=9), arguments("--json", "--store")) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["written"], found["stored"], found["source"]) == (1, True, "left.dcf")
+    counts = ["written", "verified", "protected", "foreign", "refused"]
+    assert list(found) == ["source", "node_id", *counts, "undone", "stored"]
 
 
 def test_how_a_node_is_reached_is_told_by_its_arguments():
