@@ -1,9 +1,9 @@
 """Check a device against CiA 301 and 402, and report what it does not keep.
 
-Without --configure, --store and --motion the checks change no value; some send requests that a device has to refuse.
-With them the checks also write parameters and reset the node, store parameters (flash wear), and switch on the power
-stage; each is asked for once unless --yes is given. At the end the parameters are compared and restored. A node of a
-running robot is refused, and so is an OPERATIONAL node where something would be changed.
+Without --configure the checks change no value; some send requests that a device has to refuse. With it the checks also
+write parameters, which is asked for once unless --yes is given. At the end the parameters that the EDS lists are
+compared and restored. No check switches on the power stage. A node of a running robot is refused, and with --configure
+a node that is OPERATIONAL.
 
 Exit codes: 0 no check that must pass has failed; 1 one has; 2 wrong usage, or nothing could be tested.
 """
@@ -41,9 +41,7 @@ EXAMPLE = """canopen-control conform 5 --can can0 --eds drive.eds
 LEVELS = ("301", "402", "all")
 HEARTBEAT_S = 1.2  # a heartbeat of a second shows the NMT state
 _QUESTIONS = {
-    CheckTouch.CONFIGURE: "write parameters of the node and reset it",
-    CheckTouch.STORE: "store parameters in the node's flash",
-    CheckTouch.MOTION: "switch on the power stage; the shaft must be free to turn",
+    CheckTouch.CONFIGURE: "write parameters of the node",
 }
 
 
@@ -53,10 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--can", required=True, metavar="CHANNEL", help="channel of the bus (can0, local:NAME, ...)")
     parser.add_argument("--eds", metavar="FILE", help="EDS of the device; without one fewer checks are made")
     parser.add_argument("--level", choices=LEVELS, default="all", help="checks of one document (default: all)")
-    parser.add_argument("--configure", action="store_true", help="write parameters and reset the node, too")
-    parser.add_argument("--store", action="store_true", help="store parameters, too")
-    parser.add_argument("--motion", action="store_true", help="switch on the power stage, too")
-    parser.add_argument("--yes", action="store_true", help="do not ask before --configure, --store and --motion")
+    parser.add_argument("--configure", action="store_true", help="write parameters, too")
+    parser.add_argument("--yes", action="store_true", help="do not ask before --configure")
     parser.add_argument(
         "--timeout",
         type=number("number of seconds above 0", lambda value: value > 0),
@@ -77,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     touches = [touch for touch in CheckTouch if touch is CheckTouch.READ or getattr(args, touch.name.lower())]
     checks = choose(args.level, touches)
     if not checks:
-        raise ConfigError(f"level {args.level} has no checks for these options; give --configure or --motion too")
+        raise ConfigError(f"level {args.level} has no checks for these options; give --configure too")
     _refuse_robot(args.can, node_id)
     for touch in touches[1:]:
         _agree(touch, node_id, yes=args.yes)

@@ -28,8 +28,6 @@ class CheckTouch(enum.Enum):
 
     READ = ""
     CONFIGURE = "--configure"
-    STORE = "--store"
-    MOTION = "--motion"
 
 
 @dataclass(frozen=True, slots=True)

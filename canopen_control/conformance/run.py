@@ -1,7 +1,6 @@
 """A run of checks at one node, and its results.
 
 The values of all parameters are read before the first check and compared after the last; differences are written back.
-A node that is OPERATIONAL, or on whose bus another master sends, is changed in nothing.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.conformance.check import Check, CheckLevel, CheckTouch
 from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
+from canopen_control.conformance.profile_checks import PROFILE_CHECKS
 from canopen_control.conformance.sdo_checks import SDO_CHECKS
 from canopen_control.errors import BusError, CanopenError, ConfigError, RemoteProtocolError, SdoTimeout
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address
 
 
-CHECKS: tuple[Check, ...] = (*SDO_CHECKS,)
+CHECKS: tuple[Check, ...] = (*SDO_CHECKS, *PROFILE_CHECKS)
 ORDER = tuple(CheckTouch)  # checks that read come first, those that move last
 PASSED, FAILED, SKIPPED, ERROR = "passed", "failed", "skipped", "error"
 _NOT_PARAMETERS = frozenset((0x1001, 0x1003, 0x1010, 0x1011, *range(0x1F50, 0x1F60)))  # commands and histories

@@ -1,0 +1,23 @@
+"""Checks of a drive by CiA 402."""
+
+import pytest
+
+from canopen_control.conformance.profile_checks import PROFILE_CHECKS
+from canopen_control.conformance.run import run_checks
+
+
+def verdicts(report):
+    return {result.id: result.verdict for result in report.results if result.group == "402"}
+
+
+@pytest.mark.parametrize(("eds", "verdict"), [("generic_cia402.eds", "passed"), ("generic_cia401.eds", "skipped")])
+def test_our_drive_passes_and_a_device_that_is_none_is_skipped(bench, eds, verdict):
+    assert set(verdicts(run_checks(bench(eds), PROFILE_CHECKS)).values()) == {verdict}
+
+
+def test_an_option_code_that_the_profile_does_not_list_is_found(bench):
+    node = bench()
+    node.device.store.set(0x605A, 0, 77)
+    report = run_checks(node, PROFILE_CHECKS)
+    assert verdicts(report)["D04"] == "failed"
+    assert not report.failed  # a recommendation
