@@ -182,11 +182,14 @@ class SetPointHandshake:
         """Return when `update` must be called at the latest, None when nothing runs out."""
         return None if self._deadline == _NEVER else self._deadline
 
-    def update(self, statusword: int | None, ready: bool, now: int, halted: bool = False) -> int:
+    def update(
+        self, statusword: int | None, ready: bool, now: int, halted: bool = False, under_way: bool = False
+    ) -> int:
         """Return the bits 4, 5, 6 and 9 to send now. Call it once per cycle; never raises.
 
         `ready`: the drive is enabled in mode PP; without that a set-point is given up. While `halted` the drive keeps
-        its target and bit 10 means standstill: nothing is judged, no time runs out.
+        its target and bit 10 means standstill: nothing is judged, no time runs out. `under_way`: the axis is seen
+        moving far from its target; bit 10, which flickers in some drives (yarp-devices, issue 245), does not count.
         """
         if self.phase is SetPointPhase.IDLE and self._next is None:
             return 0
@@ -195,7 +198,7 @@ class SetPointHandshake:
         if halted:
             self._deadline = _NEVER
             return self._bits
-        self._proceed(statusword, now)
+        self._proceed(statusword & ~TARGET_REACHED if under_way else statusword, now)
         if self._deadline == _NEVER:
             self._arm(now)
         elif now >= self._deadline:

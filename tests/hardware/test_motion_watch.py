@@ -1,5 +1,7 @@
 """What the master does about drives that differ from the textbook, one deviation in a test."""
 
+import itertools
+
 import pytest
 from support.makers import drive, folder, sentences
 from support.makers import robot as make_robot
@@ -8,7 +10,7 @@ from canopen_control.cia402.state import State
 from canopen_control.errors import BusConfigError
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
-from canopen_control.virtual.virtual_drive import VirtualDrive
+from canopen_control.virtual.virtual_drive import Statusword, VirtualDrive
 
 MS = 1_000_000
 
@@ -152,3 +154,13 @@ def test_a_mode_that_cannot_serve_its_interface_is_refused_with_its_line(tmp_pat
     path = folder(tmp_path, "csp", keys=keys)
     with pytest.raises(BusConfigError, match=rf"bus.yml:\d+.*{message}"):
         read_robot(find_robot(str(path)))
+
+
+def test_a_bit_10_that_flickers_on_the_way_is_no_arrival(robot, monkeypatch):
+    value, count = Statusword.value, itertools.count()
+    monkeypatch.setattr(Statusword, "value", lambda self: value(self) ^ (0x400 if next(count) % 5 == 0 else 0))
+    made = robot("pp")
+    made.command("pos", 0.5, 0.5, seconds=1)
+    while not any("pan_drive" in each and "reached" in each for each in sentences(made)):
+        made.run(0.05)
+    assert made.position("pan") > 0.4
