@@ -13,7 +13,7 @@ import json
 import math
 import time
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from canopen_control.errors import CanopenError, SdoAbort
 from canopen_control.hardware.device_parts import device_of
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Container, Iterable, Mapping
     from pathlib import Path
 
+    from canopen_control.controllers.manager import Limiter
     from canopen_control.hardware.interfaces import CommandInterface, InterfaceRegistry, StateInterface
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.runtime.core import RobotCore
@@ -44,13 +45,6 @@ if TYPE_CHECKING:
 
 
 _LAG_S = 0.5  # a joint that is further behind than this at the cap has not followed: it was disabled, or is blocked
-
-
-class Limiter(Protocol):
-    """Another limiter, such as enforce_command_limits."""
-
-    def enforce(self, period: float) -> str | None:
-        """Change commands that exceed a limit; `period` in s. Return which, when that begins."""
 
 
 class _Position:

@@ -276,7 +276,7 @@ class RobotCore:
         return self._hint(self._waiting())
 
     @property
-    def outlook(self) -> tuple[RobotState, str | None]:
+    def state_and_hint(self) -> tuple[RobotState, str | None]:
         """State and hint, of one look at the drives."""
         waiting = self._waiting()
         return self._state(waiting), self._hint(waiting)

@@ -50,7 +50,7 @@ class Readings(NamedTuple):
 
 def readings_of(robot: RobotCore) -> Readings:
     """Return what is read now."""
-    state, hint = robot.outlook
+    state, hint = robot.state_and_hint
     hint = robot.cycle.clock.hint or hint
     nodes = robot.node_readings.at(robot.reactor.now())
     return Readings(state.value, hint, _cycle(robot), nodes, _joints(robot), robot.manager.states)
