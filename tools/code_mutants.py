@@ -125,7 +125,7 @@ self.reactor.call_later(300_000_000, begin)
         "a command from before a disable counts after the enable",
         Change(
             "controllers.switcher",
-            "RunningControllers._power_changed",
+            "UpdateLoop._power_changed",
             "self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, slot.controller.explain(off))",
             "pass",
         ),
@@ -361,7 +361,7 @@ self.reactor.call_later(300_000_000, begin)
         "a goal of the trajectory controller ends well outside of its tolerance, and not inside",
         Change(
             "controllers.trajectory.controller",
-            "Judgement.verdict",
+            "ToleranceMonitor.verdict",
             "self.over and self.outside < 0",
             "self.over and self.outside >= 0",
         ),
@@ -410,7 +410,7 @@ if not (index % 2 and self.life.live):
         "the end of the first client takes the command of the second one away",
         Change(
             "controllers.switcher",
-            "RunningControllers.let_go",
+            "UpdateLoop.let_go",
             "controller.life.holder is holder",
             "controller.life.live",
         ),

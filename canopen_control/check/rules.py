@@ -32,7 +32,7 @@ from canopen_control.yamlfile.convert import keys_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from canopen_control.controllers.base import WheelBase
+    from canopen_control.controllers.base import DriveGeometry
     from canopen_control.controllers.controllers_file import ControllerConfig, ControllersFile
     from canopen_control.master.config import BusConfig
     from canopen_control.master.keys import NodeConfig
@@ -55,7 +55,7 @@ SAME: Final = 0.01
 """Lengths that differ by less than one per cent are the same."""
 
 
-def _bases(robot: CheckedRobot) -> Iterator[tuple[str, WheelBase, ControllerConfig]]:
+def _bases(robot: CheckedRobot) -> Iterator[tuple[str, DriveGeometry, ControllerConfig]]:
     for name, controller in robot.configured.items():
         if (base := controller.wheel_base()) is not None:
             yield name, base, robot.config(name)
@@ -170,7 +170,7 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
         yield from _mirrored(robot, base)
 
 
-def _mirrored(robot: CheckedRobot, base: WheelBase) -> Iterator[Finding]:
+def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
     """Two drives that face each other turn opposite ways: one of the signs between motor and wheel is negative."""
     assert robot.bus is not None  # asked by `_scales`
     left = [each for name in base.left if (each := _drive(robot, name)) is not None]

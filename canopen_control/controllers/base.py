@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 
 from mypy_extensions import mypyc_attr
 
-from canopen_control.controllers.command_life import MOVING, CommandLife
+from canopen_control.controllers.command_life import MOVING, CommandTimeout
 from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import OK, ReturnType
@@ -94,7 +94,7 @@ ALL_STATES: Final = "*"
 """As the only state interface name: every state interface of the robot."""
 
 
-class Geometry(Protocol):
+class WheelGeometrySource(Protocol):
     """What the robot's description knows of its wheels, in m; None for what it does not say."""
 
     def separation(self, left: Sequence[str], right: Sequence[str]) -> float | None:
@@ -107,7 +107,7 @@ class Geometry(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class WheelBase:
+class DriveGeometry:
     """What a base controller assumes of the robot it drives, for `check`: wheels, sizes in m, frames.
 
     `frozen` are the axes of a twist whose limits keep it from ever changing speed. The keys are those under which its
@@ -198,7 +198,7 @@ class Controller:
         self.update_rate = 0
         self.publish_rate = 0.0
         self.rejected = 0
-        self.life = CommandLife()
+        self.life = CommandTimeout()
         self.publishes: tuple[str, ...] = ()
         self.frame_id = ""
         self.joints: tuple[str, ...] = ()
@@ -208,7 +208,7 @@ class Controller:
         self.states: list[StateInterface] = []
         self.description_joints: tuple[str, ...] | None = None
         """The movable joints of the robot's description, set by the manager; None if there is no description."""
-        self.geometry: Geometry | None = None
+        self.geometry: WheelGeometrySource | None = None
         """The wheels of the robot's description, set by the manager; None if there is no description."""
         self.description: Mapping[str, Joint] = {}
         """The joints of the robot's description by name, set by the manager."""
@@ -287,7 +287,7 @@ class Controller:
         del wall_offset_ns
         return None
 
-    def wheel_base(self) -> WheelBase | None:
+    def wheel_base(self) -> DriveGeometry | None:
         """Return what it assumes of the robot's wheels, once it is configured; None if it drives none."""
         return None
 

@@ -32,7 +32,7 @@ class GoalState(enum.Enum):
     CANCELED = "canceled"
 
 
-class CommandLife:
+class CommandTimeout:
     """The command that a controller has, its values apart: `live` while it counts, `given` when it was made, in ns.
 
     `source` says in words who gave it; `holder` is the connection with which it ends, None where it outlives that.

@@ -390,7 +390,7 @@ _KEYS: Final = {"type": ("string",), "params_file": _TEXTS, "fallback_controller
 
 
 @dataclasses.dataclass(frozen=True)
-class Given:
+class SpawnerArguments:
     """What has been set of one controller."""
 
     type: str = ""
@@ -398,7 +398,7 @@ class Given:
     fallback_controllers: tuple[str, ...] = ()
     node_options_args: tuple[str, ...] = ()
 
-    def changed(self, key: str, texts: tuple[str, ...]) -> Given:
+    def changed(self, key: str, texts: tuple[str, ...]) -> SpawnerArguments:
         """Return this with one of `_KEYS` set."""
         if key == "type":
             return dataclasses.replace(self, type=texts[0])
@@ -409,25 +409,25 @@ class Given:
         return dataclasses.replace(self, fallback_controllers=texts)
 
 
-class Spawned:
+class SpawnedControllers:
     """What spawners have set; `control` are the controllers of the robot's file, to which they are added."""
 
     def __init__(self, control: ControllersFile) -> None:
         self._control = control
         self._of_file = dict(control.controllers)
-        self.given: dict[str, Given] = {}
+        self.given: dict[str, SpawnerArguments] = {}
 
     def set(self, wanted: Sequence[ParameterValue]) -> None:
         """Take parameters whose names are `CONTROLLER.KEY`: all, or none and a ControlError or RobotConfigError."""
         given = dict(self.given)
         for each in wanted:
             name, _, key = each.name.rpartition(".")
-            given[name] = given.get(name, Given()).changed(key, _spawner_texts(each, key))
+            given[name] = given.get(name, SpawnerArguments()).changed(key, _spawner_texts(each, key))
         changed = {name: self._config(name, each) for name, each in given.items() if each != self.given.get(name)}
         self.given = given
         self._control.controllers.update(changed)
 
-    def _config(self, name: str, given: Given) -> ControllerConfig:
+    def _config(self, name: str, given: SpawnerArguments) -> ControllerConfig:
         before = self._of_file.get(name) or ControllerConfig(name, "", Params.of({}, name))
         problems = Problems(self._control.path or f"params_file of {name}", strict=False)
         place, values = Node("scalar", 0, 0, f"{name}.params_file", problems), before.params.flat

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from canopen_control.controllers.base import ControllerState, WheelBase
+from canopen_control.controllers.base import ControllerState, DriveGeometry
 from canopen_control.controllers.diff_drive_params import DiffDriveParams, read_params
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose, RollingMean
@@ -157,11 +157,11 @@ class DiffDriveController(MobileBase):
         self._left_states: list[StateInterface] = []
         self._right_states: list[StateInterface] = []
 
-    def wheel_base(self) -> WheelBase:
+    def wheel_base(self) -> DriveGeometry:
         """Return what its parameters say of the wheels, before the multipliers, which are calibration."""
         given, (odom, base) = self.params, self.frame_ids()
         sizes = (given.wheel_separation, given.wheel_radius)
-        return WheelBase(given.left, given.right, *sizes, odom, base, given.enable_odom_tf, given.frozen)
+        return DriveGeometry(given.left, given.right, *sizes, odom, base, given.enable_odom_tf, given.frozen)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
         """Return the odometry as it was published last."""

@@ -18,7 +18,7 @@ from canopen_control.yamlfile.convert import setting
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.controllers.base import Geometry
+    from canopen_control.controllers.base import WheelGeometrySource
     from canopen_control.controllers.limiter import Limits
     from canopen_control.controllers.params import Params
 
@@ -132,7 +132,7 @@ def _silent(_text: str) -> None:
 
 
 def read_params(
-    params: Params, geometry: Geometry | None = None, tell: Callable[[str], None] = _silent
+    params: Params, geometry: WheelGeometrySource | None = None, tell: Callable[[str], None] = _silent
 ) -> DiffDriveParams:
     """Return checked parameters; RobotConfigError with every mistake. What is legal and odd is a warning.
 
@@ -147,7 +147,9 @@ def read_params(
     return given
 
 
-def _completed(given: DiffDriveParams, geometry: Geometry | None, tell: Callable[[str], None]) -> DiffDriveParams:
+def _completed(
+    given: DiffDriveParams, geometry: WheelGeometrySource | None, tell: Callable[[str], None]
+) -> DiffDriveParams:
     if geometry is None:
         return given
     if given.wheel_separation <= 0.0 and (separation := geometry.separation(given.left, given.right)):

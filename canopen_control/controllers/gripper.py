@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar, cast
 
 from canopen_control.controllers.base import Controller, ControllerState, finite
 from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.gripper_goal import GripperGoal, Progress, Way
+from canopen_control.controllers.gripper_goal import GripperGoal, GripStatus, StallDetector
 from canopen_control.controllers.params import CommonParams, LoopGains
 from canopen_control.controllers.pid import Pid
 from canopen_control.errors import RobotConfigError
@@ -124,8 +124,8 @@ class PositionGripperActionController(Controller):
         self.goal: GripperGoal | None = None
         self._target = self._at = self._velocity = self._effort = math.nan
         self._limits = (0.0, 0.0)
-        self._way = Way.MOVING
-        self._progress = Progress(0.0, 0.0, 0.0)
+        self._way = GripStatus.MOVING
+        self._progress = StallDetector(0.0, 0.0, 0.0)
         self._is_limited = False
 
     def on_configure(self, params: Params) -> None:
@@ -133,7 +133,7 @@ class PositionGripperActionController(Controller):
         self.params = given = read_params(params, self.name, self.reads)
         self.update_rate, self.joints, self.interface = given.update_rate, (given.joint,), self.commanded
         self._is_limited = self.commanded == EFFORT or bool(given.max_effort_interface)
-        self._progress = Progress(given.goal_tolerance, given.stall_velocity_threshold, given.stall_timeout)
+        self._progress = StallDetector(given.goal_tolerance, given.stall_velocity_threshold, given.stall_timeout)
 
     def command_interface_names(self) -> list[str]:
         """Return that of the joint, and those of its limits."""
@@ -146,7 +146,7 @@ class PositionGripperActionController(Controller):
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         """Take the interfaces; nothing is written before the first goal."""
         super().on_activate(commands, states, now)
-        self._target, self._way = math.nan, Way.MOVING
+        self._target, self._way = math.nan, GripStatus.MOVING
         self.life.end()
         self._read()
         self.stamp = now
@@ -176,7 +176,7 @@ class PositionGripperActionController(Controller):
         self._tell_unlimited(goal)
         self._end(GoalState.ABORTED, "another goal has taken its place")
         goal.feedback_rate = given.action_monitor_rate
-        self.goal, self._target, self._limits, self._way = goal, goal.position, (effort, velocity), Way.MOVING
+        self.goal, self._target, self._limits, self._way = goal, goal.position, (effort, velocity), GripStatus.MOVING
         self._progress.begin(now)
         self.life.give(now)
 
@@ -215,7 +215,7 @@ class PositionGripperActionController(Controller):
             text = "the max_effort of goals has no effect: name a max_effort_interface, or limit the drive (0x6072)"
             self.tell("max_effort", text)
 
-    def _end(self, state: GoalState, text: str, way: Way = Way.MOVING) -> None:
+    def _end(self, state: GoalState, text: str, way: GripStatus = GripStatus.MOVING) -> None:
         """Give the goal its result, where there is one."""
         goal, self.goal = self.goal, None
         if goal is not None:
@@ -247,8 +247,8 @@ class PositionGripperActionController(Controller):
             effort=finite(self._effort),
             target=finite(self._target),
             executing=self.goal is not None,
-            stalled=self._way is Way.STALLED,
-            reached_goal=self._way is Way.REACHED,
+            stalled=self._way is GripStatus.STALLED,
+            reached_goal=self._way is GripStatus.REACHED,
         )
 
     def _read(self) -> None:
@@ -265,9 +265,9 @@ class PositionGripperActionController(Controller):
 
     def _judge(self, now: int) -> None:
         self._way = way = self._progress.look(now, self._target - self._at, self._velocity)
-        if way is Way.REACHED:
+        if way is GripStatus.REACHED:
             self._end(GoalState.SUCCEEDED, "the goal was reached", way)
-        elif way is Way.STALLED:
+        elif way is GripStatus.STALLED:
             text = f"{self.params.joint} has stalled at {self._at:g}, {self._target - self._at:g} before the goal"
             if self.params.allow_stalling:
                 self._end(GoalState.SUCCEEDED, text, way)

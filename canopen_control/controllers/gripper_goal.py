@@ -37,16 +37,16 @@ class GripperGoal:
         self.feedback_rate = 20.0
         self._ended_now = ended_now
 
-    def end(self, state: GoalState, text: str, at: float, effort: float, way: Way) -> None:
+    def end(self, state: GoalState, text: str, at: float, effort: float, way: GripStatus) -> None:
         """Take the result; only the first one counts."""
         if not self.ended:
             self.state, self.text, self.at, self.effort = state, text, at, effort
-            self.reached, self.stalled = way is Way.REACHED, way is Way.STALLED
+            self.reached, self.stalled = way is GripStatus.REACHED, way is GripStatus.STALLED
             self.ended = True
             self._ended_now()
 
 
-class Way(enum.Enum):
+class GripStatus(enum.Enum):
     """How far a gripper is on its way to a goal."""
 
     MOVING = "moving"
@@ -54,7 +54,7 @@ class Way(enum.Enum):
     STALLED = "stalled"
 
 
-class Progress:
+class StallDetector:
     """Judges a gripper cycle by cycle; `timeout` in s."""
 
     def __init__(self, tolerance: float, slowest: float, timeout: float) -> None:
@@ -65,10 +65,10 @@ class Progress:
         """Begin with a goal, `now` in ns."""
         self._moved = now
 
-    def look(self, now: int, error: float, velocity: float) -> Way:
+    def look(self, now: int, error: float, velocity: float) -> GripStatus:
         """Judge the position that is missing and the velocity."""
         if abs(error) < self._tolerance:
-            return Way.REACHED
+            return GripStatus.REACHED
         if abs(velocity) > self._slowest:
             self._moved = now
-        return Way.STALLED if now - self._moved > self._timeout_ns else Way.MOVING
+        return GripStatus.STALLED if now - self._moved > self._timeout_ns else GripStatus.MOVING

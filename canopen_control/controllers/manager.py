@@ -17,7 +17,7 @@ from canopen_control.controllers.base import Controller, ControllerEvent, Contro
 from canopen_control.controllers.declared import checked, declared_by, given_in
 from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.params import Params
-from canopen_control.controllers.switcher import RunningControllers, Switched, Switcher, joints_of
+from canopen_control.controllers.switcher import Switched, Switcher, UpdateLoop, joints_of
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ControlError, NotEnabled, NotYetEnabled, UnknownName, nearest
 from canopen_control.rpc.messages.samples import kind_of
@@ -26,7 +26,7 @@ from canopen_control.rpc.messages.state import ControllerReading
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from canopen_control.controllers.base import Geometry
+    from canopen_control.controllers.base import WheelGeometrySource
     from canopen_control.controllers.trajectory.goal import Goal
     from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import (
@@ -76,7 +76,7 @@ class ControllerManager:
         *,
         cycle: float | None = None,
         joints: Sequence[str] | None = None,
-        geometry: Geometry | None = None,
+        geometry: WheelGeometrySource | None = None,
         description: Mapping[str, Joint] | None = None,
     ) -> None:
         if update_rate <= 0:
@@ -94,7 +94,7 @@ class ControllerManager:
         self._fallbacks: dict[str, tuple[str, ...]] = {}
         self._node_options: dict[str, tuple[str, ...]] = {}
         self.happened: list[ControllerEvent] = []
-        self.running = RunningControllers(update_rate, cycle or 1.0 / update_rate, self.happened)
+        self.running = UpdateLoop(update_rate, cycle or 1.0 / update_rate, self.happened)
         self._switcher = Switcher(registry, self._controllers, self.running, self.happened)
 
     # ------------------------------------------------------------------------------------------------- lifecycle

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, ClassVar
 
-from canopen_control.controllers.base import WheelBase, finite
+from canopen_control.controllers.base import DriveGeometry, finite
 from canopen_control.controllers.holonomic_base import HOLONOMIC, HolonomicBase
 from canopen_control.controllers.mecanum_params import MecanumParams, read_params
 from canopen_control.controllers.planar_pose import MIN_DT, HolonomicPose
@@ -88,13 +88,13 @@ class MecanumDriveController(HolonomicBase):
         self._reading = [0.0, 0.0, 0.0, 0.0]
         self._reference = [0.0, 0.0, 0.0]
 
-    def wheel_base(self) -> WheelBase:
+    def wheel_base(self) -> DriveGeometry:
         """Return what its parameters say of the wheels."""
         given, (odom, base) = self.params, self.frame_ids()
         front_left, front_right, rear_right, rear_left = given.commanded
         frozen = tuple(axis for axis, each in zip(HOLONOMIC, given.limits, strict=True) if each.freezes)
         sides = ((front_left, rear_left), (front_right, rear_right))
-        return WheelBase(
+        return DriveGeometry(
             *sides, 0.0, given.radius, odom, base, given.enable_odom_tf, frozen, "kinematics.wheels_radius"
         )
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from canopen_control.controllers.base import WheelBase
+from canopen_control.controllers.base import DriveGeometry
 from canopen_control.controllers.holonomic_base import HolonomicBase
 from canopen_control.controllers.omni_params import LEAST_WHEELS, OmniParams, read_params
 from canopen_control.controllers.planar_pose import HolonomicPose
@@ -96,10 +96,10 @@ class OmniWheelDriveController(HolonomicBase):
         self.params = OmniParams()
         self._reading: list[float] = []
 
-    def wheel_base(self) -> WheelBase:
+    def wheel_base(self) -> DriveGeometry:
         """Return its frames, and the radius of its wheels, which stand on no two sides."""
         given, (odom, base) = self.params, self.frame_ids()
-        return WheelBase((), (), 0.0, given.wheel_radius, odom, base, given.enable_odom_tf)
+        return DriveGeometry((), (), 0.0, given.wheel_radius, odom, base, given.enable_odom_tf)
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""

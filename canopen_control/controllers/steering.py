@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from canopen_control.controllers.base import ControllerState, WheelBase, finite
+from canopen_control.controllers.base import ControllerState, DriveGeometry, finite
 from canopen_control.controllers.base_params import refuse
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.steering_kinematics import SteeringKinematics
@@ -55,13 +55,13 @@ class SteeringController(MobileBase):
         self._reading: list[float] = []
         self._driven: list[float] = []
 
-    def wheel_base(self) -> WheelBase:
+    def wheel_base(self) -> DriveGeometry:
         """Return what its parameters say of the wheels; the right one stands first."""
         given, (odom, base) = self.params, self.frame_ids()
         right, left = given.traction_joints_names[:1], given.traction_joints_names[1:]
         keys = (given.radius_key, "traction_track_width")
         separation = given.tracks[0]
-        return WheelBase(left, right, separation, given.radius, odom, base, given.enable_odom_tf, (), *keys)
+        return DriveGeometry(left, right, separation, given.radius, odom, base, given.enable_odom_tf, (), *keys)
 
     def on_configure(self, params: Params) -> None:
         """Read the parameters; the pose becomes 0."""

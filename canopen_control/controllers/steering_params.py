@@ -22,7 +22,7 @@ from canopen_control.yamlfile.convert import setting
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from canopen_control.controllers.base import Geometry
+    from canopen_control.controllers.base import WheelGeometrySource
     from canopen_control.controllers.params import Params
 
 
@@ -277,7 +277,7 @@ def is_ros1(params: Params) -> bool:
 
 
 def read_ros1(
-    params: Params, geometry: Geometry | None = None, tell: Callable[[str], object] = lambda _: None
+    params: Params, geometry: WheelGeometrySource | None = None, tell: Callable[[str], object] = lambda _: None
 ) -> Ros1AckermannParams:
     """Return the parameters as a bicycle has them, not yet checked for what cannot be together.
 
@@ -294,7 +294,7 @@ def read_ros1(
 
 
 def _completed(
-    given: Ros1AckermannParams, geometry: Geometry | None, tell: Callable[[str], object]
+    given: Ros1AckermannParams, geometry: WheelGeometrySource | None, tell: Callable[[str], object]
 ) -> Ros1AckermannParams:
     if geometry is None:
         return given

@@ -65,7 +65,7 @@ class Rate:
         return elapsed
 
 
-class Part:
+class InterfaceGroup:
     """Interfaces of the hardware that follow commands together or not at all; `enabled` as of the last cycle."""
 
     __slots__ = ("enabled", "ends")
@@ -85,14 +85,14 @@ class Part:
         return following
 
 
-class Slot:
+class ActiveController:
     """An active controller, its rate, and the parts of the hardware that it moves, by others too."""
 
     __slots__ = ("controller", "parts", "rate")
 
     def __init__(self, controller: Controller, hz: int, parts: Sequence[Ends]) -> None:
         self.controller, self.rate = controller, Rate(hz)
-        self.parts = [Part(each) for each in parts]
+        self.parts = [InterfaceGroup(each) for each in parts]
 
     @property
     def only_tells(self) -> bool:
@@ -101,15 +101,15 @@ class Slot:
 
     @property
     def follows(self) -> bool:
-        """Whether a part of what it moves follows commands as a whole, or it moves nothing."""
+        """Whether at least one interface group is fully enabled (or none is claimed)."""
         return not self.parts or any(part.follows() for part in self.parts)
 
     @property
     def disabled(self) -> list[CommandInterface]:
-        """Those of what it moves that follow no commands."""
+        """Claimed interfaces whose drive is not enabled."""
         return [each for part in self.parts for each in part.ends if not each.enabled]
 
-    def take_over(self, before: Slot, were_enabled: set[CommandInterface]) -> None:
+    def take_over(self, before: ActiveController, were_enabled: set[CommandInterface]) -> None:
         """Go on where it was before others were switched: with its rhythm, and what was enabled in the last cycle."""
         self.rate.last = before.rate.last
         for part in self.parts:
@@ -211,7 +211,7 @@ def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list
 
 
 @dataclass(frozen=True)
-class Plan:
+class SwitchPlan:
     """Who stops and who starts, in order, and what each hardware component is asked: (component, start, stop)."""
 
     activate: tuple[Controller, ...]
@@ -226,7 +226,7 @@ def make_plan(
     deactivate: Sequence[str],
     *,
     strict: bool,
-) -> Plan:
+) -> SwitchPlan:
     """Return what to do, or raise ControlError, InterfaceConflict or UnknownInterface with nothing changed."""
     leaving = _possible(controllers, deactivate, (ControllerState.ACTIVE,), "deactivate", strict=strict)
     allowed = (ControllerState.INACTIVE,)
@@ -239,7 +239,7 @@ def make_plan(
     _check_claims(registry, entering, leaving)
     # the commanded start first and stop last, so that a reference always has somebody behind it
     start, stop = tuple(reversed(in_order(entering[::-1]))), tuple(in_order(leaving))
-    return Plan(start, stop, _switches(registry, start, stop))
+    return SwitchPlan(start, stop, _switches(registry, start, stop))
 
 
 def _possible(
@@ -339,7 +339,7 @@ Failures = list[tuple["Controller", str]]
 Samples = dict[str, "ControllerSample"]
 
 
-class RunningControllers:
+class UpdateLoop:
     """The active controllers in running order; `update_rate` in Hz is the most they run at, `cycle` in s the cycle's.
 
     What happens is added to `events`; `divide` parts what an independent controller moves into what stops together.
@@ -354,9 +354,9 @@ class RunningControllers:
         every = 0 if update_rate * cycle >= _EVERY_CYCLE else update_rate
         self._period = max(cycle, 1.0 / update_rate)
         self._commanding_rate, self._telling_rate = Rate(every), Rate(every)
-        self._order: list[Slot] = []
-        self._commanding: list[Slot] = []
-        self._telling: list[Slot] = []
+        self._order: list[ActiveController] = []
+        self._commanding: list[ActiveController] = []
+        self._telling: list[ActiveController] = []
 
     def arrange(self, controllers: Collection[Controller], active: Sequence[Controller]) -> None:
         """Have these of all `controllers` run from the next cycle on; those that did go on."""
@@ -366,7 +366,7 @@ class RunningControllers:
         for controller in in_order(active):
             rate = controller.update_rate if controller.update_rate < self.update_rate else 0
             ends = ends_of(controller, controllers)
-            slot = Slot(controller, rate, self.divide(ends) if controller.independent else (ends,))
+            slot = ActiveController(controller, rate, self.divide(ends) if controller.independent else (ends,))
             if controller.name in before:
                 slot.take_over(before[controller.name], were_enabled)
             self._order.append(slot)
@@ -375,7 +375,7 @@ class RunningControllers:
 
     @property
     def controllers(self) -> tuple[Controller, ...]:
-        """They, in the order they run."""
+        """Active controllers in update order."""
         return tuple(slot.controller for slot in self._order)
 
     def samples(self, wall_offset_ns: int) -> Samples:
@@ -414,13 +414,13 @@ class RunningControllers:
         return elapsed
 
     def broadcast(self, now: int, period: float) -> None:
-        """Run those that only tell, once the commands of the cycle are on their way."""
+        """Update the broadcasters after the RPDOs of the cycle were sent."""
         rate = self._telling_rate
         elapsed = rate.step(now, period) if rate.hz else period
         if elapsed >= 0.0:
             self._run(self._telling, now, elapsed)
 
-    def _run(self, slots: Sequence[Slot], now: int, period: float) -> None:
+    def _run(self, slots: Sequence[ActiveController], now: int, period: float) -> None:
         for slot in slots:
             elapsed = period if not slot.rate.hz else slot.rate.step(now, self._period)
             if elapsed < 0.0:
@@ -433,7 +433,7 @@ class RunningControllers:
             if result is not OK:
                 self.failed.append((slot.controller, "update reported an error"))
 
-    def _power_changed(self, slot: Slot, part: Part, now: int) -> None:
+    def _power_changed(self, slot: ActiveController, part: InterfaceGroup, now: int) -> None:
         """Forget a command in the cycle in which one of the drives that it moves is no longer enabled."""
         if part.enabled:
             off = [each for each in part.ends if not each.enabled]
@@ -444,10 +444,10 @@ class RunningControllers:
 
     @property
     def holders(self) -> set[object]:
-        """With whom commands end that are in force."""
+        """Clients whose disconnection ends a command that is in force."""
         return {slot.controller.life.holder for slot in self._commanding} - {None}
 
-    def slot_of(self, controller: Controller) -> Slot | None:
+    def slot_of(self, controller: Controller) -> ActiveController | None:
         """Return the place of a controller, None if it is not active."""
         return next((slot for slot in self._order if slot.controller is controller), None)
 
@@ -480,7 +480,7 @@ class RunningControllers:
         for slot in self._commanding:
             self._forget(slot, now, why=why)
 
-    def _forget(self, slot: Slot, now: int, some: Ends | None = None, why: str = "") -> None:
+    def _forget(self, slot: ActiveController, now: int, some: Ends | None = None, why: str = "") -> None:
         try:
             slot.forget(now, some, why)
         except Exception as error:  # noqa: BLE001 - no controller ends the cycle, whatever it raises
@@ -506,7 +506,7 @@ class Switcher:
         self,
         registry: InterfaceRegistry,
         controllers: Mapping[str, Controller],
-        running: RunningControllers,
+        running: UpdateLoop,
         events: list[ControllerEvent],
     ) -> None:
         self.on_switched: Callable[[], None] = lambda: None
@@ -541,7 +541,7 @@ class Switcher:
             if stop:
                 component.perform_command_mode_switch((), stop)
 
-    def _start_all(self, plan: Plan, now: int) -> None:
+    def _start_all(self, plan: SwitchPlan, now: int) -> None:
         started: list[Controller] = []
         try:
             for controller in plan.activate:

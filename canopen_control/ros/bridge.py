@@ -21,13 +21,13 @@ from canopen_control.errors import CanopenError
 from canopen_control.host.lifeline import LivenessReport, lifeline_fd
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse, claim, runtime_dir
-from canopen_control.ros.bridge_options import Options, with_parameters
+from canopen_control.ros.bridge_options import BridgeOptions, with_parameters
 from canopen_control.ros.installation import describe, from_wheels, prepare, require_ros
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.ros.session import Session
+    from canopen_control.ros.session import RosSession
 
 
 NODE_NAME: Final = "canopen_control_bridge"
@@ -103,7 +103,7 @@ class Bridge:
         self._arguments = arguments
         self._lifeline = lifeline_fd()
         self._claim = _claim(self._name, _ENDING_S if self._lifeline is not None else 0.0)
-        self._session: Session | None = None
+        self._session: RosSession | None = None
         self._liveness, self._has_answered = LivenessReport(), True
         self._reactor = Reactor()
         self._reactor.handle_signals({signal.SIGTERM: self._reactor.stop, signal.SIGINT: self._reactor.stop})
@@ -120,7 +120,7 @@ class Bridge:
             self._context, self._node = start(NODE_NAME, namespace, ros_arguments)
         except Exception as error:
             raise CanopenError(f"ROS 2 could not be started: {in_words(error)}") from error
-        given = Options(self._arguments.rate, self._arguments.tf, self._frame_prefix())
+        given = BridgeOptions(self._arguments.rate, self._arguments.tf, self._frame_prefix())
         self._options = with_parameters(self._node, given)
         if self._node.get_parameter("use_sim_time").value:
             _say(_SIM_TIME)
@@ -147,12 +147,12 @@ class Bridge:
 
     def _connect(self) -> None:
         """Find the robot; by hand again and again, for `run`'s own bridge there is no other than this one."""
-        from canopen_control.ros.session import Session
+        from canopen_control.ros.session import RosSession
 
         client: RobotClient | None = None
         try:
             client = RobotClient.connect(self._name, _TIMEOUT_S)
-            session = Session(self._node, self._context, self._reactor, client, self._options, self._on_end)
+            session = RosSession(self._node, self._context, self._reactor, client, self._options, self._on_end)
             self._session = session
             session.open()
         except CanopenError as error:

@@ -20,7 +20,7 @@ CMD_VEL_TYPES: Final = ("auto", "Twist", "TwistStamped", "off")
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class BridgeOptions:
     """What the bridge shows; each field is a parameter of that name.
 
     `rate` is that of the state stream in Hz, 0 for as often as controllers publish; `frame_prefix` stands before the
@@ -41,10 +41,10 @@ class Options:
     joint_states_topic: str = "/robot_joint_states"
 
 
-def with_parameters(node: Node, options: Options) -> Options:
+def with_parameters(node: Node, options: BridgeOptions) -> BridgeOptions:
     """Return the options as the parameters of the node have them; raises ConfigError."""
     given = {}
-    for each in fields(Options):
+    for each in fields(BridgeOptions):
         default = getattr(options, each.name)
         if not node.has_parameter(each.name):
             try:
@@ -55,7 +55,7 @@ def with_parameters(node: Node, options: Options) -> Options:
     return _checked(replace(options, **given))
 
 
-def _checked(options: Options) -> Options:
+def _checked(options: BridgeOptions) -> BridgeOptions:
     if options.cmd_vel_type not in CMD_VEL_TYPES:
         raise ConfigError(f"parameter cmd_vel_type is {options.cmd_vel_type!r}; there are: {', '.join(CMD_VEL_TYPES)}")
     if not 0.0 <= options.rate <= MAX_RATE:

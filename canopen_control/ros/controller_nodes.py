@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from canopen_control.ros.endpoint import Answer, Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
-from canopen_control.ros.on_node import OnNode
+from canopen_control.ros.on_node import NodeContext
 from canopen_control.ros.participants import client_of, folder_of
 from canopen_control.ros.qos import EVENTS
 from canopen_control.ros.rcl import further_node
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from canopen_control.ros.endpoint import Reply, Ros, RosMessage
-    from canopen_control.ros.on_node import Shared
+    from canopen_control.ros.on_node import SessionPort
     from canopen_control.ros.rcl import Context, Node
     from canopen_control.ros.spinner import Spinner
     from canopen_control.rpc.messages.declare import Done
@@ -243,16 +243,16 @@ class ParameterServices(Endpoint):
 class ControllerNodes:
     """Makes the nodes beside `first`, the bridge's; `of` tells what the endpoints of one are given."""
 
-    def __init__(self, shared: Shared, first: Node, context: Context, spinner: Spinner) -> None:
+    def __init__(self, shared: SessionPort, first: Node, context: Context, spinner: Spinner) -> None:
         self._shared, self._first, self._context, self._spinner = shared, first, context, spinner
-        self._nodes: dict[str, tuple[OnNode, ParameterServices]] = {}
+        self._nodes: dict[str, tuple[NodeContext, ParameterServices]] = {}
 
-    def of(self, name: str, arguments: Sequence[str] = ()) -> OnNode:
+    def of(self, name: str, arguments: Sequence[str] = ()) -> NodeContext:
         """Return what is on the node of this name, which is made when it is first asked for; whatever rclpy raises."""
         if name not in self._nodes:
             node = further_node(name, self._context, str(self._first.get_namespace()), arguments)
             self._spinner.add(node)
-            ros = OnNode(self._shared, node)
+            ros = NodeContext(self._shared, node)
             self._nodes[name] = (ros, ParameterServices(ros, name))
         return self._nodes[name][0]
 

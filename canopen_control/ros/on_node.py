@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 A = TypeVar("A")
 
 
-class Shared(Protocol):
+class SessionPort(Protocol):
     """What all nodes of a robot share, see `endpoint.Ros`; `warn_of` tells the user as one of the nodes."""
 
     robot: str
@@ -62,10 +62,10 @@ class Shared(Protocol):
         """Ask the robot."""
 
 
-class OnNode:
+class NodeContext:
     """One node and what it shares with the others; the `Ros` of what is on it."""
 
-    def __init__(self, shared: Shared, node: Node) -> None:
+    def __init__(self, shared: SessionPort, node: Node) -> None:
         self.node, self._shared = node, shared
         self.robot = shared.robot
         self.command, self.hand_over, self.connect = shared.command, shared.hand_over, shared.connect

@@ -31,7 +31,7 @@ from canopen_control.ros.interfaces import MissingInterface, interface
 from canopen_control.ros.joint_states import time_message
 from canopen_control.ros.lifecycle_services import Lifecycle
 from canopen_control.ros.nodes import NodeView, nodes_of
-from canopen_control.ros.on_node import OnNode
+from canopen_control.ros.on_node import NodeContext
 from canopen_control.ros.qos import LATCHED, SYSTEM_DEFAULT
 from canopen_control.ros.rcl import ros_seconds
 from canopen_control.ros.spinner import Spinner
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
 
     from canopen_control.client import RobotClient
     from canopen_control.host.reactor import Reactor
-    from canopen_control.ros.bridge_options import Options
+    from canopen_control.ros.bridge_options import BridgeOptions
     from canopen_control.ros.endpoint import Ros
     from canopen_control.ros.rcl import Context, Node
     from canopen_control.rpc.messages.declare import Request
@@ -315,7 +315,7 @@ _LONGEST_TOLD: Final = 500  # characters, as the robot takes them
 _LACKING_NS: Final = 1_000_000_000
 
 
-class Session:
+class RosSession:
     """Topics of one robot; `on_end(why)` is called once, on the loop, when the robot is gone.
 
     Its endpoints know it through the node that each is on, see `on_node`.
@@ -327,7 +327,7 @@ class Session:
         context: Context,
         reactor: Reactor,
         client: RobotClient,
-        options: Options,
+        options: BridgeOptions,
         on_end: Callable[[str], object],
     ) -> None:
         self._options = options
@@ -347,7 +347,7 @@ class Session:
         self._ended = False
         self._time = RosTime(partial(ros_seconds, node), time.time)
         self._spinner = Spinner(node, context, self._on_callback_error)
-        self._ros = OnNode(self, node)
+        self._ros = NodeContext(self, node)
         self._nodes = ControllerNodes(self, node, context, self._spinner)
         self._asker = self.connect()
 

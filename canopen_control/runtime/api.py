@@ -6,7 +6,7 @@ import os
 from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
 
 from canopen_control.controllers.base import twist_axes_of
-from canopen_control.controllers.controllers_file import Spawned
+from canopen_control.controllers.controllers_file import SpawnedControllers
 from canopen_control.controllers.declared import checked, declared_by
 from canopen_control.controllers.types import TYPES
 from canopen_control.errors import ControlError, LocalProtocolError, UnknownName
@@ -173,7 +173,7 @@ class ParameterMethods:
     """Answers them on a server; what spawners set is added to the controllers of the robot's file."""
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
-        self._robot, self._spawned = robot, Spawned(robot.setup.controllers)
+        self._robot, self._spawned = robot, SpawnedControllers(robot.setup.controllers)
         server.answers(GetParameters, self._get)
         server.answers(SetParameters, self._set)
 

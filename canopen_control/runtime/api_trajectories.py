@@ -13,7 +13,7 @@ from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.trajectory.goal import Goal, ResultCode
 from canopen_control.controllers.trajectory.params import GoalTolerances, JointTolerance
 from canopen_control.controllers.trajectory.point import JointTrajectory
-from canopen_control.controllers.trajectory.validation import PackedPoints
+from canopen_control.controllers.trajectory.validation import PointBuffer
 from canopen_control.errors import ControlError, TrajectoryRefused
 from canopen_control.rpc.messages.declare import Done, Request
 from canopen_control.rpc.messages.gripper import (
@@ -42,7 +42,7 @@ from canopen_control.rpc.messages.trajectory import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from canopen_control.controllers.command_life import CommandLife
+    from canopen_control.controllers.command_life import CommandTimeout
     from canopen_control.host.lineserver import Connection
     from canopen_control.rpc.messages.robot import RobotHello, RobotPush
     from canopen_control.rpc.messages.samples import TrajectoryPoint
@@ -63,7 +63,7 @@ class TrajectoryMethods:
         self, robot: RobotCore, server: Server[RobotHello, RobotPush], keep: Callable[[Connection], None]
     ) -> None:
         self._robot, self._keep = robot, keep
-        self._coming: dict[Connection, PackedPoints] = {}
+        self._coming: dict[Connection, PointBuffer] = {}
         self._sent: dict[Connection, _SentTrajectory] = {}
         self._promised: dict[Connection, _Promise] = {}
         server.answers(TrajectoryData, self._data)
@@ -89,9 +89,9 @@ class TrajectoryMethods:
         self._collect(call.connection, call.request.points)
         call.reply(Done())
 
-    def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> PackedPoints:
+    def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> PointBuffer:
         """Return all points that a connection has sent; ControlError, and they are dropped, if those are too many."""
-        kept = self._coming.setdefault(connection, PackedPoints())
+        kept = self._coming.setdefault(connection, PointBuffer())
         if len(kept) + len(points) > MAX_POINTS:
             del self._coming[connection]
             raise ControlError(f"a trajectory has {MAX_POINTS} points at most; nothing was kept, send fewer")
@@ -215,7 +215,7 @@ class _Promise:
 
     __slots__ = ("heard", "life", "within_ns")
 
-    def __init__(self, life: CommandLife, within_ns: int, heard: int) -> None:
+    def __init__(self, life: CommandTimeout, within_ns: int, heard: int) -> None:
         self.life, self.within_ns, self.heard = life, within_ns, heard
 
     def is_broken(self, now: int) -> bool:

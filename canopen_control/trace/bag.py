@@ -199,7 +199,7 @@ class BagMessages:
 # a forward controller: a name that nobody listens to. What is not known is nan.
 
 
-class Told(NamedTuple):
+class BagTopic(NamedTuple):
     """One row: the samples of a `kind` on a topic of their controller; `make` returns the message of one."""
 
     kind: type[Sample]
@@ -302,14 +302,14 @@ def _known(values: Iterable[float | None]) -> list[float]:
 
 
 SENSORS: Final = (
-    Told(ImuSample, "imu", _imu),
-    Told(RangeSample, "range", _range),
-    Told(WrenchSample, "wrench", _wrench),
-    Told(PoseSample, "pose", _pose),
-    Told(BatteriesSample, "battery_state", _together),
-    Told(BatteriesSample, "raw_battery_states", _each),
-    Told(GpioSample, "gpio_states", _gpio),
-    Told(GripperSample, "commands_out", _gripper),
+    BagTopic(ImuSample, "imu", _imu),
+    BagTopic(RangeSample, "range", _range),
+    BagTopic(WrenchSample, "wrench", _wrench),
+    BagTopic(PoseSample, "pose", _pose),
+    BagTopic(BatteriesSample, "battery_state", _together),
+    BagTopic(BatteriesSample, "raw_battery_states", _each),
+    BagTopic(GpioSample, "gpio_states", _gpio),
+    BagTopic(GripperSample, "commands_out", _gripper),
 )
 """All of them; one that a new kind of sample has gets a line here."""
 

@@ -27,7 +27,12 @@ if TYPE_CHECKING:
     from cantools.database.can import Message, Node, Signal
     from cantools.database.namedsignalvalue import NamedSignalValue
 
-    from canopen_control.trace.network_description import NetworkDescription, NodeDescription, PdoDescription, PdoObject
+    from canopen_control.trace.network_description import (
+        DescribedPdoObject,
+        NetworkDescription,
+        NodeDescription,
+        PdoDescription,
+    )
 
 
 _LONGEST = 32
@@ -259,7 +264,7 @@ def _pdo(node: NodeDescription, pdo: PdoDescription, sender: str) -> _Message:
     return message
 
 
-def _signals(mapped: PdoObject, start: int, *, is_drive: bool) -> Iterator[_Signal]:
+def _signals(mapped: DescribedPdoObject, start: int, *, is_drive: bool) -> Iterator[_Signal]:
     """Yield the signals of one object: several for a word that has named parts."""
     where = f"0x{mapped.index:04X}:{mapped.subindex:02X}"
     name, comment = _identifier(mapped.name), f"{where} {mapped.name}"

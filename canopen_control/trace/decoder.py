@@ -41,7 +41,13 @@ from canopen_control.frame import (
     service_of,
 )
 from canopen_control.od.eds import TYPES
-from canopen_control.trace.network_description import NodeDescription, PdoDescription, PdoObject, address_text, type_of
+from canopen_control.trace.network_description import (
+    DescribedPdoObject,
+    NodeDescription,
+    PdoDescription,
+    address_text,
+    type_of,
+)
 from canopen_control.trace.sdo_conversation import SdoConversation
 from canopen_control.trace.values import Change, NodeWords, SignalValue
 
@@ -114,10 +120,10 @@ class LearnedPdos:
         transmission = self._held.get((communication, _TYPE), _EVENT_DRIVEN)
         return PdoDescription(can_id, direction, number, mapped, transmission)
 
-    def _object(self, entry: int) -> PdoObject:
+    def _object(self, entry: int) -> DescribedPdoObject:
         index, subindex, bits = parse_mapping_entry(entry)
         name = self._words.name(index, subindex) or address_text(index, subindex)
-        return PdoObject(index, subindex, bits, self._type(index, subindex, bits), name)
+        return DescribedPdoObject(index, subindex, bits, self._type(index, subindex, bits), name)
 
     def _type(self, index: int, subindex: int, bits: int) -> DataType:
         """Return the type by the EDS, else by the drive profile, else by the width."""

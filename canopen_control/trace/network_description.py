@@ -45,7 +45,7 @@ _RAW_TYPES = {
 
 
 @dataclass(frozen=True, slots=True)
-class PdoObject:
+class DescribedPdoObject:
     """One object of a PDO and its name, or its address where it has none; `bits` is its width in the PDO.
 
     Times `factor` plus `offset` its number is in `unit`, which is empty where nobody knows.
@@ -78,7 +78,7 @@ class PdoDescription:
     cob_id: int
     direction: str
     number: int
-    objects: tuple[PdoObject, ...]
+    objects: tuple[DescribedPdoObject, ...]
     transmission_type: int = 255
 
     @property
@@ -184,7 +184,7 @@ def pdos_by_default(od: ObjectDictionary) -> tuple[PdoDescription, ...]:
 
 def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoDescription:
     mapped_objects = (
-        PdoObject(
+        DescribedPdoObject(
             mapped.index,
             mapped.subindex,
             mapped.bits,
@@ -211,11 +211,11 @@ def _pdo_of_layout(pdo: PdoLayout) -> PdoDescription:
     return PdoDescription(pdo.cob_id, pdo.direction, pdo.number, objects, pdo.transmission_type)
 
 
-def _object_of_layout(entry: MappedEntry) -> PdoObject:
+def _object_of_layout(entry: MappedEntry) -> DescribedPdoObject:
     name = entry.name or address_text(entry.index, entry.subindex)
     data_type = DataType.__members__.get(entry.data_type) or type_of(None, entry.index, entry.subindex, entry.bits)
     meaning = entry.factor, entry.offset, entry.unit
-    return PdoObject(entry.index, entry.subindex, entry.bits, data_type, name, *meaning)
+    return DescribedPdoObject(entry.index, entry.subindex, entry.bits, data_type, name, *meaning)
 
 
 def address_text(index: int, subindex: int) -> str:

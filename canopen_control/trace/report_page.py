@@ -35,7 +35,7 @@ _FOOT: Final = 22
 _STEPS: Final = (1, 2, 5, 10)
 
 
-class Axis(NamedTuple):
+class TimeAxis(NamedTuple):
     """The time that is shown, seconds from the begin, and when the fault was, if any."""
 
     begin: float
@@ -61,7 +61,7 @@ def _marks(low: float, high: float, most: int) -> Iterator[float]:
         yield number * step
 
 
-def _grid(axis: Axis, height: float) -> Iterator[str]:
+def _grid(axis: TimeAxis, height: float) -> Iterator[str]:
     """Yield the grid of time with its numbers."""
     for mark in _marks(axis.begin, axis.end, 10):
         x = axis.x(mark)
@@ -69,7 +69,7 @@ def _grid(axis: Axis, height: float) -> Iterator[str]:
         yield f'<text class="tick" x="{x:.1f}" y="{height + 15}" text-anchor="middle">{mark:g} s</text>'
 
 
-def _fault(axis: Axis, height: float) -> Iterator[str]:
+def _fault(axis: TimeAxis, height: float) -> Iterator[str]:
     """Yield the line of the fault, which goes over everything else."""
     if axis.fault is not None and axis.begin <= axis.fault <= axis.end:
         x = axis.x(axis.fault)
@@ -81,7 +81,7 @@ def _svg(title: str, height: float, parts: Sequence[str]) -> str:
     return f'<svg viewBox="0 0 {WIDTH} {height:g}" role="img" aria-label="{escape(title)}">{body}</svg>'
 
 
-def timeline(title: str, rows: Sequence[tuple[str, Sequence[Span]]], axis: Axis) -> str:
+def timeline(title: str, rows: Sequence[tuple[str, Sequence[Span]]], axis: TimeAxis) -> str:
     """Draw states over time: rows of (label, spans); a state's class is ``s-`` and its name."""
     height = _ROW * len(rows)
     parts = list(_grid(axis, height))
@@ -92,7 +92,7 @@ def timeline(title: str, rows: Sequence[tuple[str, Sequence[Span]]], axis: Axis)
     return _svg(title, height + _FOOT, [*parts, *_fault(axis, height)])
 
 
-def _span(span: Span, axis: Axis, y: float) -> str:
+def _span(span: Span, axis: TimeAxis, y: float) -> str:
     left, right = axis.x(span.begin), axis.x(span.end)
     state = span.state or "unknown"
     words = state.replace("_", " ").lower()
@@ -110,7 +110,7 @@ def lines(
     title: str,
     time: Sequence[float],
     series: Sequence[tuple[str, Sequence[float | None]]],
-    axis: Axis,
+    axis: TimeAxis,
     unit: str,
     *,
     from_zero: bool = False,
@@ -272,8 +272,8 @@ def _table(headings: Sequence[str], rows: Iterable[tuple[str, Sequence[tuple[str
     return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table></div>'
 
 
-def _axis(facts: ReportFacts) -> Axis:
-    return Axis(0.0, facts.seconds, facts.fault_at)
+def _axis(facts: ReportFacts) -> TimeAxis:
+    return TimeAxis(0.0, facts.seconds, facts.fault_at)
 
 
 def _summary(facts: ReportFacts) -> Iterator[str]:

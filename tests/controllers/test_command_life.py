@@ -7,7 +7,7 @@ import math
 import pytest
 from support.control import DIFF_DRIVE, FORWARD, Hardware, S, add, manager
 
-from canopen_control.controllers.command_life import CommandLife, endless, life_ns
+from canopen_control.controllers.command_life import CommandTimeout, endless, life_ns
 from canopen_control.errors import ControlError, NotEnabled
 
 WHEELS = ["left", "right"]
@@ -44,7 +44,7 @@ def test_for_ever_is_told_where_it_is_written_and_where_it_moves():
 
 
 def test_it_runs_out_once():
-    life = CommandLife()
+    life = CommandTimeout()
     life.limit_ns = 10
     assert not life.runs_out(100)
     life.give(100)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.properties import examples
 
-from canopen_control.controllers.controllers_file import Spawned, is_within, read_controllers
+from canopen_control.controllers.controllers_file import SpawnedControllers, is_within, read_controllers
 from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.rpc.messages.parameters import ParameterValue
@@ -51,7 +51,7 @@ def control(folder):
 
 
 def test_a_controller_that_the_robots_file_has_not(control, folder):
-    spawned = Spawned(control)
+    spawned = SpawnedControllers(control)
     spawned.set([texts("new.params_file", str(folder / "new.yaml"))])
     spawned.set([text("new.type", KIND)])
     new = control.controllers["new"]
@@ -59,13 +59,13 @@ def test_a_controller_that_the_robots_file_has_not(control, folder):
 
 
 def test_the_type_may_stand_in_the_file_alone(control, folder):
-    Spawned(control).set([texts("new.params_file", str(folder / "new.yaml"))])
+    SpawnedControllers(control).set([texts("new.params_file", str(folder / "new.yaml"))])
     assert control.controllers["new"].type == KIND
 
 
 def test_files_win_over_the_robots_own_and_the_last_over_those_before(control, folder):
     (folder / "last.yaml").write_text("forward:\n  ros__parameters:\n    command_timeout: 0.5\n")
-    spawned = Spawned(control)
+    spawned = SpawnedControllers(control)
     spawned.set([texts("forward.params_file", str(folder / "more.yaml"), "last.yaml")])
     found = control.controllers["forward"].params.flat.value
     assert (found["joints"], found["command_timeout"], found["interface_name"]) == (["r"], 0.5, "velocity")
@@ -74,12 +74,12 @@ def test_files_win_over_the_robots_own_and_the_last_over_those_before(control, f
 
 
 def test_remappings_are_the_nodes(control):
-    Spawned(control).set([texts("forward.node_options_args", "--ros-args", "-r", "~/commands:=/speeds")])
+    SpawnedControllers(control).set([texts("forward.node_options_args", "--ros-args", "-r", "~/commands:=/speeds")])
     assert control.controllers["forward"].node_options == ("--ros-args", "-r", "~/commands:=/speeds")
 
 
 def test_fallbacks_are_controllers_that_are_known(control):
-    spawned = Spawned(control)
+    spawned = SpawnedControllers(control)
     spawned.set([text("new.type", KIND), texts("new.fallback_controllers", "forward")])
     assert control.controllers["new"].fallbacks == ("forward",)
     with pytest.raises(ControlError, match=r"fallback_controllers of new: no controller 'foward'.*'forward'"):
@@ -102,7 +102,7 @@ def test_fallbacks_are_controllers_that_are_known(control):
     ],
 )
 def test_what_is_wrong_is_refused_and_changes_nothing(control, wanted, error, why):
-    spawned = Spawned(control)
+    spawned = SpawnedControllers(control)
     with pytest.raises(error, match=why):
         spawned.set([text("new.type", KIND), wanted])
     assert (spawned.given, list(control.controllers)) == ({}, ["forward"])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from support.control import DIFF_DRIVE, FORWARD, Hardware, S, add, manager, same, vectors
 from support.properties import examples
 
-from canopen_control.controllers.base import ControllerState, WheelBase
+from canopen_control.controllers.base import ControllerState, DriveGeometry
 from canopen_control.controllers.diff_drive import Odometry, wheel_velocities
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import ReturnType
@@ -373,7 +373,7 @@ def test_it_says_what_it_assumes_of_its_wheels_before_the_calibration():
     jerk = {"linear__x__max_jerk": 0.0}
     _, _, base = robot(wheel_separation_multiplier=2.0, left_wheel_radius_multiplier=3.0, tf_frame_prefix="r1", **jerk)
     given = base.params
-    assert base.wheel_base() == WheelBase(
+    assert base.wheel_base() == DriveGeometry(
         given.left,
         given.right,
         given.wheel_separation,

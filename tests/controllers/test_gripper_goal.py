@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.gripper_goal import GripperGoal, Progress, Way
+from canopen_control.controllers.gripper_goal import GripperGoal, GripStatus, StallDetector
 
 MS = 1_000_000
 
@@ -14,46 +14,46 @@ MS = 1_000_000
 def test_only_the_first_end_counts_and_is_told_once():
     told = []
     goal = GripperGoal(0.04, 20.0, ended_now=lambda: told.append(1))
-    goal.end(GoalState.SUCCEEDED, "reached", 0.039, 5.0, Way.REACHED)
-    goal.end(GoalState.ABORTED, "too late", 0.0, 0.0, Way.STALLED)
+    goal.end(GoalState.SUCCEEDED, "reached", 0.039, 5.0, GripStatus.REACHED)
+    goal.end(GoalState.ABORTED, "too late", 0.0, 0.0, GripStatus.STALLED)
     assert (goal.state, goal.text, goal.at, goal.effort) == (GoalState.SUCCEEDED, "reached", 0.039, 5.0)
     assert (goal.reached, goal.stalled, told) == (True, False, [1])
 
 
 def test_within_the_tolerance_it_is_reached_and_at_its_edge_not():
-    progress = Progress(0.01, 0.001, 1.0)
+    progress = StallDetector(0.01, 0.001, 1.0)
     progress.begin(0)
-    assert progress.look(0, 0.0099, 0.0) is Way.REACHED
-    assert progress.look(0, -0.0099, 5.0) is Way.REACHED
-    assert progress.look(0, 0.01, 0.0) is Way.MOVING
+    assert progress.look(0, 0.0099, 0.0) is GripStatus.REACHED
+    assert progress.look(0, -0.0099, 5.0) is GripStatus.REACHED
+    assert progress.look(0, 0.01, 0.0) is GripStatus.MOVING
 
 
 def test_it_has_stalled_after_the_time_out_without_motion():
-    progress = Progress(0.01, 0.001, 1.0)
+    progress = StallDetector(0.01, 0.001, 1.0)
     progress.begin(0)
-    assert progress.look(500 * MS, 0.5, 0.0011) is Way.MOVING
-    assert progress.look(1500 * MS, 0.5, 0.001) is Way.MOVING
-    assert progress.look(1501 * MS, 0.5, 0.001) is Way.STALLED
+    assert progress.look(500 * MS, 0.5, 0.0011) is GripStatus.MOVING
+    assert progress.look(1500 * MS, 0.5, 0.001) is GripStatus.MOVING
+    assert progress.look(1501 * MS, 0.5, 0.001) is GripStatus.STALLED
     progress.begin(2000 * MS)
-    assert progress.look(3000 * MS, 0.5, 0.0) is Way.MOVING
+    assert progress.look(3000 * MS, 0.5, 0.0) is GripStatus.MOVING
 
 
 def test_of_a_position_that_nobody_knows_it_is_not_said_that_it_is_reached():
-    progress = Progress(0.01, 0.001, 1.0)
+    progress = StallDetector(0.01, 0.001, 1.0)
     progress.begin(0)
-    assert progress.look(0, math.nan, math.nan) is Way.MOVING
-    assert progress.look(1001 * MS, math.nan, math.nan) is Way.STALLED
+    assert progress.look(0, math.nan, math.nan) is GripStatus.MOVING
+    assert progress.look(1001 * MS, math.nan, math.nan) is GripStatus.STALLED
 
 
 @given(st.lists(st.tuples(st.floats(-1, 1), st.floats(-0.01, 0.01)), max_size=40))
 def test_it_agrees_with_the_definition(steps):
-    progress, moved = Progress(0.1, 0.002, 0.05), 0
+    progress, moved = StallDetector(0.1, 0.002, 0.05), 0
     progress.begin(0)
     for number, (error, velocity) in enumerate(steps, 1):
         now = number * 10 * MS
         found = progress.look(now, error, velocity)
         if abs(error) < 0.1:
-            assert found is Way.REACHED
+            assert found is GripStatus.REACHED
             continue
         moved = now if abs(velocity) > 0.002 else moved
-        assert found is (Way.STALLED if now - moved > 50 * MS else Way.MOVING)
+        assert found is (GripStatus.STALLED if now - moved > 50 * MS else GripStatus.MOVING)

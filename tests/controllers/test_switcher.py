@@ -9,7 +9,16 @@ from hypothesis import strategies as st
 from support.control import BROADCASTER, FORWARD, Hardware, S, Scripted, add, manager, put, three_on_two_wheels, wheels
 
 from canopen_control.controllers.base import Controller
-from canopen_control.controllers.switcher import NOT_DUE, Part, Rate, Slot, in_order, joints_of, make_plan, users_of
+from canopen_control.controllers.switcher import (
+    NOT_DUE,
+    ActiveController,
+    InterfaceGroup,
+    Rate,
+    in_order,
+    joints_of,
+    make_plan,
+    users_of,
+)
 from canopen_control.errors import ControlError, InterfaceConflict, UnsupportedMode
 from canopen_control.hardware.interfaces import CommandInterface, ReturnType, StateInterface
 
@@ -56,7 +65,7 @@ def interfaces(*names):
 
 def test_a_part_follows_as_a_whole_but_for_what_is_set_aside():
     one, other = ends = interfaces("a", "b")
-    part = Part(ends)
+    part = InterfaceGroup(ends)
     assert part.enabled
     one.enabled = False
     assert not part.follows()
@@ -64,26 +73,26 @@ def test_a_part_follows_as_a_whole_but_for_what_is_set_aside():
     assert part.follows()
     other.enabled = False
     assert not part.follows()
-    assert Part(()).follows()
+    assert InterfaceGroup(()).follows()
 
 
 def test_a_slot_follows_while_one_of_its_parts_does_and_names_those_that_do_not():
     a, b = interfaces("a", "b")
-    slot = Slot(Controller("c"), 0, [(a,), (b,)])
+    slot = ActiveController(Controller("c"), 0, [(a,), (b,)])
     a.enabled = False
     assert slot.follows
     assert slot.disabled == [a]
     b.enabled = False
     assert not slot.follows
-    assert Slot(Controller("tells"), 0, []).follows
+    assert ActiveController(Controller("tells"), 0, []).follows
 
 
 def test_what_was_enabled_in_the_last_cycle_and_its_rhythm_outlive_a_switch():
     (a,) = ends = interfaces("a")
-    before = Slot(Controller("c"), 10, [ends])
+    before = ActiveController(Controller("c"), 10, [ends])
     before.rate.step(S, 0.02)
     a.enabled = False  # since the last cycle
-    after = Slot(before.controller, 10, [ends])
+    after = ActiveController(before.controller, 10, [ends])
     assert not after.parts[0].enabled
     after.take_over(before, {a})
     assert after.parts[0].enabled

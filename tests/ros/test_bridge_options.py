@@ -9,7 +9,7 @@ from support.ros import run_ros
 
 from canopen_control.errors import ConfigError
 from canopen_control.ros import bridge_options
-from canopen_control.ros.bridge_options import Options, with_parameters
+from canopen_control.ros.bridge_options import BridgeOptions, with_parameters
 from canopen_control.yamlfile.reader import tree
 
 
@@ -33,11 +33,11 @@ class Node:
 
 
 def test_without_parameters_the_arguments_count():
-    assert with_parameters(Node(), Options(rate=20.0)) == Options(rate=20.0)
+    assert with_parameters(Node(), BridgeOptions(rate=20.0)) == BridgeOptions(rate=20.0)
 
 
 def test_a_parameter_wins_over_an_argument():
-    assert with_parameters(Node(rate=10.0, cmd_vel_type="Twist"), Options(rate=20.0)) == Options(
+    assert with_parameters(Node(rate=10.0, cmd_vel_type="Twist"), BridgeOptions(rate=20.0)) == BridgeOptions(
         rate=10.0, cmd_vel_type="Twist"
     )
 
@@ -45,7 +45,7 @@ def test_a_parameter_wins_over_an_argument():
 @pytest.mark.parametrize("given", [{"rate": -1.0}, {"rate": 1000.1}, {"rate": "fast"}, {"cmd_vel_type": "twist"}])
 def test_a_value_that_does_not_fit_is_one_sentence(given):
     with pytest.raises(ConfigError, match=f"parameter {next(iter(given))}"):
-        with_parameters(Node(**given), Options())
+        with_parameters(Node(**given), BridgeOptions())
 
 
 EXAMPLES = Path(bridge_options.__file__).parent / "share/examples"
@@ -55,7 +55,7 @@ def test_the_example_file_has_every_parameter_with_its_default():
     path = EXAMPLES / "bridge.yaml"
     told = tree(path).value["/**/canopen_control_bridge"]["ros__parameters"]
     assert '\n    # frame_prefix: ""' in path.read_text(), "its default follows from the namespace"
-    assert {**told, "frame_prefix": ""} == dataclasses.asdict(Options())
+    assert {**told, "frame_prefix": ""} == dataclasses.asdict(BridgeOptions())
 
 
 @pytest.mark.ros
@@ -67,7 +67,7 @@ def test_the_example_file_is_read_in_any_namespace(namespace, tmp_path):
 import sys
 from canopen_control.ros import bridge_options, rcl
 context, node = rcl.start("canopen_control_bridge", sys.argv[1], ["--ros-args", "--params-file", sys.argv[2]])
-print(bridge_options.with_parameters(node, bridge_options.Options(frame_prefix="two/")))
+print(bridge_options.with_parameters(node, bridge_options.BridgeOptions(frame_prefix="two/")))
 context.shutdown()
 """
     said = run_ros(code, arguments=[namespace, str(path)])
@@ -79,8 +79,8 @@ def test_the_example_for_another_controller_manager_names_our_topics_and_never_f
     (hardware,) = ET.parse(EXAMPLES / "topic_hardware.urdf").getroot().iter("hardware")
     told = {each.get("name"): each.text for each in hardware.findall("param")}
     assert told == {
-        "joint_commands_topic": Options().joint_commands_topic,
-        "joint_states_topic": Options().joint_states_topic,
+        "joint_commands_topic": BridgeOptions().joint_commands_topic,
+        "joint_states_topic": BridgeOptions().joint_states_topic,
         "trigger_joint_command_threshold": "-1",
     }
     controllers = tree(EXAMPLES / "topic_hardware_controllers.yaml").value

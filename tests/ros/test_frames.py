@@ -150,7 +150,7 @@ def test_every_odometry_is_found_in_the_transforms_and_so_is_each_link_at_its_ti
 def test_a_frame_gets_the_prefix_that_it_does_not_have(prefix, name, shown):
     code = f"""
 from types import SimpleNamespace
-from canopen_control.ros.session import Session
-print(Session.frame(SimpleNamespace(_options=SimpleNamespace(frame_prefix={prefix!r})), {name!r}))
+from canopen_control.ros.session import RosSession
+print(RosSession.frame(SimpleNamespace(_options=SimpleNamespace(frame_prefix={prefix!r})), {name!r}))
 """
     assert ros.run_ros(code) == f"{shown}\n"

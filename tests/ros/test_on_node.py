@@ -8,7 +8,7 @@ import pytest
 
 from canopen_control.ros import on_node
 from canopen_control.ros.interfaces import MissingInterface
-from canopen_control.ros.on_node import OnNode
+from canopen_control.ros.on_node import NodeContext
 
 pytestmark = pytest.mark.ros
 
@@ -29,7 +29,7 @@ def scene(monkeypatch):
         setattr(shared, name, lambda *_: None)
     monkeypatch.setattr(on_node, "interface", lambda name: name)
     monkeypatch.setattr(on_node, "make_service", lambda _node, _kind, name, taken: made.setdefault(name, taken))
-    return SimpleNamespace(ros=OnNode(shared, node), told=told, gone=gone, made=made, later=later, shared=shared)
+    return SimpleNamespace(ros=NodeContext(shared, node), told=told, gone=gone, made=made, later=later, shared=shared)
 
 
 def test_what_a_callback_raises_is_a_warning_of_the_node(scene):

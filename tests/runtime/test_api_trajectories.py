@@ -7,7 +7,7 @@ from support.apiclient import Client
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.robots import Bench
 
-from canopen_control.controllers.command_life import CommandLife
+from canopen_control.controllers.command_life import CommandTimeout
 from canopen_control.rpc.messages.trajectory import MAX_POINTS
 from canopen_control.runtime import api_trajectories
 from canopen_control.runtime.api import ApiServer
@@ -277,7 +277,7 @@ def test_a_promise_counts_for_its_own_trajectory_and_for_nothing_that_came_after
     let_go = []
     robot = SimpleNamespace(after_cycle=[], let_go=lambda connection, why: let_go.append(connection))
     methods = api_trajectories.TrajectoryMethods(robot, SimpleNamespace(answers=lambda *_: None), print)
-    life = CommandLife()
+    life = CommandTimeout()
     life.holder = holder
     methods._promised["me"] = api_trajectories._Promise(life, 10, 0)
     (look,) = robot.after_cycle

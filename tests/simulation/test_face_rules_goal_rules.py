@@ -2,16 +2,20 @@ import pytest
 from support.simulated import BASE, FORWARD, Judged
 
 from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.switcher import RunningControllers
-from canopen_control.controllers.trajectory.controller import JointTrajectoryController, Judgement, Verdict
+from canopen_control.controllers.switcher import UpdateLoop
+from canopen_control.controllers.trajectory.controller import (
+    JointTrajectoryController,
+    ToleranceMonitor,
+    ToleranceResult,
+)
 from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.errors import ControlError
 from canopen_control.hardware.system import CanopenSystem
 from canopen_control.simulation.face_rules import FaceRules, GoalRules
 
 ARM = "arm_controller"
-MISSED = Verdict(GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, "it was missed")
-REACHED = Verdict(GoalState.SUCCEEDED, ResultCode.SUCCESSFUL, "it was reached")
+MISSED = ToleranceResult(GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, "it was missed")
+REACHED = ToleranceResult(GoalState.SUCCEEDED, ResultCode.SUCCESSFUL, "it was reached")
 
 
 class Rules:
@@ -66,7 +70,7 @@ def test_a_goal_that_ends_as_its_tolerances_say_is_no_news(arm):
     ],
 )
 def test_a_goal_that_ends_otherwise_is_told(arm, monkeypatch, verdict, when, words):
-    monkeypatch.setattr(Judgement, "verdict", lambda self, tolerances: verdict if when(self) else None)
+    monkeypatch.setattr(ToleranceMonitor, "verdict", lambda self, tolerances: verdict if when(self) else None)
     go(arm).run(0.3 if verdict is REACHED else 3.0)
     assert arm.broken
     assert set(arm.broken) == {"goal_wrong"}
@@ -89,7 +93,7 @@ def test_a_cancelled_trajectory_that_goes_on_is_told_unless_something_newer_lead
 
 @pytest.mark.sources
 def test_a_goal_that_a_stop_has_ended_says_so(arm, monkeypatch):
-    monkeypatch.setattr(RunningControllers, "forget", lambda self, now, why: None)
+    monkeypatch.setattr(UpdateLoop, "forget", lambda self, now, why: None)
     go(arm).run(0.5).do("stop").run(0.2)
     assert arm.broken == ["goal_wrong"]
     assert "a stop has ended the goal of arm_controller, which says: joint_1 (joint_1_drive)" in arm.told[0][1]

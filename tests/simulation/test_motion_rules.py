@@ -1,7 +1,7 @@
 import pytest
 from support.simulated import BASE, FORWARD, MS, Judged, S, setup_of
 
-from canopen_control.controllers.switcher import RunningControllers
+from canopen_control.controllers.switcher import UpdateLoop
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.simulation.acts import Act
 from canopen_control.simulation.motion_rules import MotionRules
@@ -55,7 +55,7 @@ def test_an_enable_that_nobody_asked_for_is_told(judged):
 
 @pytest.mark.sources
 def test_a_command_older_than_the_enable_moves_nothing(judged, monkeypatch):
-    monkeypatch.setattr(RunningControllers, "_power_changed", lambda self, slot, part, now: None)
+    monkeypatch.setattr(UpdateLoop, "_power_changed", lambda self, slot, part, now: None)
     judged.drive(5.0, 5.0, seconds=0.05).run(0.1).do("fault", 3, 0.1, name="drive_fault").run(0.7)
     judged.do("axis", name="fault-reset").run(0.2)
     assert judged.broken == []

@@ -3,10 +3,10 @@
 from msgspec import structs
 
 from canopen_control.cia301.heartbeat import HeartbeatEventKind
-from canopen_control.controllers.command_life import CommandLife
+from canopen_control.controllers.command_life import CommandTimeout
 from canopen_control.controllers.joint_state import JointStateBroadcaster
 from canopen_control.controllers.manager import ControllerManager
-from canopen_control.controllers.switcher import RunningControllers
+from canopen_control.controllers.switcher import UpdateLoop
 from canopen_control.hardware.interfaces import OK
 from canopen_control.hardware.joint import JointDrive
 from canopen_control.hardware.joint_targets import VelocityTarget
@@ -66,7 +66,7 @@ def reset_chains_into_enable(patch):
 
 
 def stale_commands(patch):
-    patch.setattr(CommandLife, "runs_out", lambda self, now: False)
+    patch.setattr(CommandTimeout, "runs_out", lambda self, now: False)
 
 
 def latch_does_not_refuse(patch):
@@ -170,7 +170,7 @@ def shafts_stay_behind(patch):
 
 
 def commands_outlast_an_enable(patch):
-    patch.setattr(RunningControllers, "_power_changed", lambda self, slot, part, now: None)
+    patch.setattr(UpdateLoop, "_power_changed", lambda self, slot, part, now: None)
 
 
 def joint_states_stand(patch):

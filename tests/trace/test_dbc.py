@@ -8,7 +8,12 @@ from canopen_control.frame import CanFrame
 from canopen_control.od.model import DataType
 from canopen_control.trace.dbc import WORD_PARTS, dbc_text
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.network_description import NetworkDescription, NodeDescription, PdoDescription, PdoObject
+from canopen_control.trace.network_description import (
+    DescribedPdoObject,
+    NetworkDescription,
+    NodeDescription,
+    PdoDescription,
+)
 
 cantools = pytest.importorskip("cantools", reason="cantools, the independent reader of DBC files, is not installed")
 
@@ -70,11 +75,11 @@ def test_senders_and_receivers_are_the_nodes():
 
 def test_every_type_and_every_place_is_read_back():
     objects = (
-        PdoObject(0x2000, 0, 4, DataType.INTEGER8, "nibble"),
-        PdoObject(0x0005, 0, 8, DataType.UNSIGNED8, "dummy"),
-        PdoObject(0x2001, 1, 12, DataType.UNSIGNED16, "1st (odd) name, of more than thirty-two characters"),
-        PdoObject(0x2001, 2, 8, DataType.INTEGER8, "1st (odd) name, of more than thirty-two characters"),
-        PdoObject(0x2002, 0, 32, DataType.REAL32, "Überdruck"),
+        DescribedPdoObject(0x2000, 0, 4, DataType.INTEGER8, "nibble"),
+        DescribedPdoObject(0x0005, 0, 8, DataType.UNSIGNED8, "dummy"),
+        DescribedPdoObject(0x2001, 1, 12, DataType.UNSIGNED16, "1st (odd) name, of more than thirty-two characters"),
+        DescribedPdoObject(0x2001, 2, 8, DataType.INTEGER8, "1st (odd) name, of more than thirty-two characters"),
+        DescribedPdoObject(0x2002, 0, 32, DataType.REAL32, "Überdruck"),
     )
     node = NodeDescription("node one", 9, None, (PdoDescription(0x80012345, "tpdo", 1, objects),))
     network = NetworkDescription(nodes={9: node})
@@ -101,8 +106,8 @@ def test_numbers_are_scaled_with_their_unit_where_it_is_known():
         "tpdo",
         1,
         (
-            PdoObject(0x6064, 0, 32, DataType.INTEGER32, "Position", 0.00025, -0.5, "m"),
-            PdoObject(0x606C, 0, 32, DataType.INTEGER32, "Velocity"),
+            DescribedPdoObject(0x6064, 0, 32, DataType.INTEGER32, "Position", 0.00025, -0.5, "m"),
+            DescribedPdoObject(0x606C, 0, 32, DataType.INTEGER32, "Velocity"),
         ),
     )
     db = database(NetworkDescription(nodes={1: NodeDescription("lift", 1, pdos=(pdo,))}))

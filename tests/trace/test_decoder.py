@@ -6,7 +6,12 @@ from support.tracing import frame, robby_decoder, robby_network, said
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame
 from canopen_control.od.model import DataType
 from canopen_control.trace.decoder import SERVICES, Decoder, Mark
-from canopen_control.trace.network_description import NetworkDescription, NodeDescription, PdoDescription, PdoObject
+from canopen_control.trace.network_description import (
+    DescribedPdoObject,
+    NetworkDescription,
+    NodeDescription,
+    PdoDescription,
+)
 
 
 def one(can_id, data="", decoder=None):
@@ -145,8 +150,8 @@ def test_what_a_node_did_before_its_boot_up_says_nothing_about_its_heartbeat():
 
 def test_a_pdo_may_lie_on_any_identifier_even_one_of_29_bits():
     objects = (
-        PdoObject(0x2000, 0, 4, DataType.INTEGER8, "nibble"),
-        PdoObject(0x2001, 0, 12, DataType.UNSIGNED16, "rest"),
+        DescribedPdoObject(0x2000, 0, 4, DataType.INTEGER8, "nibble"),
+        DescribedPdoObject(0x2001, 0, 12, DataType.UNSIGNED16, "rest"),
     )
     node = NodeDescription("io", 9, None, (PdoDescription(EXTENDED_FLAG | 0x12345, "tpdo", 1, objects),))
     got = Decoder(NetworkDescription(nodes={9: node})).decode(frame(EXTENDED_FLAG | 0x12345, "1F00"))
@@ -154,7 +159,7 @@ def test_a_pdo_may_lie_on_any_identifier_even_one_of_29_bits():
 
 
 def test_a_mapping_that_cannot_be_is_said_with_the_bytes():
-    objects = tuple(PdoObject(0x2000 + n, 0, 64, DataType.UNSIGNED64, "x") for n in range(2))
+    objects = tuple(DescribedPdoObject(0x2000 + n, 0, 64, DataType.UNSIGNED64, "x") for n in range(2))
     node = NodeDescription("odd", 9, None, (PdoDescription(0x189, "tpdo", 1, objects),))
     got = Decoder(NetworkDescription(nodes={9: node})).decode(frame(0x189, "0102"))
     assert got.text.startswith("01 02; its mapping cannot be read")

@@ -7,16 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.trace.report_facts import Span
-from canopen_control.trace.report_page import LEFT, RIGHT, WIDTH, Axis, bars, lines, timeline
+from canopen_control.trace.report_page import LEFT, RIGHT, WIDTH, TimeAxis, bars, lines, timeline
 
-AXIS = Axis(0.0, 10.0, 4.0)
+AXIS = TimeAxis(0.0, 10.0, 4.0)
 
 
 def test_the_axis_runs_over_the_whole_width():
     assert AXIS.x(0.0) == LEFT
     assert AXIS.x(10.0) == WIDTH - RIGHT
     assert AXIS.x(99.0) == WIDTH - RIGHT
-    assert Axis(0.0, 0.0).x(0.0) == LEFT
+    assert TimeAxis(0.0, 0.0).x(0.0) == LEFT
 
 
 @given(
@@ -26,7 +26,7 @@ def test_the_axis_runs_over_the_whole_width():
 )
 def test_lines_are_well_formed_and_within_the_drawing(values, end, fault):
     time = [end * n / max(len(values), 1) for n in range(len(values))]
-    drawn = lines("a & b", time, [("actual", values)], Axis(0.0, end, fault), "rad/s")
+    drawn = lines("a & b", time, [("actual", values)], TimeAxis(0.0, end, fault), "rad/s")
     if all(value is None for value in values):
         assert drawn == ""
         return

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, overload
 
 from canopen_control.controllers.base import Controller
 from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.trajectory.follower import Follower, SpeedScaling
+from canopen_control.controllers.trajectory.follower import SpeedScaling, TrajectoryExecutor
 from canopen_control.controllers.trajectory.goal import Goal, ResultCode
 from canopen_control.controllers.trajectory.joint_group import JointGroup
 from canopen_control.controllers.trajectory.params import (
@@ -32,11 +32,11 @@ from canopen_control.controllers.trajectory.point_limiter import PointLimiter
 from canopen_control.controllers.trajectory.validation import (
     NONE,
     JointLimits,
-    PackedPoints,
+    PointBuffer,
     Refused,
     Rules,
-    Survey,
     SurveyedPoints,
+    TrajectorySummary,
     beyond,
     broken_rule,
     far_start,
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from canopen_control.controllers.params import Params
-    from canopen_control.controllers.trajectory.followed import Motion
+    from canopen_control.controllers.trajectory.followed import JointSetpoint
     from canopen_control.controllers.trajectory.params import StateTolerance
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import Sample
@@ -156,7 +156,7 @@ class Acceptance:
         """Say which point a joint cannot reach in time; a limiter of points is there for those."""
         return None if self._params.joint_limiter_type else unreachable(message, survey_of(message), self.limits)
 
-    def _misfit(self, message: JointTrajectory, survey: Survey, here: Mapping[str, float]) -> str | None:
+    def _misfit(self, message: JointTrajectory, survey: TrajectorySummary, here: Mapping[str, float]) -> str | None:
         """Say which position the object behind a command cannot hold, None if it holds all.
 
         A joint that turns without end goes there on the turn on which it is.
@@ -197,7 +197,7 @@ _NOBODY = -1
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ToleranceResult:
     """How a goal ends, and the sentence that says why."""
 
     state: GoalState
@@ -224,7 +224,7 @@ class _Tolerated:
         return found
 
 
-class Judgement:
+class ToleranceMonitor:
     """What was found in one cycle of the joints of a group: who `left` the path, who is `outside` at the end."""
 
     def __init__(self, group: JointGroup) -> None:
@@ -239,7 +239,7 @@ class Judgement:
         """Whether nothing more is to be commanded of the trajectory."""
         return self.left >= 0 or self.late
 
-    def look(self, tolerances: SegmentTolerances, follower: Follower, *, over: bool, past: float) -> None:
+    def look(self, tolerances: SegmentTolerances, follower: TrajectoryExecutor, *, over: bool, past: float) -> None:
         """Compare the errors of this cycle with the tolerances; `past` is how long it is over, in s."""
         self.left, self.outside, self.over, self.late = _NOBODY, _NOBODY, over, False
         if follower.holding:
@@ -253,23 +253,27 @@ class Judgement:
             self.outside = self._goal.exceeded(self._group.error)
         self.late = self.outside >= 0 and 0.0 < tolerances.goal_time < past
 
-    def verdict(self, tolerances: SegmentTolerances) -> Verdict | None:
+    def verdict(self, tolerances: SegmentTolerances) -> ToleranceResult | None:
         """Return how the trajectory ends by what was found, None if it goes on."""
         joints, errors = self._group.joints, self._group.error.positions
         if self.left >= 0:
             off, allowed = errors[self.left], tolerances.path[self.left].position
             who = f"{joints[self.left]} is {off:g} off its path, and {allowed:g} is its tolerance"
-            return Verdict(GoalState.ABORTED, ResultCode.PATH_TOLERANCE_VIOLATED, f"{who}; see what holds it back")
+            return ToleranceResult(
+                GoalState.ABORTED, ResultCode.PATH_TOLERANCE_VIOLATED, f"{who}; see what holds it back"
+            )
         if self.over and self.outside < 0:
             return _REACHED
         if self.late:
             off, time = errors[self.outside], tolerances.goal_time
             who = f"{joints[self.outside]} is {off:g} off its goal {time:g} s after the end"
-            return Verdict(GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, f"{who}; see what holds it back")
+            return ToleranceResult(
+                GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, f"{who}; see what holds it back"
+            )
         return None
 
 
-_REACHED = Verdict(GoalState.SUCCEEDED, ResultCode.SUCCESSFUL, "the goal was reached")
+_REACHED = ToleranceResult(GoalState.SUCCEEDED, ResultCode.SUCCESSFUL, "the goal was reached")
 
 
 # Velocities for trajectories of positions alone, as policies send them: a cubic spline through all points.
@@ -331,7 +335,7 @@ class PolicyTimes(Sequence[int]):
 class UpsampledPoints(SurveyedPoints):
     """Points of positions with the velocities of the spline; `source` has the positions, `times` are theirs."""
 
-    def __init__(self, source: Sequence[Point] | Points, times: Sequence[int], survey: Survey) -> None:
+    def __init__(self, source: Sequence[Point] | Points, times: Sequence[int], survey: TrajectorySummary) -> None:
         self.times, self.survey = times, survey
         self._source = source
         self._blocks: dict[int, Block] = {}  # the two that were asked for last, by their first points
@@ -356,7 +360,7 @@ class UpsampledPoints(SurveyedPoints):
         if not last:
             return [[]]
         source = self._source
-        if isinstance(source, PackedPoints):
+        if isinstance(source, PointBuffer):
             positions = source.positions(first, end + 1)
         else:
             positions = [source[index].positions for index in range(first, end + 1)]
@@ -417,9 +421,9 @@ class JointTrajectoryController(Controller):
         self.speed = SpeedScaling()
         self.refused_tolerances: str | None = None
         self._group = JointGroup((), (), (), ())
-        self._follower = Follower(self.params, self._group, NS // 100)
+        self._follower = TrajectoryExecutor(self.params, self._group, NS // 100)
         self._acceptance = Acceptance(self.params, self._group, {})
-        self._judgement = Judgement(self._group)
+        self._judgement = ToleranceMonitor(self._group)
         self._changed: TrajectoryParams | None = None
         self._waiting: str | None = None
         self._timeout = 0.0
@@ -438,9 +442,11 @@ class JointTrajectoryController(Controller):
             given.joints, given.commanded, given.command_interfaces, given.state_interfaces
         )
         self.joints, self.interface = given.commanded, ", ".join(given.command_interfaces)
-        self._follower = Follower(given, group, NS // min(given.update_rate or self.cycle_rate, self.cycle_rate))
+        self._follower = TrajectoryExecutor(
+            given, group, NS // min(given.update_rate or self.cycle_rate, self.cycle_rate)
+        )
         self._acceptance = Acceptance(given, group, self.description)
-        self._judgement = Judgement(group)
+        self._judgement = ToleranceMonitor(group)
         group.wrap[:] = self._acceptance.continuous
         self._default = self.tolerances = given.tolerances()
         if (useless := self._acceptance.cannot_brake()) is not None:
@@ -652,7 +658,7 @@ class JointTrajectoryController(Controller):
             self._follow(follower.motion, now, period)
         return OK
 
-    def _follow(self, motion: Motion, now: int, period: float) -> None:
+    def _follow(self, motion: JointSetpoint, now: int, period: float) -> None:
         """Command what was worked out, unless a joint is off its path or late at its goal."""
         group, follower, judgement = self._group, self._follower, self._judgement
         over, past = motion.is_over, follower.past
@@ -670,7 +676,7 @@ class JointTrajectoryController(Controller):
         if not follower.holding:
             self._take_verdict(judgement.verdict(self.tolerances))
 
-    def _take_verdict(self, verdict: Verdict | None) -> None:
+    def _take_verdict(self, verdict: ToleranceResult | None) -> None:
         """End the goal, or the trajectory, by what was found."""
         if verdict is None:
             return

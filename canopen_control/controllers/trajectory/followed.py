@@ -158,7 +158,7 @@ _FEW: Final = 8
 """So many segments are looked through one by one, as each cycle does with the next ones."""
 
 
-class Motion:
+class JointSetpoint:
     """What can be sampled: `start` and `before_time` in ns, `size` the number of points.
 
     `first` and `following` are the points that the last sample was between; both `size` where it had none, and
@@ -206,7 +206,7 @@ class Motion:
         return self.following == self.size
 
 
-class Trajectory(Motion):
+class ActiveTrajectory(JointSetpoint):
     """Points that are followed, with `splines` between them, or without: then each is commanded until it is reached.
 
     With an `arrangement` it is applied to each point that is made. `shift` is what is added to the positions of each
@@ -314,7 +314,7 @@ class Trajectory(Motion):
             positions[index] += shift[index]
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the point at `t` into `out`, see `Motion`."""
+        """Write the point at `t` into `out`, see `JointSetpoint`."""
         times, size = self._times, self.size
         self.first = self.following = size
         if not size:
@@ -350,7 +350,7 @@ class Trajectory(Motion):
         return index
 
     def query(self, t: int, out: Point) -> bool:
-        """Write what is said of any time into `out`, see `Motion`."""
+        """Write what is said of any time into `out`, see `JointSetpoint`."""
         reached, self.reached = self.reached, 0
         found = self.sampled and self.sample(t, out, ahead=True)
         self.reached, self._seen = reached, None  # `out` is not the follower's

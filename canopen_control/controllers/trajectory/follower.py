@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.trajectory.followed import Motion, Trajectory
+from canopen_control.controllers.trajectory.followed import ActiveTrajectory, JointSetpoint
 from canopen_control.controllers.trajectory.joint_group import Loops
 from canopen_control.controllers.trajectory.point import Arrangement, JointTrajectory, Point
 from canopen_control.controllers.trajectory.validation import SurveyedPoints
@@ -43,7 +43,7 @@ class _Track:
 
     __slots__ = ("joints", "motion", "said")
 
-    def __init__(self, motion: Motion, joints: list[int]) -> None:
+    def __init__(self, motion: JointSetpoint, joints: list[int]) -> None:
         self.motion, self.joints, self.said = motion, joints, Point()
 
 
@@ -52,14 +52,14 @@ class _Waiting:
 
     __slots__ = ("handoff", "joints", "trajectory")
 
-    def __init__(self, trajectory: Trajectory, handoff: int, joints: list[int]) -> None:
+    def __init__(self, trajectory: ActiveTrajectory, handoff: int, joints: list[int]) -> None:
         self.trajectory, self.handoff, self.joints = trajectory, handoff, joints
 
 
-class Blend(Motion):
+class Blend(JointSetpoint):
     """Joints that follow one trajectory or several, each its own, and those that are to take over."""
 
-    def __init__(self, old: Motion, wrap: Sequence[bool]) -> None:
+    def __init__(self, old: JointSetpoint, wrap: Sequence[bool]) -> None:
         super().__init__(old.start, 1)
         self.sampled, self._wrap = True, wrap
         self._tracks = [_Track(old, list(range(len(wrap))))]
@@ -68,7 +68,7 @@ class Blend(Motion):
             self._tracks, self._waiting = old._tracks, old._waiting  # noqa: SLF001 - it goes on in its place
         self._end = 0
 
-    def take(self, trajectory: Trajectory, handoff: int, joints: Sequence[int]) -> None:
+    def take(self, trajectory: ActiveTrajectory, handoff: int, joints: Sequence[int]) -> None:
         """Have a trajectory take over these joints at `handoff`; what was to begin later than that is dropped."""
         kept = [each for each in self._waiting if each.handoff < handoff][: MOST_WAITING - 1]
         self._waiting = [*kept, _Waiting(trajectory, handoff, list(joints))]
@@ -91,7 +91,7 @@ class Blend(Motion):
         return found
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the point at `t` into `out`, see `Motion`; who begins by then takes over."""
+        """Write the point at `t` into `out`, see `JointSetpoint`; who begins by then takes over."""
         while self._waiting and self._waiting[0].handoff <= t:
             self._hand_over(self._waiting.pop(0))
         found = self._mix(t, out, ahead=ahead)
@@ -166,7 +166,7 @@ _AT_REST: Final = 2.0**-23
 """Below this a joint is at rest, in rad/s."""
 
 
-class Stop(Motion):
+class Stop(JointSetpoint):
     """The way to rest of all joints from where they are with `set_before`; `decelerations` in rad/s2, above 0.
 
     Its time is real, however slowly trajectories run; `pace` is by how much they did, where it begins from what was
@@ -200,7 +200,7 @@ class Stop(Motion):
         return self.duration
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the point at `t` into `out`, see `Motion`."""
+        """Write the point at `t` into `out`, see `JointSetpoint`."""
         del ahead
         self.begin(t)
         elapsed = max((t - self.start) / 1e9, 0.0)
@@ -279,7 +279,7 @@ class SpeedScaling:
 NS: Final = 1_000_000_000
 
 
-class Follower:
+class TrajectoryExecutor:
     """Moves a group of joints; `holding` says that it stays, or comes to rest, where it is.
 
     `desired` is what was to be in the last cycle, `output` what was commanded for the next one; `limiter` keeps that
@@ -290,7 +290,7 @@ class Follower:
     def __init__(self, params: TrajectoryParams, group: JointGroup, period_ns: int) -> None:
         self.holding = self.fresh = False
         self.desired, self.output = Point(), Point()
-        self.motion: Motion | None = None
+        self.motion: JointSetpoint | None = None
         self.limiter: PointLimiter | None = None
         self.limited: str | None = None
         self._params, self._group, self._period_ns = params, group, period_ns
@@ -382,7 +382,7 @@ class Follower:
         if message is not self._hold:
             group.read()
             arrangement = Arrangement(message.joint_names, group.joints, group.targets(), group.actual.positions)
-        made = Trajectory(message, self._splines, arrangement)
+        made = ActiveTrajectory(message, self._splines, arrangement)
         if follows is None or arrangement is None:
             self.motion = made
             return
@@ -393,7 +393,7 @@ class Follower:
         blend.take(made, max(begin, self._commanded_until), named)
 
     @property
-    def follows(self) -> Motion | None:
+    def follows(self) -> JointSetpoint | None:
         """The trajectory that a new one would be blended into, None where it would take its place at once."""
         taken, motion = self._taken, self.motion
         if not (self._params.allow_trajectory_replacement and self._splines) or motion is None or motion.is_over:
@@ -493,7 +493,7 @@ class Follower:
             speed_scaling_factor=factor,
         )
 
-    def _begin(self, motion: Motion, now: int, scaling: float) -> None:
+    def _begin(self, motion: JointSetpoint, now: int, scaling: float) -> None:
         """Take where the joints are, or were to be, before the first point; a hold is where they are, on that turn."""
         wrap = () if self._taken is self._hold else self._group.wrap
         if self._params.from_desired and self._last.positions:

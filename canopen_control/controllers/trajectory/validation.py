@@ -89,7 +89,7 @@ class Extremes:
             self.highest = list(map(max, self.highest, found.highest))
 
 
-class Survey:
+class TrajectorySummary:
     """Where points break the rules, as indices of the first ones that do; `count` is how many there are.
 
     `not_increasing` is not after the point before it, `empty` has neither positions nor velocities nor accelerations,
@@ -220,15 +220,15 @@ class _Column:
 class SurveyedPoints(Points):
     """Points of which is known what they come to: `survey`."""
 
-    survey: Survey
+    survey: TrajectorySummary
 
 
-class PackedPoints(SurveyedPoints):
+class PointBuffer(SurveyedPoints):
     """Points that are added as they come, and made again when they are asked for; `survey` is what they come to."""
 
     def __init__(self) -> None:
         self.times: array[int] = array("q")
-        self.survey = Survey()
+        self.survey = TrajectorySummary()
         self._begins: list[int] = []
         self._pieces: list[tuple[_Column, _Column, _Column, _Column]] = []
 
@@ -353,16 +353,16 @@ class JointLimits:
     continuous: bool = False
 
 
-def survey_of(message: JointTrajectory) -> Survey:
+def survey_of(message: JointTrajectory) -> TrajectorySummary:
     """Return what the points of a trajectory come to: made as they came, or now."""
     if isinstance(message.points, SurveyedPoints):
         return message.points.survey
-    made = Survey()
+    made = TrajectorySummary()
     made.add(list(message.points), [each.time for each in message.points])
     return made
 
 
-def broken_rule(message: JointTrajectory, survey: Survey, rules: Rules, now: int) -> Refused | None:
+def broken_rule(message: JointTrajectory, survey: TrajectorySummary, rules: Rules, now: int) -> Refused | None:
     """Return the first rule of upstream that a trajectory breaks, None if none; `now` in ns."""
     refused = _wrong_joints(message, rules) or _wrong_end(message, rules, now)
     if refused is not None:
@@ -378,7 +378,7 @@ def broken_rule(message: JointTrajectory, survey: Survey, rules: Rules, now: int
     return _wrong_sizes(index, point, len(message.joint_names), rules)
 
 
-def _first_wrong(survey: Survey, joints: int, rules: Rules) -> int:
+def _first_wrong(survey: TrajectorySummary, joints: int, rules: Rules) -> int:
     """Return the first point that breaks a rule about points, NONE if none does."""
     wrong = (
         survey.not_increasing,
@@ -445,7 +445,7 @@ def _wrong_sizes(index: int, point: Point, joints: int, rules: Rules) -> Refused
     return None
 
 
-def beyond(message: JointTrajectory, survey: Survey, limits: dict[str, JointLimits]) -> str | None:
+def beyond(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str, JointLimits]) -> str | None:
     """Say what in a trajectory is no number or beyond the limits of its joint, None if nothing is."""
     names = message.joint_names
     for name in names:
@@ -467,7 +467,7 @@ def beyond(message: JointTrajectory, survey: Survey, limits: dict[str, JointLimi
     return None
 
 
-def unreachable(message: JointTrajectory, survey: Survey, limits: dict[str, JointLimits]) -> str | None:
+def unreachable(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str, JointLimits]) -> str | None:
     """Say which point a joint cannot reach in time from the one before within its velocity limit, None if none."""
     for index, name in enumerate(message.joint_names if survey.means.ranges else ()):
         most = limits.get(name, JointLimits()).velocity

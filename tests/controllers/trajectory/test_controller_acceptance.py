@@ -5,7 +5,7 @@ from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.controllers.trajectory.joint_group import JointGroup
 from canopen_control.controllers.trajectory.params import TrajectoryParams
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
-from canopen_control.controllers.trajectory.validation import PackedPoints
+from canopen_control.controllers.trajectory.validation import PointBuffer
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 from canopen_control.urdf.joint_element import Joint, UrdfLimits
@@ -14,7 +14,7 @@ S = 1_000_000_000
 JOINTS, HERE = ("a", "b"), [0.0, 0.0]
 
 
-class Counted(PackedPoints):
+class Counted(PointBuffer):
     """Counts how many points are made."""
 
     made = 0

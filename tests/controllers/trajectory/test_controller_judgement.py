@@ -1,7 +1,7 @@
 import pytest
 
 from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.trajectory.controller import Judgement
+from canopen_control.controllers.trajectory.controller import ToleranceMonitor
 from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.controllers.trajectory.joint_group import JointGroup
 from canopen_control.controllers.trajectory.params import SegmentTolerances, StateTolerance
@@ -23,7 +23,7 @@ def found(*errors, over=False, past=0.0, **state):
     group.error.positions[:] = errors
     follower = Followed()
     vars(follower).update(state)
-    made = Judgement(group)
+    made = ToleranceMonitor(group)
     made.look(TOLERANCES, follower, over=over, past=past)
     return made
 

@@ -9,7 +9,7 @@ from support.trajectories import cases, close, point
 
 from canopen_control.controllers.trajectory.controller import PolicyTimes, UpsampledPoints, positions_alone, upsampled
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
-from canopen_control.controllers.trajectory.validation import PackedPoints
+from canopen_control.controllers.trajectory.validation import PointBuffer
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 
 S = 1_000_000_000
@@ -81,7 +81,7 @@ def test_accelerations_are_continuous_at_the_inner_points_across_blocks_too(step
 
 
 def packed(count):
-    points = PackedPoints()
+    points = PointBuffer()
     points.add(
         [TrajectoryPoint(positions=[math.sin(i / 9.0)] * 6, time_from_start=0.01 * (i + 1)) for i in range(count)]
     )

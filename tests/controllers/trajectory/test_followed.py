@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.trajectories import cases, differences, message, point
 
-from canopen_control.controllers.trajectory.followed import Segment, Trajectory
+from canopen_control.controllers.trajectory.followed import ActiveTrajectory, Segment
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 
 S = 1_000_000_000
@@ -74,7 +74,7 @@ def samples(case):
     given = case["in"]
     made = message(given)
     points = made.points
-    trajectory = Trajectory(made, splines=given["method"] == "splines")
+    trajectory = ActiveTrajectory(made, splines=given["method"] == "splines")
     before = given["before"]
     if before is not None:
         trajectory.set_before(before["time_ns"], point(before["point"]), before.get("wrap", []))
@@ -138,14 +138,14 @@ def test_what_deviates_is_there():
         assert any(deviates(case) and any(wrong for wrong, *_ in samples(case)) for case in CASES)
 
 
-def ramp(*points: tuple[float, float], **how) -> Trajectory:
+def ramp(*points: tuple[float, float], **how) -> ActiveTrajectory:
     """Return a trajectory of one joint through (time in s, position), from 0 at rest at 10 s."""
-    made = Trajectory(JointTrajectory(["a"], [Point([p], time=round(t * S)) for t, p in points]), **how)
+    made = ActiveTrajectory(JointTrajectory(["a"], [Point([p], time=round(t * S)) for t, p in points]), **how)
     made.set_before(10 * S, Point([0.0]), [False])
     return made
 
 
-def at(trajectory: Trajectory, t: float, *, ahead: bool = False) -> float:
+def at(trajectory: ActiveTrajectory, t: float, *, ahead: bool = False) -> float:
     out = Point()
     assert trajectory.sample(round(t * S), out, ahead=ahead)
     return out.positions[0]
@@ -161,7 +161,7 @@ def test_a_look_beyond_the_end_does_not_end_it():
 
 
 def test_accelerations_without_velocities_lead_from_point_to_point():
-    made = Trajectory(
+    made = ActiveTrajectory(
         JointTrajectory(["a"], [Point([p], accelerations=[1.0], time=t * S) for t, p in ((1, 1.0), (2, 3.0))])
     )
     made.set_before(10 * S, Point([0.5], accelerations=[0.0]), [False])
@@ -173,9 +173,9 @@ def test_without_splines_the_next_point_is_commanded_until_it_is_reached():
     assert [at(made, t) for t in (10.0, 10.9, 11.0, 11.9, 12.0)] == [0.0, 0.0, 3.0, 3.0, 3.0]
 
 
-def turning(begin: float, *points: Point, wrap: bool = True) -> Trajectory:
+def turning(begin: float, *points: Point, wrap: bool = True) -> ActiveTrajectory:
     """Return a trajectory of a joint without end that is at `begin` at 10 s."""
-    made = Trajectory(JointTrajectory(["a"], points))
+    made = ActiveTrajectory(JointTrajectory(["a"], points))
     made.set_before(10 * S, Point([begin], [0.0]), [wrap])
     return made
 
@@ -247,9 +247,9 @@ def messages(draw, most=8):
     return JointTrajectory(["a", "b"], points)
 
 
-def followed(message: JointTrajectory) -> Trajectory:
+def followed(message: JointTrajectory) -> ActiveTrajectory:
     copies = JointTrajectory(message.joint_names, [each.copy() for each in message.points])
-    made = Trajectory(copies)
+    made = ActiveTrajectory(copies)
     made.set_before(10 * S, Point([0.0, 0.0], [0.0, 0.0]), [False, False])
     made.sample(10 * S, Point())
     return made
@@ -322,7 +322,7 @@ def test_when_it_is_over_the_last_point_stays(message, later):
 
 
 def test_an_effort_that_was_never_commanded_is_none():
-    made = Trajectory(JointTrajectory(["a"], [Point([1.0], effort=[4.0], time=S)]))
+    made = ActiveTrajectory(JointTrajectory(["a"], [Point([1.0], effort=[4.0], time=S)]))
     made.set_before(10 * S, Point([0.0], effort=[math.nan]), [False])
     out = Point()
     assert made.sample(10 * S, out)

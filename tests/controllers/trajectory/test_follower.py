@@ -7,12 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.controllers.trajectory.followed import Trajectory
-from canopen_control.controllers.trajectory.follower import MOST_WAITING, Blend, Follower, SpeedScaling, Stop, scaled
+from canopen_control.controllers.trajectory.followed import ActiveTrajectory
+from canopen_control.controllers.trajectory.follower import (
+    MOST_WAITING,
+    Blend,
+    SpeedScaling,
+    Stop,
+    TrajectoryExecutor,
+    scaled,
+)
 from canopen_control.controllers.trajectory.joint_group import JointGroup
 from canopen_control.controllers.trajectory.params import JointConstraints, JointGains, TrajectoryParams
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
-from canopen_control.controllers.trajectory.validation import PackedPoints
+from canopen_control.controllers.trajectory.validation import PointBuffer
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 
@@ -113,7 +120,7 @@ WRAP = [False, False]
 
 def line_of_blend(*points, start=10.0):
     """Return a trajectory of two joints through (time in s, position, position), from 0 at rest at 10 s."""
-    made = Trajectory(JointTrajectory(["a", "b"], [Point([p, q], time=round(t * S)) for t, p, q in points]))
+    made = ActiveTrajectory(JointTrajectory(["a", "b"], [Point([p, q], time=round(t * S)) for t, p, q in points]))
     made.start = round(start * S)
     return made
 
@@ -159,7 +166,7 @@ def test_joints_that_are_not_named_follow_the_old_one_to_its_end():
 
 
 def test_the_new_one_begins_with_the_velocity_of_the_old_one():
-    new = Trajectory(JointTrajectory(["a", "b"], [Point([3.0, 6.0], [0.0, 0.0], time=S)]))
+    new = ActiveTrajectory(JointTrajectory(["a", "b"], [Point([3.0, 6.0], [0.0, 0.0], time=S)]))
     new.start = 12 * S
     blend, out, before = blended(new, 12.0), Point(), Point()
     blend.sample(12 * S - 1, before)
@@ -243,7 +250,7 @@ class Joints:
         self.states = [StateInterface(*name.split("/"), 0.0) for name in self.group.state_names]
         self.group.take(self.commands, self.states)
         self.group.read()
-        self.follower = Follower(self.params, self.group, 10 * MS)
+        self.follower = TrajectoryExecutor(self.params, self.group, 10 * MS)
         self.follower.begin()
         self.follower.hold()
         self.now = S
@@ -261,7 +268,7 @@ class Joints:
 
 
 def line(end, seconds, names=JOINTS):
-    packed = PackedPoints()
+    packed = PointBuffer()
     packed.add(
         [TrajectoryPoint(positions=[p] * len(names), time_from_start=t) for p, t in ((0.0, 0.0), (end, seconds))]
     )
@@ -324,7 +331,7 @@ def test_time_runs_as_it_is_scaled():
 
 def test_points_whose_positions_are_to_be_deduced_are_kept_as_points():
     joints = Joints("position", allow_integration_in_goal_trajectories=True)
-    packed = PackedPoints()
+    packed = PointBuffer()
     packed.add([TrajectoryPoint(velocities=[1.0, 1.0], time_from_start=t) for t in (0.1, 0.2)])
     message = JointTrajectory(JOINTS, packed)
     joints.follower.follow(message)

@@ -12,10 +12,10 @@ from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.controllers.trajectory.validation import (
     NONE,
     JointLimits,
-    PackedPoints,
+    PointBuffer,
     Rule,
     Rules,
-    Survey,
+    TrajectorySummary,
     beyond,
     broken_rule,
     far_start,
@@ -34,8 +34,8 @@ POINTS = st.lists(
 )
 
 
-def survey(*pieces: list[Point]) -> Survey:
-    made = Survey()
+def survey(*pieces: list[Point]) -> TrajectorySummary:
+    made = TrajectorySummary()
     for piece in pieces:
         made.add(piece, [each.time for each in piece])
     return made
@@ -46,7 +46,7 @@ def split(points: list[Point], cuts: list[int]) -> list[list[Point]]:
     return [points[a:b] for a, b in itertools.pairwise(at)]
 
 
-def told(found: Survey) -> object:
+def told(found: TrajectorySummary) -> object:
     return found.count, found.not_increasing, found.empty, found.infinite, found.sizes
 
 
@@ -144,7 +144,7 @@ def values(point: Point) -> object:
 
 @given(st.lists(COMING, max_size=4))
 def test_every_point_is_as_it_came_whatever_pieces_it_came_in(pieces):
-    packed = PackedPoints()
+    packed = PointBuffer()
     for each in pieces:
         packed.add(each)
     came = [point for each in pieces for point in each]
@@ -158,7 +158,7 @@ def test_every_point_is_as_it_came_whatever_pieces_it_came_in(pieces):
 
 
 def test_each_point_is_its_own():
-    packed = PackedPoints()
+    packed = PointBuffer()
     packed.add([TrajectoryPoint(positions=[1.0])])
     packed[0].positions[0] = 5.0
     assert packed[0].positions == [1.0]
@@ -166,7 +166,7 @@ def test_each_point_is_its_own():
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), -1e12])
 def test_a_time_that_no_clock_holds_is_a_sentence_and_nothing_is_taken(time):
-    packed = PackedPoints()
+    packed = PointBuffer()
     packed.add([TrajectoryPoint(positions=[1.0])])
     with pytest.raises(ControlError, match="point 2 has a time_from_start of"):
         packed.add([TrajectoryPoint(positions=[1.0]), TrajectoryPoint(positions=[1.0], time_from_start=time)])
@@ -174,7 +174,7 @@ def test_a_time_that_no_clock_holds_is_a_sentence_and_nothing_is_taken(time):
 
 
 def test_a_trajectory_keeps_them_packed_and_their_survey():
-    packed = PackedPoints()
+    packed = PointBuffer()
     packed.add([TrajectoryPoint(positions=[1.0], time_from_start=1.0)])
     message = JointTrajectory(["a"], packed)
     assert message.points is packed
@@ -183,7 +183,7 @@ def test_a_trajectory_keeps_them_packed_and_their_survey():
 
 @given(st.lists(COMING, max_size=4), st.data())
 def test_positions_alone_are_those_of_the_points(pieces, data):
-    packed = PackedPoints()
+    packed = PointBuffer()
     for each in pieces:
         packed.add(each)
     end = data.draw(st.integers(0, len(packed)))
