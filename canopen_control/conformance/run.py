@@ -1,6 +1,7 @@
 """A run of checks at one node, and its results.
 
-The values of all parameters are read before the first check and compared after the last; differences are written back.
+The values of all parameters are read before the first check and compared after the last. Differences are
+written back where a check may write, and only named otherwise.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
 CHECKS: tuple[Check, ...] = (*SDO_CHECKS, *PROFILE_CHECKS)
 ORDER = tuple(CheckTouch)  # checks that read come first, those that move last
 PASSED, FAILED, SKIPPED, ERROR = "passed", "failed", "skipped", "error"
-_NOT_PARAMETERS = frozenset((0x1001, 0x1003, 0x1010, 0x1011, *range(0x1F50, 0x1F60)))  # commands and histories
+# Commands, histories and what moves a drive, whether an EDS calls it mappable or not: never written back.
+_MOVING = (0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60FF)
+_NOT_PARAMETERS = frozenset((0x1001, 0x1003, 0x1010, 0x1011, *range(0x1F50, 0x1F60), *_MOVING))
 _SILENCES = 3  # in a row, after which the device counts as gone
 
 
@@ -90,7 +93,8 @@ def run_checks(
         result, silent = _run(node, check)
         results.append(result)
         silences = silences + 1 if silent else 0
-    results.append(_compare(node, before))
+    writes = any(check.touch is not CheckTouch.READ for check in checks)
+    results.append(_compare(node, before, restore=writes))
     return ConformanceReport(node.node_id, identity, results)
 
 
@@ -166,8 +170,8 @@ def _parameters(node: CheckedNode) -> dict[Address, bytes]:
     return values
 
 
-def _compare(node: CheckedNode, before: Mapping[Address, bytes]) -> CheckResult:
-    """Compare the parameters with those before, and write back what differs."""
+def _compare(node: CheckedNode, before: Mapping[Address, bytes], *, restore: bool) -> CheckResult:
+    """Compare the parameters with those before; with `restore` write back what differs."""
     node.begin()
     check = Check(
         "Z01", "301", "7.4", "the parameters of the device are as before", CheckLevel.MUST, CheckTouch.READ, _nothing
@@ -178,11 +182,12 @@ def _compare(node: CheckedNode, before: Mapping[Address, bytes]) -> CheckResult:
         node.read(0x1000)  # a device that is gone is asked for nothing more
         after = _parameters(node)
         changed = [address for address, value in before.items() if after.get(address) != value]
-        for address in changed:
+        for address in changed if restore else ():
             node.write(address[0], address[1], before[address])
     except RemoteProtocolError as error:
         return _result(check, FAILED, f"a parameter could not be restored: {error}", "the value before the run")
-    notes = [f"0x{index:04X}:{subindex:02X} was restored" for index, subindex in changed]
+    done = "was restored" if restore else "changed during the run, and was left so"
+    notes = [f"0x{index:04X}:{subindex:02X} {done}" for index, subindex in changed]
     return _result(check, PASSED, notes=notes)
 
 

@@ -45,3 +45,11 @@ def test_parameters_that_a_check_changed_are_restored_and_named(bench):
     report = run_checks(session, [careless])
     assert report.results[-1].notes == ["0x1017:00 was restored"]
     assert session.read(0x1017) == before
+
+
+def test_a_run_that_only_reads_names_what_changed_and_writes_nothing(bench):
+    node = bench()
+    other = Check("X", "301", "", "", CheckLevel.MUST, CheckTouch.READ, lambda n: n.device.store.set(0x1017, 0, 1234))
+    report = run_checks(node, [other])
+    assert report.results[-1].notes == ["0x1017:00 changed during the run, and was left so"]
+    assert int.from_bytes(node.read(0x1017), "little") == 1234
