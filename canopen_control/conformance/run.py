@@ -104,7 +104,7 @@ def _identity(node: CheckedNode) -> dict[str, str]:
     except SdoTimeout:
         raise ConfigError(
             f"node {node.node_id} on {node.port.channel} does not answer; list the nodes with "
-            f"`canopen-control scan {node.port.channel}`"
+            f"`canopen-control scan --can {node.port.channel}`"
         ) from None
     except CanopenError as error:
         if isinstance(error, BusError):
