@@ -180,7 +180,7 @@ class _Checker:
         path = self._files.world
         if path is None:
             return
-        from canopen_control.physics.world_file import read_world_description  # few robots have one
+        from canopen_control.physics.scene_file import read_world_description  # few robots have one
 
         try:
             world = read_world_description(path)

@@ -167,12 +167,12 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("--json is for drive --status; running drives print their events as lines")
     if args.eds is None:
         raise ConfigError("drive needs --eds FILE: which device it is; --status asks a drive that runs already")
-    from canopen_control.virtual.launch import Options, run_drives
+    from canopen_control.virtual.launch import DriveOptions, run_drives
 
     node_ids = parse_node_ids(args.node_id)
     eds, others = _eds_files(args.eds, node_ids)
     files = {name: None if (text := getattr(args, name)) is None else Path(text) for name in _FILES}
-    options = Options(faults=args.fault, serial=args.serial, others=others, **files)
+    options = DriveOptions(faults=args.fault, serial=args.serial, others=others, **files)
     return run_drives(node_ids, eds, args.can, options, _say)
 
 

@@ -327,7 +327,7 @@ def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
                 f"--plant is of the virtual drives that a run starts; leave --{other.replace('_', '-')} away"
             )
     from canopen_control.bus.channel import parse_channel
-    from canopen_control.virtual.worldfile import read_world
+    from canopen_control.virtual.plant_file import read_world
 
     own = [channel for channel in setup.channels.values() if not parse_channel(channel).kind.in_process]
     if len(own) != 1 or len(setup.channels) != 1:

@@ -54,9 +54,9 @@ from canopen_control.errors import ConfigError, nearest
 if TYPE_CHECKING:
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.simulation.acts import Act
+    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.scenario_steps import Scenario
-    from canopen_control.simulation.simulation_run import Outcome, SimulationRun
+    from canopen_control.simulation.simulation_run import SimulationResult, SimulationRun
 
 
 # `simulate --world FILE` without a robot: those that the file names, in one virtual time, and what came of each.
@@ -186,7 +186,7 @@ def _run_one(args: argparse.Namespace) -> int:
     for option, given in (("--jobs", args.jobs), ("--aim", args.aim), ("--out", out), ("--dask", args.dask)):
         if given is not None:
             raise ConfigError(f"{option} is for a campaign; give the number of its seeds, as --seeds 100")
-    from canopen_control.simulation.simulated_robot import SimulatedRobot
+    from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.simulation_run import SimulationRun
 
     bridge = _bridge(args)
@@ -199,7 +199,7 @@ def _run_one(args: argparse.Namespace) -> int:
         raise ConfigError(f"{setup.files.asked.world_word or '--world'} is of a robot with physics; give --physics too")
     acts, seed, duration_ns = _schedule(args, setup)
     speed = 1.0 if args.speed is None and bridge is not None else _at_most(args.speed)
-    simulation = SimulationRun(setup, seed, acts, speed=speed, robot=SimulatedRobot(setup, seed, world=setup.world))
+    simulation = SimulationRun(setup, seed, acts, speed=speed, robot=RobotUnderTest(setup, seed, world=setup.world))
     try:
         if bridge is not None:
             _serve(simulation, bridge if args.ros else None)
@@ -241,7 +241,7 @@ def _serve(simulation: SimulationRun, bridge: tuple[str, ...] | None) -> None:
 
 def _run_world(args: argparse.Namespace) -> int:
     """Run the robots of a world."""
-    from canopen_control.simulation.drawn_schedule import known_faults
+    from canopen_control.simulation.random_schedule import known_faults
 
     for option, given in (("--serve", args.serve), ("--ros", args.ros)):
         if given:
@@ -284,7 +284,7 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
 def _run_campaign(args: argparse.Namespace) -> int:
     """Run many seeds; 0 good, 1 with a breach."""
     from canopen_control.cli.support.simulation_campaign import CampaignOrder, run_campaign
-    from canopen_control.simulation.drawn_schedule import known_faults
+    from canopen_control.simulation.random_schedule import known_faults
 
     singles = ("--scenario", args.scenario), ("--recording", args.recording), ("--record", args.record)
     served = ("--serve", args.serve), ("--ros", args.ros)
@@ -317,10 +317,10 @@ def _run_campaign(args: argparse.Namespace) -> int:
     return run_campaign(setup, order, folder or Path(f"simulate-{setup.name}"))
 
 
-def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Act, ...], int, int]:
+def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[ScenarioEvent, ...], int, int]:
     """Return what happens, the seed and how long, of the scenario file or drawn."""
-    from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
     from canopen_control.simulation.motions import motions_of
+    from canopen_control.simulation.random_schedule import known_faults, random_schedule
     from canopen_control.simulation.scenario_steps import read_scenario_steps
 
     faults = _faults("none" if args.faults is None else args.faults, known_faults())
@@ -338,7 +338,7 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Act, .
     if (args.serve or args.ros) and args.seed is None and not faults:
         return (), seed, duration_ns  # the programs ask for what happens
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
-    return draw_schedule(seed, duration_ns, motions_of(setup), nodes, faults), seed, duration_ns
+    return random_schedule(seed, duration_ns, motions_of(setup), nodes, faults), seed, duration_ns
 
 
 def _recorded(args: argparse.Namespace, setup: RobotSetup) -> Scenario:
@@ -393,7 +393,7 @@ def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, q
         recorder.write(Path(record))
 
 
-def _tell(outcome: Outcome, failure: str | None, *, as_json: bool) -> None:
+def _tell(outcome: SimulationResult, failure: str | None, *, as_json: bool) -> None:
 
     if as_json:
         print(json_line(outcome))

@@ -3,7 +3,7 @@
 The engine is MuJoCo; only this subpackage imports it, and only when a world is requested: `engine` makes one for the
 virtual drives of a process, `plugin_robot` one for a simulation plugin without drives.
 
-- files: `physics_file` (the plant file), `world_file` (what stands on the floor, and what happens), `sdf_world` (the
+- files: `physics_file` (the plant file), `scene_file` (what stands on the floor, and what happens), `sdf_world` (the
   static shapes of a world of Gazebo, with the parts of its meshes)
 - a model: `urdf_repair` and `body_model` of a description, `mjcf_model` of a scene of MuJoCo's own, `shared_model` of
   several robots; `ground_contact` finds the wheels, `motor_estimate` the motors, `scenery` adds ramps, boxes and walls,

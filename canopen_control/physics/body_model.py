@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import mujoco
 
 from canopen_control.errors import ConfigError, nearest
-from canopen_control.physics.ground_contact import Part, RollerWheel, stand
+from canopen_control.physics.ground_contact import ContactPart, RollerWheel, stand
 from canopen_control.physics.motor_estimate import Described, estimated_motors
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.scenery import add_scenery
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from canopen_control.physics.ground_contact import Ground
-    from canopen_control.physics.motor_estimate import Motor
-    from canopen_control.physics.physics_file import AxisSettings, Floor
+    from canopen_control.physics.motor_estimate import EstimatedMotor
+    from canopen_control.physics.physics_file import AxisSettings, FloorContact
+    from canopen_control.physics.scene_file import Start, WorldDescription
     from canopen_control.physics.urdf_repair import RepairedUrdf
-    from canopen_control.physics.world_file import Start, WorldDescription
     from canopen_control.physics.world_sensors import WorldSensor
     from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.joint_element import Joint
@@ -60,7 +60,7 @@ class JointPlace:
     qpos: int
     dof: int
     lock: int
-    motor: Motor
+    motor: EstimatedMotor
 
     def hold(self, model: Any, data: Any, on: bool) -> None:  # noqa: ANN401 - MuJoCo has no types
         """Hold the joint where it is, or let it go."""
@@ -102,7 +102,7 @@ class PreparedRobot:
     ground: Ground
     free: bool
     axes: Mapping[str, AxisSettings]
-    motors: Mapping[str, Motor]
+    motors: Mapping[str, EstimatedMotor]
     notes: tuple[str, ...]
 
     def body(self, model: Any, prefix: str = "") -> Body:  # noqa: ANN401 - as above
@@ -148,7 +148,7 @@ def prepared(
     spec: Any,  # noqa: ANN401 - as above
     description: UrdfDescription,
     axes: Mapping[str, AxisSettings],
-    floor: Floor,
+    floor: FloorContact,
     *,
     step: float,
     density: float,
@@ -224,20 +224,20 @@ def set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
 
 
-def _touch_floor(spec: Any, ground: Ground, floor: Floor, step: float) -> None:  # noqa: ANN401 - as above
+def _touch_floor(spec: Any, ground: Ground, floor: FloorContact, step: float) -> None:  # noqa: ANN401 - as above
     """Give each shape what it does on the floor."""
     touches = {touch.geom: touch for touch in ground.touches}
-    rolling = {touch.geom for touch in ground.touches if touch.part is not Part.CASTER}
+    rolling = {touch.geom for touch in ground.touches if touch.part is not ContactPart.CASTER}
     turning = {geom.parent.name for geom in spec.geoms if geom.name in rolling}
     for geom in list(spec.geoms):
         touch = touches.get(geom.name)
-        part = Part.CASTER if touch is None else touch.part
-        _set_contact(geom, floor.caster_friction if part is Part.CASTER else floor.friction, step)
+        part = ContactPart.CASTER if touch is None else touch.part
+        _set_contact(geom, floor.caster_friction if part is ContactPart.CASTER else floor.friction, step)
         if touch is None and geom.parent.name in turning:  # spokes and treads that are drawn turn with it
             geom.contype = geom.conaffinity = 0
-        if touch is None or part is Part.CASTER:
+        if touch is None or part is ContactPart.CASTER:
             continue
-        if part is Part.ROLLER:
+        if part is ContactPart.ROLLER:
             geom = _loosened(geom, step, floor.friction)
         if geom.type == mujoco.mjtGeom.mjGEOM_CYLINDER:
             radius, half = geom.size[0], geom.size[1]
@@ -291,21 +291,23 @@ def _on_floor(
             frame = int(model.body_parentid[int(model.joint(f"{prefix}{touch.joint}").bodyid[0])])
             rollers.append(RollerWheel(geom, frame, angle, touch.radius))
             continue
-        name = f"{touch.geom}{_TYRE}" if touch.part is Part.ROLLER else touch.geom
-        places[touch.part is not Part.CASTER].append(int(model.geom(f"{prefix}{name}").id))
+        name = f"{touch.geom}{_TYRE}" if touch.part is ContactPart.ROLLER else touch.geom
+        places[touch.part is not ContactPart.CASTER].append(int(model.geom(f"{prefix}{name}").id))
     return tuple(places[True]), tuple(places[False]), tuple(rollers)
 
 
-def placed(model: Any, name: str, motor: Motor, prefix: str = "") -> JointPlace:  # noqa: ANN401 - as above
+def placed(model: Any, name: str, motor: EstimatedMotor, prefix: str = "") -> JointPlace:  # noqa: ANN401 - as above
     """Return where a driven joint is in a model."""
     joint, lock = model.joint(f"{prefix}{name}"), model.equality(f"{prefix}{_LOCK}{name}")
     return JointPlace(int(joint.qposadr[0]), int(joint.dofadr[0]), int(lock.id), motor)
 
 
-def _told(axes: Mapping[str, AxisSettings], motors: Mapping[str, Motor], ground: Ground, free: bool) -> list[str]:
+def _told(
+    axes: Mapping[str, AxisSettings], motors: Mapping[str, EstimatedMotor], ground: Ground, free: bool
+) -> list[str]:
     """Return in words what was found and guessed."""
-    wheels = [touch.joint for touch in ground.touches if touch.part is Part.WHEEL]
-    others = [touch.geom.partition(" shape ")[0] for touch in ground.touches if touch.part is Part.ROLLER]
+    wheels = [touch.joint for touch in ground.touches if touch.part is ContactPart.WHEEL]
+    others = [touch.geom.partition(" shape ")[0] for touch in ground.touches if touch.part is ContactPart.ROLLER]
     what = f"on wheels: {', '.join(wheels)}" if wheels else "on no driven wheels"
     rolling = f", {', '.join(others)} turning freely" if others else ""
     lines = [f"the robot stands {what}{rolling}" if free else "no wheel carries the robot: it is bolted to the ground"]

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from canopen_control.physics.body_model import Body
-    from canopen_control.physics.physics_file import Floor
-    from canopen_control.physics.world_file import WorldDescription
+    from canopen_control.physics.physics_file import FloorContact
+    from canopen_control.physics.scene_file import WorldDescription
     from canopen_control.rpc.messages.drive import WorldAct
 
 
@@ -39,7 +39,7 @@ class Disturbances:
     A robot is named as in the file of the world, "" where it is alone.
     """
 
-    def __init__(self, bodies: Mapping[str, Body], floor: Floor, world: WorldDescription) -> None:
+    def __init__(self, bodies: Mapping[str, Body], floor: FloorContact, world: WorldDescription) -> None:
         self._bodies = dict(bodies)
         self._model = next(iter(bodies.values())).model
         self._data: Any = None

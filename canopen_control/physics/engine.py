@@ -10,8 +10,14 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import nearest
 from canopen_control.physics import require_physics
-from canopen_control.physics.physics_file import Floor, PhysicsError, PhysicsFile, axis_address, read_physics_file
-from canopen_control.physics.world_file import RobotStart, Start, WorldDescription, read_world_description
+from canopen_control.physics.physics_file import (
+    FloorContact,
+    PhysicsError,
+    PhysicsFile,
+    axis_address,
+    read_physics_file,
+)
+from canopen_control.physics.scene_file import RobotStart, Start, WorldDescription, read_world_description
 from canopen_control.urdf.description import read_description
 
 if TYPE_CHECKING:
@@ -54,7 +60,7 @@ def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
     require_physics()
     world = read_world_description(where)
     starts = {each.name: each for each in world.robots}
-    floor = world.floor or Floor()
+    floor = world.floor or FloorContact()
     members, notes = {}, list[str]()
     for name, path in plants.items():
         if name not in starts:
@@ -96,7 +102,7 @@ class _Member:
     notes: tuple[str, ...]
 
 
-def _member(name: str, path: Path, floor: Floor, start: RobotStart) -> _Member:
+def _member(name: str, path: Path, floor: FloorContact, start: RobotStart) -> _Member:
     file = read_physics_file(path)
     for key in ("mjcf", "world"):
         if getattr(file, key):
@@ -132,7 +138,7 @@ def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: lis
 
 
 def _world(
-    robots: Mapping[str, WorldRobot], world: WorldDescription, floor: Floor, where: Path, notes: tuple[str, ...]
+    robots: Mapping[str, WorldRobot], world: WorldDescription, floor: FloorContact, where: Path, notes: tuple[str, ...]
 ) -> PhysicsWorld:
     """Put robots into a world; PhysicsError for what is to happen and cannot."""
     from canopen_control.physics.disturbances import Disturbances
@@ -145,7 +151,7 @@ def _world(
 
 
 def _prepared(
-    file: PhysicsFile, path: Path, floor: Floor, start: Start, sensors: list[WorldSensor]
+    file: PhysicsFile, path: Path, floor: FloorContact, start: Start, sensors: list[WorldSensor]
 ) -> tuple[PreparedRobot, tuple[str, ...]]:
     """Return the robot of a description before it is in a world, and what of it was guessed."""
     from canopen_control.physics.body_model import prepared, read_spec

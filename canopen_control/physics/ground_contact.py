@@ -95,7 +95,7 @@ _OFF_AXIS: Final = 0.05  # of the radius
 _ROUND: Final = (int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_SPHERE))
 
 
-class Part(enum.Enum):
+class ContactPart(enum.Enum):
     """How a shape meets the floor."""
 
     WHEEL = "wheel"
@@ -108,7 +108,7 @@ class Touch:
     """A shape on the floor by its name: the joint that turns it, if it is a wheel, and its radius in m."""
 
     geom: str
-    part: Part
+    part: ContactPart
     joint: str
     radius: float
 
@@ -123,7 +123,7 @@ class Ground:
     @property
     def rolls(self) -> bool:
         """Whether wheels carry it."""
-        return any(touch.part is not Part.CASTER for touch in self.touches)
+        return any(touch.part is not ContactPart.CASTER for touch in self.touches)
 
 
 def stand(model: Any) -> Ground:  # noqa: ANN401 - a model of MuJoCo, which has no types
@@ -162,9 +162,9 @@ def _touch(model: Any, data: Any, geom: int) -> Touch:  # noqa: ANN401 - as abov
     cylinder = int(model.geom_type[geom]) == mujoco.mjtGeom.mjGEOM_CYLINDER
     for joint in _turning(model, int(model.geom_bodyid[geom])):
         if _is_about(place, axis if cylinder else None, data.xanchor[joint], data.xaxis[joint], radius):
-            return Touch(model.geom(geom).name, Part.WHEEL, model.joint(joint).name, radius)
+            return Touch(model.geom(geom).name, ContactPart.WHEEL, model.joint(joint).name, radius)
     rolls = cylinder and abs(float(axis[2])) < _LEVEL
-    return Touch(model.geom(geom).name, Part.ROLLER if rolls else Part.CASTER, "", radius)
+    return Touch(model.geom(geom).name, ContactPart.ROLLER if rolls else ContactPart.CASTER, "", radius)
 
 
 def _turning(model: Any, body: int) -> Iterator[int]:  # noqa: ANN401 - as above

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from canopen_control.physics.body_model import JointPlace
-    from canopen_control.physics.motor_estimate import Motor
+    from canopen_control.physics.motor_estimate import EstimatedMotor
     from canopen_control.physics.physics_file import AxisSettings
-    from canopen_control.virtual.plant import Leader, ServoGains
-    from canopen_control.virtual.trajectory import Trajectory
+    from canopen_control.virtual.plant import AxisOwner, ServoGains
+    from canopen_control.virtual.trajectory import DemandCurve
 
 
 _COARSE: Final = 1e-4  # rad: a count of an encoder whose speed needs a filter
@@ -39,7 +39,7 @@ class ServoLoop:
     _gain: float
     _feed_forward: float
 
-    def __init__(self, motor: Motor, settings: AxisSettings, period: float) -> None:
+    def __init__(self, motor: EstimatedMotor, settings: AxisSettings, period: float) -> None:
         counts = abs(settings.scale_pos_to_dev)
         if settings.encoder is None:
             counts = max(counts, _ENCODER * settings.gear / math.tau)
@@ -151,7 +151,7 @@ class JointPlant:
         self._sign = math.copysign(1.0, self._scale)
         self._per_mille = self._sign * self.rated_torque / 1000.0  # N m for each
         self._peak = place.motor.peak_torque
-        self.leader: Leader | None = None
+        self.owner: AxisOwner | None = None
         self.busy = False  # it serves its own timers
         self._offset = 0.0  # counts that a displacement added
         self._position = self.velocity = self.torque = 0.0
@@ -168,9 +168,9 @@ class JointPlant:
         """How often its drive judges it; less often at rest."""
         return 10 * _FOLLOW_NS if self._world.asleep else _FOLLOW_NS
 
-    def lead(self, leader: Leader) -> None:
+    def set_owner(self, owner: AxisOwner) -> None:
         """See `CoupledPlant`."""
-        self.leader = leader
+        self.owner = owner
 
     @property
     def position(self) -> float:
@@ -184,11 +184,11 @@ class JointPlant:
         self._position = value
         self._world.wake()
 
-    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the leader's is read
+    def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the owner's is read
         """Move as the drive's loops make it move."""
         self._world.reach(end_ns, self)
 
-    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
+    def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
         """Move under a torque."""
         self._world.reach(end_ns, self)
 
@@ -239,33 +239,33 @@ class JointPlant:
 
     def wants(self, now: int) -> bool:
         """Whether its drive wants to move."""
-        leader = self.leader
-        if leader is None or not leader.powered:
+        owner = self.owner
+        if owner is None or not owner.powered:
             return False
-        return leader.torque is not None or now < leader.demand.end_ns or leader.demand.final_velocity != 0.0
+        return owner.torque is not None or now < owner.demand.end_ns or owner.demand.final_velocity != 0.0
 
     def order(self) -> tuple[object, ...]:
         """Return what its drive wants, to be compared with what it wanted before."""
-        leader = self.leader
-        if leader is None:
+        owner = self.owner
+        if owner is None:
             return ()
-        return leader.powered, leader.torque, leader.demand, leader.torque_limit, leader.velocity_mode, leader.gains
+        return owner.powered, owner.torque, owner.demand, owner.torque_limit, owner.velocity_mode, owner.gains
 
     def control(self, clock: int) -> None:
         """Set the torque of one step, which begins at `clock`."""
-        leader, held, newtons = self.leader, self._stalled, 0.0
-        if leader is None or not leader.powered:
+        owner, held, newtons = self.owner, self._stalled, 0.0
+        if owner is None or not owner.powered:
             held = held or self.place.motor.brake
             self.loop.rest()
         else:
-            limit = min(self._peak, leader.torque_limit * self.rated_torque / 1000.0)
-            if leader.gains is not self._gains:
-                self._gains = leader.gains
-                self.loop.tune(leader.gains, abs(self._scale), abs(self._per_mille))
-            if leader.torque is None:
-                newtons = self._led(leader, clock, limit)
+            limit = min(self._peak, owner.torque_limit * self.rated_torque / 1000.0)
+            if owner.gains is not self._gains:
+                self._gains = owner.gains
+                self.loop.tune(owner.gains, abs(self._scale), abs(self._per_mille))
+            if owner.torque is None:
+                newtons = self._led(owner, clock, limit)
             else:
-                newtons = max(-limit, min(limit, leader.torque.at(clock)[1] * self._per_mille))
+                newtons = max(-limit, min(limit, owner.torque.at(clock)[1] * self._per_mille))
                 self.loop.rest(newtons)
         if held is not self._held:
             self._held = held
@@ -273,11 +273,11 @@ class JointPlant:
         self.torque = newtons / self._per_mille
         self._world.efforts[self.place.dof] = newtons + self._external * self._per_mille
 
-    def _led(self, leader: Leader, clock: int, limit: float) -> float:
+    def _led(self, owner: AxisOwner, clock: int, limit: float) -> float:
         """Return the torque along the demand."""
-        position, velocity = leader.demand.at(clock)
+        position, velocity = owner.demand.at(clock)
         angle, speed = float(self._world.angles[self.place.qpos]), velocity / self._scale
-        if leader.velocity_mode:
+        if owner.velocity_mode:
             return self.loop.velocity_torque(angle, speed, limit)
         return self.loop.torque(angle, (position - self._offset) / self._scale, speed, limit)
 

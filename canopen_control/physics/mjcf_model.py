@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.physics.physics_file import AxisSettings
-    from canopen_control.physics.world_file import WorldDescription
+    from canopen_control.physics.scene_file import WorldDescription
     from canopen_control.physics.world_sensors import WorldSensor
 
 

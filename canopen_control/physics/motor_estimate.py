@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import mujoco
 import numpy as np
 
-from canopen_control.physics.ground_contact import Ground, Part
+from canopen_control.physics.ground_contact import ContactPart, Ground
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,7 +31,7 @@ _FRICTION, _DAMPING = 0.02, 0.001  # of the rated torque
 
 
 @dataclass(frozen=True)
-class Motor:
+class EstimatedMotor:
     """A motor with everything known, on the joint's side: N m, kg m2, N m s (N, kg, N s of a prismatic joint)."""
 
     rated_torque: float
@@ -58,9 +58,9 @@ def estimated_motors(
     axes: Mapping[str, AxisSettings],
     described: Mapping[str, Described],
     ground: Ground,
-) -> dict[str, Motor]:
+) -> dict[str, EstimatedMotor]:
     """Return the motors by joint, with what neither file says estimated; the axis' own settings come first."""
-    wheels = {touch.joint: touch.radius for touch in ground.touches if touch.part is Part.WHEEL}
+    wheels = {touch.joint: touch.radius for touch in ground.touches if touch.part is ContactPart.WHEEL}
     driven = [joint for joint in axes if joint in wheels] or [""]
     share = float(model.body_subtreemass[0]) / len(driven)
     inertias, weights = _in_postures(model, axes)
@@ -74,7 +74,7 @@ def estimated_motors(
     return found
 
 
-def _motor(axis: AxisSettings, described: Described, inertia: float, need: float, *, wheel: bool) -> Motor:
+def _motor(axis: AxisSettings, described: Described, inertia: float, need: float, *, wheel: bool) -> EstimatedMotor:
     friction = described.friction if axis.friction is None else axis.friction
     damping = described.damping if axis.damping is None else axis.damping
     need += (friction or 0.0) + (damping or 0.0) * described.speed
@@ -84,7 +84,7 @@ def _motor(axis: AxisSettings, described: Described, inertia: float, need: float
     rotor = max(_ROTOR * inertia, rated / _ROTOR_ACCELERATION)
     if axis.rotor_inertia is not None:
         rotor = axis.rotor_inertia * axis.gear**2
-    return Motor(
+    return EstimatedMotor(
         rated,
         axis.peak_torque or max(peak, rated),
         axis.inertia or inertia + rotor,

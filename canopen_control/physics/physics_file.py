@@ -4,7 +4,7 @@
     urdf: robby.urdf.xacro           # beside this file; or mjcf: scene.xml
     step_ms: 1                       # of the simulation
     floor: {friction: 0.8, caster_friction: 0.02}
-    world: hall.yml                  # what stands on the floor and what happens, see `world_file`
+    world: hall.yml                  # what stands on the floor and what happens, see `scene_file`
     sensors: {imu: {kind: imu, link: base_link, noise: 0.01}}
     axes:
       "3": {joint: left_wheel_joint, scale_pos_to_dev: -254.65, rated_torque: 0.5, peak_torque: 1.0}
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 SensorKind = Literal["imu", "range", "force_torque", "pose", "magnetometer"]
-"""What a sensor of a world measures, see `tag_sensors`."""
+"""What a sensor of a world measures, see `urdf_sensors`."""
 _AXES = 8  # of a node
 AxisAddress = tuple[str, int, int]
 """The bus of several ("": the main one), the node id, and the axis of the node."""
@@ -74,7 +74,7 @@ class AxisSettings:
 
 
 @dataclass(frozen=True)
-class Floor:
+class FloorContact:
     """The floor: sliding friction of wheels on it, of casters, and of everything else of the robot that touches it."""
 
     friction: float = setting(0.8, low=0.0, high=10.0)
@@ -123,7 +123,7 @@ class PhysicsFile:
     step_ms: float = setting(1.0, low=0.1, high=4.0)
     base: Literal["free", "fixed"] | None = None
     density: float = setting(DENSITY, low=1.0, high=30_000.0)
-    floor: Floor = Floor()
+    floor: FloorContact = FloorContact()
     world: str = ""
     encoders: dict[str, EncoderSettings] = setting(factory=dict)
     sensors: dict[str, SensorSettings] = setting(factory=dict)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from canopen_control.physics.body_model import JointPlace
     from canopen_control.physics.disturbances import Disturbances
     from canopen_control.physics.physics_file import AxisAddress
-    from canopen_control.physics.world_file import Patch
+    from canopen_control.physics.scene_file import Patch
     from canopen_control.physics.world_robot import WorldRobot
     from canopen_control.rpc.messages.drive import WorldAct, WorldState
 
@@ -229,17 +229,17 @@ class PhysicsWorld:
             due, plant = found
             plant.busy = True
             try:
-                if plant.leader is not None:
-                    plant.leader.advance(max(due, self._shown))
+                if plant.owner is not None:
+                    plant.owner.advance(max(due, self._shown))
             finally:
                 plant.busy = False
 
     def _next(self, now: int) -> tuple[int, JointPlant] | None:
         found: tuple[int, JointPlant] | None = None
         for plant in self._plants.values():
-            if plant.leader is None or plant.busy:
+            if plant.owner is None or plant.busy:
                 continue
-            due = plant.leader.next_event()
+            due = plant.owner.next_event()
             if due is not None and due <= now and (found is None or due < found[0]):
                 found = due, plant
         return found

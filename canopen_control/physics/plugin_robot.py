@@ -1,7 +1,7 @@
 """A robot in physics without drives: what a simulation plugin of ros2_control moves, as Gazebo or MuJoCo would.
 
 Each joint follows a position, a velocity or an effort through a servo of its own, as behind a drive; all of them move
-together once every cycle. A position is gone to evenly within the cycle. Sensors of the tag (`tag_sensors`) measure in
+together once every cycle. A position is gone to evenly within the cycle. Sensors of the tag (`urdf_sensors`) measure in
 the world. Payloads, pushes, blocked joints and another grip happen as in the world of drives, until the next reset.
 """
 
@@ -20,10 +20,10 @@ from canopen_control.physics.body_model import alone, prepared, read_spec, settl
 from canopen_control.physics.disturbances import Disturbances
 from canopen_control.physics.joint_servo import ServoLoop
 from canopen_control.physics.mjcf_model import build_mjcf
-from canopen_control.physics.physics_file import DENSITY, AxisSettings, Floor, PhysicsError
-from canopen_control.physics.tag_sensors import INTERFACES, tag_sensors
+from canopen_control.physics.physics_file import DENSITY, AxisSettings, FloorContact, PhysicsError
+from canopen_control.physics.scene_file import Start, WorldDescription
 from canopen_control.physics.urdf_repair import guessed_masses, repaired
-from canopen_control.physics.world_file import Start, WorldDescription
+from canopen_control.physics.urdf_sensors import INTERFACES, urdf_sensors
 from canopen_control.physics.world_sensors import SensorReader, WorldSensor
 from canopen_control.rpc.messages.simulation import LaserScanReading
 
@@ -250,7 +250,7 @@ def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
 def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[WorldSensor]:
     """Return the sensors of a tag that a world has; PhysicsError with what is wrong of them."""
     model = description.model
-    found = tag_sensors(tag.sensors, model.links, model.root, description.path)
+    found = urdf_sensors(tag.sensors, model.links, model.root, description.path)
     return [WorldSensor.of(name, each) for name, each in found.items()]
 
 
@@ -283,7 +283,7 @@ class JointMotor:
 
     def __init__(
         self,
-        robot: SimulatedRobot,
+        robot: DriverlessRobot,
         place: JointPlace,
         settings: AxisSettings,
         period: float,
@@ -360,7 +360,7 @@ class JointMotor:
         return max(-peak, min(peak, loop.compute(error, self._period)))
 
 
-class SimulatedRobot:
+class DriverlessRobot:
     """All joints and sensors of a body, moved once a cycle; an `Engine` of `hardware.simulation`."""
 
     def __init__(
@@ -394,7 +394,7 @@ class SimulatedRobot:
         self._start: NDArray[np.float64] | None = None  # the state before the first step
         self._steps = 0  # since it began
         around = WorldDescription() if world is None else world
-        self._disturbances = Disturbances({"": body}, around.floor or Floor(), around)
+        self._disturbances = Disturbances({"": body}, around.floor or FloorContact(), around)
         self._disturbances.block = self._block
         self._disturbances.begin(self.data)
         self._look()
@@ -474,7 +474,7 @@ def make_simulated(
     scene: Path | None = None,
     loops: Mapping[str, Mapping[str, EffortLoop]] | None = None,
     world: WorldDescription | None = None,
-) -> SimulatedRobot:
+) -> DriverlessRobot:
     """Return the robot of a tag on a floor, or in an MJCF `scene`; PhysicsError for what cannot be simulated.
 
     `loops` take the place of the servos, by joint and the interface that is commanded; what a `world` has is there too.
@@ -493,17 +493,17 @@ def _made(
     scene: Path | None,
     loops: Mapping[str, Mapping[str, EffortLoop]],
     world: WorldDescription,
-) -> SimulatedRobot:
+) -> DriverlessRobot:
     axes, sensors = axes_of(tag), sensors_of(description, tag)
     if scene is not None:
         body = build_mjcf(scene, axes, step=_STEP_S, path=description.path, world=world, sensors=sensors)
-        return SimulatedRobot(body, axes, sensors, (*body.notes, *world.notes), loops, world)
+        return DriverlessRobot(body, axes, sensors, (*body.notes, *world.notes), loops, world)
     urdf = repaired(description)
     robot = prepared(
         read_spec(urdf, description.path),
         description,
         axes,
-        world.floor or Floor(),
+        world.floor or FloorContact(),
         step=_STEP_S,
         density=DENSITY,
         free=None,
@@ -513,4 +513,4 @@ def _made(
     )
     body = alone(robot, world, _STEP_S, description.path)
     notes = (*urdf.notes, *guessed_masses(urdf, DENSITY), *body.notes, *world.notes)
-    return SimulatedRobot(body, axes, sensors, notes, loops, world)
+    return DriverlessRobot(body, axes, sensors, notes, loops, world)

@@ -16,8 +16,8 @@ from canopen_control.urdf.geometry import about, from_yaw, multiply
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from canopen_control.physics.scene_file import Box, Ramp, Wall, WorldDescription
     from canopen_control.physics.sdf_world import Solid
-    from canopen_control.physics.world_file import Box, Ramp, Wall, WorldDescription
 
 
 BOX: Final = "box "

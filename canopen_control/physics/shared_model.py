@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from canopen_control.physics.body_model import PreparedRobot
-    from canopen_control.physics.world_file import RobotStart, WorldDescription
+    from canopen_control.physics.scene_file import RobotStart, WorldDescription
 
 
 _WORLD: Final = 1  # kinds of contact, see `body_model`

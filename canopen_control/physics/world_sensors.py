@@ -17,7 +17,7 @@ import mujoco
 
 from canopen_control.errors import nearest
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.physics.tag_sensors import FORCE, IMU, MAGNET, POSE, RANGE
+from canopen_control.physics.urdf_sensors import FORCE, IMU, MAGNET, POSE, RANGE
 from canopen_control.urdf.geometry import about
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from canopen_control.hardware.stop_group import StopGroup
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.remote_node import RemoteNode
-    from canopen_control.physics.world_file import WorldDescription
+    from canopen_control.physics.scene_file import WorldDescription
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.urdf.ros2_control import Ros2ControlSystem
     from canopen_control.yamlfile.node import Node
@@ -155,7 +155,7 @@ def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, st
 
 def _world(path: Path) -> WorldDescription:
     """Read the world of one robot."""
-    from canopen_control.physics.world_file import read_world_description
+    from canopen_control.physics.scene_file import read_world_description
 
     world = read_world_description(path)
     if world.robots:

@@ -52,9 +52,9 @@ def _sensors(setup: RobotSetup, tags: Iterable[Ros2ControlSystem]) -> dict[str, 
     parts = [part for tag in tags for part in sensed_parts(setup, tag)]
     if not parts:
         return {}
-    from canopen_control.physics.tag_sensors import tag_sensors  # most robots are run without physics
+    from canopen_control.physics.urdf_sensors import urdf_sensors  # most robots are run without physics
 
-    return tag_sensors(parts, description.links, description.model.root, description.path)
+    return urdf_sensors(parts, description.links, description.model.root, description.path)
 
 
 def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> SensedWorld | None:
@@ -86,7 +86,7 @@ class SensedValues:
 
 
 def _interfaces_of(name: str, sensor: SensorSettings) -> list[str]:
-    from canopen_control.physics.tag_sensors import INTERFACES
+    from canopen_control.physics.urdf_sensors import INTERFACES
 
     return [f"{name}/{interface}" for interface in INTERFACES[sensor.kind]]
 
@@ -113,7 +113,7 @@ def check_physics(setup: RobotSetup) -> None:
                 f"--physics: the drives on {channel} are no process of their own; use --can local:NAME"
             )
     if setup.world is not None:
-        from canopen_control.physics.world_file import read_world_description  # most robots are run without physics
+        from canopen_control.physics.scene_file import read_world_description  # most robots are run without physics
 
         read_world_description(setup.world)  # its mistakes are told before anything is started
 

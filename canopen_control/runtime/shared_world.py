@@ -19,7 +19,7 @@ from canopen_control.host.files import state_dir
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.spawn import end_children, spawn
 from canopen_control.physics import SDF_SUFFIXES, require_physics
-from canopen_control.physics.world_file import read_world_description
+from canopen_control.physics.scene_file import read_world_description
 from canopen_control.runtime.core import RobotCore
 from canopen_control.runtime.physics_plant import check_physics, write_buses, write_plant
 from canopen_control.runtime.robot_files import MAIN_BUS, find_robot
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.host.spawn import Child
-    from canopen_control.physics.world_file import RobotStart
+    from canopen_control.physics.scene_file import RobotStart
     from canopen_control.runtime.setup import RobotSetup
 
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from canopen_control.host.timer import Timer
     from canopen_control.master.config import BusConfig
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.virtual.nodehost import NodeHost
+    from canopen_control.virtual.node_host import NodeHost
 
 
 MOST: Final = 3  # restarts of a child within the window, then it is given up
@@ -307,7 +307,7 @@ class Supervisor:
 
     def _host_drives(self, bus: BusConfig, channel: str) -> None:
         from canopen_control.virtual.device import make_device
-        from canopen_control.virtual.nodehost import NodeHost
+        from canopen_control.virtual.node_host import NodeHost
 
         for node in bus.nodes.values():
             port = open_port(channel, label=f"drive {node.node_id}")

@@ -16,11 +16,11 @@ from random import Random
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.runtime.core import RobotState
-from canopen_control.simulation.acts import KINDS, Act
-from canopen_control.simulation.drawn_schedule import draw_schedule
 from canopen_control.simulation.fault_coverage import BOOT, DRIVE, NMT, POWER, cells_of
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.simulated_robot import MASTER
+from canopen_control.simulation.random_schedule import random_schedule
+from canopen_control.simulation.robot_under_test import MASTER
+from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
 
 if TYPE_CHECKING:
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.fault_coverage import Cell, Edge
     from canopen_control.simulation.invariants import Breach
-    from canopen_control.simulation.motions import Motion
+    from canopen_control.simulation.motions import SampleMotion
 
-    Acts = tuple[Act, ...]
+    Acts = tuple[ScenarioEvent, ...]
 
 
 # A schedule that aims a kind of trouble at a state: it leads the robot through the state and strikes as it is there.
@@ -86,7 +86,9 @@ def cells_to_aim_at(hit: Container[Cell], faults: Sequence[str], most: int) -> l
     return [empty[number * len(empty) // most] for number in range(most)] if len(empty) > most else empty
 
 
-def aimed_schedule(seed: int, cell: Cell, motions: Sequence[Motion], nodes: Sequence[int]) -> tuple[Act, ...]:
+def targeted_schedule(
+    seed: int, cell: Cell, motions: Sequence[SampleMotion], nodes: Sequence[int]
+) -> tuple[ScenarioEvent, ...]:
     """Return the acts that aim at a cell; the seed draws the node, the motion, and how long the trouble lasts."""
     machine, state, kind = cell
     draw = Random(f"{seed}/aimed").random
@@ -94,48 +96,53 @@ def aimed_schedule(seed: int, cell: Cell, motions: Sequence[Motion], nodes: Sequ
     node = str(nodes[int(draw() * len(nodes))])
     acts = [*_moves(motions, draw()), *_led(way, node), _strike(kind, f"{machine} {state}", node, armed, draw())]
     acts += [
-        Act(_MENDED_NS, "axis", name="fault-reset"),
-        Act(_MENDED_NS + 300 * _MS, "axis", name="enable"),
+        ScenarioEvent(_MENDED_NS, "axis", name="fault-reset"),
+        ScenarioEvent(_MENDED_NS + 300 * _MS, "axis", name="enable"),
     ]
     return tuple(sorted(acts, key=lambda act: act.at_ns))
 
 
-def _moves(motions: Sequence[Motion], drawn: float) -> list[Act]:
+def _moves(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]:
     """Command before and after, where there is something to command."""
     motion = next((each for each in motions if each.starts), None)
     if motion is None:
         return []
     values = tuple(round(low + (high - low) * (0.1 + 0.9 * drawn), 3) for low, high in motion.ranges)
     lasting = ((_MOVES_NS, _BACK_NS + 500 * _MS), (_MENDED_NS + 900 * _MS, AIMED_NS - 1000 * _MS))
-    return [Act(at, motion.kind, motion.controller, values=values, for_ns=until - at) for at, until in lasting]
+    return [
+        ScenarioEvent(at, motion.kind, motion.controller, values=values, for_ns=until - at) for at, until in lasting
+    ]
 
 
-def _led(way: str, node: str) -> list[Act]:
+def _led(way: str, node: str) -> list[ScenarioEvent]:
     """Return what leads into a state, and out of it again."""
-    again = [Act(_BACK_NS - 100 * _MS, "axis", name="fault-reset"), Act(_BACK_NS, "axis", name="enable")]
+    again = [
+        ScenarioEvent(_BACK_NS - 100 * _MS, "axis", name="fault-reset"),
+        ScenarioEvent(_BACK_NS, "axis", name="enable"),
+    ]
     if way in ("disable", "halt", "quick-stop"):
-        return [Act(_LEAD_NS, "axis", name=way), *again]
+        return [ScenarioEvent(_LEAD_NS, "axis", name=way), *again]
     if way == "stop":
-        return [Act(_LEAD_NS, "stop"), *again]
+        return [ScenarioEvent(_LEAD_NS, "stop"), *again]
     if way == "fault":
-        return [Act(_LEAD_NS, "fault", node, "drive_fault", for_ns=300 * _MS), *again]
+        return [ScenarioEvent(_LEAD_NS, "fault", node, "drive_fault", for_ns=300 * _MS), *again]
     if way == "power":
-        return [Act(_LEAD_NS, "power", node, for_ns=900 * _MS), *again]
+        return [ScenarioEvent(_LEAD_NS, "power", node, for_ns=900 * _MS), *again]
     if way.startswith("nmt"):
-        return [Act(_LEAD_NS, "frame", values=(0.0, float(way.split()[1]), float(node))), *again]
+        return [ScenarioEvent(_LEAD_NS, "frame", values=(0.0, float(way.split()[1]), float(node))), *again]
     return []
 
 
-def _strike(kind: str, when: str, node: str, armed: int, drawn: float) -> Act:
+def _strike(kind: str, when: str, node: str, armed: int, drawn: float) -> ScenarioEvent:
     """Return the trouble, which waits for the state."""
     lasts = (50 + int(1000 * drawn)) * _MS
     if kind not in KINDS:
-        return Act(armed, "fault", node, kind, for_ns=lasts, when=when)
+        return ScenarioEvent(armed, "fault", node, kind, for_ns=lasts, when=when)
     if kind == "frame":
-        return Act(armed, kind, values=(0x580 + float(node), 128.0), when=when)
+        return ScenarioEvent(armed, kind, values=(0x580 + float(node), 128.0), when=when)
     target = {"node": node, "member": MASTER if drawn < 0.3 and kind != "power" else node}.get(KINDS[kind].target, "")
     values = (float(1 + int(3 * drawn)),) if KINDS[kind].values else ()
-    return Act(armed, kind, target, values=values, for_ns=lasts, when=when)
+    return ScenarioEvent(armed, kind, target, values=values, for_ns=lasts, when=when)
 
 
 # Shrinks a schedule that breaks an invariant to the smallest that still does: acts are dropped, times halved.
@@ -156,7 +163,7 @@ class Shrinker:
         self.tries = 0
         self._breaks, self._most = breaks, most
 
-    def shrink(self, acts: Sequence[Act]) -> Acts:
+    def shrink(self, acts: Sequence[ScenarioEvent]) -> Acts:
         """Return the smallest that was found; the acts themselves where nothing smaller breaks."""
         smallest = tuple(acts)
         while (smaller := self._round(smallest)) != smallest:
@@ -291,7 +298,7 @@ class Campaign:
     def __init__(self, setup: RobotSetup, duration_ns: int, faults: Sequence[str], tries: int = MOST_TRIES) -> None:
         self._tries = tries
         self._setup, self._duration_ns, self._faults = setup, duration_ns, list(faults)
-        self._motions: Sequence[Motion] = motions_of(setup)
+        self._motions: Sequence[SampleMotion] = motions_of(setup)
         self._aims: dict[int, Cell] = {}
         self._nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
 
@@ -301,11 +308,11 @@ class Campaign:
         self._aims.update(zip(seeds, cells, strict=False))
         return list(seeds[: len(cells)])
 
-    def schedule(self, seed: int) -> tuple[Act, ...]:
+    def schedule(self, seed: int) -> tuple[ScenarioEvent, ...]:
         """Return what a seed draws, or how it aims."""
         if seed in self._aims:
-            return aimed_schedule(seed, self._aims[seed], self._motions, self._nodes)
-        return draw_schedule(seed, self._duration_ns, self._motions, self._nodes, self._faults)
+            return targeted_schedule(seed, self._aims[seed], self._motions, self._nodes)
+        return random_schedule(seed, self._duration_ns, self._motions, self._nodes, self._faults)
 
     def why_never(self) -> str:
         """Say that the robot does not run even if nothing happens to it, and why; "" where it runs."""
@@ -337,11 +344,13 @@ class Campaign:
         least = AIMED_NS if seed in self._aims else 0
         return self._result(seed, self.schedule(seed), max(self._duration_ns, least))
 
-    def shrink(self, result: SeedResult, hear: Callable[[int], object] = lambda _tries: None) -> tuple[Act, ...]:
+    def shrink(
+        self, result: SeedResult, hear: Callable[[int], object] = lambda _tries: None
+    ) -> tuple[ScenarioEvent, ...]:
         """Return the smallest schedule that breaks the first rule that a seed broke; `hear` is told each try."""
         rule = result.breaches[0].rule
 
-        def breaks(acts: tuple[Act, ...]) -> bool:
+        def breaks(acts: tuple[ScenarioEvent, ...]) -> bool:
             hear(shrinker.tries)
             run = SimulationRun(self._setup, result.seed, acts, motions=self._motions)
             try:
@@ -355,11 +364,11 @@ class Campaign:
         acts = [act for act in self.schedule(result.seed) if act.at_ns <= begun]
         return shrinker.shrink(acts if breaks(tuple(acts)) else self.schedule(result.seed))
 
-    def length_of(self, acts: Sequence[Act]) -> int:
+    def length_of(self, acts: Sequence[ScenarioEvent]) -> int:
         """Return for how long a schedule is to be simulated, in ns."""
         return max((act.at_ns + (act.for_ns or 0) for act in acts), default=0) + _AFTER_NS
 
-    def _result(self, seed: int, acts: Sequence[Act], duration_ns: int) -> SeedResult:
+    def _result(self, seed: int, acts: Sequence[ScenarioEvent], duration_ns: int) -> SeedResult:
         run = SimulationRun(self._setup, seed, acts, motions=self._motions)
         try:
             run.run(duration_ns)

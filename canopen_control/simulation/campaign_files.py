@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.simulation.acts import Act
     from canopen_control.simulation.campaign import SeedResult, Totals
     from canopen_control.simulation.fault_coverage import Edge
+    from canopen_control.simulation.scenario_events import ScenarioEvent
 
 
 _STYLE: Final = "body{font:14px sans-serif;margin:2em}td,th{padding:.1em .6em;text-align:right}"
 
 
 def write_breach(
-    folder: Path, setup: RobotSetup, result: SeedResult, acts: Sequence[Act], duration_ns: int, command: str
+    folder: Path, setup: RobotSetup, result: SeedResult, acts: Sequence[ScenarioEvent], duration_ns: int, command: str
 ) -> Path:
     """Write the scenario that breaks, and its frames beside it, and return its path; ConfigError where that cannot be.
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from canopen_control.simulation.acts import Act
-    from canopen_control.simulation.simulated_robot import SimulatedDrive, SimulatedRobot
+    from canopen_control.simulation.robot_under_test import RobotUnderTest, SimulatedDrive
+    from canopen_control.simulation.scenario_events import ScenarioEvent
 
 
 _OF_ALL: Final = ("frame", "kill", "lose", "double", "disturb", "bus_off", "cut", "stall")
@@ -25,7 +25,7 @@ class DisturbedNodes:
     `deaf_at` likewise, strangers apart. `moved(node_id)` is when something may last have moved a shaft past its drive.
     """
 
-    def __init__(self, robot: SimulatedRobot) -> None:
+    def __init__(self, robot: RobotUnderTest) -> None:
         self._robot = robot
         self._last = dict.fromkeys(robot.drives, 0)
         self._moved = dict.fromkeys(robot.drives, 0)
@@ -44,7 +44,7 @@ class DisturbedNodes:
         """Return when the node, its bus or the robot was disturbed last, 0: never."""
         return self._last[node_id]
 
-    def troubled(self, now: int, act: Act) -> None:
+    def troubled(self, now: int, act: ScenarioEvent) -> None:
         """Take an act that begins; other acts than troubles disturb nobody."""
         if act.kind in _OF_ALL:
             self._disturb_all(now)

@@ -14,15 +14,15 @@ from canopen_control.cia301.nmt import NmtState, state_of_byte
 from canopen_control.cia402.state import TRANSITIONS, State, decode_statusword
 from canopen_control.hardware.axis_power import TABLE, AxisState
 from canopen_control.master.remote_node import NodeState
-from canopen_control.simulation.acts import KINDS
+from canopen_control.simulation.scenario_events import KINDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from canopen_control.hardware.axis_power import Trigger
     from canopen_control.runtime.core import RobotCore
-    from canopen_control.simulation.acts import Act
-    from canopen_control.simulation.simulated_robot import SimulatedRobot
+    from canopen_control.simulation.robot_under_test import RobotUnderTest
+    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.wire_view import WireView
 
 
@@ -54,7 +54,7 @@ EDGES: Final[Mapping[str, frozenset[Edge]]] = {
 class StateCoverage:
     """Counts the edges that a robot walks; call `sampled` now and then, since a robot that is restarted is another."""
 
-    def __init__(self, robot: SimulatedRobot, views: Iterable[WireView]) -> None:
+    def __init__(self, robot: RobotUnderTest, views: Iterable[WireView]) -> None:
         self._robot, self._nodes = robot, [node for view in views for node in view.nodes.values()]
         self._core: RobotCore | None = None
         self._rows: Counter[tuple[AxisState, Trigger]] = Counter()
@@ -119,7 +119,7 @@ STATES: Final[Mapping[str, tuple[str, ...]]] = {
 """The states of each machine, in their order."""
 
 
-def kind_of(act: Act) -> str:
+def kind_of(act: ScenarioEvent) -> str:
     """Return the kind of a trouble: the fault's name, else what the act does."""
     return act.name or act.kind
 
@@ -139,7 +139,7 @@ def cells_words(hit: Iterable[Cell], faults: Sequence[str]) -> str:
     return ", ".join(f"{machine} {hits[machine]} of {total}" for machine, total in counts.items())
 
 
-def states_of(robot: SimulatedRobot, node_id: int) -> Iterator[tuple[str, str]]:
+def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
     """Yield each machine of a node with its state now; of several axes each."""
     device = robot.drives[node_id].device
     if device is not None:
@@ -156,7 +156,7 @@ def states_of(robot: SimulatedRobot, node_id: int) -> Iterator[tuple[str, str]]:
             yield POWER, joint.power.state.name
 
 
-def is_met(robot: SimulatedRobot, act: Act) -> bool:
+def state_reached(robot: RobotUnderTest, act: ScenarioEvent) -> bool:
     """Whether the state is there that an act waits for, of its node, or of any where it is about none."""
     nodes = [int(act.target)] if act.target.isdigit() else list(robot.drives)
     return not act.when or any(" ".join(each) == act.when for node_id in nodes for each in states_of(robot, node_id))
@@ -165,11 +165,11 @@ def is_met(robot: SimulatedRobot, act: Act) -> bool:
 class FaultCoverage:
     """Counts the cells that troubles hit in `cells`; `troubled` hears each act that begins."""
 
-    def __init__(self, robot: SimulatedRobot) -> None:
+    def __init__(self, robot: RobotUnderTest) -> None:
         self.cells: Counter[Cell] = Counter()
         self._robot = robot
 
-    def troubled(self, act: Act) -> None:
+    def troubled(self, act: ScenarioEvent) -> None:
         """Take an act; one that breaks nothing counts nowhere, one that hits many nodes once for each state."""
         if not KINDS[act.kind].breaks:
             return

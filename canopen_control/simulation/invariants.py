@@ -1,7 +1,7 @@
 """What must hold in every simulation, watched by an observer on the wire and at the shafts; and what users add.
 
 A rule of a user is a function of the entry point group `canopen_control.invariants`: it is called with the
-`SimulatedRobot` every 20 ms of its time and returns a sentence where something is wrong, else None.
+`RobotUnderTest` every 20 ms of its time and returns a sentence where something is wrong, else None.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.hardware.interfaces import TARGET
 from canopen_control.runtime.core import RobotState
 from canopen_control.simulation.disturbed_nodes import DisturbedNodes
-from canopen_control.simulation.face_rules import FaceRules, GoalRules
 from canopen_control.simulation.fault_coverage import FaultCoverage, StateCoverage
-from canopen_control.simulation.motion_rules import MotionRules
-from canopen_control.simulation.target_rules import TargetRules
-from canopen_control.simulation.wire_rules import ConfigurationRules, WireRules
+from canopen_control.simulation.motion_invariants import MotionInvariants
+from canopen_control.simulation.status_invariants import GoalInvariants, StatusInvariants
+from canopen_control.simulation.target_invariants import TargetInvariants
+from canopen_control.simulation.wire_invariants import ConfigurationInvariants, WireInvariants
 from canopen_control.simulation.wire_view import WireView
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from canopen_control.simulation.act_player import ActPlayer
-    from canopen_control.simulation.acts import Act
-    from canopen_control.simulation.motions import Motion
+    from canopen_control.simulation.event_player import EventPlayer
+    from canopen_control.simulation.motions import SampleMotion
+    from canopen_control.simulation.robot_under_test import RobotUnderTest
+    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.simulated_clients import SimulatedClient, SimulatedClients
-    from canopen_control.simulation.simulated_robot import SimulatedRobot
-    from canopen_control.simulation.wire_view import NodeView
+    from canopen_control.simulation.wire_view import ObservedNode
 
-    Rule = Callable[[SimulatedRobot], str | None]
+    Rule = Callable[[RobotUnderTest], str | None]
 
 
 # Invariants of the runtime itself: the state told is the state that is, memory is bounded, the program has no error.
@@ -49,13 +49,13 @@ _MEMORY_NS: Final = 60 * _SECOND
 _BLOCKS: Final = 60_000  # of memory, that a robot may have more than a while after its start
 
 
-class ToldRules:
+class ReportInvariants:
     """Holds the runtime's words against what is; `tell(rule, text)` takes breaches.
 
     `asked`, `taken` and `sampled` are called as time passes.
     """
 
-    def __init__(self, robot: SimulatedRobot, views: Mapping[str, WireView], tell: Callable[[str, str], None]) -> None:
+    def __init__(self, robot: RobotUnderTest, views: Mapping[str, WireView], tell: Callable[[str, str], None]) -> None:
         self._robot, self._tell = robot, tell
         self._nodes = [node for view in views.values() for node in view.nodes.values()]
         self._wrong_since: dict[tuple[str, str], int] = {}  # what of whom
@@ -66,13 +66,13 @@ class ToldRules:
         self._latched: bool | None = False  # as clients have asked for it; None: nobody knows whether that was heard
         self._latch_asked = self._latch_heard = 0
 
-    def asked(self, now: int, act: Act) -> None:
+    def asked(self, now: int, act: ScenarioEvent) -> None:
         """Take what a client asks for; a process that is stalled hears it when it goes on."""
         if act.kind in ("latch", "release"):
             self._latched = act.kind == "latch"
             self._latch_asked, self._latch_heard = now, max(now, self._robot.host.stalled_until)
 
-    def taken(self, now: int, act: Act) -> None:
+    def taken(self, now: int, act: ScenarioEvent) -> None:
         """Judge a command that was taken: one all of whose drives have been off for a while must not be."""
         core = self._robot.core
         joints = [core.joints.get(each.joint) for each in core.manager.get(act.target).commands]
@@ -108,7 +108,7 @@ class ToldRules:
             self._hold("STOP was latched by {}, and is not any more", "a client", latched is True and not held, now)
             self._hold("STOP is latched, and {} asked for it", "nobody", latched is False and held, now)
 
-    def _judge_state(self, node: NodeView, now: int) -> bool:
+    def _judge_state(self, node: ObservedNode, now: int) -> bool:
         """Judge that RUNNING means that every node is there and no drive is in fault; return whether it is not so."""
         limit = node.timeout_ns
         silent = limit > 0 and node.alive_at > 0 and now - node.alive_at > limit
@@ -120,7 +120,7 @@ class ToldRules:
         self._hold("running, and {} is in fault", name, running and fault, now)
         return silent or fault
 
-    def _judge_axes(self, node: NodeView, now: int, *, troubled: bool) -> None:
+    def _judge_axes(self, node: ObservedNode, now: int, *, troubled: bool) -> None:
         """Judge that an axis told as enabled shows it on the wire, and while RUNNING each that is claimed."""
         wrong = now - node.status_at < _FRESH_NS and not node.enabled
         if not (wrong or self._wrong_since):
@@ -153,25 +153,25 @@ class ToldRules:
             self._blocks = blocks
 
 
-def _is_off(node: NodeView, now: int) -> bool:
+def _is_off(node: ObservedNode, now: int) -> bool:
     """Whether a drive shows that it is not enabled, and has for a while."""
     return not node.enabled and node.shown_enabled_at < now - _SOON_NS and now - node.status_at < _FRESH_NS
 
 
 # Invariants of clients: one that hangs holds up neither the robot nor other clients, and is not kept for ever.
 #
-# That a command ends with its client, and with its time-out, is judged by what the shafts do (`motion_rules`). Times in
-# ns.
+# That a command ends with its client, and with its time-out, is judged by the motion of the shafts
+# (`motion_invariants`). Times in ns.
 
 
 _ANSWER_NS: Final = 1000 * _MS  # in which an answer comes, though others hang: newcomers may stay idle for half of it
 _DEAF_NS: Final = 5000 * _MS  # after which who reads nothing has got more than is kept for anybody
 
 
-class ClientRules:
+class ClientInvariants:
     """Judges how a robot serves its clients; `tell(rule, text)` takes breaches. `sampled` is called as time passes."""
 
-    def __init__(self, robot: SimulatedRobot, clients: SimulatedClients, tell: Callable[[str, str], None]) -> None:
+    def __init__(self, robot: RobotUnderTest, clients: SimulatedClients, tell: Callable[[str, str], None]) -> None:
         self._robot, self._clients, self._tell = robot, clients, tell
         self._blocked = 0
         self._told: set[SimulatedClient] = set()
@@ -237,24 +237,24 @@ class Invariants:
 
     def __init__(
         self,
-        robot: SimulatedRobot,
-        player: ActPlayer,
-        motions: Sequence[Motion],
+        robot: RobotUnderTest,
+        player: EventPlayer,
+        motions: Sequence[SampleMotion],
         rules: Sequence[tuple[str, Rule]] = (),
     ) -> None:
         self.breaches: list[Breach] = []
         self._robot, self._began = robot, robot.now_ns
         views = {name: WireView(bus) for name, bus in robot.setup.joined.items()}
-        self._motion = MotionRules(robot, views, motions, self._tell)
+        self._motion = MotionInvariants(robot, views, motions, self._tell)
         self._disturbed = DisturbedNodes(robot)
-        self._targets = TargetRules(robot, views, motions, self._disturbed, self._tell)
-        self._told = ToldRules(robot, views, self._tell)
-        self._faces = FaceRules(robot, views, self._disturbed, self._tell)
-        self._clients = ClientRules(robot, player.clients, self._tell)
-        self._goals = GoalRules(robot, player, self._faces, self._tell)
+        self._targets = TargetInvariants(robot, views, motions, self._disturbed, self._tell)
+        self._told = ReportInvariants(robot, views, self._tell)
+        self._faces = StatusInvariants(robot, views, self._disturbed, self._tell)
+        self._clients = ClientInvariants(robot, player.clients, self._tell)
+        self._goals = GoalInvariants(robot, player, self._faces, self._tell)
         plans = [plan for bus in robot.setup.joined.values() for plan in bus.plans.values()]
-        self._configured = ConfigurationRules(robot, plans, self._disturbed, self._tell)
-        self._wires = [WireRules(robot, robot.wires[name], view, self._tell) for name, view in views.items()]
+        self._configured = ConfigurationInvariants(robot, plans, self._disturbed, self._tell)
+        self._wires = [WireInvariants(robot, robot.wires[name], view, self._tell) for name, view in views.items()]
         self.coverage, self.troubled = StateCoverage(robot, views.values()), FaultCoverage(robot)
         self._rules = list(rules)
         self._broken: set[str] = set()
@@ -269,13 +269,13 @@ class Invariants:
         if len(self.breaches) < _MOST:
             self.breaches.append(Breach((self._robot.now_ns - self._began) / 1e9, rule, text))
 
-    def _asked(self, now: int, act: Act) -> None:
+    def _asked(self, now: int, act: ScenarioEvent) -> None:
         self._motion.asked(now, act)
         self._targets.asked(now, act)
         self._told.asked(now, act)
         self._goals.asked(now, act)
 
-    def _played(self, now: int, act: Act) -> None:
+    def _played(self, now: int, act: ScenarioEvent) -> None:
         self._disturbed.troubled(now, act)
         self.troubled.troubled(act)
 

@@ -28,7 +28,7 @@ _MARGIN: Final = 0.9  # of a limit, so that commands are legal
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class SampleMotion:
     """A controller that moves joints: how it is commanded (`command` or `trajectory`) and the range of each value.
 
     `starts`: it is active from the start. `life_ns` is that of a command, 0 for one without an end. `joints` are those
@@ -44,7 +44,7 @@ class Motion:
     ends: tuple[str, ...] = ()
 
 
-def motions_of(setup: RobotSetup) -> tuple[Motion, ...]:
+def motions_of(setup: RobotSetup) -> tuple[SampleMotion, ...]:
     """Return what can be commanded, in the order of the controllers file; what cannot be loaded is left out."""
     with Reactor(ManualClock(), MarkedSelector()) as reactor:
         core = RobotCore(setup, reactor)
@@ -53,7 +53,7 @@ def motions_of(setup: RobotSetup) -> tuple[Motion, ...]:
     return tuple(each for each in found if each is not None)
 
 
-def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> Motion | None:
+def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> SampleMotion | None:
     if not moves_joints(type_name):
         return None
     try:
@@ -65,7 +65,7 @@ def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> Mo
         return None
     starts, life_ns = name in setup.to_activate, controller.life.limit_ns
     if axes := twist_axes_of(controller):
-        return Motion(name, "command", tuple((-_TWIST[axis], _TWIST[axis]) for axis in axes), starts, life_ns)
+        return SampleMotion(name, "command", tuple((-_TWIST[axis], _TWIST[axis]) for axis in axes), starts, life_ns)
     joints = setup.description.joints
     if controller.topic is None or "trajectory" in type_name:
         return _trajectory(controller, joints, starts=starts)
@@ -73,14 +73,14 @@ def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> Mo
     known = tuple(each for each in ranges if each is not None)
     if not known or len(known) != len(ranges):
         return None
-    return Motion(name, "command", known, starts, life_ns, ends=tuple(names))
+    return SampleMotion(name, "command", known, starts, life_ns, ends=tuple(names))
 
 
-def _trajectory(controller: Controller, joints: object, *, starts: bool) -> Motion | None:
+def _trajectory(controller: Controller, joints: object, *, starts: bool) -> SampleMotion | None:
     if "trajectory" not in controller.type:
         return None  # a gripper's goals
     ranges = [_range(joints.get(each), POSITION) for each in controller.joints]  # type: ignore[attr-defined]
-    return Motion(controller.name, "trajectory", tuple(ranges), starts, joints=tuple(controller.joints))  # type: ignore[arg-type]
+    return SampleMotion(controller.name, "trajectory", tuple(ranges), starts, joints=tuple(controller.joints))  # type: ignore[arg-type]
 
 
 def _range(joint: Joint | None, interface: str) -> tuple[float, float] | None:

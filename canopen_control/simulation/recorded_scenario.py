@@ -16,10 +16,10 @@ from canopen_control.rpc.messages import robot as messages
 from canopen_control.rpc.messages.robot import ROBOT
 from canopen_control.rpc.messages.trajectory import FollowTrajectory, SendTrajectory, SetTrajectory, TrajectoryData
 from canopen_control.rpc.wire import decode
-from canopen_control.simulation.acts import Act
-from canopen_control.simulation.motions import Motion, motions_of
+from canopen_control.simulation.motions import SampleMotion, motions_of
+from canopen_control.simulation.robot_under_test import MASTER
+from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.scenario_steps import Scenario
-from canopen_control.simulation.simulated_robot import MASTER
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -104,23 +104,25 @@ class BusHistory:
         elif can_id == 0x700 + node:
             (heard.boots if data[:1] == b"\0" else heard.alive).append(now)
 
-    def acts(self) -> Iterator[Act]:
+    def acts(self) -> Iterator[ScenarioEvent]:
         """Yield what happened; `at_ns` is Unix time."""
         yield from self._of_master()
         for now, command, node in self._nmt:
             if command in (_NMT_STOP, _NMT_PRE_OPERATIONAL):
-                yield Act(now, "frame", values=(0.0, float(command), float(node)))
+                yield ScenarioEvent(now, "frame", values=(0.0, float(command), float(node)))
         for node, plan in self._plans.items():
             yield from self._of_node(node, plan, self._heard[node])
 
     # -- the master
 
-    def _of_master(self) -> Iterator[Act]:
+    def _of_master(self) -> Iterator[ScenarioEvent]:
         for begin, end in self._silences():
             booted = any(begin < now < (end or begin) + _S and command in _NMT_RESETS for now, command, _ in self._nmt)
             lasts = None if end is None else end - begin
             yield (
-                Act(begin, "kill", for_ns=lasts) if booted or end is None else Act(begin, "stall", MASTER, for_ns=lasts)
+                ScenarioEvent(begin, "kill", for_ns=lasts)
+                if booted or end is None
+                else ScenarioEvent(begin, "stall", MASTER, for_ns=lasts)
             )
 
     def _silences(self) -> list[tuple[int, int | None]]:
@@ -131,23 +133,23 @@ class BusHistory:
 
     # -- a node
 
-    def _of_node(self, node: int, plan: NodePlan, heard: _Heard) -> Iterator[Act]:
+    def _of_node(self, node: int, plan: NodePlan, heard: _Heard) -> Iterator[ScenarioEvent]:
         limit = plan.heartbeat_timeout_ns or _QUIET_NS
         silences = _gaps(heard.any, limit, self._end)
         for begin, end in silences:
             if end is None or end not in heard.boots:
-                yield Act(begin, "cut", str(node), for_ns=None if end is None else end - begin)
+                yield ScenarioEvent(begin, "cut", str(node), for_ns=None if end is None else end - begin)
             elif not self._was_reset(node, end):
-                yield Act(begin, "power", str(node), for_ns=end - begin)
+                yield ScenarioEvent(begin, "power", str(node), for_ns=end - begin)
         if plan.heartbeat_timeout_ns:
             for begin, end in _gaps(heard.alive, limit, self._end):
                 if not any(begin < (to or self._end) and at < (end or self._end) for at, to in silences):
                     lasts = None if end is None else end - begin
-                    yield Act(begin, "fault", str(node), "heartbeat_lost", for_ns=lasts)
+                    yield ScenarioEvent(begin, "fault", str(node), "heartbeat_lost", for_ns=lasts)
         ends = {end for _, end in silences}
         for boot in heard.boots:
             if heard.any[0] < boot and boot not in ends and not self._was_reset(node, boot):
-                yield Act(boot, "fault", str(node), "spontaneous_reset")
+                yield ScenarioEvent(boot, "fault", str(node), "spontaneous_reset")
         yield from self._emergencies(node, heard.emcy)
 
     def _was_reset(self, node: int, boot: int) -> bool:
@@ -157,7 +159,7 @@ class BusHistory:
             for now, command, about in self._nmt
         )
 
-    def _emergencies(self, node: int, told: Sequence[tuple[int, int]]) -> Iterator[Act]:
+    def _emergencies(self, node: int, told: Sequence[tuple[int, int]]) -> Iterator[ScenarioEvent]:
         shown: str | None = None
         for number, (now, code) in enumerate(told):
             if code == 0:
@@ -166,7 +168,7 @@ class BusHistory:
                 shown = _FAULTS.get(code, _OTHER)
                 gone = next((at for at, later in told[number:] if later == 0), None)
                 off = None if gone is None else max(now + _MS, self._ended(gone, shown))
-                yield Act(now, "fault", str(node), shown, for_ns=None if off is None else off - now)
+                yield ScenarioEvent(now, "fault", str(node), shown, for_ns=None if off is None else off - now)
 
     def _ended(self, gone: int, fault: str) -> int:
         """Return when the cause of a fault was gone, whose end was told at a time: before it was reset."""
@@ -228,7 +230,7 @@ def _whole(time_ns: int) -> int:
     return max(_MS, round(time_ns / _MS) * _MS)
 
 
-def _placed(act: Act, origin: int) -> Act:
+def _placed(act: ScenarioEvent, origin: int) -> ScenarioEvent:
     """Return an act at whole ms after the beginning."""
     lasts = None if act.for_ns is None else _whole(act.for_ns)
     return replace(act, at_ns=round((act.at_ns - origin) / _MS) * _MS, for_ns=lasts)
@@ -246,17 +248,17 @@ def _origin(recorded: RecordedRobot, first: int) -> tuple[int, bool]:
     return (began - _LED_NS, False) if began > first - _S else (first - _BEFORE_NS, True)
 
 
-def _initial(recorded: RecordedRobot, setup: RobotSetup, origin: int) -> Iterator[Act]:
+def _initial(recorded: RecordedRobot, setup: RobotSetup, origin: int) -> Iterator[ScenarioEvent]:
     """Yield the switch to the controllers that were active when the recording began."""
     for name in recorded.active:
         config = setup.controllers.controllers.get(name)
         if config is not None and name not in setup.to_activate and "broadcaster" not in config.type.lower():
-            yield Act(origin + _BEFORE_NS - 300 * _MS, "activate", name)
+            yield ScenarioEvent(origin + _BEFORE_NS - 300 * _MS, "activate", name)
 
 
-def _merged(acts: Iterable[Act]) -> list[Act]:
+def _merged(acts: Iterable[ScenarioEvent]) -> list[ScenarioEvent]:
     """Return acts in order, with equal commands that follow each other as one that lasts."""
-    merged: list[Act] = []
+    merged: list[ScenarioEvent] = []
     latest: dict[str, tuple[int, int]] = {}  # controller -> which of them, and when it was renewed last
     for act in sorted(acts, key=lambda each: each.at_ns):
         number, renewed = latest.get(act.target, (-1, 0))
@@ -275,11 +277,11 @@ def _merged(acts: Iterable[Act]) -> list[Act]:
 class RequestActs:
     """Makes acts of the requests of clients; points of a trajectory that came ahead are kept for it."""
 
-    def __init__(self, motions: Sequence[Motion]) -> None:
-        self._motions: Mapping[str, Motion] = {each.controller: each for each in motions}
+    def __init__(self, motions: Sequence[SampleMotion]) -> None:
+        self._motions: Mapping[str, SampleMotion] = {each.controller: each for each in motions}
         self._points: list[Any] = []
 
-    def acts(self, asked: Asked) -> Iterator[Act]:
+    def acts(self, asked: Asked) -> Iterator[ScenarioEvent]:
         """Yield what a request does, at Unix ns; nothing for one that moves nothing."""
         method = ROBOT.methods.get(asked.method)
         if method is None:
@@ -291,31 +293,31 @@ class RequestActs:
         for act in self._of(request):
             yield replace(act, at_ns=round(asked.time * 1e9))
 
-    def _of(self, request: object) -> Iterator[Act]:
+    def _of(self, request: object) -> Iterator[ScenarioEvent]:
         if isinstance(request, messages.CommandController):
-            yield Act(0, "command", request.controller, values=tuple(request.values))
+            yield ScenarioEvent(0, "command", request.controller, values=tuple(request.values))
         elif isinstance(request, messages.TwistController):
             sideways = (
                 len(self._motions[request.controller].ranges) > 2 if request.controller in self._motions else False
             )
             middle = (request.lateral,) if sideways else ()
-            yield Act(0, "command", request.controller, values=(request.linear, *middle, request.angular))
+            yield ScenarioEvent(0, "command", request.controller, values=(request.linear, *middle, request.angular))
         elif isinstance(request, TrajectoryData):
             self._points += request.points
         elif isinstance(request, FollowTrajectory | SendTrajectory | SetTrajectory):
             yield from self._trajectory(request)
         elif isinstance(request, messages.Stop):
-            yield Act(0, "latch" if request.latch else "stop")
+            yield ScenarioEvent(0, "latch" if request.latch else "stop")
         elif isinstance(request, messages.Release):
-            yield Act(0, "release")
+            yield ScenarioEvent(0, "release")
         elif isinstance(request, messages.AxisRequest) and request.action in _ACTIONS:
             whole = str(request.node) == "all"
-            yield Act(0, "axis", "" if whole else str(request.node), str(request.action))
+            yield ScenarioEvent(0, "axis", "" if whole else str(request.node), str(request.action))
         elif isinstance(request, messages.SwitchControllers):
-            yield from (Act(0, "deactivate", name) for name in request.deactivate if not request.activate)
-            yield from (Act(0, "activate", name) for name in request.activate)
+            yield from (ScenarioEvent(0, "deactivate", name) for name in request.deactivate if not request.activate)
+            yield from (ScenarioEvent(0, "activate", name) for name in request.activate)
 
-    def _trajectory(self, request: FollowTrajectory | SendTrajectory | SetTrajectory) -> Iterator[Act]:
+    def _trajectory(self, request: FollowTrajectory | SendTrajectory | SetTrajectory) -> Iterator[ScenarioEvent]:
         points, self._points = [*self._points, *request.points], []
         motion = self._motions.get(request.controller)
         order = motion.joints if motion is not None and set(motion.joints) == set(request.joints) else request.joints
@@ -323,4 +325,6 @@ class RequestActs:
         kept = [each for each in points if len(each.positions) == len(places) and each.time_from_start > 0]
         values = tuple(each.positions[place] for each in kept for place in places)
         if values:
-            yield Act(0, "trajectory", request.controller, values=values, times=tuple(e.time_from_start for e in kept))
+            yield ScenarioEvent(
+                0, "trajectory", request.controller, values=values, times=tuple(e.time_from_start for e in kept)
+            )

@@ -10,9 +10,9 @@
       - {at: 8s, payload: {mass: 12}}                        # with physics only
 
 `for` is how long it is simulated, `seed` draws what the steps do not say: how late processes wake, and the oscillators.
-`do` is one of the kinds of `acts`, `target` the node id, `master` or controller that it takes. A step with `when`, as
-`when: axis power BRAKING`, waits from its time on until its node, or any, is in that state. A scenario of `drive` is
-one of these too.
+`do` is one of the kinds of `scenario_events`, `target` the node id, `master` or controller that it takes. A step with
+`when`, as `when: axis power BRAKING`, waits from its time on until its node, or any, is in that state. A scenario of
+`drive` is one of these too.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import nearest
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
-from canopen_control.simulation.acts import KINDS, Act
 from canopen_control.simulation.fault_coverage import STATES
-from canopen_control.simulation.simulated_robot import MASTER
+from canopen_control.simulation.robot_under_test import MASTER
+from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
 from canopen_control.virtual.fault_table import FAULTS
 from canopen_control.virtual.scenario import Happening, ScenarioError, seconds_of, world_words
 from canopen_control.yamlfile.convert import position, setting
@@ -51,7 +51,7 @@ _MOMENTS: Final = [f"{machine} {state}" for machine, states in STATES.items() fo
 class Scenario:
     """What a file says; `duration_ns` and `seed` are None where it does not say them."""
 
-    acts: tuple[Act, ...]
+    acts: tuple[ScenarioEvent, ...]
     duration_ns: int | None = None
     seed: int | None = None
 
@@ -99,7 +99,7 @@ def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
     """Return what a file says for a robot; ScenarioError with every mistake and its line."""
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
     controllers = list(setup.controllers.controllers)
-    acts: list[Act] = []
+    acts: list[ScenarioEvent] = []
     found: list[Scenario] = []
 
     def check(file: SimulationFile, _problems: Problems) -> None:
@@ -147,7 +147,7 @@ class _Checked:
     ) -> None:
         self._step, self._nodes, self._controllers, self._setup = step, nodes, controllers, setup
 
-    def acts(self) -> Iterator[Act]:
+    def acts(self) -> Iterator[ScenarioEvent]:
         """Yield what it means; mistakes are reported."""
         step = self._step
         if happens := step.acts():
@@ -177,9 +177,11 @@ class _Checked:
         if step.when and step.when not in _MOMENTS:
             step.here.error(f"when: {step.when} is no state{nearest(step.when, _MOMENTS)}")
         numbers, plant, times = tuple(values), tuple(step.plant.items()), tuple(step.times)
-        yield Act(_time(step.here, step.at), kind, target, name, numbers, lasts, plant, step.axis, times, step.when)
+        yield ScenarioEvent(
+            _time(step.here, step.at), kind, target, name, numbers, lasts, plant, step.axis, times, step.when
+        )
 
-    def _world(self, happens: Sequence[WorldAct]) -> Iterator[Act]:
+    def _world(self, happens: Sequence[WorldAct]) -> Iterator[ScenarioEvent]:
         """Yield what happens in the world; a robot has one with physics alone."""
         step, setup = self._step, self._setup
         other = step.node is not None or step.fault or step.plant or step.values or step.target or step.name
@@ -194,7 +196,7 @@ class _Checked:
             step.here.error(f"when: {step.when} is no state{nearest(step.when, _MOMENTS)}")
         for what in happens:
             self._check_part(what)
-            yield Act(_time(step.here, step.at), "world", for_ns=lasts, when=step.when, world=what)
+            yield ScenarioEvent(_time(step.here, step.at), "world", for_ns=lasts, when=step.when, world=what)
 
     def _check_part(self, what: WorldAct) -> None:
         """Tell of a link or joint that the robot does not have."""
@@ -254,14 +256,14 @@ def _is_count(values: Sequence[float]) -> bool:
     return len(values) == 1 and math.isfinite(values[0]) and values[0] >= 1 and values[0] == int(values[0])
 
 
-def scenario_text(acts: Iterable[Act], *, seed: int, duration_ns: int, note: str = "") -> str:
+def scenario_text(acts: Iterable[ScenarioEvent], *, seed: int, duration_ns: int, note: str = "") -> str:
     """Return the file that says the same."""
     head = f"# {note}\n" if note else ""
     lines = "".join(f"  - {_line(act)}\n" for act in acts)
     return f"{head}for: {_seconds(duration_ns)}\nseed: {seed}\nsteps:{f'{chr(10)}{lines}' if lines else ' []'}"
 
 
-def _line(act: Act) -> str:
+def _line(act: ScenarioEvent) -> str:
     words = {"at": _seconds(act.at_ns), "do": act.kind, "target": act.target, "name": act.name}
     if act.values:
         words["values"] = f"[{', '.join(f'{each:g}' for each in act.values)}]"

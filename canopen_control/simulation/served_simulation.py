@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.rpc.messages.robot import Asked
-    from canopen_control.simulation.act_player import ActPlayer
+    from canopen_control.simulation.event_player import EventPlayer
     from canopen_control.simulation.simulated_clients import SimulatedClients
 
 
@@ -93,7 +93,7 @@ class ServedSimulation:
 
     slice_ns: Final = 5_000_000
 
-    def __init__(self, player: ActPlayer) -> None:
+    def __init__(self, player: EventPlayer) -> None:
         self._player, self._clients = player, player.clients
         self._requests = RequestActs(motions_of(player.robot.setup))
         self._here: list[OutsideClient] = []

@@ -11,11 +11,11 @@ import time as real_time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.simulation.drawn_schedule import draw_schedule
 from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.random_schedule import random_schedule
+from canopen_control.simulation.robot_under_test import RobotUnderTest
 from canopen_control.simulation.simulated_floor import SimulatedFloor, open_shared_floor
-from canopen_control.simulation.simulated_robot import SimulatedRobot
-from canopen_control.simulation.simulation_run import Outcome, SimulationRun
+from canopen_control.simulation.simulation_run import SimulationResult, SimulationRun
 from canopen_control.simulation.virtual_time import VirtualTime
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class SharedOutcome:
     events: int
     sha256: str
     breaches: tuple[str, ...]
-    robots: dict[str, Outcome]
+    robots: dict[str, SimulationResult]
 
 
 class SharedSimulation:
@@ -53,7 +53,7 @@ class SharedSimulation:
     ) -> None:
         self.seed, self._duration_ns = seed, duration_ns
         self.time = VirtualTime()
-        robots = [SimulatedRobot(setup, seed + number, time=self.time) for number, setup in enumerate(setups)]
+        robots = [RobotUnderTest(setup, seed + number, time=self.time) for number, setup in enumerate(setups)]
         joints = (robot.core.joints for robot in robots)
         floor = open_shared_floor(zip(setups, joints, strict=True), world)
         self.runs: dict[str, SimulationRun] = {}
@@ -61,7 +61,7 @@ class SharedSimulation:
             setup = robot.setup
             robot.floor = SimulatedFloor(floor.side(setup.name), self.time, robot.awake)
             motions = motions_of(setup)
-            acts = draw_schedule(robot.seed, duration_ns, motions, list(robot.drives), faults)
+            acts = random_schedule(robot.seed, duration_ns, motions, list(robot.drives), faults)
             self.runs[setup.name] = SimulationRun(setup, robot.seed, acts, motions=motions, robot=robot)
         self._began, self._began_ns = real_time.perf_counter(), self.time.now_ns
 

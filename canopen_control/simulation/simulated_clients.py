@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.robot import Asked
     from canopen_control.runtime.core import RobotCore
-    from canopen_control.simulation.simulated_robot import SimulatedRobot
+    from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.virtual_time import Actor
 
 
@@ -183,7 +183,7 @@ class SimulatedClients:
     `on_request` hears what they ask for, each in the robot's time.
     """
 
-    def __init__(self, robot: SimulatedRobot) -> None:
+    def __init__(self, robot: RobotUnderTest) -> None:
         self.robot = robot
         self.blocked = 0
         self.all: list[SimulatedClient] = []

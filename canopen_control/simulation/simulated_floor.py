@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.runtime.physics_plant import write_buses, write_plant
 from canopen_control.virtual.bus_group import open_world, read_group
-from canopen_control.virtual.plant import ChangeableWorld
-from canopen_control.virtual.worldfile import read_world
+from canopen_control.virtual.plant import AcceptsEvents
+from canopen_control.virtual.plant_file import read_world
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -71,7 +71,7 @@ class SimulatedFloor:
     def act(self, what: WorldAct) -> None:
         """Let something happen now; ConfigError for a link or joint that is not there."""
         self._keep_up_with(self._time.now_ns)
-        if isinstance(self._world, ChangeableWorld):
+        if isinstance(self._world, AcceptsEvents):
             self._world.act(what)
 
     def _keep_up(self) -> None:

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.runtime.core import RobotState
-from canopen_control.simulation.act_player import ActPlayer
+from canopen_control.simulation.event_player import EventPlayer
 from canopen_control.simulation.invariants import Invariants, user_rules
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.simulated_robot import SimulatedRobot
+from canopen_control.simulation.robot_under_test import RobotUnderTest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.simulation.acts import Act
-    from canopen_control.simulation.motions import Motion
+    from canopen_control.simulation.motions import SampleMotion
+    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.served_simulation import ServedSimulation
 
 
@@ -25,7 +25,7 @@ _SLICE_NS: Final = 100_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class SimulationResult:
     """What came of a simulation; `sha256` is that of every frame and event with its time, `breaches` are sentences."""
 
     seed: int
@@ -48,15 +48,15 @@ class SimulationRun:
         self,
         setup: RobotSetup,
         seed: int,
-        acts: Sequence[Act],
+        acts: Sequence[ScenarioEvent],
         *,
         speed: float | None = None,
-        motions: Sequence[Motion] | None = None,
-        robot: SimulatedRobot | None = None,
+        motions: Sequence[SampleMotion] | None = None,
+        robot: RobotUnderTest | None = None,
     ) -> None:
         self.seed, self.speed = seed, speed
-        self.robot = SimulatedRobot(setup, seed) if robot is None else robot
-        self.player = ActPlayer(self.robot)
+        self.robot = RobotUnderTest(setup, seed) if robot is None else robot
+        self.player = EventPlayer(self.robot)
         self.invariants = Invariants(
             self.robot, self.player, motions_of(setup) if motions is None else motions, user_rules()
         )
@@ -103,11 +103,11 @@ class SimulationRun:
         return time.perf_counter() - self._began
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> SimulationResult:
         """What has come of it so far."""
         robot = self.robot
         digest = robot.digest
-        return Outcome(
+        return SimulationResult(
             self.seed, self.robot_s, round(self.real_s, 3), robot.frames, digest.events, digest.hex, self.breaches
         )
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402 import objects as o
 from canopen_control.frame import RECORD
 from canopen_control.runtime.cyclic_axes import axis_number, node_of
-from canopen_control.simulation.simulated_robot import MASTER
+from canopen_control.simulation.robot_under_test import MASTER
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Iterator, Sequence
@@ -33,7 +33,7 @@ _LIMIT: Final = 0x800  # a limit is active
 _SHOWN_ENABLED: Final = 0x27  # of these: OPERATION ENABLED
 
 
-class NodeView:
+class ObservedNode:
     """What was heard of a node: `controlword` and `targets` (by object) sent to it, `statusword` of it.
 
     `timeout_ns` is how long it may be silent, 0: for ever.
@@ -142,9 +142,9 @@ class WireView:
 
     def __init__(self, config: BusConfig) -> None:
         self.config = config
-        self.nodes = {plan.node_id: NodeView(plan) for plan in config.plans.values()}
+        self.nodes = {plan.node_id: ObservedNode(plan) for plan in config.plans.values()}
         self.master_at = self.sync_at = 0
-        self._pdos: dict[int, tuple[NodeView, bool, int, tuple[tuple[int, int, int, bool], ...]]] = {}
+        self._pdos: dict[int, tuple[ObservedNode, bool, int, tuple[tuple[int, int, int, bool], ...]]] = {}
         for plan in config.plans.values():
             view = self.nodes[plan.node_id]
             self._map(view, plan.rpdos, to_node=True)
@@ -154,7 +154,7 @@ class WireView:
         self._emcys = {0x80 + node_id: view for node_id, view in self.nodes.items()}
         self._master = 0x700 + config.master.node_id
 
-    def _map(self, view: NodeView, layouts: Sequence[PdoLayout], *, to_node: bool) -> None:
+    def _map(self, view: ObservedNode, layouts: Sequence[PdoLayout], *, to_node: bool) -> None:
         for layout in layouts:
             bits = sum(mapped.bits for mapped in layout.objects)
             if fields := tuple(_fields(layout.objects)):
@@ -185,7 +185,11 @@ class WireView:
             view.emcy_at = now
 
     def _take(
-        self, pdo: tuple[NodeView, bool, int, tuple[tuple[int, int, int, bool], ...]], bits: int, length: int, now: int
+        self,
+        pdo: tuple[ObservedNode, bool, int, tuple[tuple[int, int, int, bool], ...]],
+        bits: int,
+        length: int,
+        now: int,
     ) -> None:
         view, to_node, whole, fields = pdo
         if length < whole:  # who gets it drops it, CiA 301, 7.2.2.5

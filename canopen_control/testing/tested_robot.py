@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ConfigError, UnknownName, nearest
 from canopen_control.frame import CanFrame, frames_of
-from canopen_control.simulation.act_player import ActPlayer
-from canopen_control.simulation.acts import Act
+from canopen_control.simulation.event_player import EventPlayer
 from canopen_control.simulation.invariants import Invariants, user_rules
 from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.robot_under_test import RobotUnderTest
+from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.served_simulation import ServedSimulation
-from canopen_control.simulation.simulated_robot import SimulatedRobot
 from canopen_control.virtual.fault_table import find_fault
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.simulation.simulated_robot import SimulatedDrive
+    from canopen_control.simulation.robot_under_test import SimulatedDrive
 
 
 _S: Final = 1_000_000_000
@@ -39,9 +39,9 @@ class TestedRobot:
 
     def __init__(self, setup: RobotSetup, seed: int = 0) -> None:
         self.events: list[Event] = []
-        self.simulated = SimulatedRobot(setup, seed)
+        self.simulated = RobotUnderTest(setup, seed)
         self.simulated.on_event = self.events.append
-        self.player = ActPlayer(self.simulated)
+        self.player = EventPlayer(self.simulated)
         self._invariants = Invariants(self.simulated, self.player, motions_of(setup), user_rules())
         self._began_ns = self.simulated.now_ns
         self._served: ServedSimulation | None = None
@@ -186,7 +186,7 @@ class TestedRobot:
     ) -> None:
         """Play an act of a scenario now."""
         for_ns = None if seconds is None else round(seconds * _S)
-        self.player.play(Act(0, kind, target, name, tuple(map(float, values)), for_ns))
+        self.player.play(ScenarioEvent(0, kind, target, name, tuple(map(float, values)), for_ns))
 
     def _controller(self, name: str) -> None:
         known = self.simulated.setup.controllers.controllers

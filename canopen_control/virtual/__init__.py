@@ -3,15 +3,15 @@
 From the outside in; a file imports those of its own line and of lines further down:
 
 - a process of drives: `bus_group` (on several buses, in one world), `launch`, `node_id_check`, `process`
-- devices: `device` (of an EDS), `scenario`, `control` (the socket), `nodehost`
+- devices: `device` (of an EDS), `scenario`, `control` (the socket), `node_host`
 - their faults: `fault_table`, `device_faults`
 - a node: `virtual_node`, of `communication_objects`, `node_pdos`, `program_area`
 - a device that is no drive: `device_function`, `io_device`
 - a drive: `virtual_drive`, of `drive_modes`
 - its modes of operation: `profile_modes`, `cyclic_modes`, `mode_base`
-- what moves and stops an axis: `power_machine`, `mover`
-- what all share: `object_store`, `node_outbox`, `node_events`, `axis_objects`, `device_model`, `fault_seam`
-- what hangs on an axis: `worldfile`, `shaft`, `plant`, `trajectory` (motion over time)
+- what moves and stops an axis: `power_machine`, `axis_motion`
+- what all share: `object_store`, `node_outbox`, `node_events`, `axis_objects`, `device_model`, `injection_point`
+- what hangs on an axis: `plant_file`, `shaft`, `plant`, `trajectory` (motion over time)
 
 Nothing is imported here: a drive's process starts in the time its own parts need.
 """

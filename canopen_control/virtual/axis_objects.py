@@ -17,7 +17,7 @@ from canopen_control.cia402.units import is_feed, rpm_of_unit
 if TYPE_CHECKING:
     from canopen_control.od.model import Value
     from canopen_control.virtual.device_model import DeviceModel
-    from canopen_control.virtual.object_store import ObjectStore
+    from canopen_control.virtual.object_store import VirtualStore
 
 
 # What bounds the motion of an axis: software limits, limit switches, velocities, torques, the following error.
@@ -44,7 +44,7 @@ def wrap32(value: float) -> int:
     return (round(value) + 0x80000000 & 0xFFFFFFFF) - 0x80000000
 
 
-class AxisUnits:
+class DriveUnits:
     """Counts for each user unit: `position` and `velocity` with their sign, `length`, `speed`, `acceleration` without.
 
     `turn` is 1 or -1 for velocities whose unit is another one (rpm), `zero` the plant's place of the user's 0.
@@ -81,10 +81,10 @@ class AxisUnits:
 class AxisObjects:
     """The objects of axis `axis` in `store`; every index is written as that of axis 0."""
 
-    def __init__(self, store: ObjectStore, axis: int, model: DeviceModel) -> None:
+    def __init__(self, store: VirtualStore, axis: int, model: DeviceModel) -> None:
         self.axis, self.store, self.model = axis, store, model
         self.offset = o.axis_index(o.CONTROLWORD, axis) - o.CONTROLWORD
-        self.units = AxisUnits()
+        self.units = DriveUnits()
         self._values = store.values
 
     def number(self, index: int, subindex: int = 0, default: int = 0) -> int:

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from canopen_control.cia301.sync import SyncConsumer
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.virtual.device_model import DeviceModel
-    from canopen_control.virtual.node_outbox import Clock, NodeOutbox
-    from canopen_control.virtual.object_store import ObjectStore
+    from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
+    from canopen_control.virtual.object_store import VirtualStore
 
 
 # Error control of a node: the heartbeats it watches (0x1016), life guarding, and its CAN controller.
@@ -47,7 +47,7 @@ OVERRUN, ERROR_PASSIVE, RECOVERED = 0x8110, 0x8120, 0x8140
 _GONE = (BusEventKind.BUS_OFF, BusEventKind.DOWN, BusEventKind.CLOSED)
 
 
-class Axis(Protocol):
+class PoweredAxis(Protocol):
     """What error control asks of an axis."""
 
     def connection_lost(self, now: int) -> None:
@@ -59,17 +59,17 @@ class ErrorControl:
 
     def __init__(
         self,
-        store: ObjectStore,
+        store: VirtualStore,
         nmt: NmtSlave,
         heartbeats: HeartbeatConsumer,
         outbox: NodeOutbox,
         model: DeviceModel,
-        axes: Mapping[int, Axis],
+        axes: Mapping[int, PoweredAxis],
     ) -> None:
         self._store, self._nmt, self._heartbeats, self._outbox = store, nmt, heartbeats, outbox
         self._model, self._axes = model, axes
         self._off_the_bus = False
-        self.function: Axis | None = None  # of a device that is no drive
+        self.function: PoweredAxis | None = None  # of a device that is no drive
 
     def watch(self, wanted: Mapping[int, int]) -> None:
         """Watch the heartbeats of these nodes, node id to consumer time in ns, and of no others."""
@@ -167,9 +167,9 @@ class CommunicationObjects:
 
     def __init__(
         self,
-        store: ObjectStore,
+        store: VirtualStore,
         services: Services,
-        clock: Clock,
+        clock: NodeClock,
         *,
         applied: Callable[[], None],
         stored: Callable[[], bool],

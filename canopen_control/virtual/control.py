@@ -25,7 +25,7 @@ from canopen_control.rpc.messages.drive import (
 from canopen_control.rpc.server import Server
 from canopen_control.version import __version__
 from canopen_control.virtual.fault_table import FAULTS, FaultSwitches
-from canopen_control.virtual.plant import ChangeableWorld, FurnishedWorld
+from canopen_control.virtual.plant import AcceptsEvents, HasScenery
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.world_shape import WorldShape
     from canopen_control.rpc.server import Call
-    from canopen_control.virtual.nodehost import NodeHost
+    from canopen_control.virtual.node_host import NodeHost
     from canopen_control.virtual.plant import Plant, World
     from canopen_control.virtual.virtual_drive import VirtualDrive
     from canopen_control.virtual.virtual_node import VirtualNode
@@ -104,10 +104,10 @@ class NodeMethods:
         if self._world is None:
             return WorldState()
         told = self._world.describe()
-        return WorldState(told.base, told.others, told.sensors, changeable=isinstance(self._world, ChangeableWorld))
+        return WorldState(told.base, told.others, told.sensors, changeable=isinstance(self._world, AcceptsEvents))
 
     def _tell_shapes(self, _request: messages.GetWorldShapes) -> tuple[WorldShape, ...]:
-        return self._world.shapes() if isinstance(self._world, FurnishedWorld) else ()
+        return self._world.shapes() if isinstance(self._world, HasScenery) else ()
 
     def _restart_quality(self, request: messages.RestartQuality) -> Done:
         self._axis(request.axis).meter.restart()
@@ -129,7 +129,7 @@ class NodeMethods:
         return Done()
 
     def _act(self, request: messages.WorldAct) -> Done:
-        if not isinstance(self._world, ChangeableWorld):
+        if not isinstance(self._world, AcceptsEvents):
             raise ConfigError(f"node {self._node.node_id} is in no world with physics: run the robot with --physics")
         self._world.act(request)
         return Done()

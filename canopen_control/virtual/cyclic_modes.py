@@ -28,9 +28,9 @@ from canopen_control.virtual.trajectory import INFINITE, linear_to, ramp_to
 
 if TYPE_CHECKING:
     from canopen_control.od.model import Entry, Value
-    from canopen_control.virtual.mode_base import Axis
-    from canopen_control.virtual.object_store import ObjectStore
-    from canopen_control.virtual.trajectory import Trajectory
+    from canopen_control.virtual.mode_base import AxisParts
+    from canopen_control.virtual.object_store import VirtualStore
+    from canopen_control.virtual.trajectory import DemandCurve
 
 
 # A mode whose set-points come in a stream of RPDOs: what it counts of them, and what it does when one is missing.
@@ -125,8 +125,8 @@ class CyclicPosition(StreamMode):
 
     set_point = o.TARGET_POSITION
 
-    def __init__(self, axis: Axis) -> None:
-        self._demand: Trajectory | None = None
+    def __init__(self, axis: AxisParts) -> None:
+        self._demand: DemandCurve | None = None
         self._in_use = False
         super().__init__(axis)
 
@@ -259,7 +259,7 @@ class CyclicVelocity(StreamMode):
         self.mover.feed_forward(0.0, float(self.objects.number(o.TORQUE_OFFSET)))
         self.meter.follow(self.mover.demand, now)
         if self.changed((target, up, down, *self.limits.bounds())):
-            self.limits.lead(target, up, down, now)
+            self.limits.ramp_velocity(target, up, down, now)
 
     def bits(self) -> int:
         """Return bit 12 while it follows."""
@@ -272,7 +272,7 @@ class Torque(StreamMode):
     From a motion the motor keeps its velocity at first.
     """
 
-    def __init__(self, axis: Axis, *, cyclic: bool = False) -> None:
+    def __init__(self, axis: AxisParts, *, cyclic: bool = False) -> None:
         super().__init__(axis)
         self._cyclic = cyclic
         self.set_point = o.TARGET_TORQUE if cyclic else 0
@@ -288,7 +288,7 @@ class Torque(StreamMode):
         slope = INFINITE if self._cyclic else float(self.objects.number(o.TORQUE_SLOPE)) or INFINITE
         if self.changed((target, slope)):
             present = self.mover.torque.at(now)[1] if self.mover.torque is not None else 0.0
-            self.mover.push(ramp_to(now, 0.0, present, target, slope, slope), now)
+            self.mover.apply_torque(ramp_to(now, 0.0, present, target, slope, slope), now)
 
     def bits(self) -> int:
         """Return bit 10 at the target torque (TQ), bit 12 while it follows (CST)."""
@@ -317,14 +317,14 @@ _FIFO, _LINEAR = 0, 0
 class SetPointBuffer:
     """0x60C4 of one axis: the positions that wait, in user counts."""
 
-    def __init__(self, axis: Axis) -> None:
+    def __init__(self, axis: AxisParts) -> None:
         self._objects = axis.objects
         self._waiting: deque[float] = deque()
         store, shift = axis.objects.store, axis.objects.offset
         self.last_subindex = max(store.od.subindices(o.INTERPOLATION_DATA + shift), default=0)
         self._attach(store, shift)
 
-    def _attach(self, store: ObjectStore, shift: int) -> None:
+    def _attach(self, store: VirtualStore, shift: int) -> None:
         buffer = o.INTERPOLATION_BUFFER + shift
         store.guard([o.INTERPOLATION_SUB_MODE + shift], _only_linear)
         store.guard([buffer], self._check)
@@ -388,7 +388,7 @@ class InterpolatedPosition(CyclicPosition):
 
     set_point = o.INTERPOLATION_DATA
 
-    def __init__(self, axis: Axis) -> None:
+    def __init__(self, axis: AxisParts) -> None:
         self.buffer = SetPointBuffer(axis)
         super().__init__(axis)
 

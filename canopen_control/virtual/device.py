@@ -19,10 +19,10 @@ from canopen_control.frame import MAX_NODE_ID
 from canopen_control.host.sockets import lock
 from canopen_control.od.codec import decode, encode
 from canopen_control.od.eds import read_eds
-from canopen_control.virtual.device_function import Follower
+from canopen_control.virtual.device_function import ShaftFollower
 from canopen_control.virtual.device_model import GENERIC, DeviceModel, Limit, MissingSetPoint, vendor_model
 from canopen_control.virtual.fault_table import FaultSwitches
-from canopen_control.virtual.plant import WORLD_NOTE, PlainWorld, TellingWorld, World
+from canopen_control.virtual.plant import WORLD_NOTE, IndependentPlants, ReportsAssumptions, World
 from canopen_control.virtual.shaft import ShaftWorld
 from canopen_control.virtual.virtual_node import VirtualNode
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from canopen_control.od.model import Address, ObjectDictionary
-    from canopen_control.virtual.object_store import ObjectStore
+    from canopen_control.virtual.object_store import VirtualStore
     from canopen_control.virtual.plant import Plant
     from canopen_control.virtual.scenario import Switching
 
@@ -175,11 +175,11 @@ def _velocity_bits(velocity: float) -> int:
     return (_MOVING if abs(velocity) >= 0.5 else 0) | (_NEGATIVE if velocity < 0.0 else 0)
 
 
-def _switches_disabled(store: ObjectStore) -> bool:
+def _switches_disabled(store: VirtualStore) -> bool:
     return store.number(_SWITCHES) & _BOTH_DISABLED == _BOTH_DISABLED
 
 
-def _microsteps(store: ObjectStore) -> int:
+def _microsteps(store: VirtualStore) -> int:
     return store.number(_MICROSTEPS)
 
 
@@ -280,8 +280,8 @@ def make_devices(
     if UNCONFIGURED in node_ids and not ods[files[UNCONFIGURED]].device.lss_supported:
         raise ConfigError(f"{files[UNCONFIGURED]}: it has no LSS, so a node without an id (255) could never get one")
     timeline = () if scenario is None else _timeline(scenario, node_ids)
-    world = world or (PlainWorld() if plant is None else _world(plant))
-    for note in world.notes if isinstance(world, TellingWorld) else ():
+    world = world or (IndependentPlants() if plant is None else _world(plant))
+    for note in world.notes if isinstance(world, ReportsAssumptions) else ():
         say(f"{WORLD_NOTE}{note}")
     file = None if store is None else ParameterFile(store, say)
     nodes = [
@@ -305,7 +305,7 @@ def _timeline(path: Path, node_ids: Sequence[int]) -> tuple[Switching, ...]:
 
 
 def _world(path: Path) -> World:
-    from canopen_control.virtual.worldfile import read_world  # YAML is slow to import
+    from canopen_control.virtual.plant_file import read_world  # YAML is slow to import
 
     return read_world(path)
 
@@ -317,7 +317,7 @@ def _node(
     node = make_device(od, active, faults, serial=serial, plant=lambda axis: world.plant(node_id, axis))
     if file is not None:
         file.attach(node, node_id)
-    if isinstance(world, ShaftWorld) and isinstance(node.function, Follower):
+    if isinstance(world, ShaftWorld) and isinstance(node.function, ShaftFollower):
         shaft = world.shaft(node_id)
         if shaft is not None:
             node.function.follow(shaft)

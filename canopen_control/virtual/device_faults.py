@@ -16,7 +16,7 @@ from canopen_control.frame import CanFrame
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.virtual.fault_seam import Seam
+    from canopen_control.virtual.injection_point import InjectionPoint
     from canopen_control.virtual.program_area import ProgramArea
     from canopen_control.virtual.virtual_drive import VirtualDrive
     from canopen_control.virtual.virtual_node import VirtualNode
@@ -40,7 +40,7 @@ def _each(action: Callable[[VirtualDrive, bool, int], None]) -> Switch:
     return turn
 
 
-def _breaks(seam: Callable[[VirtualDrive], Seam[T]], value: T) -> Switch:
+def _breaks(seam: Callable[[VirtualDrive], InjectionPoint[T]], value: T) -> Switch:
     """Make a turn that acts at a seam of every axis."""
 
     def action(drive: VirtualDrive, on: bool, _now: int) -> None:
@@ -117,7 +117,7 @@ def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
     if on:
         drive.power.lose_voltage(now)
     else:
-        drive.power.voltage.heal()
+        drive.power.voltage.clear()
 
 
 def undervoltage(drive: VirtualDrive, on: bool, now: int) -> None:
@@ -230,7 +230,7 @@ def program_lost(node: VirtualNode, on: bool, now: int) -> None:
     node.power_on(now)
 
 
-def _breaks_program(seam: Callable[[ProgramArea], Seam[T]], value: T) -> Switch:
+def _breaks_program(seam: Callable[[ProgramArea], InjectionPoint[T]], value: T) -> Switch:
     """Make a turn that acts at a seam of the program area."""
 
     def turn(node: VirtualNode, on: bool, _now: int) -> None:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Address, ObjectDictionary
     from canopen_control.rpc.messages.drive import SignalState
-    from canopen_control.virtual.node_outbox import Clock, NodeOutbox
-    from canopen_control.virtual.object_store import ObjectStore
+    from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
+    from canopen_control.virtual.object_store import VirtualStore
 
 
 class DeviceFunction(Protocol):
@@ -62,14 +62,16 @@ class DeviceFunction(Protocol):
 
 
 @runtime_checkable
-class Follower(Protocol):
+class ShaftFollower(Protocol):
     """A function that can be moved by a shaft."""
 
     def follow(self, shaft: Callable[[], float | None]) -> None:
         """Be where the shaft is from now on, in rad (m); None: it is not known."""
 
 
-def make_function(od: ObjectDictionary, store: ObjectStore, outbox: NodeOutbox, clock: Clock) -> DeviceFunction | None:
+def make_function(
+    od: ObjectDictionary, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock
+) -> DeviceFunction | None:
     """Return the function of a device by its dictionary; None: it has none that is known."""
     profile = profile_of(od)
     kind = _KINDS.get(profile)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from canopen_control.od.model import ObjectDictionary
-    from canopen_control.virtual.object_store import ObjectStore
+    from canopen_control.virtual.object_store import VirtualStore
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class DeviceModel:
     rpdo_error: tuple[int, bytes] | None = None  # EMCY code and bytes when an RPDO holds a value it refuses
     software_limit: Limit | None = None
     switch_limit: Limit | None = None
-    switches_disabled: Callable[[ObjectStore], bool] = lambda _store: False
+    switches_disabled: Callable[[VirtualStore], bool] = lambda _store: False
     missing: MissingSetPoint = MissingSetPoint()
     recovers_sync: bool = (
         True  # by a phase lock: it times its way to a set-point by the rhythm of SYNC, not by each one
@@ -76,7 +76,7 @@ class DeviceModel:
     follows_sync: bool = False  # measures the SYNC, so that a clock that drifts does not matter in cyclic modes
     velocity_bits: Callable[[float], int] | None = None  # of the statusword, from the measured velocity
     identity: Mapping[tuple[int, int], int | str] = field(default_factory=dict)  # where the file gives no default
-    display: Mapping[tuple[int, int], Callable[[ObjectStore], int]] = field(default_factory=dict)
+    display: Mapping[tuple[int, int], Callable[[VirtualStore], int]] = field(default_factory=dict)
 
 
 GENERIC = DeviceModel()

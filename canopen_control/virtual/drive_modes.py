@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode
 from canopen_control.virtual.cyclic_modes import CyclicPosition, CyclicVelocity, InterpolatedPosition, Torque
-from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.mode_base import Mode
 from canopen_control.virtual.node_events import ModeChanged
 from canopen_control.virtual.profile_modes import Homing, ProfilePosition, ProfileVelocity, VelocityMode
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.virtual.axis_objects import AxisObjects
-    from canopen_control.virtual.mode_base import Axis
+    from canopen_control.virtual.mode_base import AxisParts
 
 
-MODES: dict[int, Callable[[Axis], Mode]] = {
+MODES: dict[int, Callable[[AxisParts], Mode]] = {
     OperationMode.PP: ProfilePosition,
     OperationMode.VL: VelocityMode,
     OperationMode.PV: ProfileVelocity,
@@ -47,14 +47,14 @@ class DriveModes:
     Seams: `stuck`, the mode never changes; `delay_ns`, how late it changes; `homing.fails`.
     """
 
-    def __init__(self, axis: Axis) -> None:
+    def __init__(self, axis: AxisParts) -> None:
         self._axis = axis
         self._all = {number: make(axis) for number, make in MODES.items()}
         self._none = Mode(axis)
         self.number: int = 0
         self.active: Mode = self._none
-        self.stuck: Seam[bool] = Seam(False)
-        self.delay_ns: Seam[int] = Seam(0)
+        self.stuck: InjectionPoint[bool] = InjectionPoint(False)
+        self.delay_ns: InjectionPoint[int] = InjectionPoint(0)
 
     @property
     def homing(self) -> Homing:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.profiles.device_signal import Signal
-    from canopen_control.virtual.node_outbox import Clock, NodeOutbox
-    from canopen_control.virtual.object_store import ObjectStore
+    from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
+    from canopen_control.virtual.object_store import VirtualStore
 
 
 # Faults of a virtual device's inputs: stuck at what they show, noisy, or off by a sudden jump.
@@ -98,7 +98,7 @@ _CHANNELS = 32  # of one subindex of 0x6422
 class IoDevice:
     """The lines of one module; see `DeviceFunction`."""
 
-    def __init__(self, store: ObjectStore, outbox: NodeOutbox, clock: Clock, signals: Iterable[Signal]) -> None:
+    def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
         self._store, self._outbox, self._clock = store, outbox, clock
         self._signals = {signal.name: signal for signal in signals}
         self._set: dict[str, float] = {}  # what inputs are outside, by name
@@ -273,7 +273,7 @@ class IoDevice:
 _DIGITAL_OUTPUTS: Final = frozenset((0x6200, 0x6300, 0x6320))
 
 
-def take_error_values(store: ObjectStore, outputs: Iterable[Address]) -> None:
+def take_error_values(store: VirtualStore, outputs: Iterable[Address]) -> None:
     """Put objects of outputs to their error values where their error modes say so; others keep what they have."""
     for address in dict.fromkeys(outputs):
         mode_index, value_index = ERROR_OBJECTS[address[0]]
@@ -305,7 +305,7 @@ class SensorDevice:
     same_values: Mapping[int, tuple[int, ...]] = {}  # object to those that show the same in another format
     step_ns = 10_000_000  # between two looks at what changes by time
 
-    def __init__(self, store: ObjectStore, outbox: NodeOutbox, clock: Clock, signals: Iterable[Signal]) -> None:
+    def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
         self.store, self._outbox, self.clock = store, outbox, clock
         self.signals = {signal.name: signal for signal in signals}
         self._inputs = {name: signal for name, signal in self.signals.items() if not signal.output}
@@ -481,7 +481,7 @@ class MeasuringDevice(SensorDevice):
                 self._outbox.values_changed()
 
 
-class Battery(SensorDevice):
+class BatteryDevice(SensorDevice):
     """A battery with a state of charge (CiA 418)."""
 
     moving: Mapping[str, str] = {"battery_current": "A"}
@@ -538,7 +538,7 @@ class Encoder(SensorDevice):
 
     moving: Mapping[str, str] = {"velocity": ""}
 
-    def __init__(self, store: ObjectStore, outbox: NodeOutbox, clock: Clock, signals: Iterable[Signal]) -> None:
+    def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
         shown = [signal for signal in signals if signal.name != "position_absolute"]
         super().__init__(store, outbox, clock, shown)
         self._shift = 0.0  # of the preset, in steps
@@ -625,7 +625,7 @@ class Inclinometer(SensorDevice):
     }
     _INVERT, _SCALE = 0x01, 0x02  # of 0x6x11
 
-    def __init__(self, store: ObjectStore, outbox: NodeOutbox, clock: Clock, signals: Iterable[Signal]) -> None:
+    def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
         super().__init__(store, outbox, clock, signals)
         axes = [
             index & 0xFFF0

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class DriveOptions:
     """What to start besides the nodes: files, and faults ``name`` or ``name@seconds``.
 
     `serial` is 0x1018:04, of several nodes the first one's; None: the node id. `others` are the EDS files of the nodes
@@ -38,7 +38,9 @@ class Options:
     others: Mapping[int, Path] = field(default_factory=dict)
 
 
-def run_drives(node_ids: Sequence[int], eds: Path, channel: str, options: Options, say: Callable[[str], None]) -> int:
+def run_drives(
+    node_ids: Sequence[int], eds: Path, channel: str, options: DriveOptions, say: Callable[[str], None]
+) -> int:
     """Run the virtual devices of an EDS until told to end; return the exit code.
 
     Raises EdsError and ConfigError for what cannot be started, BusError for the channel.

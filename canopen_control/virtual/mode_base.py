@@ -16,11 +16,11 @@ from canopen_control.rpc.messages.drive import SetPointQuality, Spread
 from canopen_control.virtual.trajectory import INFINITE, ramp_to
 
 if TYPE_CHECKING:
+    from canopen_control.virtual.axis_motion import AxisMotion
     from canopen_control.virtual.axis_objects import AxisObjects
-    from canopen_control.virtual.mover import Mover
-    from canopen_control.virtual.node_outbox import Clock, NodeOutbox
-    from canopen_control.virtual.power_machine import AxisLimits, PowerMachine
-    from canopen_control.virtual.trajectory import Trajectory
+    from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
+    from canopen_control.virtual.power_machine import DriveLimits, PowerMachine
+    from canopen_control.virtual.trajectory import DemandCurve
 
 
 # Set-point quality of one axis: acceleration ripple, missed and doubled set-points, phase of RPDOs against SYNC.
@@ -82,7 +82,7 @@ class _Sums:
         return Spread(min(ends), self.mean * unit, max(ends))
 
 
-class SetPointMeter:
+class SetpointStatistics:
     """Counts and measures; `used`: there was something to. `missed` and `overwritten` are counted by others."""
 
     __slots__ = (
@@ -149,7 +149,7 @@ class SetPointMeter:
         self._grid = self._points = self._resting = 0
         self._position = self._way = 0.0
 
-    def follow(self, demand: Trajectory, now: int) -> None:
+    def follow(self, demand: DemandCurve, now: int) -> None:
         """Walk over `demand`, which was in force until now."""
         grid = self._grid
         if not grid or now - grid > _GAP_NS:
@@ -229,7 +229,7 @@ REACHED, BIT_12, BIT_13 = 1 << 10, 1 << 12, 1 << 13
 NEW_SET_POINT = 1 << 4  # of the controlword; HM and IP use the bit as well
 
 
-class Axis:
+class AxisParts:
     """The parts of one axis that a mode works with."""
 
     __slots__ = ("clock", "limits", "meter", "mover", "objects", "outbox", "power")
@@ -237,12 +237,12 @@ class Axis:
     def __init__(
         self,
         objects: AxisObjects,
-        mover: Mover,
+        mover: AxisMotion,
         power: PowerMachine,
-        limits: AxisLimits,
+        limits: DriveLimits,
         outbox: NodeOutbox,
-        clock: Clock,
-        meter: SetPointMeter,
+        clock: NodeClock,
+        meter: SetpointStatistics,
     ) -> None:
         self.objects, self.mover, self.power, self.limits = objects, mover, power, limits
         self.outbox, self.clock, self.meter = outbox, clock, meter
@@ -256,7 +256,7 @@ class Mode:
 
     set_point = 0
 
-    def __init__(self, axis: Axis) -> None:
+    def __init__(self, axis: AxisParts) -> None:
         self.objects, self.units, self.model = axis.objects, axis.objects.units, axis.objects.model
         self.mover, self.power, self.limits = axis.mover, axis.power, axis.limits
         self.outbox, self.clock, self.meter = axis.outbox, axis.clock, axis.meter

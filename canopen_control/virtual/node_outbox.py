@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.outbox import Outbox
-from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.node_events import EmergencyRaised
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ _FORGETS: Final = 1.0 / 256
 _MARGIN: Final = 1.25  # the next one may be later than any before
 
 
-class SyncRhythm:
+class SyncPll:
     """`late_ns` is how late the newest SYNC came (negative: early), `period_ns` the recovered period, 0 for none yet.
 
     `slack_ns` is how late the next one may be, by those before: 0 where all came in time.
@@ -89,7 +89,7 @@ HEARTBEAT_ERROR = 0x8130  # EMCY: a communication is lost
 _MOST_WAITING = 1000  # events, and frames of injected faults
 
 
-class Clock:
+class NodeClock:
     """The time the node was brought to, and that of the last SYNC (None: none came), in monotonic ns.
 
     `rhythm` is that of the SYNCs.
@@ -101,8 +101,8 @@ class Clock:
     def __init__(self) -> None:
         self.now = 0
         self.sync_ns: int | None = None
-        self.rhythm = SyncRhythm()
-        self.drift_ppm: Seam[float] = Seam(0.0)
+        self.rhythm = SyncPll()
+        self.drift_ppm: InjectionPoint[float] = InjectionPoint(0.0)
 
 
 class NodeOutbox:
@@ -111,7 +111,7 @@ class NodeOutbox:
     `happened` are the events that wait, for whoever only asks whether there are any.
     """
 
-    def __init__(self, emcy: EmcyProducer, clock: Clock) -> None:
+    def __init__(self, emcy: EmcyProducer, clock: NodeClock) -> None:
         self._emcy, self._clock = emcy, clock
         self._events: Outbox[object] = Outbox(_MOST_WAITING)
         self.happened = self._events.waiting

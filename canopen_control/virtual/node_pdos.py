@@ -37,7 +37,7 @@ from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia402 import objects as o
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
-from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.node_events import PdoLeftOff
 from canopen_control.virtual.object_store import refuse
 
@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from canopen_control.frame import CanFrame
     from canopen_control.od.model import Address, Entry, Value
     from canopen_control.virtual.device_model import DeviceModel
-    from canopen_control.virtual.node_outbox import Clock, NodeOutbox
-    from canopen_control.virtual.object_store import Guard, ObjectStore
+    from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
+    from canopen_control.virtual.object_store import Guard, VirtualStore
 
     Receive = Callable[[CanFrame, int], None]
 
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 # One PDO of a node as its records map it: what an RPDO brings to whom, and where the values of a TPDO come from.
 
 
-class Axis(Protocol):
+class AxisPorts(Protocol):
     """What process data ask of an axis."""
 
     def advance(self, now: int) -> None:
@@ -79,7 +79,7 @@ class Axis(Protocol):
 class Concern(NamedTuple):
     """An axis that an RPDO writes to: whether its controlword, and which other objects as those of axis 0."""
 
-    axis: Axis
+    axis: AxisPorts
     controlword: bool
     objects: frozenset[int]
 
@@ -129,7 +129,7 @@ class MappedTpdo:
         return [address for address, (old, new) in zip(self.mapped, pairs, strict=True) if old != new]
 
 
-def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, Axis]) -> tuple[Concern, ...]:
+def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts]) -> tuple[Concern, ...]:
     """Return the axes that an RPDO writes to, in the order of its objects; none where others hear of an object too."""
     bases: dict[int, set[int]] = {}
     for entry in entries:
@@ -161,7 +161,7 @@ def mapping_of(communication: int) -> int:
 class PdoRecords:
     """The records in `store`; `rtr_supported` false: the COB-IDs of TPDOs must keep bit 30."""
 
-    def __init__(self, store: ObjectStore, *, rtr_supported: bool) -> None:
+    def __init__(self, store: VirtualStore, *, rtr_supported: bool) -> None:
         self._store, self._rtr_supported = store, rtr_supported
         self._communication = [base + number for base in (RPDO, TPDO) for number in self.numbers(base)]
 
@@ -281,8 +281,8 @@ class RpdoInput:
     """
 
     def __init__(self) -> None:
-        self.delay_ns: Seam[int] = Seam(0)
-        self.lost: Seam[int] = Seam(0)
+        self.delay_ns: InjectionPoint[int] = InjectionPoint(0)
+        self.lost: InjectionPoint[int] = InjectionPoint(0)
         self.received = 0
         self.delayed: deque[tuple[int, Receive, CanFrame]] = deque()
 
@@ -331,7 +331,7 @@ class EventGate(Protocol):
         """Take that all TPDOs have been asked."""
 
 
-class ProcessData:
+class PdoExchange:
     """All PDOs of a node. `refused` counts values that an RPDO brought and the node did not take.
 
     `rebuilt` is called when a record was written: identifiers may be others. `input` is what faults do to RPDOs.
@@ -340,11 +340,11 @@ class ProcessData:
 
     def __init__(
         self,
-        store: ObjectStore,
+        store: VirtualStore,
         outbox: NodeOutbox,
-        clock: Clock,
+        clock: NodeClock,
         model: DeviceModel,
-        axes: Mapping[int, Axis],
+        axes: Mapping[int, AxisPorts],
         *,
         rebuilt: Callable[[], None],
     ) -> None:
@@ -477,8 +477,8 @@ class ProcessData:
                 found += [(_can_id(producer.parameters) | REMOTE_FLAG, producer.receive)]
         return found
 
-    def holders(self) -> list[tuple[int, Callable[[CanFrame, int], bool]]]:
-        """Return by identifier who takes RPDOs that only wait for SYNC; False where a route has to look at one."""
+    def sync_rpdo_handlers(self) -> list[tuple[int, Callable[[CanFrame, int], bool]]]:
+        """Return the handlers of RPDOs that only wait for SYNC, by identifier; False: `routes` must process it."""
         parameters = [(rpdo, rpdo.consumer.parameters) for rpdo in self.rpdos.values()]
         return [(_can_id(each), self._holder(rpdo)) for rpdo, each in parameters if each.enabled]
 

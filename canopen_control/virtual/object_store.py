@@ -18,7 +18,7 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.od.codec import above_limit, below_limit, decode, default_of, encode
 from canopen_control.od.model import DataType, Entry, ObjectDictionary, Value
-from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.injection_point import InjectionPoint
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -50,7 +50,7 @@ def refuse(code: int | None) -> None:
         raise SdoServerAbort(code)
 
 
-class ObjectStore:
+class VirtualStore:
     """Typed values of all entries of `od`, served to an SDO server through `upload` and `download`.
 
     `power_on` holds what differs from the file's defaults after a reset: identity, and what 0x1010 stored. Seam
@@ -62,7 +62,7 @@ class ObjectStore:
         self._initial: dict[Address, Value] = {entry.address: default_of(entry) for entry in od}
         self.values: dict[Address, Value] = self._initial.copy()
         self.power_on: dict[Address, Value] = {}
-        self.ceilings: Seam[dict[int, int]] = Seam({})
+        self.ceilings: InjectionPoint[dict[int, int]] = InjectionPoint({})
         self.version = 0
         self._presets: dict[Address, Value] = {}
         self._indices = frozenset(entry.index for entry in od)

@@ -17,11 +17,11 @@ from canopen_control.rpc.messages.drive import WorldAct, WorldState
 
 if TYPE_CHECKING:
     from canopen_control.rpc.messages.world_shape import WorldShape
-    from canopen_control.virtual.trajectory import Piece, Trajectory
+    from canopen_control.virtual.trajectory import DemandCurve, Piece
 
 
 WORLD_NOTE: Final = "world: "
-"""What a line of a process of drives begins with that tells what its world had to guess."""
+"""Prefix of the output lines of a drive process that state an assumption of its world."""
 
 
 class Plant(Protocol):
@@ -32,17 +32,17 @@ class Plant(Protocol):
     torque: float  # per mille of the rated torque
     stiff: bool  # whether it is always where the demand is, so that nobody needs to look in between
 
-    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:
+    def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
         """Move as the position and velocity loops of a drive make it move."""
 
-    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
+    def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
         """Move as the torque does, whose rate over time `torque` is, in per mille."""
 
     def release(self, start_ns: int, end_ns: int) -> None:
         """Move without power; what was fed forward is forgotten."""
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Take what the loops get beside the demand from now on: 0x60B1 in counts/s and 0x60B2 in per mille."""
+        """Set what is added to the demand of the loops: 0x60B1 in counts/s and 0x60B2 in per mille."""
 
 
 class ServoGains(NamedTuple):
@@ -54,12 +54,12 @@ class ServoGains(NamedTuple):
     feed_forward: float
 
 
-class Leader(Protocol):
+class AxisOwner(Protocol):
     """The axis of a drive, as a plant sees it that is moved together with others: what it wants now, and its timers."""
 
     powered: bool
-    torque: Trajectory | None  # set: pushed, in per mille; else led along `demand`
-    demand: Trajectory
+    torque: DemandCurve | None  # set: pushed, in per mille; else led along `demand`
+    demand: DemandCurve
     torque_limit: float  # per mille of the rated torque that the drive lets its motor have
     velocity_mode: bool  # the loops follow the velocity of the demand alone
     gains: ServoGains | None  # of the drive's loops, None: they are tuned by themselves
@@ -78,8 +78,8 @@ class CoupledPlant(Plant, Protocol):
     rated_torque: float  # N m, or N
     follow_ns: int  # how often its drive judges position and load; it need not be woken for that
 
-    def lead(self, leader: Leader) -> None:
-        """Know whose demand it follows from now on; called once."""
+    def set_owner(self, owner: AxisOwner) -> None:
+        """Set the axis whose demand it follows; called once."""
 
 
 def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, float]:
@@ -91,8 +91,8 @@ def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, fl
     return way, demand + slope * (seconds - time_constant) + offset * decay
 
 
-def _push(plant: IdealPlant | LagPlant, torque: Trajectory, start_ns: int, end_ns: int, time_constant: float) -> None:
-    """Let a plant approach the velocity that belongs to the torque."""
+def _push(plant: IdealPlant | LagPlant, torque: DemandCurve, start_ns: int, end_ns: int, time_constant: float) -> None:
+    """Move a plant towards the velocity that belongs to the torque."""
     gain = plant.rated_velocity / 1000.0
     for piece in torque.slices(start_ns, end_ns):
         scaled = piece._replace(velocity=piece.velocity * gain, acceleration=piece.acceleration * gain)
@@ -116,12 +116,12 @@ class IdealPlant:
     torque_time_constant: float = 0.05  # s
     stiff: bool = True
 
-    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the end tells it all
+    def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the end tells it all
         """Be where the demand is."""
         self.position, self.velocity = demand.at(end_ns)
         self.torque = 0.0
 
-    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
+    def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
         """Approach the velocity that belongs to the torque."""
         _push(self, torque, start_ns, end_ns, self.torque_time_constant)
 
@@ -150,14 +150,14 @@ class LagPlant:
     stiff: bool = False
     fed_velocity: float = 0.0  # counts/s, part of `velocity`
 
-    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:
+    def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
         """Approach the demanded velocity, in closed form."""
         for piece in demand.slices(start_ns, end_ns):
             way, self.velocity = _lag(self.velocity, piece, self.time_constant)
             self.position += way
         self.torque = 0.0
 
-    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
+    def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
         """Approach the velocity that belongs to the torque."""
         _push(self, torque, start_ns, end_ns, self.coast_time_constant)
 
@@ -205,7 +205,7 @@ class LoadedPlant:
     fed_torque: float = 0.0
     _STEP_NS = 500_000
 
-    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:
+    def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
         """Follow with the position loop on top of the velocity loop, as far as the torque limit lets it."""
         for clock in self._steps(start_ns, end_ns):
             position, velocity = demand.at(clock)
@@ -216,7 +216,7 @@ class LoadedPlant:
             need += math.copysign(self.friction, wanted) if wanted else 0.0
             self._step(max(-self.torque_limit, min(self.torque_limit, need)))
 
-    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
+    def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
         """Move under the torque alone."""
         for clock in self._steps(start_ns, end_ns):
             self._step(max(-self.torque_limit, min(self.torque_limit, torque.at(clock)[1])))
@@ -228,11 +228,11 @@ class LoadedPlant:
             self._step(0.0)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Take what is added to the velocity and the torque loop."""
+        """Set what is added to the velocity and the torque loop."""
         self.fed_velocity, self.fed_torque = velocity, torque
 
     def _steps(self, start_ns: int, end_ns: int) -> range:
-        """Return the ends of the steps within a time: a grid of its own, whoever looks when."""
+        """Return the ends of the steps within a time: a fixed grid, independent of the times of the calls."""
         step = self._STEP_NS
         return range((start_ns // step + 1) * step, end_ns + 1, step)
 
@@ -269,7 +269,7 @@ class World(Protocol):
     """An engine: makes the plant of each axis and knows what they do together."""
 
     period_ns: int | None
-    """How often every axis wants to be brought to the present, although nothing happens; None: never."""
+    """How often every axis is advanced although nothing happens; None: never."""
 
     def plant(self, node_id: int, axis: int) -> Plant:
         """Return the plant of an axis; asked once for each."""
@@ -282,41 +282,41 @@ class World(Protocol):
 
 
 @runtime_checkable
-class TellingWorld(World, Protocol):
-    """An engine that has something to tell before it begins: what it had to guess, in sentences."""
+class ReportsAssumptions(World, Protocol):
+    """World that reports assumptions made while it was built, as sentences in `notes`."""
 
     notes: tuple[str, ...]
 
 
 @runtime_checkable
-class FurnishedWorld(World, Protocol):
-    """An engine in whose world there is more than robots."""
+class HasScenery(World, Protocol):
+    """World that contains more than robots."""
 
     def shapes(self) -> tuple[WorldShape, ...]:
-        """Return what stands there, where it is now."""
+        """Return the shapes of its scenery at their present poses."""
 
 
-class SharedWorld(TellingWorld, Protocol):
-    """An engine whose world several buses share, of one robot or of several."""
+class SharedWorld(ReportsAssumptions, Protocol):
+    """World that several buses share, of one robot or of several."""
 
     def side(self, robot: str, bus: str = "") -> World:
         """Return the world as the drives of a robot on one of its buses see it; KeyError for no such robot."""
 
 
 @runtime_checkable
-class ChangeableWorld(World, Protocol):
-    """An engine in which something may happen that no drive does."""
+class AcceptsEvents(World, Protocol):
+    """World that accepts events which no drive causes."""
 
     def act(self, what: WorldAct) -> None:
-        """Let it happen now; ConfigError for a link or a joint that is not there."""
+        """Apply an event now; ConfigError for an unknown link or joint."""
 
 
-class PlainWorld:
-    """Axes that do as they are told and know nothing of each other."""
+class IndependentPlants:
+    """World of ideal plants that are independent of each other."""
 
     period_ns: int | None = None
 
-    def plant(self, node_id: int, axis: int) -> Plant:  # noqa: ARG002 # they are all alike
+    def plant(self, node_id: int, axis: int) -> Plant:  # noqa: ARG002 # all plants are alike
         """Return an ideal plant."""
         return IdealPlant()
 

@@ -15,9 +15,9 @@ from canopen_control.cia402.state import State
 from canopen_control.virtual.trajectory import INFINITE, move_to, ramp_to
 
 if TYPE_CHECKING:
+    from canopen_control.virtual.axis_motion import AxisMotion
     from canopen_control.virtual.axis_objects import AxisObjects
     from canopen_control.virtual.device_model import Limit
-    from canopen_control.virtual.mover import Mover
     from canopen_control.virtual.node_outbox import NodeOutbox
 
 from typing import TYPE_CHECKING, Protocol
@@ -33,15 +33,15 @@ from canopen_control.cia402.state import (
     command_of,
     transition_of,
 )
-from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.node_events import ControlwordIgnored, DriveFaulted, DriveStateChanged
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.cia301.nmt import NmtSlave
+    from canopen_control.virtual.axis_motion import AxisMotion
     from canopen_control.virtual.axis_objects import AxisObjects
-    from canopen_control.virtual.mover import Mover
     from canopen_control.virtual.node_outbox import NodeOutbox
 
 
@@ -49,7 +49,7 @@ _MS = 1_000_000
 _RISING = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
 
 
-class Motor(Protocol):
+class MotorMode(Protocol):
     """What the power state machine asks of the mode of operation that moves the motor."""
 
     def start(self, now: int) -> None:
@@ -74,7 +74,9 @@ class PowerMachine:
     transition; `reset_deaf`; `fault_on_enable`, a code; `serves_preop`, whether it is enabled in PRE-OPERATIONAL too.
     """
 
-    def __init__(self, objects: AxisObjects, mover: Mover, outbox: NodeOutbox, nmt: NmtSlave, motor: Motor) -> None:
+    def __init__(
+        self, objects: AxisObjects, mover: AxisMotion, outbox: NodeOutbox, nmt: NmtSlave, motor: MotorMode
+    ) -> None:
         self._objects, self._mover, self._outbox, self._nmt, self._motor = objects, mover, outbox, nmt, motor
         self.state = State.NOT_READY_TO_SWITCH_ON
         self.bits: int = self.state.value
@@ -83,11 +85,11 @@ class PowerMachine:
         self.halted = False
         self.causes: set[int] = set()
         self._communication_causes: set[int] = set()
-        self.voltage: Seam[bool] = Seam(True)
-        self.transition_delay_ns: Seam[int] = Seam(0)
-        self.reset_deaf: Seam[bool] = Seam(False)
-        self.fault_on_enable: Seam[int] = Seam(0)
-        self.serves_preop: Seam[bool] = Seam(False)
+        self.voltage: InjectionPoint[bool] = InjectionPoint(True)
+        self.transition_delay_ns: InjectionPoint[int] = InjectionPoint(0)
+        self.reset_deaf: InjectionPoint[bool] = InjectionPoint(False)
+        self.fault_on_enable: InjectionPoint[int] = InjectionPoint(0)
+        self.serves_preop: InjectionPoint[bool] = InjectionPoint(False)
         self._ignored: tuple[int, str] | None = None  # the controlword that was told last, until another one does more
         # transition number to what it does; the others only change the state
         self._acts: dict[int, Callable[[Transition, int], None]] = {
@@ -296,7 +298,7 @@ class PowerMachine:
     def lose_voltage(self, now: int) -> None:
         """Lose the supply of the power stage: every state above falls to SWITCH_ON_DISABLED, without a fault."""
         self._mover.advance(now)
-        self.voltage.break_with(False)
+        self.voltage.inject(False)
         self._mover.cancel("transition")
         if self.state not in (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE, State.FAULT):
             self.enter(State.SWITCH_ON_DISABLED, now)
@@ -324,10 +326,10 @@ _LOWEST, _HIGHEST = -0x7FFFFFFF, 0x7FFFFFFF
 FOLLOWING_ERROR = 0x8611
 
 
-class AxisLimits:
+class DriveLimits:
     """The limits of one axis; `active` is bit 11 of its statusword."""
 
-    def __init__(self, objects: AxisObjects, mover: Mover, outbox: NodeOutbox, power: PowerMachine) -> None:
+    def __init__(self, objects: AxisObjects, mover: AxisMotion, outbox: NodeOutbox, power: PowerMachine) -> None:
         self._objects, self._mover, self._outbox, self._power = objects, mover, outbox, power
         self.active = False
         self.following_error = 0.0
@@ -383,7 +385,7 @@ class AxisLimits:
         self.active = not -low <= target <= high
         return max(-low, min(high, target))
 
-    def lead(self, target: float, up: float, down: float, now: int) -> None:
+    def ramp_velocity(self, target: float, up: float, down: float, now: int) -> None:
         """Bring the velocity to `target` along ramps; a bound ahead ends the motion there."""
         mover = self._mover
         position, velocity = mover.state(now)

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from canopen_control.cia402 import objects as o
 from canopen_control.cia402.objects import Reaction
-from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.mode_base import BIT_12, BIT_13, NEW_SET_POINT, REACHED, FollowingMode, Mode
 from canopen_control.virtual.trajectory import move_to, ramp_to
 
 if TYPE_CHECKING:
-    from canopen_control.virtual.mode_base import Axis
+    from canopen_control.virtual.mode_base import AxisParts
 
 
 # Homing (CiA 402-2, 11): methods 1 to 14, 17 to 30, 33 to 35 and 37 on simulated switches and index pulses.
@@ -33,7 +33,7 @@ _LIMITS = ("negative", "positive")  # the edges that are limit switches
 FAST, SLOW = 1, 2  # subindices of 0x6099
 
 
-class Method(NamedTuple):
+class HomingMethod(NamedTuple):
     """`edge`: a field of `Switches`, empty: none is sought. `direction` of the last pass. `pulse`: seek the index."""
 
     edge: str
@@ -41,31 +41,31 @@ class Method(NamedTuple):
     pulse: bool = False
 
 
-_EDGES: dict[int, Method] = {
-    17: Method("negative", 1),
-    18: Method("positive", -1),
+_EDGES: dict[int, HomingMethod] = {
+    17: HomingMethod("negative", 1),
+    18: HomingMethod("positive", -1),
     # a home switch that stays active towards the positive (19, 20) or negative (21, 22) end
-    19: Method("home_low", -1),
-    20: Method("home_low", 1),
-    21: Method("home_high", 1),
-    22: Method("home_high", -1),
+    19: HomingMethod("home_low", -1),
+    20: HomingMethod("home_low", 1),
+    21: HomingMethod("home_high", 1),
+    22: HomingMethod("home_high", -1),
     # a home switch with two edges; 23 to 26 begin in the positive direction, 27 to 30 in the negative one
-    23: Method("home_low", -1),
-    24: Method("home_low", 1),
-    25: Method("home_high", -1),
-    26: Method("home_high", 1),
-    27: Method("home_high", 1),
-    28: Method("home_high", -1),
-    29: Method("home_low", 1),
-    30: Method("home_low", -1),
+    23: HomingMethod("home_low", -1),
+    24: HomingMethod("home_low", 1),
+    25: HomingMethod("home_high", -1),
+    26: HomingMethod("home_high", 1),
+    27: HomingMethod("home_high", 1),
+    28: HomingMethod("home_high", -1),
+    29: HomingMethod("home_low", 1),
+    30: HomingMethod("home_low", -1),
 }
-METHODS: dict[int, Method] = {
+METHODS: dict[int, HomingMethod] = {
     **_EDGES,
     **{number - 16: method._replace(pulse=True) for number, method in _EDGES.items()},
-    33: Method("", -1, pulse=True),
-    34: Method("", 1, pulse=True),
-    35: Method("", 0),
-    37: Method("", 0),
+    33: HomingMethod("", -1, pulse=True),
+    34: HomingMethod("", 1, pulse=True),
+    35: HomingMethod("", 0),
+    37: HomingMethod("", 0),
 }
 
 
@@ -78,9 +78,9 @@ class _Leg(NamedTuple):
 class Homing(Mode):
     """HM of one axis: bit 4 of the controlword starts it, and interrupts it by falling. Seam: `fails`."""
 
-    def __init__(self, axis: Axis) -> None:
+    def __init__(self, axis: AxisParts) -> None:
         super().__init__(axis)
-        self.fails: Seam[bool] = Seam(False)
+        self.fails: InjectionPoint[bool] = InjectionPoint(False)
 
     def reset(self) -> None:
         """Forget the run; what it found stays in the drive."""
@@ -147,7 +147,7 @@ class Homing(Mode):
             self._plan(method, now)
         self.outbox.values_changed()
 
-    def _plan(self, method: Method, now: int) -> None:
+    def _plan(self, method: HomingMethod, now: int) -> None:
         switches, position = self.mover.switches, self.mover.plant.position
         switches.homing = True
         self._home = position
@@ -245,7 +245,7 @@ class ProfileVelocity(FollowingMode):
         ramps = self.objects.ramp(o.PROFILE_ACCELERATION), self.deceleration()
         if self.changed((target, *ramps, *self.limits.bounds())):
             self._target = target
-            self.limits.lead(target, *ramps, now)
+            self.limits.ramp_velocity(target, *ramps, now)
 
     def bits(self) -> int:
         """Return bit 10 within 0x606D of the target, bit 12 below 0x606F."""
@@ -285,7 +285,7 @@ class VelocityMode(FollowingMode):
         target = math.copysign(min(amount, most) if most else amount, rpm) * self.objects.counts_per_rpm
         inputs = (target, self._slope(o.VL_ACCELERATION), self.deceleration())
         if self.changed(inputs):
-            self.limits.lead(*inputs, now)
+            self.limits.ramp_velocity(*inputs, now)
 
     def control(self, word: int, previous: int, now: int) -> None:
         """Hold the present speed while the ramp is locked."""
@@ -396,7 +396,7 @@ class ProfilePosition(Mode):
             self._go(target, now)
         elif self.mover.demand.final_velocity:  # it goes on with 0x6082
             self._arrive()
-            self.limits.lead(self.mover.demand.final_velocity, *self._profile[1:], now)
+            self.limits.ramp_velocity(self.mover.demand.final_velocity, *self._profile[1:], now)
         else:
             self._settle(now, None)
 

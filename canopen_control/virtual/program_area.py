@@ -23,13 +23,13 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.nmt import NmtState
 from canopen_control.cia301.sdo_server import SdoServerAbort
-from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.injection_point import InjectionPoint
 
 if TYPE_CHECKING:
     from canopen_control.cia301.nmt import NmtSlave
     from canopen_control.od.model import Entry, ObjectDictionary, Value
-    from canopen_control.virtual.node_outbox import Clock
-    from canopen_control.virtual.object_store import ObjectStore
+    from canopen_control.virtual.node_outbox import NodeClock
+    from canopen_control.virtual.object_store import VirtualStore
 
 
 DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
@@ -80,12 +80,12 @@ class ProgramArea:
     its way. `reset_at` is when the node has to reset itself.
     """
 
-    def __init__(self, od: ObjectDictionary, store: ObjectStore, nmt: NmtSlave, clock: Clock) -> None:
+    def __init__(self, od: ObjectDictionary, store: VirtualStore, nmt: NmtSlave, clock: NodeClock) -> None:
         self.image, self.state, self.error = FACTORY_PROGRAM, ProgramState.RUNNING, FlashError.NONE
         self.write_ns = WRITE_NS
-        self.erase_ns: Seam[int] = Seam(ERASE_NS)
-        self.fails_at: Seam[int] = Seam(_FLASH_BYTES)
-        self.damages: Seam[bool] = Seam(False)
+        self.erase_ns: InjectionPoint[int] = InjectionPoint(ERASE_NS)
+        self.fails_at: InjectionPoint[int] = InjectionPoint(_FLASH_BYTES)
+        self.damages: InjectionPoint[bool] = InjectionPoint(False)
         self.reset_at: int | None = None
         self._od, self._store, self._nmt, self._clock = od, store, nmt, clock
         self._busy_until = 0

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.virtual.plant import Plant
-    from canopen_control.virtual.trajectory import Trajectory
+    from canopen_control.virtual.trajectory import DemandCurve
 
 
 # A diff-drive base on a floor: its pose, made from the way its two wheels have gone.
@@ -245,7 +245,7 @@ GRID_NS = 5_000_000
 _BUNDLE = 4
 
 
-class Floor(Protocol):
+class WheelOdometry(Protocol):
     """Who takes the points."""
 
     def report(self, wheel: int, points: Sequence[tuple[int, float]]) -> None:
@@ -256,7 +256,7 @@ class WheelPlant:
     """`inner` on `floor` as its wheel number `side`; `metres` for each count, negative where it is reversed."""
 
     def __init__(
-        self, inner: Plant, floor: Floor, side: int, metres: float, *, slip: float = 0.0, seed: int = 0
+        self, inner: Plant, floor: WheelOdometry, side: int, metres: float, *, slip: float = 0.0, seed: int = 0
     ) -> None:
         self.inner, self._floor, self._side, self._metres = inner, floor, side, metres
         self._slip, self._seed = slip, seed
@@ -306,15 +306,15 @@ class WheelPlant:
         """Change it."""
         self.inner.stiff = value
 
-    def follow(self, demand: Trajectory, start_ns: int, end_ns: int) -> None:
+    def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
         """Move as the inner plant follows."""
         standing = demand.end_ns <= start_ns and not demand.final_velocity and demand.final_position == self.position
         quiet = standing and self.stiff and not self.velocity
         self._move(lambda start, end: self.inner.follow(demand, start, end), start_ns, end_ns, quiet=quiet)
 
-    def push(self, torque: Trajectory, start_ns: int, end_ns: int) -> None:
+    def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
         """Move as the torque does."""
-        self._move(lambda start, end: self.inner.push(torque, start, end), start_ns, end_ns, quiet=False)
+        self._move(lambda start, end: self.inner.apply_torque(torque, start, end), start_ns, end_ns, quiet=False)
 
     def release(self, start_ns: int, end_ns: int) -> None:
         """Move without power."""

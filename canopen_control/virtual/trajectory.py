@@ -34,7 +34,7 @@ class Piece(NamedTuple):
         return (self.velocity + 0.5 * self.acceleration * seconds) * seconds
 
 
-class Trajectory:
+class DemandCurve:
     """Pieces from `position` at `start_ns` on, then `final_velocity` for ever.
 
     `final_position` is where the pieces end. It may be given where it is known exactly (a target), so that no rounding
@@ -58,10 +58,10 @@ class Trajectory:
         way = sum(piece.distance(piece.seconds) for piece in pieces)
         self.final_position = position + way if final_position is None else final_position
 
-    def shifted(self, way: float) -> Trajectory:
+    def shifted(self, way: float) -> DemandCurve:
         """Return the same motion, `way` further."""
         position, final = self.position + way, self.final_position + way
-        return Trajectory(self.start_ns, position, self._pieces, self.final_velocity, final)
+        return DemandCurve(self.start_ns, position, self._pieces, self.final_velocity, final)
 
     def at(self, now: int) -> tuple[float, float]:
         """Return position and velocity at `now`, which is not before the start."""
@@ -135,19 +135,19 @@ def _first_crossing(piece: Piece, way: float) -> float | None:
     return min(inside, default=None)
 
 
-def hold(now: int, position: float) -> Trajectory:
+def hold(now: int, position: float) -> DemandCurve:
     """Stand still at `position`."""
-    return Trajectory(now, position, (), 0.0, position)
+    return DemandCurve(now, position, (), 0.0, position)
 
 
-def cruise(now: int, position: float, velocity: float) -> Trajectory:
+def cruise(now: int, position: float, velocity: float) -> DemandCurve:
     """Go on with `velocity`."""
-    return Trajectory(now, position, (), velocity, position)
+    return DemandCurve(now, position, (), velocity, position)
 
 
 def ramp_to(
     now: int, position: float, velocity: float, target: float, acceleration: float, deceleration: float
-) -> Trajectory:
+) -> DemandCurve:
     """Change the velocity to `target` along ramps, through standstill where the direction changes."""
     pieces: list[Piece] = []
     if velocity and (velocity * target < 0.0 or abs(target) < abs(velocity)):
@@ -159,7 +159,7 @@ def ramp_to(
             target = velocity
         else:
             _add_ramp(pieces, velocity, target, acceleration)
-    return Trajectory(now, position, tuple(pieces), target)
+    return DemandCurve(now, position, tuple(pieces), target)
 
 
 def _add_ramp(pieces: list[Piece], velocity: float, target: float, rate: float) -> None:
@@ -177,7 +177,7 @@ def move_to(
     acceleration: float,
     deceleration: float,
     end: float = 0.0,
-) -> Trajectory:
+) -> DemandCurve:
     """Go to `target` in the shortest time along ramps and stand there, or pass it with the speed `end`.
 
     Motion in the wrong direction, or too fast at the target, is braked to standstill first. Without a speed or an
@@ -198,7 +198,7 @@ def move_to(
         start = position
     limits = (speed, acceleration, deceleration)
     end = _approach(pieces, direction, abs(target - position), abs(velocity), limits, end)
-    return Trajectory(now, start, tuple(pieces), direction * end if end else 0.0, target)
+    return DemandCurve(now, start, tuple(pieces), direction * end if end else 0.0, target)
 
 
 def _approach(
@@ -230,7 +230,7 @@ def _peak(way: float, velocity: float, acceleration: float, deceleration: float,
     return max(velocity, end, math.sqrt(gain * energy))
 
 
-def linear_to(now: int, position: float, target: float, seconds: float, onward: float = 0.0) -> Trajectory:
+def linear_to(now: int, position: float, target: float, seconds: float, onward: float = 0.0) -> DemandCurve:
     """Go to `target` with constant velocity within `seconds`, then stand: the set-point of an interpolated mode.
 
     `onward` is for how many seconds more it goes on with that velocity: the extrapolation of a set-point that is late.
@@ -238,4 +238,4 @@ def linear_to(now: int, position: float, target: float, seconds: float, onward: 
     if seconds <= 0.0:
         return hold(now, target)
     velocity = (target - position) / seconds
-    return Trajectory(now, position, (Piece(seconds + onward, velocity, 0.0),), 0.0, target + velocity * onward)
+    return DemandCurve(now, position, (Piece(seconds + onward, velocity, 0.0),), 0.0, target + velocity * onward)

@@ -28,14 +28,14 @@ from canopen_control.cia402.state import (
     command_of,
 )
 from canopen_control.rpc.messages.drive import AxisState, PlantState
+from canopen_control.virtual.axis_motion import AxisMotion
 from canopen_control.virtual.axis_objects import UNIT_OBJECTS, AxisObjects, wrap32
 from canopen_control.virtual.device_model import GENERIC, DeviceModel
 from canopen_control.virtual.drive_modes import MODES, DriveModes, possible_modes
-from canopen_control.virtual.fault_seam import Seam
-from canopen_control.virtual.mode_base import Axis, SetPointMeter
-from canopen_control.virtual.mover import Mover
+from canopen_control.virtual.injection_point import InjectionPoint
+from canopen_control.virtual.mode_base import AxisParts, SetpointStatistics
 from canopen_control.virtual.plant import IdealPlant, Plant, ServoGains
-from canopen_control.virtual.power_machine import AxisLimits, PowerMachine
+from canopen_control.virtual.power_machine import DriveLimits, PowerMachine
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from canopen_control.cia301.nmt import NmtSlave
     from canopen_control.cia402.loop_gains import GainObject
     from canopen_control.od.model import DataType, Entry, Value
-    from canopen_control.virtual.node_outbox import Clock, NodeOutbox
-    from canopen_control.virtual.object_store import ObjectStore
-    from canopen_control.virtual.trajectory import Trajectory
+    from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
+    from canopen_control.virtual.object_store import VirtualStore
+    from canopen_control.virtual.trajectory import DemandCurve
 
 
 # What a drive shows of one axis: the statusword, and the other objects whose value is made at the moment of reading.
@@ -66,14 +66,14 @@ class Statusword:
     Seams: `remote` (bit 9), `warning` (bit 7), the bits `forced` and `suppressed`, and `replaced`, the word as a whole.
     """
 
-    def __init__(self, axis: Axis, modes: DriveModes) -> None:
+    def __init__(self, axis: AxisParts, modes: DriveModes) -> None:
         self._power, self._limits, self._mover, self._modes = axis.power, axis.limits, axis.mover, modes
         self._velocity_bits = axis.objects.model.velocity_bits
-        self.remote: Seam[bool] = Seam(True)
-        self.warning: Seam[bool] = Seam(False)
-        self.forced: Seam[int] = Seam(0)
-        self.suppressed: Seam[int] = Seam(0)
-        self.replaced: Seam[int | None] = Seam(None)
+        self.remote: InjectionPoint[bool] = InjectionPoint(True)
+        self.warning: InjectionPoint[bool] = InjectionPoint(False)
+        self.forced: InjectionPoint[int] = InjectionPoint(0)
+        self.suppressed: InjectionPoint[int] = InjectionPoint(0)
+        self.replaced: InjectionPoint[int | None] = InjectionPoint(None)
 
     def value(self) -> int:
         """Return the word at the time the axis was brought to."""
@@ -101,12 +101,12 @@ class Statusword:
 class AxisReadings:
     """The values that one axis shows; `inputs` are further bits of 0x60FD. Seam `inverted`: the sign is wrong."""
 
-    def __init__(self, axis: Axis, modes: DriveModes) -> None:
+    def __init__(self, axis: AxisParts, modes: DriveModes) -> None:
         self.mover, self.limits, self.modes = axis.mover, axis.limits, modes
         self.objects, self.units = axis.objects, axis.objects.units
         self.statusword: Statusword = Statusword(axis, modes)
         self.inputs = 0
-        self.inverted: Seam[bool] = Seam(False)
+        self.inverted: InjectionPoint[bool] = InjectionPoint(False)
 
     @property
     def sign(self) -> float:
@@ -216,7 +216,7 @@ _POSITIONS = (
 class TouchProbes:
     """The probes of one axis."""
 
-    def __init__(self, objects: AxisObjects, mover: Mover, outbox: NodeOutbox) -> None:
+    def __init__(self, objects: AxisObjects, mover: AxisMotion, outbox: NodeOutbox) -> None:
         self._objects, self._mover, self._outbox = objects, mover, outbox
         self._armed = 0
 
@@ -257,7 +257,7 @@ class TouchProbes:
         """Whether a probe waits for an index pulse."""
         return any(self._armed >> shift & (_ENABLE | _INDEX) == _ENABLE | _INDEX for shift in _SHIFTS)
 
-    def next_index(self, demand: Trajectory, now: int) -> tuple[int, float] | None:
+    def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
         """Return when `demand` passes the next index pulse, and where; None: it does not, or nobody waits for it."""
         if not self.wants_index:
             return None
@@ -298,9 +298,9 @@ class VirtualDrive:
     def __init__(
         self,
         axis: int,
-        store: ObjectStore,
+        store: VirtualStore,
         outbox: NodeOutbox,
-        clock: Clock,
+        clock: NodeClock,
         nmt: NmtSlave,
         *,
         plant: Plant | None = None,
@@ -310,12 +310,12 @@ class VirtualDrive:
         self.axis, self._store, self._outbox, self._clock = axis, store, outbox, clock
         self.wants_samples = shows_motion
         self.objects = objects = AxisObjects(store, axis, model)
-        self.mover = mover = Mover(IdealPlant() if plant is None else plant, self)
+        self.mover = mover = AxisMotion(IdealPlant() if plant is None else plant, self)
         self.power: PowerMachine = PowerMachine(objects, mover, outbox, nmt, self)
-        self.limits = AxisLimits(objects, mover, outbox, self.power)
-        self.meter = SetPointMeter()
+        self.limits = DriveLimits(objects, mover, outbox, self.power)
+        self.meter = SetpointStatistics()
         self._overload = OverloadGuard()
-        parts = Axis(objects, mover, self.power, self.limits, outbox, clock, self.meter)
+        parts = AxisParts(objects, mover, self.power, self.limits, outbox, clock, self.meter)
         self.modes: DriveModes = DriveModes(parts)
         self.readings: AxisReadings = AxisReadings(parts, self.modes)
         self.probes = TouchProbes(objects, mover, outbox)
@@ -409,7 +409,7 @@ class VirtualDrive:
         power.power_off(now)
         objects.units.zero = self.mover.plant.position
         power.controlword = 0
-        self.readings.statusword.warning.heal()
+        self.readings.statusword.warning.clear()
         self.probes.reset()
         objects.units.update(objects)
         self._limit_torque()
@@ -575,7 +575,7 @@ class VirtualDrive:
         """Look at values that move with the motor."""
         self._outbox.values_changed()
 
-    def next_index(self, demand: Trajectory, now: int) -> tuple[int, float] | None:
+    def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
         """Return when and where a touch probe's index pulse comes."""
         return self.probes.next_index(demand, now)
 

@@ -33,11 +33,11 @@ from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG, Service, cob_id, i
 from canopen_control.virtual.communication_objects import CommunicationObjects, ErrorControl, Services
 from canopen_control.virtual.device_function import make_function
 from canopen_control.virtual.device_model import GENERIC, DeviceModel
-from canopen_control.virtual.fault_seam import Seam
+from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.node_events import BitRateActivated, NodeIdChanged
-from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, Clock, NodeOutbox
-from canopen_control.virtual.node_pdos import ProcessData
-from canopen_control.virtual.object_store import ObjectStore
+from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, NodeClock, NodeOutbox
+from canopen_control.virtual.node_pdos import PdoExchange
+from canopen_control.virtual.object_store import VirtualStore
 from canopen_control.virtual.program_area import CONTROL, ProgramArea
 from canopen_control.virtual.virtual_drive import VirtualDrive
 
@@ -48,14 +48,14 @@ if TYPE_CHECKING:
     from canopen_control.frame import CanFrame
     from canopen_control.od.model import ObjectDictionary, Value
     from canopen_control.virtual.device_function import DeviceFunction
-    from canopen_control.virtual.fault_seam import FaultFilter
+    from canopen_control.virtual.injection_point import FaultFilter
     from canopen_control.virtual.plant import Plant
 
     Receiver = Callable[[CanFrame, int], None]
-    Holder = Callable[[CanFrame, int], bool]
+    SyncRpdoHandler = Callable[[CanFrame, int], bool]
 
 
-# Which service of a virtual node takes which frames: a table by identifier, made anew when an identifier changes.
+# Routing of frames to the services of a virtual node: a table by identifier, rebuilt when an identifier changes.
 
 
 SYNC_LENGTH_ERROR = 0x8240
@@ -64,7 +64,7 @@ SYNC_LENGTH_ERROR = 0x8240
 class FrameRoutes:
     """Receivers of one node by identifier, with linux/can.h's flags; `version` grows when the identifiers change.
 
-    `holders` take what waits for SYNC without a consequence until then, and whose identifier has no other receiver.
+    `sync_rpdo_handlers` receive the RPDOs that have no effect before SYNC and whose identifier has no other receiver.
     """
 
     def __init__(
@@ -74,30 +74,30 @@ class FrameRoutes:
         consumer: HeartbeatConsumer,
         guarding: GuardingSlave,
         sync: SyncConsumer,
-        pdos: ProcessData,
+        pdos: PdoExchange,
         lss: NodeLss | None,
         outbox: NodeOutbox,
         advance_drives: Callable[[int], None],
     ) -> None:
         self.table: dict[int, Receiver] = {}
-        self.holders: dict[int, Holder] = {}
+        self.sync_rpdo_handlers: dict[int, SyncRpdoHandler] = {}
         self.version = 0
         self._nmt, self._sdo, self._consumer, self._guarding, self._sync = nmt, sdo, consumer, guarding, sync
         self._pdos, self._lss, self._outbox, self._advance_drives = pdos, lss, outbox, advance_drives
 
     @property
     def sdo_alone(self) -> bool:
-        """Whether nobody but the SDO server takes its requests."""
+        """Whether the SDO server is the only receiver of its requests."""
         return self.table.get(self._sdo.request_cob_id) == self._on_sdo
 
     def begin(self) -> None:
         """Leave LSS alone in the table: a node that initialises hears nothing else."""
         self.table = self._lss_routes()
-        self.holders = {}
+        self.sync_rpdo_handlers = {}
         self.version += 1
 
     def rebuild(self) -> None:
-        """Make the table anew: an identifier changed."""
+        """Rebuild the table after an identifier changed."""
         if self._nmt.state is NmtState.INITIALISING:
             return
         error_control = cob_id(Service.HEARTBEAT, self._nmt.node_id)
@@ -112,7 +112,8 @@ class FrameRoutes:
             *self._pdos.routes(),
         ]
         identifiers = [can_id for can_id, _ in routes]
-        self.holders = {can_id: hold for can_id, hold in self._pdos.holders() if identifiers.count(can_id) == 1}
+        handlers = self._pdos.sync_rpdo_handlers()
+        self.sync_rpdo_handlers = {can_id: handler for can_id, handler in handlers if identifiers.count(can_id) == 1}
         table = merged(routes)
         if table.keys() != self.table.keys():
             self.version += 1
@@ -177,7 +178,7 @@ class NodeLss:
 
     def __init__(
         self,
-        store: ObjectStore,
+        store: VirtualStore,
         node_id: int,
         outbox: NodeOutbox,
         *,
@@ -251,13 +252,13 @@ class VirtualNode:
         self.od, self.node_id, self.model = od, node_id, model
         self.filter: FaultFilter | None = None
         self.switches: FaultFilter | None = None
-        self.starts_itself: Seam[bool] = Seam(False)
+        self.starts_itself: InjectionPoint[bool] = InjectionPoint(False)
         self._boot_at: int | None = 0
         self._reset_delay_ns: int | None = 0  # before the boot-up message, None: it never boots
         self._started = self._settling = False
         self._on_stored: Callable[[], bool] | None = None
-        self.clock = Clock()
-        self.store = store = ObjectStore(od)
+        self.clock = NodeClock()
+        self.store = store = VirtualStore(od)
         self.nmt = NmtSlave(node_id)
         self.heartbeat = HeartbeatProducer(node_id)
         self.consumer = HeartbeatConsumer()
@@ -273,7 +274,7 @@ class VirtualNode:
             store, services, self.clock, applied=self._reroute, stored=self._stored
         )
         self.communication.identify(node_id if serial is None else serial, model.identity)
-        self.pdos = ProcessData(store, outbox, self.clock, model, self.drives, rebuilt=self._reroute)
+        self.pdos = PdoExchange(store, outbox, self.clock, model, self.drives, rebuilt=self._reroute)
         self.program = ProgramArea(od, store, self.nmt, self.clock) if od.subindices(CONTROL) else None
         self.lss: NodeLss | None = None
         if od.device.lss_supported:
@@ -334,7 +335,11 @@ class VirtualNode:
     # -- the sans-IO verbs
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Take a frame; one that is not the node's is ignored."""
+        """Process a frame: the entrance for every frame; one that no service of the node receives is ignored.
+
+        `receive_sync_rpdo` and `receive_records` do the same for two kinds of frames with less work, and refuse any
+        frame that needs more; a caller may leave them out.
+        """
         self._advance(now)
         if self.filter is not None:
             heard = self.filter.incoming(frame, now)
@@ -346,21 +351,21 @@ class VirtualNode:
             take(frame, now)
             self._settle(now)
 
-    def hold(self, frame: CanFrame, now: int) -> bool:
-        """Take an RPDO that does nothing but wait for the next SYNC; False: `receive` has to look at the frame."""
-        hold = self.routing.holders.get(frame.can_id)
-        if hold is None or self.filter is not None:
+    def receive_sync_rpdo(self, frame: CanFrame, now: int) -> bool:
+        """Store an RPDO that takes effect at the next SYNC only; False: not stored, pass the frame to `receive`."""
+        handler = self.routing.sync_rpdo_handlers.get(frame.can_id)
+        if handler is None or self.filter is not None:
             return False
         self._advance(now)
-        return hold(frame, now)
+        return handler(frame, now)
 
     def receive_records(self, records: bytes, start: int, now: int) -> int:
-        """Take a run of segments as `SdoServer.receive_records` does; 0 too where a frame is more than the server's."""
+        """Process a run of SDO segments as `SdoServer.receive_records` does; 0: none taken, pass them to `receive`."""
         alone = self.filter is None and self.routing.sdo_alone
         return self.sdo.receive_records(records, start, now) if alone and self.nmt.state is not NmtState.STOPPED else 0
 
     def tick(self, now: int) -> None:
-        """Let time pass; the first call is the power-on."""
+        """Advance all services to `now`; the first call is the power-on."""
         self._advance(now)
         if self.filter is not None:
             self.filter.tick(now)
@@ -481,7 +486,7 @@ class VirtualNode:
 
     def set_clock_drift(self, ppm: float) -> None:
         """Let the clock run fast, or slow where `ppm` is negative."""
-        self.clock.drift_ppm.break_with(ppm)
+        self.clock.drift_ppm.inject(ppm)
         self.communication.apply()
 
     # -- life

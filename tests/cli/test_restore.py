@@ -97,7 +97,7 @@ def test_a_refusal_leaves_the_drive_as_it_was_and_stores_nothing(bus, backup, ca
     def change():
         store = bus.nodes[3].store
         store.set(0x6083, 0, 9)
-        store.ceilings.break_with({0x6081: 1000})
+        store.ceilings.inject({0x6081: 1000})
 
     bus.call(change)
     before = values(bus, 3)

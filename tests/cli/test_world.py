@@ -18,12 +18,12 @@ from canopen_control.rpc.messages.drive import (
     SetGrip,
     WorldState,
 )
-from canopen_control.virtual.plant import PlainWorld
+from canopen_control.virtual.plant import IndependentPlants
 
 CAN = "memory:cli-world"
 
 
-class Noting(PlainWorld):
+class Noting(IndependentPlants):
     def __init__(self):
         self.acts = []
         self.base = BasePose(1.0, -2.0, 3.141592653589793, 7, z=0.5, pitch=-0.1)
@@ -87,7 +87,7 @@ def test_what_cannot_be_is_told_and_nothing_happens(world, capsys, words, said):
     assert world.acts == []
 
 
-@pytest.mark.parametrize("world", [PlainWorld], indirect=True)
+@pytest.mark.parametrize("world", [IndependentPlants], indirect=True)
 def test_without_physics_it_says_what_to_do(world, capsys):
     assert main(["world", "--can", CAN]) == 0
     assert "have no physics" in capsys.readouterr().out

@@ -9,7 +9,7 @@ from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.od.eds import read_eds
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.node_host import NodeHost
 
 NODE = 5
 

@@ -11,7 +11,7 @@ from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.core import RobotState
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.node_host import NodeHost
 
 DEFAULT = {"  missed_syncs: 10": "  # missed_syncs: 10"}  # three SYNCs
 #: drives that do not mind that their master is silent, and are watched by it

@@ -82,7 +82,7 @@ def test_drives_are_enabled_in_the_same_cycle_however_long_each_takes(bench):
     robby.start()
     assert robby.axis(Action.DISABLE) is None
     robby.run(200)
-    robby.drives[LEFT].drives[0].power.transition_delay_ns.break_with(300_000_000)
+    robby.drives[LEFT].drives[0].power.transition_delay_ns.inject(300_000_000)
     seen = []
     robby.robot.after_cycle.append(
         lambda _now: seen.append(tuple(each.axis.controlword.value for each in robby.robot.joints.values()))
@@ -119,7 +119,7 @@ def test_a_following_error_leads_to_what_bus_yml_says(bench, tmp_path, action, s
     robby = bench(config=config, drives=(2, 3), controllers=["position"])
     robby.start()
     robby.events.clear()
-    robby.drives[2].drives[0].readings.statusword.forced.break_with(1 << 13)
+    robby.drives[2].drives[0].readings.statusword.forced.inject(1 << 13)
     robby.hosts[2].wake(robby.drives[2])
     robby.run(200)
     told = robby.found("following_error")

@@ -61,7 +61,7 @@ def test_an_enabled_axis_that_ignores_its_set_points_is_named_within_two_seconds
 def test_an_axis_whose_feedback_is_mirrored_stops_in_every_mode_of_positions(robot, mode):
     made = robot(mode)
     for node_id in (2, 3):
-        drive(made, node_id).readings.inverted.break_with(True)
+        drive(made, node_id).readings.inverted.inject(True)
     for step in range(80):
         made.command("pos", 0.6 if mode == "pp" else 0.01 * (step + 1), 0.0)
         made.run(0.02)

@@ -15,7 +15,7 @@ from canopen_control.bus.channel import open_port
 from canopen_control.data_files import data_path
 from canopen_control.host.reactor import Reactor
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.node_host import NodeHost
 
 TMCM = data_path("eds", "TMCM-1270.eds")
 GENERIC = data_path("eds", "generic_cia402.eds")

@@ -5,9 +5,9 @@ import pytest
 from support.physicsbench import BRAKED, robby_urdf
 
 from canopen_control.physics.body_model import BASE_JOINT, alone, prepared, read_spec
-from canopen_control.physics.physics_file import AxisSettings, Floor, PhysicsError
+from canopen_control.physics.physics_file import AxisSettings, FloorContact, PhysicsError
+from canopen_control.physics.scene_file import Start, WorldDescription
 from canopen_control.physics.urdf_repair import repaired
-from canopen_control.physics.world_file import Start, WorldDescription
 from canopen_control.urdf.description import parse_description
 
 WHEELS = {side: AxisSettings(f"{side}_wheel_joint", 100.0) for side in ("left", "right")}
@@ -20,7 +20,7 @@ def body(urdf, *axes, free=None, floor=None):
         read_spec(made, "robot.urdf"),
         description,
         {axis.joint: axis for axis in axes},
-        floor or Floor(),
+        floor or FloorContact(),
         step=1e-3,
         density=1000.0,
         free=free,
@@ -50,7 +50,7 @@ def test_another_is_bolted_to_the_ground(urdf, free):
 
 
 def test_wheels_become_ellipsoids_with_the_grip_of_the_floor():
-    made = robby(floor=Floor(friction=0.3, caster_friction=0.01))
+    made = robby(floor=FloorContact(friction=0.3, caster_friction=0.01))
     model = made.model
     kinds = {model.geom(index).name.partition(" shape")[0]: index for index in range(model.ngeom)}
     assert int(model.geom_type[kinds["left_wheel"]]) == 4  # an ellipsoid

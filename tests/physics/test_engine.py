@@ -10,7 +10,7 @@ from canopen_control.physics import engine
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.physics_world import PhysicsWorld
 from canopen_control.rpc.messages.drive import AddPayload
-from canopen_control.virtual.worldfile import read_world
+from canopen_control.virtual.plant_file import read_world
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 import mujoco
 import pytest
 
-from canopen_control.physics.ground_contact import Part, stand
+from canopen_control.physics.ground_contact import ContactPart, stand
 
 WHEEL = '<body name="{name}" pos="{pos}"><joint name="{name} turns" axis="{axis}"/><geom name="{name}" {shape}/></body>'
 CYLINDER = 'type="cylinder" size="0.1 0.02" euler="90 0 0"'
@@ -19,23 +19,25 @@ def wheel(name="wheel", pos="0 0.2 -0.1", axis="0 1 0", shape=CYLINDER):
 
 def test_a_cylinder_that_turns_about_its_axis_is_a_wheel_and_the_robot_stands_on_it():
     found = ground(wheel())
-    assert [(each.geom, each.part, each.joint) for each in found.touches] == [("wheel", Part.WHEEL, "wheel turns")]
+    assert [(each.geom, each.part, each.joint) for each in found.touches] == [
+        ("wheel", ContactPart.WHEEL, "wheel turns")
+    ]
     assert found.touches[0].radius == pytest.approx(0.1)
     assert found.lift == pytest.approx(-0.1)  # the root is drawn so that the wheel floats 10 cm above 0
     assert found.rolls
 
 
 def test_a_ball_that_turns_is_one_too():
-    assert [each.part for each in ground(wheel(shape='type="sphere" size="0.1"')).touches] == [Part.WHEEL]
+    assert [each.part for each in ground(wheel(shape='type="sphere" size="0.1"')).touches] == [ContactPart.WHEEL]
 
 
 @pytest.mark.parametrize(
     ("axis", "shape", "part"),
     [
-        ("0 0 1", CYLINDER, Part.ROLLER),  # it is steered, and drawn without its axle
-        ("0 0 1", 'type="sphere" size="0.1"', Part.CASTER),
-        ("0 1 0", 'type="cylinder" size="0.1 0.02" euler="90 0 0" pos="0.05 0 0"', Part.ROLLER),  # off its axis
-        ("0 0 1", 'type="cylinder" size="0.1 0.1"', Part.CASTER),  # it stands upright
+        ("0 0 1", CYLINDER, ContactPart.ROLLER),  # it is steered, and drawn without its axle
+        ("0 0 1", 'type="sphere" size="0.1"', ContactPart.CASTER),
+        ("0 1 0", 'type="cylinder" size="0.1 0.02" euler="90 0 0" pos="0.05 0 0"', ContactPart.ROLLER),  # off its axis
+        ("0 0 1", 'type="cylinder" size="0.1 0.1"', ContactPart.CASTER),  # it stands upright
     ],
 )
 def test_what_does_not_turn_about_its_own_axis_is_no_wheel(axis, shape, part):

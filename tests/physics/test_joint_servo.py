@@ -3,7 +3,7 @@ import math
 import pytest
 
 from canopen_control.physics.joint_servo import ServoLoop
-from canopen_control.physics.motor_estimate import Motor
+from canopen_control.physics.motor_estimate import EstimatedMotor
 from canopen_control.physics.physics_file import AxisSettings
 from canopen_control.virtual.plant import ServoGains
 
@@ -11,7 +11,7 @@ PERIOD = 1e-3
 
 
 def loop(inertia=0.01, **settings):
-    motor = Motor(1.0, 2.0, inertia, 0.0, 0.0, 0.0, False)
+    motor = EstimatedMotor(1.0, 2.0, inertia, 0.0, 0.0, 0.0, False)
     return ServoLoop(motor, AxisSettings("joint", **{"scale_pos_to_dev": 1e5, **settings}), PERIOD)
 
 

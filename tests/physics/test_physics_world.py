@@ -14,8 +14,8 @@ from support.properties import examples
 
 from canopen_control.errors import ConfigError
 from canopen_control.physics.physics_world import patches_of, shapes_of
-from canopen_control.physics.world_file import Patch
-from canopen_control.virtual.plant import FurnishedWorld
+from canopen_control.physics.scene_file import Patch
+from canopen_control.virtual.plant import HasScenery
 from canopen_control.virtual.trajectory import ramp_to
 
 MODEL = """
@@ -47,7 +47,7 @@ def test_boxes_of_the_world_are_told_where_they_are_now():
 
 def test_the_robots_own_shapes_are_no_part_of_its_world(tmp_path):
     world = world_of(tmp_path, ROBBY)
-    assert isinstance(world, FurnishedWorld)
+    assert isinstance(world, HasScenery)
     assert world.shapes() == ()
 
 

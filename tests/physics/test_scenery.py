@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from canopen_control.physics.physics_world import shapes_of
+from canopen_control.physics.scene_file import Box, Ramp, Wall, WorldDescription
 from canopen_control.physics.scenery import add_scenery
 from canopen_control.physics.sdf_world import MeshPart, Solid
-from canopen_control.physics.world_file import Box, Ramp, Wall, WorldDescription
 from canopen_control.urdf.geometry import Pose, about
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from canopen_control.physics.physics_file import PhysicsError
+from canopen_control.physics.scene_file import read_world_description
 from canopen_control.physics.sdf_world import convex_parts, read_sdf_world
-from canopen_control.physics.world_file import read_world_description
 
 
 def stl(*triangles):

@@ -4,7 +4,7 @@ import mujoco
 import pytest
 
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.physics.tag_sensors import FORCE, IMU, INTERFACES, RANGE
+from canopen_control.physics.urdf_sensors import FORCE, IMU, INTERFACES, RANGE
 from canopen_control.physics.world_sensors import SensorReader, WorldSensor, add_sensors
 
 ARM = """<mujoco><option gravity="0 0 -10"/><worldbody>

@@ -20,7 +20,7 @@ from canopen_control.runtime.core import CAUGHT_UP, RobotCore, RobotState
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.node_host import NodeHost
 from canopen_control.virtual.virtual_drive import VirtualDrive
 
 PERIOD = 20 * MS

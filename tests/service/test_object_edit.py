@@ -98,7 +98,7 @@ def test_what_the_drive_refuses_is_no_edit():
 
 def test_what_the_drive_makes_another_value_of_is_told_and_can_be_undone():
     session, history = session_with(OD), EditHistory()
-    session.transfers.device.store.ceilings.break_with({0x6081: 1})
+    session.transfers.device.store.ceilings.inject({0x6081: 1})
     with pytest.raises(DriveError, match="asked 1234, the drive has 1"):
         history.write(session, OD[SPEED], "1234")
     assert history.undo(session).before == 1

@@ -378,7 +378,7 @@ def test_after_any_loss_the_next_attempt_succeeds(at, kind, fails_at):
         if number >= at and kind == "silence":
             return silent(order)
         if number == at and kind == "flash":
-            area.fails_at.break_with(fails_at)
+            area.fails_at.inject(fails_at)
         return None
 
     with contextlib.suppress(DriveError, SdoTimeout):
@@ -408,7 +408,7 @@ def test_the_flash_status_is_told_in_words(status, text):
 def test_a_flash_that_is_quick_is_not_waited_for():
     bench = Bench()
     area = bench.device.program
-    area.erase_ns.break_with(5 * MS)
+    area.erase_ns.inject(5 * MS)
     area.write_ns = 5 * MS
     bench.run()
     assert sum(order.seconds for order in bench.orders if order.act is Act.PAUSE) < 0.4

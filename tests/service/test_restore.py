@@ -253,7 +253,7 @@ def test_with_keep_what_was_taken_stays():
 def test_a_value_that_the_drive_cuts_counts_as_refused():
     session = session_with(TMCM)
     before = held_by(session).values
-    session.transfers.device.store.ceilings.break_with({0x6081: 1000})
+    session.transfers.device.store.ceilings.inject({0x6081: 1000})
     one, _ = restore(session, {**before, **CHANGES})
     assert [str(each) for each in one.refused] == ["0x6081:00 Profile velocity: asked 1600, the drive has 1000"]
     assert one.undone

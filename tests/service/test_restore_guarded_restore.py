@@ -111,7 +111,7 @@ def test_the_report_says_what_came_of_it():
     assert (report.written, report.refused, notes) == (1, [], [])
     assert any(line.startswith("0x6083:00") and line.endswith("--protect 0x6083") for line in report.protected)
     assert report.words(session).endswith("parameters as in left.dcf, 1 written; stored")
-    session.transfers.device.store.ceilings.break_with({0x6083: 1})
+    session.transfers.device.store.ceilings.inject({0x6083: 1})
     report, _ = restored(session, backup(s6083=9))
     assert report.words(session) == "node 5: 1 parameters refused; the drive is as it was"
     assert report.refused[0].startswith("0x6083:00")

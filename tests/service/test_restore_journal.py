@@ -89,7 +89,7 @@ def test_what_an_earlier_journal_knows_is_older_and_stays():
 
 def test_a_refusal_that_is_undone_leaves_the_journal_of_before_alone():
     session, before, _ = interrupted()
-    session.transfers.device.store.ceilings.break_with({0x6083: 1})
+    session.transfers.device.store.ceilings.inject({0x6083: 1})
     assert restore_into(session, backup(), arguments()) == 1
     (journal,) = journals()
     session.transfers.device.store.ceilings.heal()
@@ -99,7 +99,7 @@ def test_a_refusal_that_is_undone_leaves_the_journal_of_before_alone():
 
 def test_a_refusal_alone_leaves_no_journal():
     session = session_with(TMCM, serial=7)
-    session.transfers.device.store.ceilings.break_with({0x6083: 1})
+    session.transfers.device.store.ceilings.inject({0x6083: 1})
     assert restore_into(session, backup(), arguments()) == 1
     assert journals() == []
 

@@ -3,7 +3,7 @@ from support.mutants import MUTANTS
 from support.simulated import S, setup_of
 
 from canopen_control.simulation.campaign import Campaign, Totals
-from canopen_control.simulation.drawn_schedule import known_faults
+from canopen_control.simulation.random_schedule import known_faults
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,11 @@
 import pytest
 from support.simulated import MS, S, setup_of
 
-from canopen_control.simulation.acts import KINDS
-from canopen_control.simulation.campaign import _WAYS, Campaign, aimed_schedule, cells_to_aim_at
-from canopen_control.simulation.drawn_schedule import known_faults
+from canopen_control.simulation.campaign import _WAYS, Campaign, cells_to_aim_at, targeted_schedule
 from canopen_control.simulation.fault_coverage import STATES, cells_of
 from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.random_schedule import known_faults
+from canopen_control.simulation.scenario_events import KINDS
 
 FAULTS = known_faults()
 
@@ -22,8 +22,8 @@ def test_what_is_aimed_at_is_empty_and_from_all_over_the_table():
 
 @pytest.mark.parametrize("cell", cells_to_aim_at((), FAULTS, 60))
 def test_a_schedule_strikes_once_in_the_state_with_the_kind(cell):
-    acts = aimed_schedule(3, cell, motions_of(setup_of()), [2, 3])
-    assert acts == aimed_schedule(3, cell, motions_of(setup_of()), [2, 3])
+    acts = targeted_schedule(3, cell, motions_of(setup_of()), [2, 3])
+    assert acts == targeted_schedule(3, cell, motions_of(setup_of()), [2, 3])
     assert list(acts) == sorted(acts, key=lambda act: act.at_ns)
     [strike] = [act for act in acts if act.when]
     assert strike.when == f"{cell[0]} {cell[1]}"

@@ -6,10 +6,10 @@ from support.simulated import S, setup_of
 
 from canopen_control.bus.recordings import Recording
 from canopen_control.errors import ConfigError
-from canopen_control.simulation.acts import Act
 from canopen_control.simulation.campaign import SeedResult, Totals
 from canopen_control.simulation.campaign_files import html_summary, junit_summary, write_breach, write_text
 from canopen_control.simulation.invariants import Breach
+from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.scenario_steps import read_scenario_steps
 from canopen_control.simulation.simulation_run import SimulationRun
 
@@ -57,7 +57,7 @@ def test_the_summary_as_a_page_tells_how_much_what_and_in_which_state(totals):
 @pytest.mark.sources
 def test_a_breach_is_written_as_a_scenario_that_breaks_and_a_recording(tmp_path, monkeypatch):
     MUTANTS["reset_chains_into_enable"](monkeypatch)
-    acts = (Act(S, "stop"), Act(3 * S // 2, "axis", name="fault-reset"))
+    acts = (ScenarioEvent(S, "stop"), ScenarioEvent(3 * S // 2, "axis", name="fault-reset"))
     path = write_breach(tmp_path / "out", setup_of(), result(4, LATE), acts, 3 * S, "canopen-control simulate robby")
     text = path.read_text()
     assert f"# canopen-control simulate robby --scenario {path}" in text

@@ -1,14 +1,14 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.simulation.acts import Act
 from canopen_control.simulation.campaign import Shrinker
+from canopen_control.simulation.scenario_events import ScenarioEvent
 
 S = 1_000_000_000
 
 
 def act(at, kind="fault", name="", lasts=None):
-    return Act(at * S, kind, "3", name, for_ns=None if lasts is None else lasts * S)
+    return ScenarioEvent(at * S, kind, "3", name, for_ns=None if lasts is None else lasts * S)
 
 
 ACTS = tuple(act(second, name=f"f{second}", lasts=4) for second in range(1, 20))

@@ -8,7 +8,7 @@ from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.simulation import cluster
 from canopen_control.simulation.campaign import Campaign
 from canopen_control.simulation.cluster import run_on_cluster
-from canopen_control.simulation.drawn_schedule import known_faults
+from canopen_control.simulation.random_schedule import known_faults
 
 SEEDS = range(8)
 

@@ -1,9 +1,9 @@
 import pytest
 from support.simulated import Played
 
-from canopen_control.simulation.acts import KINDS, Act
-from canopen_control.simulation.drawn_schedule import known_faults
 from canopen_control.simulation.fault_coverage import STATES, FaultCoverage, cells_of, cells_words, kind_of, states_of
+from canopen_control.simulation.random_schedule import known_faults
+from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
 
 
 @pytest.fixture
@@ -50,8 +50,8 @@ def test_the_cells_are_all_states_with_all_kinds():
     cells = cells_of(faults)
     kinds = {name for name, kind in KINDS.items() if kind.breaks} - {"fault"} | set(faults)
     assert len(cells) == len(set(cells)) == sum(map(len, STATES.values())) * len(kinds)
-    assert kind_of(Act(0, "fault", "2", "silent")) == "silent"
-    assert kind_of(Act(0, "kill")) == "kill"
+    assert kind_of(ScenarioEvent(0, "fault", "2", "silent")) == "silent"
+    assert kind_of(ScenarioEvent(0, "kill")) == "kill"
 
 
 def test_the_words_count_only_cells_that_there_are():

@@ -7,15 +7,15 @@ from support.simulated import Judged, Played, S, setup_of
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.simulation import invariants
-from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
-from canopen_control.simulation.invariants import Breach, ClientRules, Invariants, ToldRules
+from canopen_control.simulation.invariants import Breach, ClientInvariants, Invariants, ReportInvariants
 from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.random_schedule import draw_schedule, known_faults
 from canopen_control.simulation.simulation_run import SimulationRun
 
 
 @pytest.fixture
 def judged():
-    made = Judged(lambda judged, views, tell: ToldRules(judged.robot, views, tell))
+    made = Judged(lambda judged, views, tell: ReportInvariants(judged.robot, views, tell))
     yield made
     made.close()
 
@@ -92,7 +92,7 @@ def made():
     robots = []
 
     def make():
-        robots.append(Judged(lambda judged, _views, tell: ClientRules(judged.robot, judged.player.clients, tell)))
+        robots.append(Judged(lambda judged, _views, tell: ClientInvariants(judged.robot, judged.player.clients, tell)))
         return robots[-1]
 
     yield make

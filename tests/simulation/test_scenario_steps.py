@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from support.simulated import S, setup_of
 
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
-from canopen_control.simulation.acts import Act
-from canopen_control.simulation.drawn_schedule import draw_schedule, known_faults
 from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.random_schedule import known_faults, random_schedule
+from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.scenario_steps import nanoseconds_of, read_scenario_steps, scenario_text
 from canopen_control.virtual.scenario import ScenarioError
 
@@ -36,12 +36,12 @@ steps:
     )
     assert (scenario.duration_ns, scenario.seed) == (20 * S, 7)
     assert scenario.acts == (
-        Act(S, "command", "robby_forward_controller", values=(5.0, 5.0), for_ns=S // 2),
-        Act(2 * S, "fault", "3", "heartbeat_lost", for_ns=S),
-        Act(3 * S, "axis", name="enable"),
-        Act(4 * S, "stall", "master", for_ns=300_000_000),
-        Act(5 * S, "plant", "3", plant=(("position", 4.0),)),
-        Act(6 * S, "heal", "3", "silent"),
+        ScenarioEvent(S, "command", "robby_forward_controller", values=(5.0, 5.0), for_ns=S // 2),
+        ScenarioEvent(2 * S, "fault", "3", "heartbeat_lost", for_ns=S),
+        ScenarioEvent(3 * S, "axis", name="enable"),
+        ScenarioEvent(4 * S, "stall", "master", for_ns=300_000_000),
+        ScenarioEvent(5 * S, "plant", "3", plant=(("position", 4.0),)),
+        ScenarioEvent(6 * S, "heal", "3", "silent"),
     )
 
 
@@ -103,7 +103,7 @@ def test_times_have_units(text, ns):
 
 
 def test_a_trajectory_of_several_points_is_written_and_read(tmp_path):
-    act = Act(S, "trajectory", "robby_base_controller", values=(0.25, 0.5, 1.0, 2.0), times=(0.5, 1.0))
+    act = ScenarioEvent(S, "trajectory", "robby_base_controller", values=(0.25, 0.5, 1.0, 2.0), times=(0.5, 1.0))
     path = tmp_path / "points.yml"
     path.write_text(scenario_text([act], seed=1, duration_ns=2 * S))
     assert read_scenario_steps(path, setup_of()).acts == (act,)
@@ -121,7 +121,7 @@ def test_times_of_points_grow_and_have_values(tmp_path, times):
 @pytest.mark.rest
 @given(st.integers(0, 500))
 def test_what_is_written_reads_as_the_same(tmp_path_factory, seed):
-    acts = draw_schedule(seed, 30 * S, motions_of(setup_of()), (2, 3), known_faults())
+    acts = random_schedule(seed, 30 * S, motions_of(setup_of()), (2, 3), known_faults())
     text = scenario_text(acts, seed=seed, duration_ns=30 * S, note="of a test")
     scenario = read(tmp_path_factory.mktemp("scenario"), text)
     assert (scenario.acts, scenario.seed, scenario.duration_ns) == (acts, seed, 30 * S)
@@ -152,10 +152,12 @@ def test_what_happens_in_the_world_is_written_and_read(tmp_path):
 """,
     )
     assert acts == (
-        Act(S, "world", world=AddPayload(mass=8.5, on="base_link", position=(0.0, 0.5, 1.0))),
-        Act(2 * S, "world", world=PushRobot(force=(0.0, 60.0, 0.0), seconds=0.3)),
-        Act(3 * S, "world", for_ns=2 * S, when="axis power BRAKING", world=BlockJoint(joint="left_wheel_joint")),
-        Act(4 * S, "world", world=SetGrip(friction=0.3)),
+        ScenarioEvent(S, "world", world=AddPayload(mass=8.5, on="base_link", position=(0.0, 0.5, 1.0))),
+        ScenarioEvent(2 * S, "world", world=PushRobot(force=(0.0, 60.0, 0.0), seconds=0.3)),
+        ScenarioEvent(
+            3 * S, "world", for_ns=2 * S, when="axis power BRAKING", world=BlockJoint(joint="left_wheel_joint")
+        ),
+        ScenarioEvent(4 * S, "world", world=SetGrip(friction=0.3)),
     )
     text = scenario_text(acts, seed=0, duration_ns=5 * S)
     assert on_a_floor(tmp_path, text.partition("steps:\n")[2]) == acts

@@ -2,7 +2,7 @@ import pytest
 from support.simulated import S
 
 from canopen_control.runtime.shared_world import read_shared
-from canopen_control.simulation.drawn_schedule import known_faults
+from canopen_control.simulation.random_schedule import known_faults
 from canopen_control.simulation.shared_simulation import SharedSimulation
 
 pytest.importorskip("mujoco")

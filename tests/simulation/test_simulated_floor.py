@@ -4,11 +4,11 @@ import pytest
 from support.simulated import FORWARD, MS, S, setup_of
 
 from canopen_control.rpc.messages.drive import BlockJoint, PushRobot
-from canopen_control.simulation.acts import Act
+from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
 
 pytest.importorskip("mujoco")
-DRIVE = Act(1 * S, "command", FORWARD, values=(5.0, 5.0), for_ns=2 * S)
+DRIVE = ScenarioEvent(1 * S, "command", FORWARD, values=(5.0, 5.0), for_ns=2 * S)
 
 
 def simulated(*acts, seconds=3.0, name="robby"):
@@ -34,7 +34,7 @@ def test_the_wheels_move_the_robot_over_the_floor_and_the_same_seed_does_it_agai
 
 
 def test_a_drive_without_supply_lets_its_wheel_go_and_is_there_again():
-    run = simulated(DRIVE, Act(1500 * MS, "power", "2", for_ns=500 * MS), seconds=1.6)
+    run = simulated(DRIVE, ScenarioEvent(1500 * MS, "power", "2", for_ns=500 * MS), seconds=1.6)
     assert run.robot.drives[2].device is None
     moved = pose(run).x
     run.robot.run_for(1 * S)
@@ -54,7 +54,7 @@ def test_what_the_floor_turns_is_no_motion_of_a_drive():
 @pytest.mark.parametrize("twist", [(0.3, 0.15), (0.5, 0.3), (-0.3, 0.2)])
 def test_wheels_that_strain_against_each_other_relax(twist):
     """A forklift that begins to turn while its steered wheel is still on the way strains its two driven wheels."""
-    command = Act(1 * S, "command", "forklift_base_controller", values=twist, for_ns=5 * S)
+    command = ScenarioEvent(1 * S, "command", "forklift_base_controller", values=twist, for_ns=5 * S)
     run = simulated(command, seconds=5.5, name="forklift")
     axes = [node.device.drives[0] for node in run.robot.drives.values()]
     heading = pose(run).heading
@@ -68,11 +68,11 @@ def test_wheels_that_strain_against_each_other_relax(twist):
 
 @pytest.mark.rest
 def test_what_happens_in_the_world_happens_to_the_robot_and_is_undone_in_time():
-    pushed = Act(1 * S, "world", world=PushRobot(force=(0.0, 400.0, 0.0), seconds=0.5))
+    pushed = ScenarioEvent(1 * S, "world", world=PushRobot(force=(0.0, 400.0, 0.0), seconds=0.5))
     run = simulated(pushed, seconds=2.0)
     assert pose(run).y > 0.05
     run.close()
-    blocked = Act(1500 * MS, "world", for_ns=300 * MS, world=BlockJoint(joint="left_wheel_joint"))
+    blocked = ScenarioEvent(1500 * MS, "world", for_ns=300 * MS, world=BlockJoint(joint="left_wheel_joint"))
     run = simulated(DRIVE, blocked, seconds=1.7)
     shaft = run.robot.drives[3].device.drives[0].mover.plant
     assert (shaft.stalled, abs(shaft.velocity)) == (True, pytest.approx(0.0, abs=10.0))

@@ -17,8 +17,8 @@ from canopen_control.rpc.messages.state import TruePose
 from canopen_control.runtime.ground_truth import odometry_at
 from canopen_control.runtime.status import state_sample
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
-from canopen_control.virtual.worldfile import read_world
+from canopen_control.virtual.node_host import NodeHost
+from canopen_control.virtual.plant_file import read_world
 
 BASE = "robby_base_controller"
 QUICK = Pace(speed=0.8, turn=3.0, ramp=1.2, turn_ramp=6.0, settle=0.2)

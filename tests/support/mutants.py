@@ -19,7 +19,7 @@ from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.enable_status import StopLatch
 from canopen_control.runtime.node_readings import NodeReadings
 from canopen_control.runtime.pacer import Pacer
-from canopen_control.virtual.power_machine import AxisLimits
+from canopen_control.virtual.power_machine import DriveLimits
 
 
 def stop_is_late(patch):
@@ -160,13 +160,13 @@ def targets_of_one_joint_held(patch):
 
 
 def shafts_overshoot(patch):
-    real = AxisLimits.lead
-    patch.setattr(AxisLimits, "lead", lambda self, target, *how: real(self, 1.2 * target, *how))
+    real = DriveLimits.lead
+    patch.setattr(DriveLimits, "lead", lambda self, target, *how: real(self, 1.2 * target, *how))
 
 
 def shafts_stay_behind(patch):
-    real = AxisLimits.lead
-    patch.setattr(AxisLimits, "lead", lambda self, target, up, *how: real(self, target, 0.2 * up, *how))
+    real = DriveLimits.lead
+    patch.setattr(DriveLimits, "lead", lambda self, target, up, *how: real(self, target, 0.2 * up, *how))
 
 
 def commands_outlast_an_enable(patch):

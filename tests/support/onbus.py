@@ -10,7 +10,7 @@ from canopen_control.data_files import data_path
 from canopen_control.frame import CanFrame, frames_of, pack_records
 from canopen_control.host.reactor import Reactor
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.node_host import NodeHost
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

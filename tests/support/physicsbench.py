@@ -6,7 +6,7 @@ import hashlib
 from canopen_control.data_files import data_path
 from canopen_control.physics.engine import make
 from canopen_control.urdf.description import read_description
-from canopen_control.virtual.mover import Mover
+from canopen_control.virtual.axis_motion import AxisMotion
 from canopen_control.virtual.trajectory import hold, ramp_to
 
 MS, S = 1_000_000, 1_000_000_000
@@ -65,7 +65,7 @@ class Axes:
 
     def __init__(self, world, *addresses):
         self.world, self.now = world, START
-        self.movers = {address: Mover(world.plant(*address), Owner()) for address in addresses}
+        self.movers = {address: AxisMotion(world.plant(*address), Owner()) for address in addresses}
         for mover in self.movers.values():
             mover.advance(self.now)
 

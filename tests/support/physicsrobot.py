@@ -6,7 +6,7 @@ from canopen_control.bus.channel import open_port
 from canopen_control.physics.engine import make
 from canopen_control.runtime.physics_plant import write_plant
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.node_host import NodeHost
 
 
 class PhysicsRobot(Bench):

@@ -17,7 +17,7 @@ from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.node_host import NodeHost
 
 MS = 1_000_000
 LEFT, RIGHT = 3, 2

@@ -4,10 +4,10 @@ import functools
 
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
-from canopen_control.simulation.act_player import ActPlayer
-from canopen_control.simulation.acts import Act
 from canopen_control.simulation.disturbed_nodes import DisturbedNodes
-from canopen_control.simulation.simulated_robot import SimulatedRobot
+from canopen_control.simulation.event_player import EventPlayer
+from canopen_control.simulation.robot_under_test import RobotUnderTest
+from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.wire_view import WireView
 
 MS = 1_000_000
@@ -24,8 +24,8 @@ class Played:
     """A simulated robot that plays acts: `seconds` into its time, `kinds` of its events, `speed` of a drive's shaft."""
 
     def __init__(self, name="robby", seed=1):
-        self.robot = SimulatedRobot(setup_of(name), seed)
-        self.player = ActPlayer(self.robot)
+        self.robot = RobotUnderTest(setup_of(name), seed)
+        self.player = EventPlayer(self.robot)
         self.events = []
         self.robot.on_event = self.events.append
         self.robot.start()
@@ -41,7 +41,9 @@ class Played:
         return self
 
     def do(self, kind, target="", seconds=None, **more):
-        self.player.play(Act(0, kind, str(target), for_ns=None if seconds is None else round(seconds * S), **more))
+        self.player.play(
+            ScenarioEvent(0, kind, str(target), for_ns=None if seconds is None else round(seconds * S), **more)
+        )
         return self
 
     def drive(self, *values, seconds=2.0):

@@ -16,7 +16,7 @@ from canopen_control.host.reactor import Reactor
 from canopen_control.od.model import DataType, DeviceInfo, Entry, ObjectDictionary
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.node_host import NodeHost
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -70,7 +70,7 @@ def test_a_file_is_restored_and_what_stays_is_told():
 
 def test_what_the_drive_refuses_is_told_and_undone():
     session, done = taken_out(), work()
-    session.transfers.device.store.ceilings.break_with({0x6083: 1})
+    session.transfers.device.store.ceilings.inject({0x6083: 1})
     with pytest.raises(DriveError, match="1 parameters refused; the drive is as it was"):
         restore(session, done, file_of(session, s6081=9, s6083=5000), RestoreOptions())
     assert any(each.startswith("refused: 0x6083:00") for each in done.lines)

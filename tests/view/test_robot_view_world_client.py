@@ -8,13 +8,13 @@ from canopen_control.rpc.messages.simulation import GetSimulation, Simulation
 from canopen_control.view import robot_view
 from canopen_control.view.robot_connection import NodeAddress
 from canopen_control.view.robot_view import WorldClient
-from canopen_control.virtual.plant import PlainWorld
+from canopen_control.virtual.plant import IndependentPlants
 
 CAN = "memory:view-world"
 NODES = (NodeAddress("real", CAN, 4), NodeAddress("virtual", CAN, 5))
 
 
-class Noting(PlainWorld):
+class Noting(IndependentPlants):
     def __init__(self):
         self.acts = []
 
@@ -42,7 +42,7 @@ def test_what_is_asked_for_happens_in_the_world_of_the_drives(served_in):
 
 
 def test_without_physics_nothing_can_be_asked_for(served_in):
-    with served_in(PlainWorld()):
+    with served_in(IndependentPlants()):
         assert not WorldClient("robby", NODES).changeable()
         with pytest.raises(RemoteError, match="no world with physics"):
             WorldClient("robby", NODES).act(AddPayload(mass=3.0))

@@ -5,7 +5,7 @@ import pytest
 from canopen_control.data_files import data_path
 from canopen_control.virtual import bus_group
 from canopen_control.virtual.bus_group import GroupError, read_group, run_group
-from canopen_control.virtual.plant import PlainWorld
+from canopen_control.virtual.plant import IndependentPlants
 
 GROUP = """engine: mujoco
 world: hall.yml
@@ -37,7 +37,7 @@ def test_mistakes_are_told(tmp_path, old, new, message):
         read_group(written(tmp_path, text.replace(old, new)))
 
 
-class Shared(PlainWorld):
+class Shared(IndependentPlants):
     """A world that notes who asks for a side of it."""
 
     def __init__(self):
@@ -45,7 +45,7 @@ class Shared(PlainWorld):
 
     def side(self, robot, bus=""):
         self.sides.append((robot, bus))
-        return PlainWorld()
+        return IndependentPlants()
 
     def close(self):
         self.closed = True

@@ -20,8 +20,8 @@ from canopen_control.rpc.messages.world_shape import WorldShape
 from canopen_control.version import __version__
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.fault_table import FAULTS
-from canopen_control.virtual.nodehost import NodeHost
-from canopen_control.virtual.plant import LoadedPlant, PlainWorld
+from canopen_control.virtual.node_host import NodeHost
+from canopen_control.virtual.plant import IndependentPlants, LoadedPlant
 from canopen_control.virtual.shaft import DiffBase, WheelPlant
 
 
@@ -145,7 +145,7 @@ def test_what_the_axes_do_together_is_told(controlled):
 
 
 def test_a_world_in_which_things_may_happen_says_so(controlled):
-    class Lively(PlainWorld):
+    class Lively(IndependentPlants):
         def act(self, what):
             pass
 
@@ -162,7 +162,7 @@ def test_the_true_pose_of_the_base_is_told_by_itself(controlled):
 def test_what_stands_in_a_world_is_told_where_there_is_such_a_thing(controlled):
     box = WorldShape(name="box 0", kind="box", size=(1.0, 2.0, 3.0), position=(0.5, 0.0, 1.5), moves=True)
 
-    class Furnished(PlainWorld):
+    class Furnished(IndependentPlants):
         def shapes(self):
             return (box,)
 
@@ -171,7 +171,7 @@ def test_what_stands_in_a_world_is_told_where_there_is_such_a_thing(controlled):
 
 
 def test_a_world_without_things_tells_of_none(controlled):
-    assert controlled(world=PlainWorld()).call("shapes") == []
+    assert controlled(world=IndependentPlants()).call("shapes") == []
 
 
 def test_a_node_that_moves_no_base_has_no_true_pose(controlled):

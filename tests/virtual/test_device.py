@@ -11,7 +11,7 @@ from canopen_control.errors import ConfigError, EdsError
 from canopen_control.od.model import ObjectDictionary
 from canopen_control.virtual.device import TMCM1270, device_model_of, make_device, make_devices
 from canopen_control.virtual.device_model import GENERIC
-from canopen_control.virtual.plant import LagPlant, PlainWorld
+from canopen_control.virtual.plant import IndependentPlants, LagPlant
 from canopen_control.virtual.scenario import ScenarioError
 
 EDS = data_path("eds", "generic_cia402.eds")
@@ -76,7 +76,7 @@ def test_devices_without_files_are_plain_nodes_with_their_ids_as_serials():
     devices = make_devices([2, 3], TMCM, print, faults=["warning"])
     assert [node.node_id for node in devices.nodes] == [2, 3]
     assert [node.get(0x1018, 4) for node in devices.nodes] == [2, 3]
-    assert (devices.timeline, type(devices.world)) == ((), PlainWorld)
+    assert (devices.timeline, type(devices.world)) == ((), IndependentPlants)
     assert [Bench(node).node.switches.active for node in devices.nodes] == [["warning"]] * 2
 
 
@@ -124,8 +124,8 @@ def test_nodes_of_one_process_may_be_of_different_files():
 
 def test_what_a_world_had_to_guess_is_said(tmp_path):
     (tmp_path / "guessing_engine.py").write_text(
-        "from canopen_control.virtual.plant import PlainWorld\n"
-        "class World(PlainWorld):\n    notes = ('a mass',)\n"
+        "from canopen_control.virtual.plant import IndependentPlants\n"
+        "class World(IndependentPlants):\n    notes = ('a mass',)\n"
         "def make(path):\n    return World()\n"
     )
     plant = tmp_path / "plant.yml"

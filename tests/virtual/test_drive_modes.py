@@ -29,7 +29,7 @@ def test_the_modes_of_a_file_that_does_not_tell_are_those_whose_targets_it_has()
 
 def test_a_mode_that_comes_late_comes_once():
     bench = Bench(servo())
-    bench.drive.modes.delay_ns.break_with(100_000_000)
+    bench.drive.modes.delay_ns.inject(100_000_000)
     bench.write(0x6060, 3)
     bench.on(0.05)
     bench.write(0x6060, 9)

@@ -5,15 +5,15 @@ import pytest
 from canopen_control.bus import local
 from canopen_control.errors import ConfigError, EdsError
 from canopen_control.host.sockets import close_listener, listen, socket_path
-from canopen_control.virtual.launch import Options, reopen, run_drives
+from canopen_control.virtual.launch import DriveOptions, reopen, run_drives
 
 
 def test_what_cannot_be_started_is_said_before_anything_runs(tmp_path):
     lines = []
     with pytest.raises(EdsError):
-        run_drives([3], tmp_path / "none.eds", "memory:launch", Options(), lines.append)
+        run_drives([3], tmp_path / "none.eds", "memory:launch", DriveOptions(), lines.append)
     with pytest.raises(ConfigError):
-        run_drives([3], tmp_path / "none.eds", "local:a/b", Options(), lines.append)
+        run_drives([3], tmp_path / "none.eds", "local:a/b", DriveOptions(), lines.append)
     assert lines == []
 
 

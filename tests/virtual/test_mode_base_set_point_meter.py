@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from support.properties import examples
 from support.setpoints import STEP, StreamBench
 
-from canopen_control.virtual.mode_base import GRID_NS, REST_NS, SetPointMeter
+from canopen_control.virtual.mode_base import GRID_NS, REST_NS, SetpointStatistics
 from canopen_control.virtual.trajectory import cruise, hold, linear_to
 
 MS = 1_000_000
@@ -19,7 +19,7 @@ MS = 1_000_000
 
 def measured(targets, period_ns=10 * MS, seconds=0.01):
     """A meter that saw linear ways to positions, one each period, and the demanded positions of its grid."""
-    meter, demand, now = SetPointMeter(), hold(0, 0.0), 0
+    meter, demand, now = SetpointStatistics(), hold(0, 0.0), 0
     meter.used = True
     meter.follow(demand, now)
     places = []
@@ -56,7 +56,7 @@ def test_it_finds_what_differences_of_the_demand_give(steps, seconds):
 
 
 def test_a_motion_of_constant_velocity_has_no_ripple_and_one_in_user_units_has_its_sign():
-    meter = SetPointMeter()
+    meter = SetpointStatistics()
     meter.used = True
     demand = cruise(0, 0.0, 800.0)
     for now in range(0, 1000 * MS, 7 * MS):
@@ -75,7 +75,7 @@ def test_an_axis_that_rests_says_nothing_and_a_short_stop_is_part_of_the_motion(
 
 
 def test_without_a_look_for_a_second_another_motion_begins():
-    meter = SetPointMeter()
+    meter = SetpointStatistics()
     meter.used = True
     meter.follow(cruise(0, 0.0, 100.0), 50 * MS)
     meter.follow(cruise(0, 0.0, 100.0), 100 * MS)
@@ -97,21 +97,21 @@ def test_without_a_look_for_a_second_another_motion_begins():
     ],
 )
 def test_a_set_point_is_doubled_when_the_motion_goes_on_after_it(targets, doubled):
-    meter = SetPointMeter()
+    meter = SetpointStatistics()
     for cycle, target in enumerate(targets):
         meter.take(target, cycle * 10 * MS)
     assert (meter.doubled, meter.taken) == (doubled, len(targets))
 
 
 def test_a_pause_is_no_doubled_set_point():
-    meter = SetPointMeter()
+    meter = SetpointStatistics()
     for cycle, target in enumerate((0, 10, 20, *[20] * 20, 30)):
         meter.take(target, cycle * REST_NS // 10)
     assert meter.doubled == 0
 
 
 def test_velocities_and_torques_may_repeat():
-    meter = SetPointMeter()
+    meter = SetpointStatistics()
     for cycle in range(5):
         meter.take(None, cycle)
     assert (meter.taken, meter.doubled) == (5, 0)
@@ -166,7 +166,7 @@ def test_a_new_enable_counts_anew_and_a_halt_does_not():
 
 
 def test_measuring_leaves_no_object_behind():
-    meter = SetPointMeter()
+    meter = SetpointStatistics()
     demand = cruise(0, 0.0, 800.0)
 
     def cycles(first, last):

@@ -3,13 +3,13 @@ from __future__ import annotations
 from canopen_control.cia301.emcy import EmcyProducer
 from canopen_control.frame import CanFrame
 from canopen_control.virtual.node_events import EmergencyRaised
-from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, Clock, NodeOutbox
+from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR, NodeClock, NodeOutbox
 
 
 def outbox():
     emcy = EmcyProducer(5)
     emcy.allowed = True
-    return NodeOutbox(emcy, Clock()), emcy
+    return NodeOutbox(emcy, NodeClock()), emcy
 
 
 def test_an_error_is_said_once_until_it_is_cleared():

@@ -4,14 +4,14 @@ import random
 
 import pytest
 
-from canopen_control.virtual.node_outbox import SyncRhythm
+from canopen_control.virtual.node_outbox import SyncPll
 
 MS = 1_000_000
 T = 4 * MS
 
 
 def heard(times):
-    rhythm = SyncRhythm()
+    rhythm = SyncPll()
     for when in times:
         rhythm.heard(when)
     return rhythm
@@ -34,7 +34,7 @@ def test_two_syncs_make_no_rhythm():
 @pytest.mark.rest
 @pytest.mark.parametrize("ppm", [200, -200])
 def test_for_an_hour_at_200_ppm_with_two_ms_of_jitter_its_edges_keep_to_the_sender_and_none_is_lost(ppm):
-    rhythm, chance = SyncRhythm(), random.Random(ppm)
+    rhythm, chance = SyncPll(), random.Random(ppm)
     period, worst, uneven, before = 10 * MS * (1_000_000 + ppm) / 1_000_000, 0.0, 0.0, None
     for count in range(360_000):
         due = count * period

@@ -36,7 +36,7 @@ def test_healthy_it_hands_all_on_at_once():
 
 def test_late_ones_come_in_their_order_when_they_are_due():
     late = RpdoInput()
-    late.delay_ns.break_with(100)
+    late.delay_ns.inject(100)
     seen = heard(late, ticks=(99, 104, 300))
     assert seen == [(n, 104 if n < 5 else 300) for n in range(10)]
     assert late.next_deadline() is None
@@ -44,16 +44,16 @@ def test_late_ones_come_in_their_order_when_they_are_due():
 
 def test_what_is_on_its_way_when_the_fault_ends_still_comes():
     late = RpdoInput()
-    late.delay_ns.break_with(100)
+    late.delay_ns.inject(100)
     heard(late)
-    late.delay_ns.heal()
+    late.delay_ns.clear()
     assert late.next_deadline() == 100
     assert [n for n, _ in heard(late)] == list(range(10))
 
 
 def test_one_of_so_many_is_lost():
     lossy = RpdoInput()
-    lossy.lost.break_with(5)
+    lossy.lost.inject(5)
     assert [n for n, _ in heard(lossy)] == [0, 1, 2, 3, 5, 6, 7, 8]
 
 
@@ -392,7 +392,7 @@ def test_an_rpdo_that_repeats_itself_still_sees_a_ceiling_that_a_fault_sets():
     same = struct.pack("<Hi", 6, 400)
     bench.put(0x205, same)
     bench.put(0x205, same)
-    bench.node.store.ceilings.break_with({0x60FF: 50})
+    bench.node.store.ceilings.inject({0x60FF: 50})
     bench.put(0x205, same)
     assert bench.number(0x60FF) == 50
 
@@ -501,7 +501,7 @@ def waiting_for_sync():
 
 def test_an_rpdo_that_only_waits_for_sync_is_held_and_counts_at_sync():
     bench = waiting_for_sync()
-    assert bench.node.hold(CanFrame(0x205, b"\x06\0\x03"), bench.now + MS)
+    assert bench.node.receive_sync_rpdo(CanFrame(0x205, b"\x06\0\x03"), bench.now + MS)
     assert (bench.node.clock.now, bench.node.frames()) == (bench.now + MS, [])
     assert bench.state == "SWITCH_ON_DISABLED"
     bench.now += MS
@@ -518,12 +518,12 @@ def test_an_rpdo_that_has_a_consequence_is_not_held(why):
     elif why == "a wrong one before":
         bench.put(0x205, b"\x06")
     elif why == "late":
-        node.pdos.input.delay_ns.break_with(MS)
+        node.pdos.input.delay_ns.inject(MS)
     elif why == "lost":
-        node.pdos.input.lost.break_with(2)
+        node.pdos.input.lost.inject(2)
     elif why == "a fault":
         FaultSwitches(node).set("silent", True, bench.now)
     else:
         bench.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
-    assert not node.hold(CanFrame(0x205, data), bench.now)
+    assert not node.receive_sync_rpdo(CanFrame(0x205, data), bench.now)
     assert not node.pdos.rpdos[0].consumer.holds

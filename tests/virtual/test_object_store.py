@@ -5,7 +5,7 @@ from support.virtualbench import T, entry
 
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.od.model import ObjectDictionary
-from canopen_control.virtual.object_store import ObjectStore
+from canopen_control.virtual.object_store import VirtualStore
 
 
 def store():
@@ -21,7 +21,7 @@ def store():
         entry(0x1017, 0, T.UNSIGNED16, 0),
     ):
         od.add(row)
-    return ObjectStore(od)
+    return VirtualStore(od)
 
 
 def abort(action, *arguments):
@@ -46,7 +46,7 @@ def test_a_guard_judges_by_values_where_it_says_so_and_nothing_is_capped():
     values.guard([0x2000], lambda _entry, value: value)
     values.guard([0x2001], lambda _entry, value: value, by_values=True)
     found = [values.judges_by_values(index) for index in (0x2000, 0x2001, 0x2002)]
-    values.ceilings.break_with({0x2001: 1})
+    values.ceilings.inject({0x2001: 1})
     assert (found, values.judges_by_values(0x2001)) == ([False, True, True], False)
 
 
@@ -143,7 +143,7 @@ def test_what_is_kept_survives_a_reset_until_it_is_forgotten():
 
 def test_a_ceiling_takes_less_without_a_word():
     values = store()
-    values.ceilings.break_with({0x2000: 4})
+    values.ceilings.inject({0x2000: 4})
     values.download(0x2000, 0, b"\x07")
     assert values.get(0x2000) == 4
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from canopen_control.rpc.messages.drive import WorldState
 from canopen_control.virtual import trajectory
-from canopen_control.virtual.plant import IdealPlant, LagPlant, LoadedPlant, PlainWorld
+from canopen_control.virtual.plant import IdealPlant, IndependentPlants, LagPlant, LoadedPlant
 
 MS, S = 1_000_000, 1_000_000_000
 
@@ -61,7 +61,7 @@ def test_without_power_a_lagging_plant_coasts():
 
 @pytest.mark.parametrize("plant", [IdealPlant(), LagPlant()])
 def test_torque_ends_in_the_velocity_that_belongs_to_it(plant):
-    plant.push(trajectory.ramp_to(0, 0.0, 0.0, 500.0, 1000.0, 1000.0), 0, 10 * S)
+    plant.apply_torque(trajectory.ramp_to(0, 0.0, 0.0, 500.0, 1000.0, 1000.0), 0, 10 * S)
     assert plant.velocity == pytest.approx(plant.rated_velocity / 2, rel=1e-6)
     assert plant.torque == 500.0
 
@@ -120,12 +120,12 @@ def test_a_stalled_shaft_does_not_move_and_backlash_leaves_the_load_behind():
 
 def test_torque_accelerates_a_loaded_plant_until_friction_and_viscosity_balance_it():
     plant = LoadedPlant(viscosity=0.01)
-    plant.push(trajectory.Trajectory(0, 0.0, (), 100.0), 0, 20 * S)
+    plant.apply_torque(trajectory.DemandCurve(0, 0.0, (), 100.0), 0, 20 * S)
     assert plant.velocity == pytest.approx((100 - plant.friction) / 0.01, rel=0.01)
 
 
 def test_a_plain_world_gives_every_axis_a_plant_of_its_own():
-    world = PlainWorld()
+    world = IndependentPlants()
     first, second = world.plant(3, 0), world.plant(3, 1)
     assert isinstance(first, IdealPlant)
     assert first is not second

@@ -89,7 +89,7 @@ def test_the_motor_has_power_in_the_powered_states_only():
 def test_a_fault_during_a_slow_transition_ends_it():
     bench = Bench(servo())
     bench.start()
-    bench.drive.power.transition_delay_ns.break_with(S)
+    bench.drive.power.transition_delay_ns.inject(S)
     bench.control(6)
     bench.on(0.5)
     bench.drive.fault(0x4310, bench.now)
@@ -101,7 +101,7 @@ def test_disable_voltage_does_not_wait_for_a_slow_transition():
     bench = Bench(servo()).enable(3)
     bench.write(0x60FF, 1000)
     bench.on(1)
-    bench.drive.power.transition_delay_ns.break_with(S)
+    bench.drive.power.transition_delay_ns.inject(S)
     bench.control(0x07)
     bench.on(0.1)
     bench.control(0x00)
@@ -164,7 +164,7 @@ def test_other_controlwords_that_do_nothing_are_told_too():
     bench.start()
     bench.control(15)
     bench.control(6)
-    bench.drive.power.voltage.break_with(False)
+    bench.drive.power.voltage.inject(False)
     for word in (7, 15, 15):
         bench.control(word)
     bench.drive.power.hold_cause(0x4310)

@@ -121,11 +121,11 @@ def test_a_damaged_program_never_runs(bench):
 @pytest.mark.parametrize("at", [0, 1, 20, len(NEW) - 1])
 def test_a_flash_that_fails_leaves_no_program(bench, at):
     cleared(bench)
-    bench.node.program.fails_at.break_with(at)
+    bench.node.program.fails_at.inject(at)
     with pytest.raises(Exception, match="06060000"):
         send(bench, NEW)
     assert flash(bench) == 5 << 1
-    bench.node.program.fails_at.heal()
+    bench.node.program.fails_at.clear()
     bench.nmt(NmtCommand.RESET_NODE)
     bench.on(0.5)
     assert not bench.node.program.runs

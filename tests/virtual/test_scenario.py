@@ -10,8 +10,8 @@ from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, SetGrip
 from canopen_control.virtual.control import NodeControl
-from canopen_control.virtual.nodehost import NodeHost
-from canopen_control.virtual.plant import LoadedPlant, PlainWorld
+from canopen_control.virtual.node_host import NodeHost
+from canopen_control.virtual.plant import IndependentPlants, LoadedPlant
 from canopen_control.virtual.scenario import ScenarioError, Switching, Timeline, read_scenario, seconds_of
 
 
@@ -146,11 +146,11 @@ def test_what_does_not_go_together_is_told(tmp_path, step, words):
 def test_an_act_is_played_in_the_world_and_told_where_there_is_none():
     done = []
 
-    class Acting(PlainWorld):
+    class Acting(IndependentPlants):
         def act(self, what):
             done.append(what)
 
-    for world, told in ((Acting(), 0), (PlainWorld(), 1)):
+    for world, told in ((Acting(), 0), (IndependentPlants(), 1)):
         lines, bus = [], MemoryBus("scenario-act")
         with Reactor(ManualClock(S)) as reactor, contextlib.closing(bus.open("drive")) as port:
             node = servo(5)

@@ -10,9 +10,9 @@ from support.virtualbench import Bench, servo_od
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.virtual.device import make_device, make_devices
-from canopen_control.virtual.plant import LoadedPlant, PlainWorld
+from canopen_control.virtual.plant import IndependentPlants, LoadedPlant
+from canopen_control.virtual.plant_file import WorldError, read_world
 from canopen_control.virtual.shaft import Coupling, ShaftFile, ShaftWorld, WheelPlant, load_counts
-from canopen_control.virtual.worldfile import WorldError, read_world
 
 DRIVE, ENCODER = 3, 5
 EDS = data_path("eds", "generic_cia406.eds")
@@ -92,7 +92,7 @@ def test_processes_of_drives_couple_what_the_file_says(tmp_path):
         coupled.function.set_signals({"position": 1.0}, 0)
     free.function.set_signals({"position": 1.0}, 0)
     assert made.world.period_ns == 5_000_000
-    assert not isinstance(PlainWorld(), ShaftWorld)
+    assert not isinstance(IndependentPlants(), ShaftWorld)
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def test_a_reversed_wheel_goes_backwards_and_a_displaced_one_is_lifted():
 
 def test_a_torque_moves_it_too():
     plant, floor = wheel()
-    plant.push(trajectory.ramp_to(0, 0.0, 0.0, 500.0, 1000.0, 1000.0), 0, S)
+    plant.apply_torque(trajectory.ramp_to(0, 0.0, 0.0, 500.0, 1000.0, 1000.0), 0, S)
     plant.publish()
     assert floor.points[-1][1] == pytest.approx(plant.position * 0.001)
     plant.velocity = plant.torque = 0.0

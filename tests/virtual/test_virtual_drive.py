@@ -412,7 +412,7 @@ def test_losing_the_supply_falls_to_switch_on_disabled_without_a_fault():
     for word in (6, 7, 15):
         bench.control(word)
     assert bench.state == "SWITCHED_ON"  # no power, no operation
-    bench.drive.power.voltage.heal()
+    bench.drive.power.voltage.clear()
     bench.control(15)
     assert bench.state == "OPERATION_ENABLED"
 

@@ -26,7 +26,7 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.campaign import Campaign, Totals
 from canopen_control.simulation.campaign_files import write_breach
-from canopen_control.simulation.drawn_schedule import known_faults
+from canopen_control.simulation.random_schedule import known_faults
 from canopen_control.version import COMPILED, build
 
 if TYPE_CHECKING:

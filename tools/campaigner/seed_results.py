@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SIMULATED: Final = "docs/reference/seeds.json"
 REPAIRED: Final = {
     "forklift, seed 1582": "the observer was wrong: a count that turned on over the end of its 32 bits was taken for a "
-    "jump; repaired, and kept as a test (`tests/simulation/test_face_rules.py`)",
+    "jump; repaired, and kept as a test (`tests/simulation/test_status_invariants.py`)",
 }
 """What breaches were that are repaired by now, by robot and seed."""
 

@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.calibration.base_link import Driven, WheelValues
 from canopen_control.data_files import data_path
 from canopen_control.physics.engine import make
-from canopen_control.virtual.mover import Mover
+from canopen_control.virtual.axis_motion import AxisMotion
 from canopen_control.virtual.trajectory import hold, move_to, ramp_to
 
 if TYPE_CHECKING:
     from canopen_control.calibration.square_path import SquarePath
     from canopen_control.physics.physics_world import PhysicsWorld
-    from canopen_control.virtual.trajectory import Trajectory
+    from canopen_control.virtual.trajectory import DemandCurve
 
 
 MS: Final = 1_000_000
@@ -76,7 +76,7 @@ class Leg:
 
     def __init__(self, legs: list[float], pace: float = 1.0) -> None:
         self.legs, self._pace = legs, pace
-        self.axis: Mover | None = None
+        self.axis: AxisMotion | None = None
 
     def arrived(self, now: int) -> None:
         """Begin the next leg."""
@@ -102,7 +102,7 @@ class Leg:
         """Nobody does."""
         return False
 
-    def next_index(self, demand: Trajectory, now: int) -> tuple[int, float] | None:
+    def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
         """Return that there is none."""
 
     def index_passed(self, place: float) -> None:
@@ -123,10 +123,10 @@ def world_of(friction: float = 0.8) -> PhysicsWorld:
         return make(path)
 
 
-def _axes(world: PhysicsWorld, legs: dict[tuple[int, int], Leg]) -> dict[tuple[int, int], Mover]:
+def _axes(world: PhysicsWorld, legs: dict[tuple[int, int], Leg]) -> dict[tuple[int, int], AxisMotion]:
     movers = {}
     for key, owner in legs.items():
-        movers[key] = owner.axis = Mover(world.plant(*key), owner)
+        movers[key] = owner.axis = AxisMotion(world.plant(*key), owner)
     for mover in movers.values():
         mover.advance(0)
     for mover in movers.values():

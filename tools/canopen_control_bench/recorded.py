@@ -20,7 +20,7 @@ from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.node_host import NodeHost
 from canopen_control_bench.fleet import CONTROLLER, write_fleet
 from canopen_control_bench.slaves import replays
 

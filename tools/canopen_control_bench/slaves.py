@@ -21,7 +21,7 @@ from canopen_control.frame import RECORD, RECORD_SIZE, CanFrame, pack_records
 from canopen_control.host.reactor import Reactor
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.device import make_device
-from canopen_control.virtual.nodehost import NodeHost
+from canopen_control.virtual.node_host import NodeHost
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

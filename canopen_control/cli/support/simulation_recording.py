@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.state import RobotEvent
     from canopen_control.runtime.setup import RobotSetup
-    from canopen_control.simulation.acts import Act
+    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.scenario_steps import Scenario
     from canopen_control.simulation.simulation_run import SimulationRun
 
@@ -85,7 +85,7 @@ class SimulationRecorder:
         if self._heard_event is not None:
             self._heard_event(event)
 
-    def _request(self, now: int, act: Act) -> None:
+    def _request(self, now: int, act: ScenarioEvent) -> None:
         self._asked(now, act)
         for request in _requests_of(act, self._robot.core.manager.states):
             method = ROBOT.of(type(request)).name
@@ -108,7 +108,7 @@ class SimulationRecorder:
         write_flight(path, meta, can, [text_of(each) for each in self._events], self._lines, self._requests)
 
 
-def _requests_of(act: Act, active: Mapping[str, str]) -> list[Request[Any]]:
+def _requests_of(act: ScenarioEvent, active: Mapping[str, str]) -> list[Request[Any]]:
     """Return what a client would send to have this done."""
     name, values = act.target, list(act.values)
     others = [each for each, state in active.items() if state == "active" and "broadcaster" not in each]

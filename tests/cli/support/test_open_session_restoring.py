@@ -39,7 +39,7 @@ def test_the_report_is_printed(capsys):
 
 def test_what_was_refused_goes_to_standard_error_and_is_the_exit_code(capsys):
     session = session_with(TMCM)
-    session.transfers.device.store.ceilings.break_with({0x6083: 1})
+    session.transfers.device.store.ceilings.inject({0x6083: 1})
     assert restore_into(session, backup(s6083=9), arguments()) == 1
     told = capsys.readouterr()
     assert "canopen-control: refused: 0x6083:00" in told.err

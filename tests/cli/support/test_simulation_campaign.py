@@ -7,7 +7,7 @@ from support.simulated import S, setup_of
 
 from canopen_control.cli.support.simulation_campaign import CampaignOrder, run_campaign
 from canopen_control.simulation.campaign import Campaign
-from canopen_control.simulation.drawn_schedule import known_faults
+from canopen_control.simulation.random_schedule import known_faults
 
 
 def order(seeds=range(2), **how):

@@ -1,0 +1,117 @@
+"""The <sensor> tags of a description that a world measures: of what kind each is, on which link, with what noise.
+
+The kind follows from the state interfaces, or is the parameter `mujoco_type`, as mujoco_ros2_control has it. Others are
+`frame_id` (the link, else the root), `noise` (standard deviation), `seed` of the noise, `range_max` in m. A sensor with
+none of these interfaces is not one of a world. MuJoCo is not needed here.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.errors import nearest
+from canopen_control.physics.physics_file import PhysicsError, SensorKind, SensorSettings
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping
+
+    from canopen_control.urdf.ros2_control import ControlJoint
+
+
+IMU: Final = "imu"
+RANGE: Final = "range"
+FORCE: Final = "force_torque"
+POSE: Final = "pose"
+MAGNET: Final = "magnetometer"
+_XYZ: Final = ("x", "y", "z")
+_ORIENTATION: Final = tuple(f"orientation.{axis}" for axis in ("w", *_XYZ))
+#: kind -> the state interfaces of ros2_control, in the order of the numbers
+INTERFACES: Final[Mapping[SensorKind, tuple[str, ...]]] = {
+    IMU: (
+        *_ORIENTATION,
+        *(f"angular_velocity.{axis}" for axis in _XYZ),
+        *(f"linear_acceleration.{axis}" for axis in _XYZ),
+    ),
+    RANGE: ("range",),
+    FORCE: (*(f"force.{axis}" for axis in _XYZ), *(f"torque.{axis}" for axis in _XYZ)),
+    POSE: (*(f"position.{axis}" for axis in _XYZ), *_ORIENTATION),
+    MAGNET: tuple(f"magnetic_field.{axis}" for axis in _XYZ),
+}
+#: what an interface begins with -> kind, in the order in which they are tried: a pose has an orientation too
+_BEGINNINGS: Final[tuple[tuple[str, SensorKind], ...]] = (
+    ("position.", POSE),
+    ("orientation.", IMU),
+    ("angular_velocity.", IMU),
+    ("linear_acceleration.", IMU),
+    ("force.", FORCE),
+    ("torque.", FORCE),
+    ("magnetic_field.", MAGNET),
+    ("range", RANGE),
+)
+#: `mujoco_type` -> kind
+_TYPES: Final[Mapping[str, SensorKind]] = {"imu": IMU, "fts": FORCE, "pose": POSE, "magnetometer": MAGNET}
+_OTHERS: Final = ("camera", "lidar")  # see `tag_lidars`
+SENSOR_PREFIX: Final = "mujoco_sensor_name"
+"""The parameter that names sensors of a scene in MJCF, by what their names begin with."""
+_LARGEST_SEED: Final = 2**31 - 1
+
+
+def urdf_sensors(
+    parts: Iterable[ControlJoint], links: Collection[str], root: str, path: str
+) -> dict[str, SensorSettings]:
+    """Return the sensors of a tag by name; PhysicsError with every mistake and its line in the file at `path`."""
+    found, problems = {}, list[str]()
+    for part in parts:
+        wrong = list[str]()
+        settings = _sensor(part, links, root, wrong)
+        problems += [f"{path}:{part.place.line}:{part.place.column}: sensor {part.name}: {text}" for text in wrong]
+        if settings is not None:
+            found[part.name] = settings
+    if problems:
+        raise PhysicsError("\n".join(problems))
+    return found
+
+
+def _kind(part: ControlJoint) -> SensorKind | None:
+    """Return what a tag measures in a world, None: nothing; an unknown `mujoco_type` counts as none."""
+    wanted = part.parameters.get("mujoco_type")
+    if wanted is not None:
+        return _TYPES.get(wanted.strip())
+    names = [*part.state_interfaces]
+    return next((kind for word, kind in _BEGINNINGS if any(name.startswith(word) for name in names)), None)
+
+
+def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[str]) -> SensorSettings | None:
+    """Return one sensor, None for what is none of a world; what is wrong is added to `wrong`."""
+    given = part.parameters
+    wanted = given.get("mujoco_type", "").strip()
+    if wanted and wanted not in (*_TYPES, *_OTHERS):
+        wrong.append(f"no mujoco_type {wanted!r}{nearest(wanted, _TYPES)}")
+    kind = _kind(part)
+    if kind is None:
+        return None
+    unknown = [name for name in part.state_interfaces if name not in INTERFACES[kind]]
+    wrong += [f"no {kind} sensor has {name!r}{nearest(name, INTERFACES[kind])}" for name in unknown]
+    link = given.get("frame_id", root).strip()
+    if link not in links and SENSOR_PREFIX not in given:
+        wrong.append(f"no link {link!r} for its frame_id{nearest(link, links)}")
+    noise, reach = (_number(given, key, default, wrong) for key, default in (("noise", 0.0), ("range_max", 10.0)))
+    seed = _number(given, "seed", 0.0, wrong)
+    if seed != round(seed) or seed > _LARGEST_SEED:
+        wrong.append(f"seed is {given['seed']!r}; it is a whole number from 0 to {_LARGEST_SEED}")
+    if reach == 0.0:
+        wrong.append("range_max is 0; it is above that")
+    scene = given.get(SENSOR_PREFIX, "").strip()
+    return None if wrong else SensorSettings(kind, link, noise, reach, round(seed), scene)
+
+
+def _number(given: Mapping[str, str], key: str, default: float, wrong: list[str]) -> float:
+    try:
+        value = float(given.get(key, default))
+    except ValueError:
+        value = math.nan
+    if math.isfinite(value) and value >= 0.0:
+        return value
+    wrong.append(f"{key} is {given[key]!r}; it is a number from 0")
+    return default

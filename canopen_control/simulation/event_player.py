@@ -1,0 +1,345 @@
+"""Plays a schedule on a simulated robot: what its clients, its drives, its buses and its processes do and suffer.
+
+Clients speak to the runtime through the verbs behind its API, and publish ten times a second; what they are refused is
+counted. Times in ns from the start.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.bus.wire_faults import DropRule
+from canopen_control.controllers.trajectory.goal import Goal
+from canopen_control.controllers.trajectory.point import JointTrajectory, Point
+from canopen_control.errors import CanopenError, ControlError, NotEnabled
+from canopen_control.frame import CanFrame
+from canopen_control.hardware.axis_power import Action
+from canopen_control.rpc.messages.drive import BlockJoint, SetPlant, SwitchFault
+from canopen_control.runtime.core import RobotCore
+from canopen_control.simulation.fault_coverage import kind_of, state_reached
+from canopen_control.simulation.robot_under_test import MASTER
+from canopen_control.simulation.scenario_events import KINDS
+from canopen_control.simulation.simulated_clients import SimulatedClients
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from canopen_control.simulation.robot_under_test import RobotUnderTest
+    from canopen_control.simulation.scenario_events import ScenarioEvent
+    from canopen_control.simulation.simulated_wire import SimulatedWire
+    from canopen_control.simulation.virtual_time import Actor
+
+
+SOURCE: Final = "simulate"
+PUBLISH_NS: Final = 100_000_000
+_LOOK_NS: Final = 1_000_000  # how often an act that waits for a state looks
+_BRIEFLY_NS: Final = 100_000_000
+_COMMANDS: Final = frozenset({"command", "trajectory"})
+
+
+class EventPlayer:
+    """Plays acts from now on; `played` are those that have begun, `refused` counts what the robot refused.
+
+    `troubles` counts what went wrong, with the state that the robot was in. All with their time, `on_asked` hears what
+    clients ask for, `on_played` each act that begins, `on_goal` each goal and `on_taken` each command that is taken.
+    `torn` are switches of controllers that were refused and changed something all the same.
+    """
+
+    def __init__(self, robot: RobotUnderTest) -> None:
+        self.robot = robot
+        self.played: list[ScenarioEvent] = []
+        self.refused = 0
+        self.mistakes: list[ControlError] = []
+        """Why commands were refused from the beginning, but for drives that are off and a latched STOP."""
+        self._asked: set[int] = set()  # the ids of acts, all of which are in `played`
+        self.troubles: Counter[tuple[str, str]] = Counter()
+        self.on_asked: Callable[[int, ScenarioEvent], object] = lambda _now, _act: None
+        self.on_played: Callable[[int, ScenarioEvent], object] = lambda _now, _act: None
+        self.on_goal: Callable[[int, ScenarioEvent, Goal], object] = lambda _now, _act, _goal: None
+        self.on_taken: Callable[[int, ScenarioEvent], object] = lambda _now, _act: None
+        self.torn: list[str] = []
+        self.clients = SimulatedClients(robot)
+        self._publishing: dict[str, int] = {}  # controller -> whose turn it is to command it
+        self._down = False
+
+    def plan(self, acts: Iterable[ScenarioEvent]) -> None:
+        """Put acts on the clock."""
+        start = self.robot.time.now_ns
+        for act in acts:
+            self.robot.time.at(start + act.at_ns, partial(self.play, act))
+
+    def play(self, act: ScenarioEvent) -> None:
+        """Begin an act now, or as soon as the state is there that it waits for."""
+        if not state_reached(self.robot, act):
+            self._later(_LOOK_NS, partial(self.play, act))
+            return
+        self.played.append(act)
+        self.on_played(self.robot.now_ns, act)
+        if KINDS[act.kind].breaks:
+            self.troubles[kind_of(act), self.robot.core.state.value] += 1
+        _PLAY[act.kind](self, act)
+
+    # -- drives
+
+    def fault(self, act: ScenarioEvent) -> None:
+        """Switch a fault on."""
+        self._switch(act, on=True)
+        if act.for_ns is not None:
+            self._later(act.for_ns, lambda: self._switch(act, on=False))
+
+    def heal(self, act: ScenarioEvent) -> None:
+        """Switch a fault off."""
+        self._switch(act, on=False)
+
+    def _switch(self, act: ScenarioEvent, *, on: bool) -> None:
+        request = SwitchFault(name=act.name, on=on)
+        self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
+
+    def plant(self, act: ScenarioEvent) -> None:
+        """Set numbers of a plant."""
+        request = SetPlant(numbers=dict(act.plant), axis=act.axis)
+        self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
+
+    def power(self, act: ScenarioEvent) -> None:
+        """Take the supply of a drive away."""
+        drive = self.robot.drives[int(act.target)]
+        drive.power_off()
+        if act.for_ns is not None:
+            self._later(act.for_ns, drive.power_on)
+
+    def world(self, act: ScenarioEvent) -> None:
+        """Let something happen in the world; a joint that is blocked for a time is let go again."""
+        floor, what = self.robot.floor, act.world
+        if floor is None or what is None:
+            return
+        floor.act(what)
+        if act.for_ns is not None and isinstance(what, BlockJoint):
+            self._later(act.for_ns, partial(floor.act, BlockJoint(joint=what.joint, on=False)))
+
+    # -- processes
+
+    def stall(self, act: ScenarioEvent) -> None:
+        """Let a process do nothing."""
+        actor = self._actor(act.target)
+        if actor is not None:
+            actor.stall(act.for_ns or _BRIEFLY_NS)
+
+    def kill(self, act: ScenarioEvent) -> None:
+        """Kill the robot's process, and start it again."""
+        if self._down:
+            return
+        self._down = True
+        self.robot.kill()
+        if act.for_ns is not None:
+            self._later(act.for_ns, self._restart)
+
+    def _restart(self) -> None:
+        self._down = False
+        self.robot.restart()
+
+    def _actor(self, target: str) -> Actor | None:
+        return self.robot.host if target == MASTER else self.robot.drives[int(target)].actor
+
+    # -- buses
+
+    def cut(self, act: ScenarioEvent) -> None:
+        """Cut a cable, and mend it."""
+        for wire, label in self._members(act.target):
+            wire.cut.add(label)
+            if act.for_ns is not None:
+                self._later(act.for_ns, partial(wire.cut.discard, label))
+
+    def bus_off(self, act: ScenarioEvent) -> None:
+        """Send a controller off the bus."""
+        for wire, label in self._members(act.target):
+            wire.bus_off(label, act.for_ns or _BRIEFLY_NS)
+
+    def disturb_frames(self, act: ScenarioEvent) -> None:
+        """Lose, double or disturb every n-th frame of a member; n is the first value, and 1 without one."""
+        for wire, label in self._members(act.target):
+            rules = {"lose": wire.lost, "double": wire.doubled, "disturb": wire.disturbed}[act.kind]
+            rule = DropRule(label, every=int(act.values[0]) if act.values else 1)
+            rules.append(rule)
+            if act.for_ns is not None:
+                self._later(act.for_ns, partial(rules.remove, rule))
+
+    def frame(self, act: ScenarioEvent) -> None:
+        """Put a frame onto every bus."""
+        can_id, *data = (int(each) for each in act.values)
+        for wire in self.robot.wires.values():
+            wire.inject(CanFrame(can_id, bytes(data)))
+
+    def _members(self, target: str) -> list[tuple[SimulatedWire, str]]:
+        if target == MASTER:
+            return [(wire, MASTER) for wire in self.robot.wires.values()]
+        if not target:
+            return [(wire, "") for wire in self.robot.wires.values()]
+        drive = self.robot.drives[int(target)]
+        return [(drive.wire, drive.label)]
+
+    # -- clients
+
+    def command(self, act: ScenarioEvent) -> None:
+        """Publish a command until its time is over; the newest publisher of a controller is the only one."""
+        turn = self._publishing[act.target] = self._publishing.get(act.target, 0) + 1
+        self._publish(act, turn, self.robot.now_ns + (act.for_ns or 0))
+
+    def _publish(self, act: ScenarioEvent, turn: int, until_ns: int) -> None:
+        if self._publishing[act.target] != turn:
+            return
+        self._ask(act, lambda core: self._command(core, act))
+        if self.robot.now_ns + PUBLISH_NS < until_ns:
+            self._later(PUBLISH_NS, lambda: self._publish(act, turn, until_ns))
+
+    def _command(self, core: RobotCore, act: ScenarioEvent) -> None:
+        core.command(act.target, act.values, SOURCE)
+        self.on_taken(self.robot.now_ns, act)
+
+    def trajectory(self, act: ScenarioEvent) -> None:
+        """Send a trajectory whose points stand."""
+        joints = self.robot.core.manager.get(act.target).joints if act.target in self.robot.core.manager.states else ()
+        width = len(act.values) // max(1, len(act.times))
+        stands = [0.0] * width
+        if act.times:
+            parts = [act.values[at : at + width] for at in range(0, len(act.values), max(1, width))]
+            points = [Point(part, time=round(at * 1e9)) for part, at in zip(parts, act.times, strict=False)]
+            points[-1].velocities = stands
+        else:
+            points = [Point(act.values, stands, time=act.for_ns or PUBLISH_NS)]
+        self._ask(act, lambda core: self._send(core, act, Goal(JointTrajectory(joints, points))))
+
+    def _send(self, core: RobotCore, act: ScenarioEvent, goal: Goal) -> None:
+        core.send_goal(act.target, goal, SOURCE)
+        self.on_goal(self.robot.now_ns, act, goal)
+
+    def cancel(self, act: ScenarioEvent) -> None:
+        """Cancel what a controller follows."""
+        self._ask(act, lambda core: core.manager.get(act.target).cancel_goal())
+
+    # -- clients of its socket
+
+    def connect(self, act: ScenarioEvent) -> None:
+        """Let clients come that hang, or that ask; a robot that is down has no socket."""
+        if self._down or not self.robot.up:
+            return
+        if act.kind == "silent":
+            self.clients.silent(int(act.values[0]) if act.values else 1, act.for_ns)
+        elif act.kind == "deaf":
+            self.clients.deaf(act.for_ns)
+        else:
+            self.clients.ask(act.for_ns)
+
+    def dead_man(self, act: ScenarioEvent) -> None:
+        """Command as a client with whom the command ends, and leave."""
+        if self._down or not self.robot.up:
+            return
+        self.on_asked(self.robot.now_ns, replace(act, kind="command", name=act.kind))
+        left = partial(self._left, act)
+        self.clients.dead_man(act.target, act.values, act.for_ns or _BRIEFLY_NS, left)
+
+    def _left(self, act: ScenarioEvent) -> None:
+        self.on_asked(self.robot.now_ns, replace(act, kind="leave"))
+
+    def stop(self, act: ScenarioEvent) -> None:
+        """Stop."""
+        self._ask(act, lambda core: core.stop(_ignore, by=SOURCE))
+
+    def latch(self, act: ScenarioEvent) -> None:
+        """Stop, latched."""
+        self._ask(act, lambda core: core.stop(_ignore, SOURCE, SOURCE))
+
+    def release(self, act: ScenarioEvent) -> None:
+        """Release the latch."""
+        self._ask(act, lambda core: core.latch.release(SOURCE, core.reactor.now()))
+
+    def axis(self, act: ScenarioEvent) -> None:
+        """Do something to the axes of a node, or of all."""
+        self._ask(act, lambda core: core.axis(Action(act.name), act.target or "all", _ignore))
+
+    def activate(self, act: ScenarioEvent) -> None:
+        """Switch to a controller, from those that have what it claims."""
+        self._ask(act, lambda core: self._switch_whole(core, act, partial(self._switch_to, core, act.target)))
+
+    def _switch_to(self, core: RobotCore, name: str) -> None:
+        active = [each for each in core.manager.active if not core.manager.get(each).is_broadcaster]
+        core.switch([name] if name not in active else [], [each for each in active if each != name], strict=True)
+
+    def deactivate(self, act: ScenarioEvent) -> None:
+        """Deactivate a controller."""
+        switch = partial(RobotCore.switch, activate=[], deactivate=[act.target], strict=False)
+        self._ask(act, lambda core: self._switch_whole(core, act, partial(switch, core)))
+
+    def _switch_whole(self, core: RobotCore, act: ScenarioEvent, switch: Callable[[], object]) -> None:
+        """Switch controllers, and note a refusal that has changed something."""
+        before = _active(core)
+        try:
+            switch()
+        except CanopenError as error:
+            # a controller whose own activation fails takes its request with it, and what was stopped for it stays so
+            if _active(core) != before and "could not be activated" not in str(error):
+                self.torn.append(f"{act.kind} {act.target} was refused ({error}) and has changed what is active")
+            raise
+
+    def _ask(self, act: ScenarioEvent, verb: Callable[[RobotCore], object]) -> None:
+        """Ask the robot for something as a client; a robot that is down hears nothing."""
+        if self._down:
+            return
+        self.on_asked(self.robot.now_ns, act)
+        core = self.robot.core
+
+        def ask() -> None:
+            first = id(act) not in self._asked
+            self._asked.add(id(act))
+            try:
+                verb(core)
+            except CanopenError as error:
+                self.refused += 1
+                off = isinstance(error, NotEnabled) or core.latch.held
+                if first and act.kind in _COMMANDS and isinstance(error, ControlError) and not off:
+                    self.mistakes.append(error)
+
+        self.robot.host.call(ask)
+
+    def _later(self, delay_ns: int, work: Callable[[], object]) -> None:
+        self.robot.time.later(delay_ns, work)
+
+
+def _active(core: RobotCore) -> set[str]:
+    return {name for name, state in core.manager.states.items() if state == "active"}
+
+
+def _ignore(_reason: str | None) -> None:
+    pass
+
+
+_PLAY: Final[dict[str, Callable[[EventPlayer, ScenarioEvent], None]]] = {
+    "fault": EventPlayer.fault,
+    "heal": EventPlayer.heal,
+    "plant": EventPlayer.plant,
+    "world": EventPlayer.world,
+    "power": EventPlayer.power,
+    "stall": EventPlayer.stall,
+    "kill": EventPlayer.kill,
+    "cut": EventPlayer.cut,
+    "bus_off": EventPlayer.bus_off,
+    "lose": EventPlayer.disturb_frames,
+    "double": EventPlayer.disturb_frames,
+    "disturb": EventPlayer.disturb_frames,
+    "frame": EventPlayer.frame,
+    "command": EventPlayer.command,
+    "trajectory": EventPlayer.trajectory,
+    "cancel": EventPlayer.cancel,
+    "silent": EventPlayer.connect,
+    "deaf": EventPlayer.connect,
+    "ask": EventPlayer.connect,
+    "dead_man": EventPlayer.dead_man,
+    "stop": EventPlayer.stop,
+    "latch": EventPlayer.latch,
+    "release": EventPlayer.release,
+    "axis": EventPlayer.axis,
+    "activate": EventPlayer.activate,
+    "deactivate": EventPlayer.deactivate,
+}

@@ -1,0 +1,261 @@
+"""Invariants of motion: it takes an enable and a fresh command, stops end in time, and no enable comes unasked.
+
+Judged by the wire, the drives' shafts, and what clients have asked; never by what the runtime says. A reason to stop is
+a stop or disable that was asked, a drive in fault, a node that boots or falls silent, a master that falls silent. From
+it the shafts have the time to notice it and the ramp, both as `check` computes them, and `GRACE_NS`; then no
+controlword may enable a drive any more. Times in ns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.check.stop_times import axis_facts, stop_time
+from canopen_control.simulation.robot_under_test import MASTER
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from canopen_control.check.stop_times import AxisFacts
+    from canopen_control.simulation.motions import SampleMotion
+    from canopen_control.simulation.robot_under_test import RobotUnderTest
+    from canopen_control.simulation.scenario_events import ScenarioEvent
+    from canopen_control.simulation.wire_view import ObservedNode, WireView
+
+
+_MS: Final = 1_000_000
+GRACE_NS: Final = 200 * _MS  # some cycles, and how late processes wake
+CONTROL_RAMP_NS: Final = 1000 * _MS  # by which a controller may ramp down what ran out
+BOOT_NS: Final = 500 * _MS  # in which a start resets drives that turn still
+PLACE_NS: Final = 8_000 * _MS  # for a position to be reached
+_UNASKED_NS: Final = 100 * _MS
+_STOPS: Final = ("stop", "latch", "axis disable", "axis quick-stop", "axis halt")
+_ENABLES: Final = ("axis enable",)
+_LATCHES: Final = {"latch": True, "release": False}
+_OFF_NS: Final = 300 * _MS  # in which a drive whose group stands is disabled
+_SEEN_NS: Final = 100 * _MS  # as old a statusword may be
+_NO_DISABLE: Final = ("axis halt was asked", "axis quick-stop was asked")
+_STANDING: Final = 0.03  # of the fastest that a shaft has turned
+_LEAST: Final = 10.0  # counts/s that count as that at least
+_ON_A_FLOOR: Final = 2.0  # rad/s (m/s) that do with physics: a robot rocks on its wheels
+
+
+@dataclass(slots=True)
+class _Stop:
+    """Why everything has to stop, since when it is known, and until when all must stand, their ramps apart."""
+
+    since: int
+    why: str
+    until: int
+
+
+class MotionInvariants:
+    """Judges a robot's motion; `tell(rule, text)` takes breaches. `asked` and `sampled` are called as time passes."""
+
+    def __init__(
+        self,
+        robot: RobotUnderTest,
+        views: Mapping[str, WireView],
+        motions: Sequence[SampleMotion],
+        tell: Callable[[str, str], None],
+    ) -> None:
+        self._robot, self._views, self._tell = robot, views, tell
+        self._nodes = [node for view in views.values() for node in view.nodes.values()]
+        self._lives = {each.controller: each.life_ns or PLACE_NS for each in motions}
+        self._fresh: dict[str, int] = {}  # controller -> until when its command counts
+        self._held: dict[str, bool] = {}  # controller -> whether its newest command ends with who gave it
+        self._enabled_ns = robot.now_ns
+        self._followed_ns = 0  # when a drive was first seen to be enabled since then
+        self._stop: _Stop | None = None
+        self._latched = False
+        self._fastest: dict[int, float] = {}
+        joints = robot.core.joints.values() if robot.floor is not None else ()
+        self._least = {each.node.node_id: _ON_A_FLOOR * abs(each.scale.pos_to_dev) for each in joints}
+        self._moving: set[int] = set()  # nodes whose motion was told
+        self._judged: dict[int, int] = {}  # node -> when it was commanded to enable, judged already
+        self._excused: dict[int, int] = {}
+        self._alone_since: dict[int, int] = {}  # node -> since when the robot does not reach it
+        self._alone_until: dict[int, int] = {}  # and until when it does not know
+        self._kept: set[int] = set()  # nodes that a stop left enabled, which was told
+        self._facts: dict[int, list[AxisFacts]] = {node.node_id: [] for node in self._nodes}
+        for facts in axis_facts(robot.setup):
+            if facts.node_id in self._facts:
+                self._facts[facts.node_id].append(facts)
+        self._ramps: dict[int, tuple[float, int]] = {}  # node -> of which greatest speed, and the ramp from it
+
+    def asked(self, now: int, act: ScenarioEvent) -> None:
+        """Take what a client asks for; a process that is stalled hears it when it goes on."""
+        heard = max(now, self._robot.host.stalled_until)
+        what = f"{act.kind} {act.name}".strip()
+        self._latched = _LATCHES.get(act.kind, self._latched)
+        if what in _ENABLES and not self._latched:
+            self._enabled_ns, self._stop = heard, None
+            if self._all_stand():
+                self._fresh.clear()  # a command must be newer
+        elif what in _STOPS:
+            self._stop_by(heard, f"{what} was asked", heard)
+        elif act.kind == "activate":
+            if not self._latched:  # a controller that is switched to enables what it claims
+                self._enabled_ns, self._stop = heard, None
+            self._fresh = {name: min(until, heard) for name, until in self._fresh.items()}
+        elif act.kind == "command":
+            life = self._lives.get(act.target, PLACE_NS)
+            self._fresh[act.target] = heard + (life if any(act.values) or life == PLACE_NS else 0)
+            self._held[act.target] = bool(act.name)
+        elif act.kind == "cancel" or (act.kind == "leave" and self._held.get(act.target)):  # it ends with its client
+            self._fresh[act.target] = min(self._fresh.get(act.target, 0), heard)
+        elif act.kind == "trajectory":
+            self._fresh[act.target] = heard + (act.for_ns or 0) + 2000 * _MS
+
+    def _all_stand(self) -> bool:
+        """Whether no shaft turns; nobody can tell on a floor, where the loops of a robot that rocks pull its shafts."""
+        return self._robot.floor is None and all(
+            self._speed(node.node_id) <= self._standing(node.node_id) for node in self._nodes
+        )
+
+    def _speed(self, node_id: int) -> float:
+        """Return how fast the shaft of a node turns, in counts/s."""
+        device = self._robot.drives[node_id].device
+        axis = None if device is None else next(iter(device.drives.values()), None)
+        return 0.0 if axis is None else abs(axis.mover.plant.velocity)
+
+    def _standing(self, node_id: int) -> float:
+        """Return below which speed a shaft counts as standing."""
+        return _STANDING * self._fastest.get(node_id, self._least.get(node_id, _LEAST))
+
+    def sampled(self, now: int) -> None:
+        """Judge what the shafts do now."""
+        if self._robot.started_ns > self._enabled_ns:  # a start enables, once
+            self._enabled_ns, self._stop = self._robot.started_ns, None
+            if self._latched:  # it comes back latched
+                self._stop_by(now, "a start with STOP latched", now + BOOT_NS)
+            self._fresh = {"": self._enabled_ns + BOOT_NS}
+        for stop in self._reasons(now):
+            self._stop_by(stop.since, stop.why, stop.until)
+        for node in self._nodes:
+            self._judge_reach(node, now)
+            self._judge_enable(node)
+            self._judge_shaft(node, now)
+        self._judge_power(now)
+
+    # -- reasons to stop
+
+    def _stop_by(self, since: int, why: str, until: int) -> None:
+        if self._stop is None:
+            self._stop = _Stop(since, why, until)
+
+    def _reasons(self, now: int) -> Iterator[_Stop]:
+        """Yield what has come since the last enable, once a drive has followed it."""
+        if self._stop is not None:
+            return
+        if self._followed_ns <= self._enabled_ns:
+            if any(node.shown_enabled_at > self._enabled_ns for node in self._nodes):
+                self._followed_ns = now
+            return
+        since = self._followed_ns
+        for view in self._views.values():
+            watched = view.config.master.heartbeat_producer * _MS * 5
+            gone = watched > 0 and 0 < view.master_at < now - watched - GRACE_NS
+            for node in view.nodes.values():
+                limit = node.timeout_ns
+                alive_at = node.alive_at if node.alive_at > since else since
+                if node.fault_at > since and node.in_fault:
+                    yield _Stop(node.fault_at, f"node {node.node_id} is in fault", node.fault_at)
+                if node.booted_at > since:
+                    yield _Stop(node.booted_at, f"node {node.node_id} has booted", node.booted_at)
+                if limit and alive_at < now - limit - GRACE_NS:
+                    yield _Stop(alive_at + limit, f"node {node.node_id} is silent", alive_at + limit)
+                if gone:
+                    yield _Stop(view.master_at, f"{MASTER} is silent", view.master_at + watched)
+
+    # -- verdicts
+
+    def _judge_enable(self, node: ObservedNode) -> None:
+        """Tell of a controlword that enables after a reason to stop, without anybody having asked."""
+        at = node.enabled_at
+        if self._judged.get(node.node_id, 0) == at:
+            return
+        self._judged[node.node_id] = at
+        stop = self._stop
+        if stop is not None and stop.since + _UNASKED_NS < at:
+            late = (at - stop.since) / 1e9
+            self._tell(
+                "enable_unasked", f"node {node.node_id} is enabled {late:.3f} s after {stop.why}, and nobody asked"
+            )
+
+    def _judge_power(self, now: int) -> None:
+        """Tell of drives that are enabled, and told to be, when all had the time to stand since a reason to stop."""
+        stop = self._stop
+        if stop is None or stop.why in _NO_DISABLE or now < self._robot.host.stalled_until + _OFF_NS:
+            self._kept.clear()
+            return
+        due = stop.until + max((self._ramp_ns(node.node_id) for node in self._nodes), default=0) + GRACE_NS + _OFF_NS
+        if now <= due:
+            return
+        for node in self._nodes:
+            seen = node.enabled and now - node.status_at < _SEEN_NS and node.commanded
+            kept = seen and node.told_at > stop.since and node.enabled_at <= stop.since + _UNASKED_NS
+            if kept and node.node_id not in self._kept:
+                self._kept.add(node.node_id)
+                late = (now - stop.since) / 1e9
+                self._tell("enabled_still", f"node {node.node_id} is still enabled {late:.3f} s after {stop.why}")
+
+    def _judge_reach(self, node: ObservedNode, now: int) -> None:
+        """Note until when a drive that the robot does not reach may go on: until it misses the robot by itself."""
+        drive = self._robot.drives[node.node_id]
+        if not (drive.wire.silences(MASTER) or drive.wire.silences(drive.label)):
+            self._alone_since.pop(node.node_id, None)
+        elif node.node_id not in self._alone_since:
+            self._alone_since[node.node_id] = now
+            missed = max((each.master_s for each in self._facts[node.node_id]), default=0.0)
+            self._alone_until[node.node_id] = now + round(missed * 1e9)
+
+    def _judge_shaft(self, node: ObservedNode, now: int) -> None:
+        drive = self._robot.drives[node.node_id]
+        device, actor = drive.device, drive.actor
+        if device is None or actor is None or not device.drives:
+            return
+        if now < actor.stalled_until:
+            self._excused[node.node_id] = actor.stalled_until + 1000 * _MS
+        axis = next(iter(device.drives.values()))
+        if self._robot.floor is not None and not axis.mover.powered:  # the floor turns it
+            self._excused[node.node_id] = now + GRACE_NS
+        speed = abs(axis.mover.plant.velocity)
+        fastest = self._fastest.get(node.node_id)
+        if fastest is None or speed > fastest:
+            fastest = max(self._least.get(node.node_id, _LEAST) if fastest is None else fastest, speed)
+            self._fastest[node.node_id] = fastest
+        if speed <= _STANDING * fastest:
+            self._moving.discard(node.node_id)
+            return
+        if node.node_id in self._moving or now < self._excused.get(node.node_id, 0):
+            return
+        ramp = self._ramp_ns(node.node_id)
+        stop = self._stop
+        if stop is not None and now > max(stop.until, self._alone_until.get(node.node_id, 0)) + ramp + GRACE_NS:
+            self._breach(node, speed, f"{(now - stop.since) / 1e9:.3f} s after {stop.why}", "stop_late")
+        elif now > (until := max(self._fresh.values(), default=0)) + ramp + GRACE_NS + CONTROL_RAMP_NS:
+            since = (
+                f"{(now - until) / 1e9:.3f} s after its last command ended"
+                if until
+                else "without a command since its enable"
+            )
+            self._breach(node, speed, since, "motion_uncommanded")
+
+    def _breach(self, node: ObservedNode, speed: float, when: str, rule: str) -> None:
+        self._moving.add(node.node_id)
+        self._tell(rule, f"the shaft of node {node.node_id} turns at {speed:.0f} counts/s, {when}")
+
+    def _ramp_ns(self, node_id: int) -> int:
+        """Return the longest ramp of a node as `check` computes it, 1 s where it is not bound.
+
+        It is from the greatest speed of the files, or where they have none from the greatest that was seen.
+        """
+        fastest, known = self._fastest.get(node_id, 0.0), self._facts[node_id]
+        if self._ramps.get(node_id, (-1.0, 0))[0] != fastest:
+            bound = [each if math.isfinite(each.speed) else replace(each, speed=fastest) for each in known]
+            ramps = [case.ramp_s for each in bound for case in stop_time(each).cases if math.isfinite(case.ramp_s)]
+            self._ramps[node_id] = fastest, round(max(ramps, default=1.0) * 1e9)
+        return self._ramps[node_id][1]

@@ -1,0 +1,216 @@
+"""Draws a schedule from a seed: commands and switches as clients give them, faults of drives, buses and processes.
+
+Every number comes from `random()` alone, whose sequence is the same in every version of Python. Whatever is broken is
+mended again, then faults are reset and the drives enabled, so that the next trouble finds a robot that moves.
+"""
+
+from __future__ import annotations
+
+from random import Random
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from canopen_control.simulation.robot_under_test import MASTER
+from canopen_control.simulation.scenario_events import ScenarioEvent
+from canopen_control.virtual.fault_table import FAULTS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canopen_control.simulation.motions import SampleMotion
+
+
+T = TypeVar("T")
+
+_S: Final = 1_000_000_000
+_MS: Final = 1_000_000
+_BOOTED_NS: Final = 600 * _MS
+_SHORT_NS: Final = 6 * _S  # a schedule up to this begins with its troubles at once
+TROUBLES: Final = ("fault", "fault", "fault", "fault", "power", "stall", "cut", "lose", "double", "disturb", "bus_off")
+"""What goes wrong, as often as it is named here, beside the rarer ones."""
+_RARE: Final = ("kill", "frame", "frame")
+_LATE: Final = 0.15  # of the seeds: a drive boots later than the robot
+_LOSSES: Final = (
+    "heartbeat_lost",
+    "silent",
+    "tpdo_missing",
+    "leaves_operational",
+    "spontaneous_reset",
+    "drive_fault",
+    "local_control",
+)
+"""Faults of drives that supervision has to notice: a third of those that are drawn."""
+_OF_ENCODERS: Final = ("position_jump", "position_wrap", "hand_moved")  # after which a drive's loops pull its shaft
+_OF_DEVICES: Final = ("input", "output", "program")  # that are no drives, or drives with a boot-loader
+_HANGING: Final = 0.4  # of the seeds: clients hang
+_HANGS: Final = ("silent", "deaf", "dead_man")
+_CANCELLED: Final = 0.2  # of the trajectories
+_CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
+
+
+def random_schedule(
+    seed: int, duration_ns: int, motions: Sequence[SampleMotion], nodes: Sequence[int], faults: Sequence[str]
+) -> tuple[ScenarioEvent, ...]:
+    """Return the acts of a seed in the order of time; without `faults`, or nodes to have them, nothing goes wrong."""
+    return RandomSchedule(seed, duration_ns, motions, nodes, faults).acts()
+
+
+class RandomSchedule:
+    """Draws the acts of one seed."""
+
+    def __init__(
+        self, seed: int, duration_ns: int, motions: Sequence[SampleMotion], nodes: Sequence[int], faults: Sequence[str]
+    ) -> None:
+        self._seed, self._random = seed, Random(f"{seed}/schedule").random
+        self._duration = duration_ns
+        self._motions, self._nodes, self._faults = list(motions), list(nodes), list(faults if nodes else ())
+        self._acts: list[ScenarioEvent] = []
+        self._active = next((each for each in motions if each.starts), None)
+
+    def acts(self) -> tuple[ScenarioEvent, ...]:
+        """Return what was drawn."""
+        now = self._late_boot() if self._faults and self._random() < _LATE else _BOOTED_NS
+        soon = self._duration <= _SHORT_NS
+        trouble = now + self._between(0 if soon else 1 * _S, self._duration // 4 if soon else 5 * _S)
+        while now < self._duration:
+            if self._faults and now >= trouble:
+                now = self._trouble(now)
+                trouble = now + self._between(2 * _S, 8 * _S)
+            elif self._random() < 0.12:
+                now = self._client(now)
+            else:
+                now = self._move(now)
+        if self._faults:
+            self._hang()
+        self._cancel()
+        return tuple(sorted((each for each in self._acts if each.at_ns < self._duration), key=lambda each: each.at_ns))
+
+    # -- numbers
+
+    def _between(self, low: int, high: int) -> int:
+        """Return whole ms between two times."""
+        return (low + int((high - low) * self._random())) // _MS * _MS
+
+    def _one(self, these: Sequence[T]) -> T:
+        return these[int(self._random() * len(these))]
+
+    def _add(self, at_ns: int, kind: str, target: str = "", **more: object) -> None:
+        self._acts.append(ScenarioEvent(at_ns, kind, target, **more))  # type: ignore[arg-type]
+
+    # -- clients
+
+    def _move(self, now: int) -> int:
+        """Command something for a while; at times with a pause in which the command ends by itself."""
+        motion, lasts = self._active, self._between(_S // 2, 3 * _S)
+        if motion is not None:
+            drawn = [low + (high - low) * self._random() for low, high in motion.ranges]
+            still = self._random() < 0.15
+            values = tuple(0.0 if still and motion.kind == "command" else round(each, 3) for each in drawn)
+            self._add(now, motion.kind, motion.controller, values=values, for_ns=lasts)
+        return now + lasts + (self._between(0, 6 * _S) if self._random() < 0.25 else 0)
+
+    def _client(self, now: int) -> int:
+        kind = self._one(_CLIENTS)
+        if kind == "switch":
+            return self._switch(now)
+        moved = self._move(now)  # what is stopped moves
+        now += self._between(0, moved - now)
+        if kind == "axis":
+            self._add(now, "axis", name=self._one(("disable", "halt", "quick-stop")))
+        else:
+            self._add(now, kind)
+        later = now + self._between(_S // 5, 2 * _S)
+        if kind == "latch":
+            self._add(now + 100 * _MS, "axis", name="enable")  # in vain
+            self._add(later, "release")
+        return self._recover(max(later, moved) + 50 * _MS)
+
+    def _switch(self, now: int) -> int:
+        """Switch to another controller, at times by way of none."""
+        if self._active is not None and self._random() < 0.3:
+            self._add(now, "deactivate", self._active.controller)
+            now += self._between(50 * _MS, 2 * _S)
+        if self._motions:
+            self._active = self._one(self._motions)
+            self._add(now, "activate", self._active.controller)
+        return now + self._between(0, _S // 2)
+
+    def _recover(self, now: int) -> int:
+        """Reset faults and enable, with a pause after each."""
+        self._add(now, "axis", name="fault-reset")
+        self._add(now + 300 * _MS, "axis", name="enable")
+        if self._active is not None and self._random() < 0.5:
+            self._add(now + 600 * _MS, "activate", self._active.controller)
+        return now + 900 * _MS
+
+    def _hang(self) -> None:
+        """Let clients of some seeds hang; what else a seed draws does not change with them."""
+        self._random = Random(f"{self._seed}/clients").random
+        if self._random() >= _HANGING:
+            return
+        kind, at = self._one(_HANGS), self._between(_BOOTED_NS, max(_BOOTED_NS, self._duration // 3))
+        commanded = [each for each in self._motions if each.kind == "command" and each.starts]
+        if kind != "dead_man":
+            count = (float(self._one((1, 20, 80))),) if kind == "silent" else ()
+            lasts = self._between(_S, self._duration) if kind == "silent" else None
+            self._add(at, kind, values=count, for_ns=lasts)
+            self._add(at + 10 * _MS, "ask", for_ns=self._between(_S, 3 * _S))
+        elif commanded:
+            motion = self._one(commanded)
+            values = tuple(round(low + (high - low) * self._random(), 3) for low, high in motion.ranges)
+            self._add(at, kind, motion.controller, values=values, for_ns=self._between(50 * _MS, 400 * _MS))
+
+    def _cancel(self) -> None:
+        """Cancel some of the trajectories on their way; what else a seed draws does not change with them."""
+        self._random = Random(f"{self._seed}/cancels").random
+        for act in [each for each in self._acts if each.kind == "trajectory"]:
+            if self._random() < _CANCELLED:
+                self._add(act.at_ns + self._between(0, act.for_ns or 0), "cancel", act.target)
+
+    # -- troubles
+
+    def _late_boot(self) -> int:
+        """Let a drive come when the robot has been waiting for it, some as late as that it gave up."""
+        late = self._between(50 * _MS, 4 * _S)
+        self._add(0, "power", str(self._one(self._nodes)), for_ns=late)
+        return self._recover(late + _BOOTED_NS)
+
+    def _trouble(self, now: int) -> int:
+        """Break something while the robot moves, mend it, and go on."""
+        moved = self._move(now)
+        kind = self._one(_RARE) if self._random() < 0.08 else self._one(TROUBLES)
+        at, lasts = now + self._between(0, moved - now), self._between(20 * _MS, 2500 * _MS)
+        node = str(self._one(self._nodes))
+        member = MASTER if self._random() < 0.3 else node
+        if kind == "fault":
+            self._add(at, "fault", node, name=self._fault(), for_ns=lasts)
+        elif kind == "power":
+            self._add(at, kind, node, for_ns=lasts)
+        elif kind in ("stall", "cut", "bus_off"):
+            self._add(at, kind, member, for_ns=lasts if self._random() < 0.5 else lasts // 10)
+        elif kind in ("lose", "double", "disturb"):
+            every = float(self._one((1, 2, 3, 7, 50)))
+            self._add(at, kind, "" if self._random() < 0.3 else member, values=(every,), for_ns=lasts // 3)
+        elif kind == "kill":
+            self._add(at, kind, for_ns=lasts)
+        else:
+            for number in range(self._one((1, 1, 3, 30))):  # a burst of strangers
+                self._add(at + number * self._between(0, 20 * _MS), "frame", values=tuple(self._frame()))
+        if self._random() < 0.2:
+            return max(at, moved)  # the next trouble comes on top of this one
+        return self._recover(max(at + lasts, moved) + self._between(0, _S))
+
+    def _fault(self) -> str:
+        losses = [each for each in _LOSSES if each in self._faults]
+        return self._one(losses if losses and self._random() < 1 / 3 else self._faults)
+
+    def _frame(self) -> list[float]:
+        """Return a frame that nobody expects: any identifier of the predefined set, any data."""
+        base = self._one((0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E5))
+        data = [float(int(256 * self._random())) for _ in range(self._one((0, 1, 2, 4, 6, 8)))]
+        return [float(base + (int(self._one(self._nodes)) if base not in (0, 0x7E5) else 0)), *data]
+
+
+def known_faults(*, physics: bool = False) -> list[str]:
+    """Return the faults that drives can show; with physics without those by which a drive moves its shaft by itself."""
+    encoders = _OF_ENCODERS if physics else ()
+    return [each.name for each in FAULTS.values() if each.acts not in _OF_DEVICES and each.name not in encoders]

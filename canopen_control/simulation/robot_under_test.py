@@ -1,0 +1,297 @@
+"""A robot in virtual time: the runtime and a drive for each node of bus.yml, each a process of its own on the buses.
+
+The classes are those of `run` and `drive`; only the wire and the clocks are made here. The same seed and the same acts
+give the same frames and events, to the nanosecond.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import hashlib
+import struct
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.bus.channel import open_port
+from canopen_control.bus.memory import provide
+from canopen_control.od.eds import read_eds
+from canopen_control.runtime.core import RobotCore, RobotState
+from canopen_control.simulation.simulated_floor import SimulatedFloor, open_floor
+from canopen_control.simulation.simulated_wire import SimulatedWire
+from canopen_control.simulation.virtual_time import Actor, Timing, VirtualTime
+from canopen_control.virtual.control import NodeMethods
+from canopen_control.virtual.device import make_device
+from canopen_control.virtual.node_host import NodeHost
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from canopen_control.bus.port import Port
+    from canopen_control.master.event_log import Event
+    from canopen_control.od.model import ObjectDictionary
+    from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.virtual.virtual_node import VirtualNode
+
+
+# The SHA-256 of every frame and event of a simulation with its time: two runs with the same one are the same.
+#
+# Where the robot's files are, which the notes on them say, is no part of it.
+
+
+_HEAD: Final = struct.Struct("<q")
+_ENOUGH: Final = 1 << 16
+
+
+class EventDigest:
+    """Takes frames and events in their order; `events` counts the latter, `folders` are those of the robot's files."""
+
+    def __init__(self, folders: Iterable[str] = ()) -> None:
+        self.events = 0
+        self._folders = sorted({f"{folder}/" for folder in folders}, key=len, reverse=True)
+        self._labels: dict[str, bytes] = {}
+        self._sha256 = hashlib.sha256()
+        self._waiting = bytearray()
+        self._pack = _HEAD.pack
+
+    def frame(self, now: int, label: str, record: bytes) -> None:
+        """Take a frame that has passed."""
+        waiting, name = self._waiting, self._labels.get(label)
+        if name is None:
+            name = self._labels[label] = label.encode()
+        waiting += self._pack(now) + record + name
+        if len(waiting) > _ENOUGH:
+            self._sha256.update(waiting)
+            waiting.clear()
+
+    def event(self, event: Event) -> None:
+        """Take an event of the robot."""
+        self.events += 1
+        self._waiting += self._pack(event.time)
+        sentence = event.sentence
+        for folder in self._folders:
+            sentence = sentence.replace(folder, "")
+        self._waiting += f"{event.kind}\0{event.node}\0{sentence}\0".encode()
+
+    @property
+    def hex(self) -> str:
+        """The digest so far."""
+        self._sha256.update(self._waiting)
+        self._waiting.clear()
+        return self._sha256.hexdigest()
+
+
+MASTER: Final = "master"
+_LED_NS: Final = 20_000_000  # `run` starts the robot when its drives are there
+_HOST: Final = Timing(latency_ns=30_000, jitter_ns=120_000, spike_ns=5_000_000)
+_DRIVE: Final = Timing(latency_ns=10_000, jitter_ns=60_000)
+
+
+@dataclass(frozen=True, slots=True)
+class Timings:
+    """How late processes wake, and by how many `ppm` their oscillators may be off, which each seed draws."""
+
+    host: Timing = _HOST
+    drive: Timing = _DRIVE
+    ppm: float = 50.0
+
+
+def dictionary_of(path: Path) -> ObjectDictionary:
+    """Return what an EDS says, read once; each device takes a copy of its own."""
+    return _dictionary(str(path), Path(path).stat().st_mtime_ns)
+
+
+@functools.cache
+def _dictionary(path: str, _changed: int) -> ObjectDictionary:
+    return read_eds(path).od
+
+
+class SimulatedDrive:
+    """A virtual drive as a process in virtual time; `device` is None while it has no supply."""
+
+    def __init__(self, robot: RobotUnderTest, wire: SimulatedWire, node_id: int, eds: Path) -> None:
+        self.node_id, self.wire = node_id, wire
+        self.label = f"drive {node_id}"
+        self.device: VirtualNode | None = None
+        self.actor: Actor | None = None
+        self._robot, self._eds, self._times = robot, eds, 0
+        self._host: NodeHost | None = None
+        self._port: Port | None = None
+        self._methods: NodeMethods | None = None
+
+    def power_on(self) -> None:
+        """Give it supply: it boots."""
+        if self.device is not None:
+            return
+        self._times += 1
+        self.actor = actor = self._robot.actor(self.label, self._robot.timings.drive, self._times)
+        self.wire.members[self.label] = actor
+        with provide(self.wire.name, self.wire):
+            self._port = open_port(self.wire.channel, label=self.label)
+        floor = self._robot.floor
+        plant = None if floor is None else floor.plants_of(self.node_id)
+        self.device = make_device(dictionary_of(self._eds), self.node_id, plant=plant)
+        self._host = NodeHost(actor.reactor, self._port, [self.device])
+        self._methods = NodeMethods(self._host, self.device)
+        actor.arrived()
+
+    def power_off(self) -> None:
+        """Take its supply away; its shaft stops where it is."""
+        if self._host is None or self._port is None or self.actor is None:
+            return
+        self._host.close()
+        self._port.close()
+        self.actor.end()
+        if self._robot.floor is not None and self.device is not None:
+            self._robot.floor.let_go(self.node_id, self.device)
+        self.device = self.actor = self._host = self._port = self._methods = None
+
+    def do(self, work: Callable[[NodeMethods], object]) -> None:
+        """Ask something of its control, as by its socket; a drive without supply is not there."""
+        if self._methods is not None and self.actor is not None:
+            self.actor.call(functools.partial(work, self._methods))
+
+
+class RobotUnderTest:
+    """Runtime, buses and drives under one virtual clock; nothing happens before `start`.
+
+    `core` is the runtime, `drives` those of the nodes by node id, `wires` the buses by name; `on_event`
+    hears the robot's events; `started_ns` is when its process was started last, `up` whether it is
+    there, `errors` what its program did wrong, `tells_time` whether clients are told that its time is a simulation's;
+    `floor` is the world that the drives move it in, with physics: that of the file `world`.
+    One that shares the `time` of others is put on a floor by whoever made that.
+    """
+
+    def __init__(
+        self,
+        setup: RobotSetup,
+        seed: int = 0,
+        timings: Timings | None = None,
+        *,
+        world: Path | None = None,
+        time: VirtualTime | None = None,
+    ) -> None:
+        self.seed = seed
+        self.timings = Timings() if timings is None else timings
+        self.time = VirtualTime() if time is None else time
+        self.digest = EventDigest(str(path.parent) for path in setup.files.paths)
+        self.errors: list[BaseException] = []
+        self.started_ns = 0
+        self.up = self.tells_time = False
+        self.on_event: Callable[[Event], None] | None = None
+        self.setup = dataclasses.replace(setup, channels={name: f"memory:{name}" for name in setup.channels})
+        self._ppm = Random(f"{seed}/ppm")
+        self.wires = {
+            name: SimulatedWire(self.time, name, bus.master.baudrate * 1000) for name, bus in setup.joined.items()
+        }
+        self.drives: dict[int, SimulatedDrive] = {}
+        for name, bus in setup.joined.items():
+            self.wires[name].heard.append(self.digest.frame)
+            for node in bus.nodes.values():
+                eds = bus.eds_paths[node.name]
+                self.drives[node.node_id] = SimulatedDrive(self, self.wires[name], node.node_id, eds)
+        self.host: Actor
+        self.core: RobotCore
+        self._times = 0
+        self._state = tempfile.TemporaryDirectory(prefix="canopen-control-")  # what outlives its process
+        self._boot()
+        self.floor: SimulatedFloor | None = None
+        if setup.physics and time is None:
+            self.floor = SimulatedFloor(open_floor(setup, self.core.joints, world), self.time, self.awake)
+
+    # -- its life
+
+    @property
+    def now_ns(self) -> int:
+        """The virtual time."""
+        return self.time.now_ns
+
+    @property
+    def frames(self) -> int:
+        """How many frames have passed on all buses."""
+        return sum(wire.frames for wire in self.wires.values())
+
+    @property
+    def running(self) -> bool:
+        """Whether the robot has booted and goes on."""
+        return self.core.state in (RobotState.RUNNING, RobotState.DISABLED, RobotState.FAULT)
+
+    def start(self) -> None:
+        """Power the drives, then start the robot's process."""
+        for drive in self.drives.values():
+            drive.power_on()
+        self._join()
+
+    def kill(self) -> None:
+        """End the robot's process as SIGKILL does."""
+        self.up = False
+        self.core.on_event = self.core.on_stopped = None
+        self.core.close()
+        self.host.end()
+
+    def restart(self) -> None:
+        """Start the robot's process once more."""
+        self._boot()
+        self._join()
+
+    def run_for(self, duration_ns: int) -> None:
+        """Let virtual time pass."""
+        self.time.run_until(self.time.now_ns + duration_ns)
+
+    def close(self) -> None:
+        """Give everything back."""
+        self.kill()
+        for drive in self.drives.values():
+            drive.power_off()
+        self._state.cleanup()
+
+    def actor(self, name: str, timing: Timing, times: int = 1) -> Actor:
+        """Make a process; its oscillator is off by what the seed draws."""
+        limit = self.timings.ppm
+        drawn = round(self._ppm.uniform(-limit, limit), 3)
+        shared = self.setup.physics and name != MASTER  # the drives of one world have one clock
+        timing = dataclasses.replace(timing, ppm=0.0 if shared else drawn)
+        actor = Actor(self.time, name, timing, f"{self.seed}/{times}")
+        actor.reactor.on_error = self.errors.append
+        return actor
+
+    def awake(self) -> Iterator[VirtualNode]:
+        """Yield the devices that have supply and whose process is not held up."""
+        now = self.time.now_ns
+        for drive in self.drives.values():
+            if drive.device is not None and drive.actor is not None and now >= drive.actor.stalled_until:
+                yield drive.device
+
+    def _boot(self) -> None:
+        self._times += 1
+        self.host = self.actor(MASTER, self.timings.host, self._times)
+        for wire in self.wires.values():
+            wire.members[MASTER] = self.host
+        self.core = RobotCore(self.setup, self.host.reactor)
+        self.core.wall.fix(0)
+        self.core.in_virtual_time = self.tells_time
+        self.core.on_event = self._hear
+        self.core.latch.keep(Path(self._state.name) / "stop_latched")
+
+    def _join(self) -> None:
+        core, host = self.core, self.host
+        self.started_ns, self.up = self.time.now_ns, True
+        with self._buses():
+            core.join()
+        self.time.later(_LED_NS, lambda: host.call(core.start))
+
+    @contextlib.contextmanager
+    def _buses(self) -> Iterator[None]:
+        with contextlib.ExitStack() as stack:
+            for wire in self.wires.values():
+                stack.enter_context(provide(wire.name, wire))
+            yield
+
+    def _hear(self, event: Event) -> None:
+        self.digest.event(event)
+        if self.on_event is not None:
+            self.on_event(event)

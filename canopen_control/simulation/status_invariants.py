@@ -1,0 +1,491 @@
+"""Invariants of what a robot shows: `status`, the stream of its state, its events and `/joint_states` tell the truth.
+
+Each is asked as a client gets it and held against the drives themselves: which states of NMT and CiA 402 they are in,
+in which mode, where their shafts are and how fast they turn, within the time in which each is told. What nobody could
+know (a drive that is disturbed, a bus that loses frames) is not judged; that a drive without supply is gone, and that a
+fault, an EMCY or a wrong toggle bit which everybody could see has an event, is. Times in ns.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402.modes import mode_name
+from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.trajectory.goal import ResultCode
+from canopen_control.rpc.messages.samples import JointStatesSample
+from canopen_control.runtime.status import readings_of, state_sample, status_message
+from canopen_control.simulation.wire_view import watched_joints
+from canopen_control.virtual.axis_objects import wrap32
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from canopen_control.controllers.trajectory.goal import Goal
+    from canopen_control.rpc.messages.samples import Values
+    from canopen_control.rpc.messages.state import NodeReading, RobotEvent, Snapshot
+    from canopen_control.simulation.disturbed_nodes import DisturbedNodes
+    from canopen_control.simulation.event_player import EventPlayer
+    from canopen_control.simulation.robot_under_test import RobotUnderTest
+    from canopen_control.simulation.scenario_events import ScenarioEvent
+    from canopen_control.simulation.wire_view import ObservedNode, WireView
+
+
+_MS: Final = 1_000_000
+_EVERY_NS: Final = 100 * _MS  # how often the faces are asked
+_SOON_NS: Final = 400 * _MS  # in which a state that has changed is told
+LAG_NS: Final = 120 * _MS  # in which values are told: some cycles
+_CALM_NS: Final = 1000 * _MS  # since a node was disturbed
+_PUT_S: Final = 0.3  # a count that a fault puts elsewhere is seen within this; it leaves its 32 bits later
+_FLOOD_NS: Final = 1500 * _MS  # in which of many EMCYs one is told
+_JUMPED: Final = "position_jump"
+_SLACK: Final = 0.02
+_LEAST: Final = 1e-3  # rad, rad/s, m or m/s
+_MARGIN_S: Final = 0.3  # by which an event may be before what a listener saw
+_POSITION, _VELOCITY = 1, 2
+_VALUES: Final = {_POSITION: "position", _VELOCITY: "velocity"}
+Faces = tuple[str, ...]
+_FACES: Final[Faces] = ("status", "sample")
+_PUBLISHED: Final[Faces] = ("joint_states",)
+_STAMP: Final = (_PUBLISHED, "", "stamp")
+_TOLD: Final = 1 << 62
+Truth = tuple[int, float, float]  # time, position, velocity in SI
+
+
+class _Shaft:
+    """A joint behind the first axis of a node, and where its shaft was in the last cycles.
+
+    A drive that boots anew counts from 0, and a robot goes on from where it saw it last: `offset` is by how much they
+    differ, None until the next place that is told. What does not boot the drive, nor moves its count, changes nothing
+    of it: `origin` is what the offset is of. Where the drive's count passes over its 32 bits, both go on.
+    """
+
+    def __init__(self, joint: str, node: str, view: ObservedNode, units: Mapping[str, float]) -> None:
+        self.joint, self.node, self.view = joint, node, view
+        self._position, self._velocity = units["pos_from_dev"], units["vel_from_dev"]
+        self.truth: deque[Truth] = deque()
+        self.offset: float | None = 0.0
+        self.origin: tuple[object, ...] = ()
+        self._shown = self._counts = 0  # what it counts, and without the turns of its 32 bits
+        self._blur = 0.0  # of the offset, which was taken while it turned
+        self._zero = 0.0
+        self._bounds: dict[int, tuple[float, float]] = {}  # of each kind of value in the last cycles
+
+    def take(self, robot: RobotUnderTest, now: int) -> None:
+        """Note where it is."""
+        device, truth = robot.drives[self.view.node_id].device, self.truth
+        if device is None:
+            truth.clear()
+            return
+        drive = device.drives[0]
+        plant, units = drive.mover.plant, drive.objects.units
+        if units.zero != self._zero:
+            truth.clear()
+            self.offset, self._zero = None, units.zero
+        shown = units.user(plant.position)
+        self._counts = self._counts + wrap32(shown - self._shown) if truth else shown
+        self._shown = shown
+        truth.append((now, self._counts * self._position, plant.velocity / units.velocity * self._velocity))
+        while truth[0][0] < now - LAG_NS:
+            truth.popleft()
+        if self._bounds:
+            self._bounds = {}
+
+    def agrees(self, which: int, value: float | None) -> bool:
+        """Whether a position or a velocity is one of the last cycles."""
+        if value is None or not self.truth:
+            return True
+        bounds = self._bounds.get(which)
+        if bounds is None:
+            seen = [each[which] for each in self.truth]
+            bounds = self._bounds[which] = min(seen), max(seen)
+        low, high = bounds
+        if which == _POSITION and self.offset is None:
+            self.offset, self._blur = value - self.truth[-1][_POSITION], high - low
+        if which == _POSITION:
+            offset = self.offset or 0.0
+            low, high = low + offset - self._blur, high + offset + self._blur
+        slack = _LEAST + (high - low) + _SLACK * abs(self.truth[-1][2])
+        return low - slack <= value <= high + slack
+
+
+class StatusInvariants:
+    """Judges what a robot shows; `tell(rule, text)` takes breaches. `sampled` is called as time passes."""
+
+    def __init__(
+        self,
+        robot: RobotUnderTest,
+        views: Mapping[str, WireView],
+        disturbed: DisturbedNodes,
+        tell: Callable[[str, str], None],
+    ) -> None:
+        self._robot, self._disturbed, self._tell = robot, disturbed, tell
+        self._nodes = {
+            name: view.nodes[plan.node_id] for view in views.values() for name, plan in view.config.plans.items()
+        }
+        self._shafts = [
+            _Shaft(joint, node.name, self._nodes[node.name], node.units.of_axis(0))
+            for joint, node in watched_joints(robot.setup)
+        ]
+        self._due = robot.now_ns + _EVERY_NS
+        self._calm: dict[int, bool] = {}  # whether a node was left alone for a while, and is on its bus
+        self._wrong_since: dict[tuple[Faces, str, str], int] = {}  # faces, who and what
+        self._gone: dict[str, tuple[int, bool]] = {}  # node without supply -> since when, whether it was told ready
+        self._ready: dict[str, bool] = {}
+        self._told_faults: dict[tuple[str, str], int] = {}
+        self._emcys: dict[str, int] = {}  # node -> an EMCY that has to be told, 0: none
+        self._emcys_told: dict[str, int] = {}  # node -> the last one that was looked for
+        self._ready_since: dict[str, int] = {}  # node -> since when it is told as ready
+        self._first_start = 0
+        self._jumped = 0.0  # when the newest jump was told that was looked at
+
+    def sampled(self, now: int) -> None:
+        """Judge what is shown now."""
+        robot = self._robot
+        for shaft in self._shafts:
+            shaft.take(robot, now)
+        if now < self._due:
+            return
+        self._due = now + _EVERY_NS
+        if not robot.up or now < robot.host.stalled_until or not robot.running:
+            self._wrong_since.clear()
+            self._gone.clear()
+            return
+        self._first_start = self._first_start or robot.started_ns
+        readings = readings_of(robot.core)
+        status, sample = status_message(robot.core, readings), state_sample(robot.core, readings)
+        self._calm = {view.node_id: self._is_calm(view, now) for view in self._nodes.values()}
+        same = sample.nodes is status.nodes and sample.joints is status.joints
+        self._judge_snapshot(_FACES if same else _FACES[:1], status, now)
+        if not same:
+            self._judge_snapshot(_FACES[1:], sample, now)
+        for each in sample.samples.values():
+            if isinstance(each, JointStatesSample):
+                self._judge_published(each, now)
+        for name, view in self._nodes.items():
+            self._judge_supply(name, status.nodes[name], status.events, now)
+            self._judge_fault(name, view, status.events, now)
+            self._judge_emcy(name, view, status.events, now)
+            self._judge_toggle(name, view, status.events, now)
+        self._judge_jumps(status.events)
+
+    def true_place(self, joint: str) -> tuple[float, float] | None:
+        """Return between which positions a joint's shaft was in the last cycles, in SI; None where nobody knows."""
+        for shaft in self._shafts:
+            if shaft.joint == joint and shaft.truth and shaft.offset is not None and self._calm.get(shaft.view.node_id):
+                places = [each[_POSITION] for each in shaft.truth]
+                return min(places) + shaft.offset, max(places) + shaft.offset
+        return None
+
+    def _is_calm(self, view: ObservedNode, now: int) -> bool:
+        """Whether a node was left alone for a while and is on its bus."""
+        since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
+        return since < now - _CALM_NS and self._robot.drives[view.node_id].device is not None
+
+    def _judge_snapshot(self, faces: Faces, shown: Snapshot, now: int) -> None:
+        """Hold what faces show, all of them the same, against what is."""
+        for name, view in self._nodes.items():
+            self._judge_node(faces, shown.nodes[name], view, now)
+        for shaft in self._shafts:
+            told = shown.joints.get(shaft.joint)
+            if told is not None:  # a joint without feedback is shown by nobody
+                self._judge_values(faces, shaft, told.position, told.velocity, now)
+
+    # -- states
+
+    def _judge_node(self, faces: Faces, told: NodeReading, view: ObservedNode, now: int) -> None:
+        """Hold the states told of a node, and of its axes, against those that it is in."""
+        device = self._robot.drives[view.node_id].device
+        if device is None:
+            return
+        calm = self._calm[view.node_id]
+        self._judge_claim(faces, told.name, "NMT", told.nmt_state, device.nmt.state.name, calm, now)
+        for axis in told.axes:
+            drive = device.drives[axis.axis]
+            self._judge_claim(faces, told.name, "CiA 402", axis.state, drive.state.name, calm, now)
+            self._judge_claim(faces, told.name, "mode", axis.mode, mode_name(drive.modes.number), calm, now)
+
+    def _judge_claim(
+        self, faces: Faces, who: str, what: str, claim: str | None, truth: str, calm: bool, now: int
+    ) -> None:
+        if claim is None or claim == truth or not calm:
+            if self._wrong_since:
+                self._wrong_since.pop((faces, who, what), None)
+        elif self._lasts((faces, who, what), _SOON_NS, now):
+            self._tell_of(faces, f"{who} is told as {claim}, it is {truth}")
+
+    def _judge_values(
+        self, faces: Faces, shaft: _Shaft, position: float | None, velocity: float | None, now: int
+    ) -> None:
+        node_id = shaft.view.node_id
+        calm = self._calm[node_id]
+        boots = self._robot.core.nodes[shaft.node].boots
+        origin = self._robot.started_ns, boots, self._disturbed.moved(node_id)
+        if shaft.origin != origin:
+            if origin != (self._first_start, 1, 0):  # the first boot of both: what is told is what the drive counts
+                shaft.offset = None
+            shaft.origin = origin
+        self._judge_value(faces, shaft, _POSITION, position, calm, now)
+        self._judge_value(faces, shaft, _VELOCITY, velocity, calm, now)
+
+    def _judge_value(self, faces: Faces, shaft: _Shaft, which: int, value: float | None, calm: bool, now: int) -> None:
+        what = _VALUES[which]
+        if not calm or shaft.agrees(which, value):
+            if self._wrong_since:
+                self._wrong_since.pop((faces, shaft.joint, what), None)
+        elif self._lasts((faces, shaft.joint, what), _EVERY_NS, now):
+            true = shaft.truth[-1][which]
+            self._tell_of(faces, f"the {what} of {shaft.joint} is told as {value}, it is {true:.4f}")
+
+    def _judge_published(self, sample: JointStatesSample, now: int) -> None:
+        """Judge what ROS publishes as `/joint_states`, and its stamp."""
+        by_joint: dict[str, Values] = sample.joints
+        for shaft in self._shafts:
+            values = by_joint.get(shaft.joint, {})
+            self._judge_values(_PUBLISHED, shaft, values.get("position"), values.get("velocity"), now)
+        late = now - round(sample.time * 1e9) > LAG_NS + self._robot.setup.cycle_ns
+        calm = self._disturbed.hidden_at < now - _CALM_NS and self._robot.started_ns < now - 2 * _CALM_NS
+        if not (late and calm):
+            self._wrong_since.pop(_STAMP, None)
+        elif self._lasts(_STAMP, _SOON_NS, now):
+            old = f"{now / 1e9 - sample.time:.3f} s"
+            self._tell_of(_PUBLISHED, f"stamped {old} ago, each cycle brings new ones")
+
+    def _tell_of(self, faces: Faces, text: str) -> None:
+        for face in faces:
+            self._tell("shown_wrong", f"{face}: {text}")
+
+    def _lasts(self, wrong: tuple[Faces, str, str], soon: int, now: int) -> bool:
+        """Whether something wrong, of faces, of somebody, has been so for longer than it takes to be told; once."""
+        since = self._wrong_since.setdefault(wrong, now)
+        if now - since <= soon:
+            return False
+        self._wrong_since[wrong] = _TOLD
+        return True
+
+    # -- what must be told
+
+    def _judge_supply(self, name: str, told: NodeReading, events: list[RobotEvent], now: int) -> None:
+        """Hold that a node without supply is told as gone within its heartbeat time, with an event."""
+        view = self._nodes[name]
+        if self._robot.drives[view.node_id].device is not None:
+            self._gone.pop(name, None)
+            self._ready[name] = told.ready
+            if told.ready:
+                self._ready_since.setdefault(name, now)
+            else:
+                self._ready_since.pop(name, None)
+            return
+        since, was_ready = self._gone.setdefault(name, (now, self._ready.get(name, False)))
+        limit = view.plan.heartbeat_timeout_ns
+        if not limit or now < max(since, self._disturbed.hidden_at) + limit + _SOON_NS:
+            return
+        if told.ready:
+            self._tell_once(name, since, "shown_wrong", f"status: {name} is told as ready and has no supply")
+        elif was_ready and not _has_event(events, name, since):
+            self._tell_once(name, since, "event_missing", f"{name} was lost, and no event says so")
+
+    def _judge_fault(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
+        """Hold that a fault which is seen on the wire has an event."""
+        hidden = max(self._disturbed.hidden_at, self._robot.started_ns)
+        seen = view.in_fault and now - view.status_at < _EVERY_NS
+        if seen and hidden + _CALM_NS < view.fault_at < now - _SOON_NS and not _has_event(events, name, view.fault_at):
+            self._tell_once(name, view.fault_at, "event_missing", f"{name} is in fault, and no event says so")
+
+    def _judge_emcy(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
+        """Hold that an EMCY of an error is told; of a flood one."""
+        sent = self._emcys.get(name, 0)
+        if not sent:
+            if view.emcy_at > self._emcys_told.get(name, 0):
+                self._emcys[name] = view.emcy_at
+            return
+        if now <= sent + _FLOOD_NS:
+            return
+        self._emcys[name], self._emcys_told[name] = 0, sent
+        hidden = max(self._disturbed.deaf_at, self._robot.started_ns)
+        if hidden + _CALM_NS < sent and not _has_event(events, name, sent - _FLOOD_NS, "emcy"):
+            self._tell("event_missing", f"{name} has sent an EMCY, and no event says so")
+
+    def _judge_toggle(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
+        """Hold that an answer to guarding with the toggle bit of the one before is told, of a node that was there."""
+        at = view.toggled_at
+        hidden = max(self._disturbed.deaf_at, self._robot.started_ns, view.booted_at)
+        known = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
+        if known and at < now - _SOON_NS and not _has_event(events, name, at, "guarding"):
+            self._tell_once(
+                name, at, "event_missing", f"the guarding toggle bit of {name} was wrong, and no event says so"
+            )
+
+    def _judge_jumps(self, events: list[RobotEvent]) -> None:
+        """Hold that a jump is told of counts alone that have jumped."""
+        for event in events:
+            if event.kind != _JUMPED or event.time <= self._jumped or event.node not in self._nodes:
+                continue
+            self._jumped = event.time
+            node_id = self._nodes[event.node].node_id
+            for shaft in self._shafts:
+                if shaft.node == event.node:
+                    shaft.offset = None
+            # a stranger's frame may be a forged TPDO, and bring any count
+            since = max(self._disturbed.moved(node_id), self._disturbed.hidden_at, self._robot.started_ns)
+            put = self._disturbed.put(node_id) / 1e9
+            if since / 1e9 < event.time - _CALM_NS / 1e9 and not 0.0 <= event.time - put < _PUT_S:
+                self._tell("shown_wrong", f"events: {event.text}, and its shaft has turned on")
+
+    def _tell_once(self, name: str, since: int, rule: str, text: str) -> None:
+        if self._told_faults.get((name, text)) != since:
+            self._told_faults[name, text] = since
+            self._tell(rule, text)
+
+
+def _has_event(events: list[RobotEvent], node: str, since: int, kind: str = "") -> bool:
+    """Whether something was told of a node since about then, of kinds that begin with `kind`."""
+    earliest = since / 1e9 - _MARGIN_S
+    return any(event.node == node and event.time > earliest and event.kind.startswith(kind) for event in events)
+
+
+# Invariants of goals and switches: a goal ends as its tolerances say, a refused switch of controllers changes nothing.
+#
+# A goal that is told as reached has its joints at its last point, one that has missed it has one outside of its
+# tolerance, and one whose joints are there ends. After a goal that is told as cancelled the joints come to rest, with
+# the decelerations of the parameters or at once, unless something newer is asked for; one that a stop has ended says
+# so. What is judged are the shafts, of nodes that nobody has disturbed; the tolerances are those of the controller's
+# parameters. Times in ns.
+
+
+_LATE_NS: Final = 500 * _MS  # after its time in which a goal ends that has been reached
+_GOAL_SLACK: Final = 2e-3  # rad or m: how far off a count may be read
+_REST_NS: Final = 400 * _MS  # after a cancel, and the ramps, in which joints stand: some cycles, and how long one looks
+_STOPPED_NS: Final = 100 * _MS  # after a stop in which it has ended every goal
+_STOPS: Final = ("stop", "latch")
+_STOP: Final = "stop was commanded"
+_LEADS: Final = ("command", "trajectory", "activate", "deactivate")
+
+
+class _Open:
+    """A goal that was taken: its joints' last places and tolerances, and when it is to be over."""
+
+    def __init__(self, act: ScenarioEvent, goal: Goal, places: dict[str, tuple[float, float]], over_ns: int) -> None:
+        self.act, self.goal, self.places, self.over_ns = act, goal, places, over_ns
+        self.there_since = self.rests_ns = 0  # rests_ns: by when its joints stand, once it was cancelled
+
+
+class GoalInvariants:
+    """Judges how goals end; `tell(rule, text)` takes breaches. `asked`, `taken` and `sampled` are called with time."""
+
+    def __init__(
+        self, robot: RobotUnderTest, player: EventPlayer, faces: StatusInvariants, tell: Callable[[str, str], None]
+    ) -> None:
+        self._robot, self._player, self._faces, self._tell = robot, player, faces, tell
+        self._open: list[_Open] = []
+        self._core: object = None
+        self._torn = 0
+        self._newest: ScenarioEvent | None = None  # of what has been asked that may move joints
+        self._stopped_at = -1 << 62  # when a stop was asked, where nothing was asked since
+
+    def asked(self, now: int, act: ScenarioEvent) -> None:
+        """Take what a client asks for."""
+        self._stopped_at = now if act.kind in _STOPS else -1 << 62
+        if act.kind in _LEADS:
+            self._newest = act
+
+    def taken(self, now: int, act: ScenarioEvent, goal: Goal) -> None:
+        """Take a goal that a controller has taken."""
+        controller = self._robot.core.manager.get(act.target)
+        tolerances = controller.params.tolerances()  # type: ignore[attr-defined]
+        last = goal.trajectory.points[-1]
+        allowed = dict(zip(controller.params.joints, tolerances.goal, strict=True))  # type: ignore[attr-defined]
+        places = {
+            joint: (place, allowed[joint].position)
+            for joint, place in zip(goal.trajectory.joint_names, last.positions, strict=False)
+            if joint in allowed and allowed[joint].position > 0.0
+        }
+        over = now + last.time + round(tolerances.goal_time * 1e9)
+        self._core = self._robot.core
+        self._open.append(_Open(act, goal, places, over))
+
+    def sampled(self, now: int) -> None:
+        """Judge the goals that have ended, or should have."""
+        for text in self._player.torn[self._torn :]:
+            self._tell("switch_torn", text)
+        self._torn = len(self._player.torn)
+        if not self._open:
+            return
+        if self._robot.core is not self._core:
+            self._open.clear()
+            return
+        self._open = [each for each in self._open if self._is_open(each, now)]
+
+    def _is_open(self, given: _Open, now: int) -> bool:
+        """Judge a goal; return whether it is to be looked at again."""
+        if given.goal.state is GoalState.CANCELED:
+            return self._comes_to_rest(given, now)
+        off = self._off(given)
+        if not given.goal.ended:
+            there = _are_there(off)
+            given.there_since = (given.there_since or now) if there else 0
+            if not (there and now > max(given.over_ns, given.there_since) + _LATE_NS):
+                return now < given.over_ns + 10 * _LATE_NS
+            self._tell("goal_wrong", f"the goal of {given.act.target} has been reached, and it does not end")
+        elif given.goal.state is GoalState.SUCCEEDED:
+            for joint, (_, least) in off.items():
+                if least > _GOAL_SLACK:
+                    text = f"the goal of {given.act.target} is told as reached, {joint} is off by {least:.4f} more"
+                    self._tell("goal_wrong", f"{text} than its tolerance")
+        elif given.goal.code is ResultCode.GOAL_TOLERANCE_VIOLATED and _are_there(off):
+            self._tell("goal_wrong", f"the goal of {given.act.target} is told as missed, and all joints are there")
+        elif given.goal.code is ResultCode.INVALID_GOAL and off and self._hides_its_stop(given, now):
+            told = f"a stop has ended the goal of {given.act.target}, which says: {given.goal.text}"
+            self._tell("goal_wrong", told)
+        return False
+
+    def _hides_its_stop(self, given: _Open, now: int) -> bool:
+        """Whether a goal that has just been ended by a stop says something else."""
+        return now - self._stopped_at < _STOPPED_NS and _STOP not in given.goal.text
+
+    def _comes_to_rest(self, given: _Open, now: int) -> bool:
+        """Judge that joints stand after a cancel; return whether it is to be looked at again.
+
+        Where they are disturbed, pulled by a floor, or led by something newer, nobody knows.
+        """
+        ways = {joint: self._faces.true_place(joint) for joint in given.places}
+        known = [(joint, high - low) for joint, (low, high) in ((each, way) for each, way in ways.items() if way)]
+        if len(known) < len(ways) or self._newest is not given.act or self._robot.floor is not None:
+            return False
+        if not given.rests_ns:
+            given.rests_ns = now + _REST_NS + round(self._brake_s(given, dict(known)) * 1e9)
+        if now < given.rests_ns:
+            return True
+        for joint, way in known:
+            if way > _GOAL_SLACK:
+                text = f"the goal of {given.act.target} was cancelled, and {joint} moves on"
+                self._tell("goal_wrong", text)
+        return False
+
+    def _brake_s(self, given: _Open, ways: dict[str, float]) -> float:
+        """Return how long joints brake that have gone these ways in the last cycles, as the parameters say."""
+        params = self._robot.core.manager.get(given.act.target).params  # type: ignore[attr-defined]
+        slow = dict(zip(params.joints, (each.max_deceleration_on_cancel for each in params.constraints), strict=True))
+        times = [way / (LAG_NS / 1e9) / slow[joint] for joint, way in ways.items() if slow[joint] > 0.0]
+        return max(times, default=0.0)
+
+    def _off(self, given: _Open) -> dict[str, tuple[float, float]]:
+        """Return by how much more than its tolerance each joint was off its goal in the last cycles, most and least.
+
+        Nothing where one of them is not known.
+        """
+        found = {}
+        for joint, (place, tolerance) in given.places.items():
+            between = self._faces.true_place(joint)
+            if between is None:
+                return {}
+            low, high = between[0] - place, between[1] - place
+            least = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
+            found[joint] = max(abs(low), abs(high)) - tolerance, least - tolerance
+        return found
+
+
+def _are_there(off: dict[str, tuple[float, float]]) -> bool:
+    """Whether all joints are within their tolerances, for certain."""
+    return bool(off) and all(most < -_GOAL_SLACK for most, _ in off.values())

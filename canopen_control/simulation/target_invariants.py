@@ -1,0 +1,359 @@
+"""Invariants of targets: a drive is told what its client commanded, and its shaft does what the drive is told.
+
+The first holds the targets on the wire against the values that clients have commanded joint by joint, scaled as bus.yml
+says; a target between them and standstill is one too, since stops and limits lead there. The second holds the shaft
+against the targets on the wire, in the modes whose target is a velocity (PV, CSV) or a place at every SYNC (CSP): it
+may lag by a few cycles and along the drive's own ramps, and never goes beyond. Who was disturbed since its last enable
+is not judged, nor what stands on a floor.
+
+In every mode a target stays within the drive's own limits (0x607D, 0x607F) and does not push against a limit switch,
+a command that somebody renews is followed, and a drive that is off is told to stand where it is. Times in ns.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.cia402 import objects as o
+from canopen_control.cia402.modes import OperationMode
+from canopen_control.simulation.wire_view import watched_joints
+from canopen_control.urdf.joint_element import VELOCITY
+from canopen_control.virtual.axis_objects import wrap32
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from canopen_control.simulation.disturbed_nodes import DisturbedNodes
+    from canopen_control.simulation.motions import SampleMotion
+    from canopen_control.simulation.robot_under_test import RobotUnderTest
+    from canopen_control.simulation.scenario_events import ScenarioEvent
+    from canopen_control.simulation.wire_view import ObservedNode, WireView
+    from canopen_control.virtual.virtual_drive import VirtualDrive
+
+
+_MS: Final = 1_000_000
+_LAG_NS: Final = 120 * _MS  # between a target on the wire and the shaft, or a command and its target; some cycles
+_SETTLED_NS: Final = 300 * _MS  # after an enable, or another controller
+_KEPT: Final = 64  # commands of a joint that are looked back at
+_COMMAND, _FOLLOWS = 0x18F, 0x0F  # of a controlword: operation enabled, no halt
+_SHOWN, _UNLIMITED = 0x86F, 0x27  # of a statusword: OPERATION ENABLED, no limit active (bit 11)
+_PV, _CSV, _CSP = int(OperationMode.PV), int(OperationMode.CSV), int(OperationMode.CSP)
+_VELOCITY: Final = o.TARGET_VELOCITY
+_SLACK: Final = 0.02  # of a target, by which it may be rounded or a clock be off
+_CALM_NS: Final = 1000 * _MS  # since a drive was disturbed, or has booted
+_OFF_NS: Final = 500 * _MS  # since a drive was enabled last
+_LIMIT: Final = 0x800  # of a statusword: a limit is active
+_UNLIMITED_ABOVE: Final = 1 << 31
+_STOPS: Final = ("stop", "latch", "axis", "activate", "deactivate")
+_AT_ONCE: Final = 1e12  # counts/s^2
+_LEAST: Final = 5.0  # counts/s, or counts
+
+
+class _Followed:
+    """One axis, and between which speeds its shaft has to be."""
+
+    def __init__(self, view: ObservedNode) -> None:
+        self.view = view
+        self.low = self.high = 0.0
+        self.at = 0  # when it was judged last, 0: not since its enable
+        self.told = False
+        self.wrong = ""  # which rule it breaks now, of those that hold in every mode
+        self._limits_of: tuple[VirtualDrive | None, int] = None, -1
+        self._limits = (0, 0, 0)
+        self._slope_of: tuple[VirtualDrive | None, int] = None, -1  # with which version of its values
+        self._slope = 0.0
+
+    def slope(self, drive: VirtualDrive) -> float:
+        """Return the slower one of the drive's two ramps, in counts/s^2; those of a stop count too."""
+        version = drive.objects.store.version
+        if self._slope_of[1] != version or self._slope_of[0] is not drive:
+            self._slope_of, self._slope = (drive, version), _slope(drive)
+        return self._slope
+
+    def limits(self, drive: VirtualDrive, now: int) -> tuple[int, int, int]:
+        """Return the ends of 0x607D and the greatest velocity of 0x607F, 0 for none; as of this second."""
+        if self._limits_of != (known := (drive, now // _CALM_NS)):
+            objects = drive.objects
+            low, high = (objects.number(o.SOFTWARE_POSITION_LIMIT, sub) for sub in (1, 2))
+            most = objects.number(o.MAX_PROFILE_VELOCITY)
+            ends = (low, high) if low < high else (0, 0)
+            self._limits_of, self._limits = known, (*ends, most if most < _UNLIMITED_ABOVE else 0)
+        return self._limits
+
+    def rest(self) -> None:
+        """Begin anew with the next enable."""
+        self.at, self.told = 0, False
+
+    def ramp(self, low: float, high: float, slope: float, now: int, speed: float) -> None:
+        """Bring the bounds of the speed nearer to those of the targets, as fast as the drive's ramp at least."""
+        if not self.at:
+            self.low, self.high = min(speed, low), max(speed, high)
+        else:
+            way = slope * (now - self.at) / 1e9
+            self.low = min(low, self.low + way)
+            self.high = max(high, self.high - way)
+        self.at = now
+
+
+class _Commanders:
+    """Who has commanded a controller: when a client whose command ends with it did last, and when another one."""
+
+    def __init__(self) -> None:
+        self._leaving = self._staying = 0
+
+    def command(self, at: int, *, leaves: bool) -> None:
+        """Take a command, of a client whose command ends when it `leaves`, or of another."""
+        if leaves:
+            self._leaving = at
+        else:
+            self._staying = at
+
+    @property
+    def go_on(self) -> bool:
+        """Whether the command goes on when the first leaves: the other one's is newer, also as the robot hears them."""
+        return self._staying > self._leaving + _LAG_NS
+
+
+class TargetInvariants:
+    """Judges targets; `tell(rule, text)` takes breaches. `asked` and `sampled` are called as time passes."""
+
+    def __init__(
+        self,
+        robot: RobotUnderTest,
+        views: Mapping[str, WireView],
+        motions: Sequence[SampleMotion],
+        disturbed: DisturbedNodes,
+        tell: Callable[[str, str], None],
+    ) -> None:
+        self._robot, self._disturbed, self._tell = robot, disturbed, tell
+        self._axes = [_Followed(node) for view in views.values() for node in view.nodes.values()]
+        self._ends = {each.controller: each.ends for each in motions}
+        self._scales = _velocity_scales(robot)
+        self._commanded: dict[str, deque[tuple[int, float]]] = {}  # joint -> what it was commanded last
+        self._stopped_at = 0  # when somebody last asked for what may end a command
+        self._commanders: dict[str, _Commanders] = {}  # of each controller
+        self._others_until = 0  # until when something else than values joint by joint may lead
+        self._wrong: set[str] = set()
+        self._lost: set[str] = set()
+
+    def asked(self, now: int, act: ScenarioEvent) -> None:
+        """Take what a client asks for."""
+        heard = max(now, self._robot.host.stalled_until)
+        commanders = self._commanders.setdefault(act.target, _Commanders())
+        if act.kind in _STOPS or (act.kind == "leave" and not commanders.go_on):
+            self._stopped_at = heard
+        elif act.kind == "command":
+            commanders.command(heard, leaves=bool(act.name))
+        if act.kind != "command" or not self._ends.get(act.target):
+            if act.kind in ("command", "trajectory", "activate", "deactivate"):
+                self._others_until = 1 << 62
+                self._commanded.clear()
+            return
+        self._others_until = min(self._others_until, heard + _SETTLED_NS)
+        for name, value in zip(self._ends[act.target], act.values, strict=False):
+            joint, _, interface = name.partition("/")
+            if interface == VELOCITY:
+                self._commanded.setdefault(joint, deque(maxlen=_KEPT)).append((heard, value))
+
+    def sampled(self, now: int) -> None:
+        """Judge what drives are told and do now."""
+        if self._robot.floor is not None:
+            return
+        for axis in self._axes:
+            view = axis.view
+            device = self._robot.drives[view.node_id].device
+            drive = None if device is None else device.drives.get(0)
+            if drive is not None and view.plan.axes:
+                self._judge_told(axis, drive, now)
+            if drive is None or not view.plan.axes or not self._may_judge(view, now):
+                axis.rest()
+                continue
+            self._judge_shaft(axis, drive, now)
+        if now > self._others_until:
+            self._judge_targets(now)
+
+    def _may_judge(self, view: ObservedNode, now: int) -> bool:
+        """Whether an axis follows targets undisturbed since its enable."""
+        if view.controlword & _COMMAND != _FOLLOWS or view.statusword & _SHOWN != _UNLIMITED:
+            return False
+        return self._disturbed.last(view.node_id) < view.enabled_at < now - _SETTLED_NS
+
+    # -- what holds in every mode
+
+    def _judge_told(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
+        """Judge what a drive is told by its own limits, or where it is off by its standstill."""
+        view = axis.view
+        pushes = ""
+        if view.enabled:
+            pushes = self._pushes(view, drive, now)
+            wrong = pushes or self._beyond(axis, drive, now)
+        elif view.shown_enabled_at < now - _OFF_NS and now - view.told_at < _LAG_NS < now - view.target_changed_at:
+            wrong = self._not_at_rest(view, drive, now)
+        else:
+            wrong = ""
+        if wrong and not axis.wrong and (pushes or self._is_calm(view, now)):
+            rule = "limit_ignored" if view.enabled else "target_disabled"
+            self._tell(rule, f"node {view.node_id} is told {wrong}")
+            axis.wrong = wrong
+        elif not wrong:
+            axis.wrong = ""
+
+    def _all_calm(self, now: int) -> bool:
+        """Whether nothing has happened for a while that could stop the robot."""
+        disturbed = max((self._disturbed.last(axis.view.node_id) for axis in self._axes), default=0)
+        return max(disturbed, self._stopped_at, self._robot.started_ns) < now - 3 * _CALM_NS
+
+    def _is_calm(self, view: ObservedNode, now: int) -> bool:
+        """Whether nothing has come between a drive and the robot for a while."""
+        since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
+        return since < now - _CALM_NS
+
+    def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
+        """Return what leads an enabled drive beyond its limits, in words; "" where nothing does."""
+        low, high, most = axis.limits(drive, now)
+        targets, mode = axis.view.targets, drive.modes.number
+        if mode == _CSP:
+            told = targets.get(o.TARGET_POSITION)
+            if low == high or told is None or low <= told <= high:
+                return ""
+            place = float(drive.objects.units.user(drive.mover.plant.position))
+            inside = low - _LEAST <= place <= high + _LEAST  # else it may be held where it is
+            return f"to go to {told}, its software limits are {low} and {high}" if inside else ""
+        if mode not in (_PV, _CSV):
+            return ""
+        told = targets.get(_VELOCITY, 0)
+        if most and abs(told) > most + 1:
+            return f"to turn at {told}, its greatest velocity is {most}"
+        return ""
+
+    def _pushes(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
+        """Return what leads an enabled drive further into a limit that it has come to, in words; "" where nothing does.
+
+        The direction that is closed is the one in which it is told to turn and stands.
+        """
+        if not view.statusword & _LIMIT or view.limited_at > now - _OFF_NS or drive.modes.number not in (_PV, _CSV):
+            return ""
+        told = view.targets_since(_VELOCITY, now - _LAG_NS)
+        pushes = bool(told) and all(told) and abs(drive.mover.plant.velocity) < _LEAST
+        return f"to turn at {told[-1]}, against the limit that it has come to" if pushes else ""
+
+    def _not_at_rest(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
+        """Return the target other than standstill that a drive has which is off; "" for none."""
+        if view.commanded or now - view.status_at > _LAG_NS:
+            return ""
+        if told := view.targets.get(_VELOCITY, 0):
+            return f"to turn at {told}, and it is off"
+        place = view.targets.get(o.TARGET_POSITION)
+        plant, units = drive.mover.plant, drive.objects.units
+        if place is None or abs(plant.velocity) > _LEAST:
+            return ""
+        here = float(units.user(plant.position))
+        off = abs(wrap32(place - round(here)))
+        return f"to go to {place}, and it is off at {here:.0f}" if off > _LEAST + _reach(drive) else ""
+
+    # -- a shaft does what its drive is told
+
+    def _judge_shaft(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
+        mode, plant, units = drive.modes.number, drive.mover.plant, drive.objects.units
+        if mode not in (_PV, _CSV, _CSP):
+            axis.rest()
+            return
+        told = axis.view.targets_since(o.TARGET_POSITION if mode == _CSP else o.TARGET_VELOCITY, now - _LAG_NS)
+        if not told:
+            axis.rest()
+        elif mode == _CSP:
+            least, most = min(told), max(told)
+            place, reach = float(units.user(plant.position)), most - least + _reach(drive)
+            self._within(axis, place, told, 1.0, (least - reach, most + reach), "is at {} of its units")
+        else:
+            limited, unit = drive.limits.velocity, units.velocity
+            low = high = limited(told[0] * unit)
+            if len(told) > 1:
+                ends = limited(min(told) * unit), limited(max(told) * unit)
+                low, high = min(ends), max(ends)
+            axis.ramp(low, high, axis.slope(drive) if mode == _PV else _AT_ONCE, now, plant.velocity)
+            self._within(axis, plant.velocity, told, unit, (axis.low, axis.high), "turns at {} counts/s")
+
+    def _within(
+        self, axis: _Followed, value: float, told: Sequence[int], unit: float, bounds: tuple[float, float], does: str
+    ) -> None:
+        """Tell of a value that is not between bounds, and what the drive was told: targets in a unit."""
+        low, high = bounds
+        slack = _LEAST + _SLACK * max(abs(low), abs(high))
+        if low - slack <= value <= high + slack:
+            axis.told = False
+        elif not axis.told:
+            axis.told = True
+            said = does.format(round(value))
+            text = (
+                f"the shaft of node {axis.view.node_id} {said}, told {', '.join(f'{unit * each:.0f}' for each in told)}"
+            )
+            self._tell("target_missed", text)
+
+    # -- a drive is told what was commanded
+
+    def _judge_targets(self, now: int) -> None:
+        for axis in self._axes:
+            view = axis.view
+            for joint, scale in self._scales.get(view.node_id, ()):
+                told = view.targets.get(o.TARGET_VELOCITY)
+                commands = self._commanded.get(joint)
+                if told is None or not commands or not self._may_judge(view, now):
+                    self._wrong.discard(joint)
+                    continue
+                recent = _recent(commands, now)
+                self._judge_target(joint, float(told), [scale * each for each in recent])
+                if not told or joint in self._lost:
+                    self._judge_life(joint, view, recent, now)
+
+    def _judge_target(self, joint: str, told: float, commanded: list[float]) -> None:
+        low, high = min(0.0, *commanded), max(0.0, *commanded)
+        slack = 1.0 + _SLACK * max(-low, high)
+        if low - slack <= told <= high + slack:
+            self._wrong.discard(joint)
+        elif joint not in self._wrong:
+            self._wrong.add(joint)
+            self._tell("target_wrong", f"the drive of {joint} is told {told:.0f}, commanded was {commanded[-1]:.0f}")
+
+    def _judge_life(self, joint: str, view: ObservedNode, recent: Sequence[float], now: int) -> None:
+        """Judge that a drive is not told to stand for which somebody renews a command that nobody ends."""
+        commands, value = self._commanded[joint], recent[-1]
+        renewed = commands[0][0] < now - _LAG_NS < commands[-1][0] and all(each == value != 0.0 for each in recent)
+        closed = view.limited_at > view.booted_at  # one way
+        if view.targets[_VELOCITY] or closed or not renewed or not self._all_calm(now):
+            self._lost.discard(joint)
+        elif joint not in self._lost:
+            self._lost.add(joint)
+            self._tell("command_lost", f"the drive of {joint} is told to stand, and {value:g} is commanded on and on")
+
+
+def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:
+    """Return the value that counts, and those before that may still be told."""
+    found = []
+    for at, value in reversed(commands):
+        found.append(value)
+        if at < now - _LAG_NS:
+            break
+    return found[::-1]
+
+
+def _velocity_scales(robot: RobotUnderTest) -> dict[int, list[tuple[str, float]]]:
+    """Return of each node the joints of its first axis with their scales, as the files have them."""
+    found: dict[int, list[tuple[str, float]]] = {}
+    for joint, node in watched_joints(robot.setup):
+        found.setdefault(node.node_id, []).append((joint, node.units.of_axis(0)["vel_to_dev"]))
+    return found
+
+
+def _slope(drive: VirtualDrive) -> float:
+    """Return the slower one of a drive's two ramps, in counts/s^2; those of a stop count too."""
+    objects = drive.objects
+    ramps = [objects.ramp(index) for index in (o.PROFILE_ACCELERATION, o.PROFILE_DECELERATION) if objects.has(index)]
+    return min(ramps, default=_AT_ONCE) or _AT_ONCE
+
+
+def _reach(drive: VirtualDrive) -> float:
+    """Return how far a shaft may be from its target: the window of 0x6065, where that bounds it."""
+    window = drive.objects.number(o.FOLLOWING_ERROR_WINDOW)
+    return float(window) if 0 < window < 1 << 30 else 0.0

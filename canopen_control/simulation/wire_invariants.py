@@ -1,0 +1,297 @@
+"""Invariants of the wire: the master keeps time, the bus its budget, and SDO its order. Times in ns.
+
+A master that is stalled, killed or cut off keeps no time; what it owes is judged again a second after that.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Any, Final
+
+from canopen_control.cia301.pdo import INVALID_BIT, NO_RTR_BIT
+from canopen_control.cia402.objects import HOMING_SPEEDS, PROFILE_VELOCITY, axis_of
+from canopen_control.frame import RECORD
+from canopen_control.master.budget import budget_of
+from canopen_control.od.codec import encode
+from canopen_control.simulation.robot_under_test import MASTER
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from canopen_control.cia301.pdo import MappedObject
+    from canopen_control.master.plan import NodePlan
+    from canopen_control.master.plan_builder import PlannedWrite
+    from canopen_control.master.remote_node import RemoteNode
+    from canopen_control.simulation.disturbed_nodes import DisturbedNodes
+    from canopen_control.simulation.robot_under_test import RobotUnderTest
+    from canopen_control.simulation.simulated_wire import SimulatedWire
+    from canopen_control.simulation.wire_view import WireView
+    from canopen_control.virtual.virtual_node import VirtualNode
+
+
+# Invariants of configuration: a drive holds what its plan writes, and no PDO is active that may not be.
+#
+# The plan is held against the drive itself once for each boot, when the robot tells the node as ready; who was
+# disturbed meanwhile, but by a stranger's frames, may hold something else. The COB-IDs of active PDOs are looked at
+# whenever a value of the drive has changed, and what the robot has decoded of objects wider than 32 bits, which are no
+# feedback of an axis, against the device. Times in ns.
+
+
+_MS: Final = 1_000_000
+_EVERY_NS: Final = 100 * _MS  # how often it is looked
+_LAG_NS: Final = 120 * _MS  # in which a value of a TPDO comes
+_CALM_NS: Final = 3000 * _MS  # since a node was disturbed: a boot goes on for a while
+_RESTRICTED: Final = ((0, 0x7F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
+"""First and last COB-ID of those that no PDO may have (CiA 301, table 42)."""
+_RECORDS: Final = (*range(0x1400, 0x1600), *range(0x1800, 0x1A00))
+_LOWERED: Final = (PROFILE_VELOCITY, HOMING_SPEEDS)  # to the velocity limit of the description, after the boot
+_PROCEDURES: Final = (0x1010, 0x1011)  # what is read there is no value that was written
+_WIDE: Final = 32  # bits of an object above which nobody else judges it
+
+
+class _Configured:
+    """One node: which of its boots was judged, its PDO records, and what its wide objects were in the last cycles."""
+
+    def __init__(self, name: str, plan: NodePlan) -> None:
+        self.name, self.plan = name, plan
+        self.boots = 0
+        self.version: tuple[object, int] = None, -1
+        self.records: tuple[int, ...] = ()  # of its PDOs
+        self.bad: set[int] = set()
+        self.wide = [
+            (layout.cob_id, position, mapped, deque[tuple[int, object]]())
+            for layout in plan.tpdos
+            for position, mapped in enumerate(layout.objects)
+            if mapped.bits > _WIDE
+        ]
+
+
+class ConfigurationInvariants:
+    """Judges what nodes hold; `tell(rule, text)` takes breaches. `sampled` is called as time passes."""
+
+    def __init__(
+        self,
+        robot: RobotUnderTest,
+        plans: Iterable[NodePlan],
+        disturbed: DisturbedNodes,
+        tell: Callable[[str, str], None],
+    ) -> None:
+        self._robot, self._disturbed, self._tell = robot, disturbed, tell
+        self._nodes = [_Configured(plan.name, plan) for plan in plans]
+        self._wide = [each for each in self._nodes if each.wide]
+        self._due = robot.now_ns + _EVERY_NS
+        self._core: object = None
+
+    def sampled(self, now: int) -> None:
+        """Judge what nodes hold now."""
+        for node in self._wide:
+            self._note(node, now)
+        if now < self._due:
+            return
+        self._due = now + _EVERY_NS
+        robot = self._robot
+        if robot.core is not self._core:
+            self._core = robot.core
+            for node in self._nodes:
+                node.boots = 0
+        for node in self._nodes:
+            device = robot.drives[node.plan.node_id].device
+            if device is None:
+                continue
+            self._judge_pdos(node, device)
+            there = robot.core.nodes[node.name]
+            if robot.up and there.ready and now >= robot.host.stalled_until:
+                self._judge_boot(node, there, device, now)
+                self._judge_wide(node, there, now)
+
+    # -- what a boot has written
+
+    def _judge_boot(self, node: _Configured, there: RemoteNode, device: VirtualNode, now: int) -> None:
+        if there.boots == node.boots:
+            return
+        node.boots = there.boots
+        disturbed = max(self._disturbed.moved(node.plan.node_id), self._disturbed.deaf_at)  # strangers excuse nothing
+        if disturbed and disturbed > now - _CALM_NS:
+            return
+        final = {write.address: write for write in node.plan.writes}
+        wrong = [write for write in final.values() if not _holds(device, write)]
+        if wrong:
+            names = ", ".join(f"0x{write.index:04X}:{write.subindex:02X}" for write in wrong)
+            self._tell("plan_unwritten", f"{node.name} is ready, and does not hold what the plan writes to {names}")
+
+    # -- what it may not hold
+
+    def _judge_pdos(self, node: _Configured, device: VirtualNode) -> None:
+        """Tell of a PDO that has become active with a COB-ID that none may have."""
+        store = device.store
+        if node.version == (store, store.version):
+            return
+        if node.version[0] is not store:
+            node.records = tuple(index for index in _RECORDS if (index, 1) in device.od)
+        node.version = store, store.version
+        bad = set()
+        for index in node.records:
+            entry = store.get(index, 1)
+            if isinstance(entry, int) and not entry & INVALID_BIT and _is_restricted(entry & 0x1FFFFFFF):
+                bad.add(index)
+                if index not in node.bad:
+                    text = f"the PDO 0x{index:04X} of {node.name} is active with COB-ID 0x{entry & 0x1FFFFFFF:03X}"
+                    self._tell("cob_id_restricted", text)
+        node.bad = bad
+
+    # -- what is decoded of it
+
+    def _note(self, node: _Configured, now: int) -> None:
+        device = self._robot.drives[node.plan.node_id].device
+        for _, _, mapped, seen in node.wide:
+            if device is None:
+                seen.clear()
+                continue
+            seen.append((now, device.get(mapped.index, mapped.subindex)))
+            while seen[0][0] < now - _LAG_NS:
+                seen.popleft()
+
+    def _judge_wide(self, node: _Configured, there: RemoteNode, now: int) -> None:
+        """Hold what the robot has decoded against what the object was in the last cycles."""
+        if self._disturbed.last(node.plan.node_id) > now - _CALM_NS:
+            return
+        for cob_id, position, mapped, seen in node.wide:
+            pdo = next((each for each in there.received if each.cob_id == cob_id), None)
+            if pdo is None or pdo.stamp < 0 or not seen or now - pdo.stamp > _LAG_NS:
+                continue
+            told: Any = pdo.values[position]
+            values: list[Any] = [value for _, value in seen]
+            if isinstance(told, int | float) and not min(values) <= told <= max(values):
+                self._tell("shown_wrong", f"process data: {_name(mapped)} of {node.name} is {told}, it is {values[-1]}")
+                seen.clear()
+
+
+def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
+    """Whether a drive holds what a write gives it; what it need not hold counts as held."""
+    if write.optional or not write.compare or write.index in _PROCEDURES or write.address not in device.od:
+        return True
+    entry = device.od.get(*write.address)
+    value = device.store.get(*write.address)
+    if entry is None:
+        return True
+    if isinstance(value, int) and entry.data_type.is_integer:
+        planned = int.from_bytes(write.data, "little", signed=entry.data_type.signed)
+        if write.index in _RECORDS and write.subindex == 1:
+            planned, value = planned & ~NO_RTR_BIT, value & ~NO_RTR_BIT
+            return planned == value or bool(planned & value & INVALID_BIT)
+        lowered = axis_of(write.index)[0] in _LOWERED and 0 < value < planned
+        return planned == value or lowered
+    return encode(value, entry.data_type) == write.data
+
+
+def _is_restricted(cob_id: int) -> bool:
+    return any(low <= cob_id <= high for low, high in _RESTRICTED)
+
+
+def _name(mapped: MappedObject) -> str:
+    return f"0x{mapped.index:04X}:{mapped.subindex:02X}"
+
+
+_SECOND: Final = 1_000_000_000
+_LATE: Final = 1.6  # periods between two heartbeats, or two SYNCs
+_EXTRA_LOAD: Final = 0.15  # of the bit rate: SDO and EMCY of a robot that runs
+_BOOT_NS: Final = 3 * _SECOND  # in which a boot may load the bus as it likes
+_SDO_WAIT_NS: Final = 90 * _MS  # a client waits at least so long before it asks anew
+_ABORT, _BLOCK = 4, (5, 6)
+
+
+class WireInvariants:
+    """Judges one bus; `tell(rule, text)` takes breaches. `heard` gets all frames, `sampled` the time now and then."""
+
+    def __init__(
+        self, robot: RobotUnderTest, wire: SimulatedWire, view: WireView, tell: Callable[[str, str], None]
+    ) -> None:
+        self._robot, self._wire, self._view, self._tell = robot, wire, view, tell
+        master = view.config.master
+        self._sync_ns, self._heartbeat_ns = master.sync_period * 1000, master.heartbeat_producer * _MS
+        self._ours = master.sync_producer != "other"
+        self._rate = master.baudrate * 1000
+        period = self._sync_ns or robot.setup.cycle_ns
+        self._budget = budget_of(view.config, period).load + _EXTRA_LOAD
+        self._last: dict[str, int] = {}
+        self._waiting: dict[int, tuple[int, bytes]] = {}  # SDO: node -> when and what it was asked
+        self._in_block: set[int] = set()
+        self._window, self._bits = robot.now_ns, 0
+        self._quiet_until = 0
+        self._heartbeat_id = 0x700 + master.node_id
+
+    # -- frames
+
+    def wants(self, can_id: int) -> bool:
+        """Whether `heard` looks at frames with this identifier."""
+        return can_id in (0x80, self._heartbeat_id) or 0x580 < can_id < 0x600 or 0x600 < can_id < 0x680
+
+    def heard(self, now: int, label: str, record: bytes) -> None:
+        """Take a frame that has passed."""
+        can_id, length, data = RECORD.unpack(record)
+        if label == MASTER:
+            if can_id == 0x80:
+                self._keeps_time("SYNC", self._sync_ns if self._ours else 0, now)
+            elif can_id == self._heartbeat_id:
+                self._keeps_time("heartbeat", self._heartbeat_ns, now)
+            elif 0x600 < can_id < 0x680:
+                self._request(can_id & 0x7F, data[:length], now)
+        elif 0x580 < can_id < 0x600:
+            self._waiting.pop(can_id & 0x7F, None)
+            if length and data[0] >> 5 == _ABORT:
+                self._in_block.discard(can_id & 0x7F)
+
+    def _keeps_time(self, what: str, period: int, now: int) -> None:
+        last, self._last[what] = self._last.get(what, 0), now
+        gap = now - last
+        if period and last > self._excused(now) and gap > period * _LATE:
+            self._tell("late", f"{what} of the master came after {gap / 1e6:.1f} ms, its period is {period / 1e6:g} ms")
+
+    def _request(self, node: int, data: bytes, now: int) -> None:
+        """Judge an SDO request: one at a time, a new one only after the answer, an abort, or the time-out."""
+        command = data[0] >> 5 if data else _ABORT
+        if command == _ABORT:
+            self._waiting.pop(node, None)
+            self._in_block.discard(node)
+            return
+        if command in _BLOCK:
+            self._in_block.add(node)
+        elif command in (1, 2):
+            self._in_block.discard(node)
+        if node in self._in_block:
+            self._waiting.pop(node, None)
+            return
+        asked = self._waiting.get(node)
+        if asked is not None and 0 < now - asked[0] < _SDO_WAIT_NS and self._all_heard_since(asked[0]):
+            again = f"{(now - asked[0]) / 1e6:.1f} ms after {asked[1].hex(' ')}, which has no answer yet"
+            self._tell("sdo_overlap", f"node {node} is asked {data.hex(' ')} {again}")
+        self._waiting[node] = (now, data)
+
+    def _all_heard_since(self, asked_ns: int) -> bool:
+        """Whether an abort would have been seen: no frame was lost meanwhile, and the master is the same."""
+        return not self._wire.tampered and asked_ns > max(self._quiet_until, self._last_start)
+
+    @property
+    def _last_start(self) -> int:
+        return self._robot.started_ns
+
+    # -- time
+
+    def sampled(self, now: int) -> None:
+        """Judge how busy the bus was, a second at a time."""
+        self._excused(now)
+        if now - self._window < _SECOND:
+            return
+        bits = self._wire.bits - self._bits
+        load = bits * 1e9 / (now - self._window) / self._rate
+        self._window, self._bits = now, self._wire.bits
+        booting = any(node.booted_at > now - _BOOT_NS for node in self._view.nodes.values())
+        if load > self._budget and not booting and now > self._quiet_until and now > self._last_start + _BOOT_NS:
+            self._tell("bus_budget", f"the bus is loaded to {load:.0%}, its budget is {self._budget:.0%}")
+
+    def _excused(self, now: int) -> int:
+        """Return until when the master may have been late: it was stalled, started, or could not send."""
+        stalled_until = self._robot.host.stalled_until
+        if now < stalled_until or self._wire.tampered:  # a cable that is cut, too
+            self._quiet_until = now + _SECOND
+        return max(self._quiet_until, stalled_until + 100 * _MS, self._robot.started_ns + _SECOND)

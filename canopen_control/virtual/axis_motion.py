@@ -1,0 +1,402 @@
+"""The motion of one axis over time: its timers, its demand, and the plant that follows.
+
+Time is events. Every timer is served at its own time, in order, whenever `advance` is called, so that what happens does
+not depend on how often anybody looks. A demand is made at an event and followed until the next. Its end, a limit switch
+and a following error are told to the owner through `Reactions`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Protocol
+
+from canopen_control.virtual.plant import CoupledPlant
+from canopen_control.virtual.trajectory import DemandCurve, cruise, hold
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from canopen_control.virtual.plant import Plant, ServoGains
+
+
+# The simulated switches and the index of an axis, at fixed places of the plant.
+#
+# A switch is a place, never an event; whether it is active follows from the position. The limit switches belong to a
+# homing rig and are seen by homing alone, unless `wired`: then they stop every motion.
+
+
+NEGATIVE, POSITIVE, HOME = 1, 2, 4  # 0x60FD
+_LIMIT, _HOME_LOW, _HOME_HIGH = 50_000.0, 10_000.0, 12_000.0
+_OUT_OF_REACH = 1e12
+
+
+@dataclass(slots=True)
+class Switches:
+    """Places in plant counts; the home switch is active from `home_low` to `home_high`.
+
+    The index comes every `index_period`. The limit switches are there for homing, or, `wired`, for every motion.
+    """
+
+    negative: float = -_LIMIT
+    positive: float = _LIMIT
+    home_low: float = _HOME_LOW
+    home_high: float = _HOME_HIGH
+    index_period: float = 4096.0
+    wired: bool = False
+    homing: bool = False
+
+    def inputs(self, position: float) -> int:
+        """Return the low bits of 0x60FD: negative limit, positive limit, home switch."""
+        if not (self.wired or self.homing):
+            return 0
+        home = HOME if self.home_low <= position <= self.home_high else 0
+        return home | (NEGATIVE if position <= self.negative else 0) | (POSITIVE if position >= self.positive else 0)
+
+    def next_hit(self, demand: DemandCurve, now: int) -> int | None:
+        """Return when `demand` runs into a wired limit switch, None: it does not."""
+        if not self.wired:
+            return None
+        position = demand.at(now)[0]
+        if self.negative < position < self.positive:
+            times = [demand.time_of(place, now) for place in (self.negative, self.positive)]
+            return min((time for time in times if time is not None), default=None)
+        return None
+
+    def bounds(self, position: float) -> tuple[float, float]:
+        """Return how far a motion may go from `position` while a limit switch is active."""
+        if not self.wired:
+            return -float("inf"), float("inf")
+        low = position if position <= self.negative else -float("inf")
+        high = position if position >= self.positive else float("inf")
+        return low, high
+
+    # -- seams
+
+    def close_positive(self, position: float) -> None:
+        """Wire the limit switches, the positive one at `position` (a fault)."""
+        self.wired, self.positive, self.negative = True, position, -_OUT_OF_REACH
+
+    def open_positive(self) -> None:
+        """Have limit switches for homing alone again."""
+        self.wired, self.positive, self.negative = False, _LIMIT, -_LIMIT
+
+    def place(self, *, reachable: bool) -> None:
+        """Put the switches where they are, or out of homing's way (a fault)."""
+        far = 0.0 if reachable else _OUT_OF_REACH
+        self.negative, self.positive = -_LIMIT - far, _LIMIT + far
+        self.home_low, self.home_high = _HOME_LOW + far, _HOME_HIGH + far
+
+
+# The loops of a virtual servo with gains of its own: position P and feed-forward over velocity PI, on any plant.
+#
+# The torque is made anew at each point of a fixed grid and held until the next, so what happens does not depend on when
+# somebody looks. In modes of operation that command a velocity there is no position loop, as in servo drives.
+# Units: counts, counts/s, per mille of the rated torque.
+
+
+PERIOD_NS: Final = 500_000
+_PERIOD_S: Final = PERIOD_NS * 1e-9
+
+
+class VelocityLoop:
+    """Loops with gains; `fed` is what comes beside the demand, in counts/s and per mille (0x60B1, 0x60B2)."""
+
+    def __init__(self, gains: ServoGains) -> None:
+        self.gains = gains
+        self.fed = (0.0, 0.0)
+        self._integral = self._torque = 0.0
+
+    def rest(self, torque: float = 0.0) -> None:
+        """Forget what was gathered; go on from a torque."""
+        self._integral = self._torque = torque
+        self.fed = (0.0, 0.0)
+
+    def follow(
+        self, plant: Plant, demand: DemandCurve, start_ns: int, end_ns: int, limit: float, *, velocity_only: bool
+    ) -> None:
+        """Move a plant along a demand, with at most `limit` of torque."""
+        clock = start_ns
+        for point in range((start_ns // PERIOD_NS + 1) * PERIOD_NS, end_ns + 1, PERIOD_NS):
+            self._push(plant, clock, point)
+            position, velocity = demand.at(point)
+            known = self.fed[0] or (velocity if velocity_only else velocity * self.gains.feed_forward)
+            if not velocity_only:
+                known += self.gains.position_p * (position - plant.position)
+            self._control(known - plant.velocity, limit, plant)
+            clock = point
+        self._push(plant, clock, end_ns)
+
+    def _push(self, plant: Plant, start_ns: int, end_ns: int) -> None:
+        if end_ns > start_ns:
+            plant.apply_torque(cruise(start_ns, 0.0, self._torque), start_ns, end_ns)
+
+    def _control(self, lacking: float, limit: float, plant: Plant) -> None:
+        """Make the torque until the next point; at a limit, the loop's or the motor's, nothing more is gathered."""
+        gains = self.gains
+        wanted = gains.velocity_p * lacking + self._integral + self.fed[1]
+        held = max(-limit, min(limit, wanted))
+        bounded = held != wanted or abs(plant.torque) < abs(self._torque) * (1.0 - 1e-9)
+        if not bounded or lacking * wanted < 0.0:
+            self._integral += gains.velocity_i * lacking * _PERIOD_S
+        self._torque = held
+
+
+_MS = 1_000_000
+SAMPLE_NS = 5 * _MS  # how often event-driven PDOs see a moving motor
+FOLLOW_NS = _MS  # how often a plant that lags is compared with its demand
+
+
+class Reactions(Protocol):
+    """What the owner does when something happens to the motion."""
+
+    def arrived(self, now: int) -> None:
+        """React to the end of the demand."""
+
+    def limit_switch_hit(self, side: int, now: int) -> None:
+        """React to a wired limit switch, -1 or 1."""
+
+    def judge_following_error(self, error: float, now: int) -> None:
+        """Judge a following error, in counts; called while the plant lags."""
+
+    def judge_load(self, torque: float, now: int) -> None:
+        """Judge the torque of a motor in per mille of the rated one; called while a coupled plant has power."""
+
+    def sampled(self) -> None:
+        """Look at values that change with the motion."""
+
+    def wants_samples(self) -> bool:
+        """Whether anybody looks at such values."""
+
+    def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
+        """Return when and where an index pulse comes that somebody waits for."""
+
+    def index_passed(self, place: float) -> None:
+        """React to that index pulse."""
+
+
+class AxisMotion:
+    """One axis in time. Positions are the plant's, in counts."""
+
+    def __init__(self, plant: Plant, owner: Reactions) -> None:
+        self.plant, self.owner = plant, owner
+        self.switches = Switches()
+        self.demand: DemandCurve = hold(0, plant.position)
+        self.torque: DemandCurve | None = None  # set: the plant is pushed, not led
+        self.powered = False
+        self.now: int | None = None  # None: not started
+        self.torque_limit = math.inf  # per mille; heeded by a coupled plant and by the loop
+        self.loop: VelocityLoop | None = None  # with gains of its own, else the plant follows as it can
+        self.gains: ServoGains | None = None
+        self.velocity_mode = False  # a velocity is commanded, and loops with gains or in a world hold no position
+        self._fed = (0.0, 0.0)
+        self.timers: dict[str, tuple[int, Callable[[int], None]]] = {}
+        self._coupled = plant if isinstance(plant, CoupledPlant) else None
+        if self._coupled is not None:
+            self._coupled.set_owner(self)
+
+    # -- timers
+
+    def at(self, name: str, due_ns: int, callback: Callable[[int], None]) -> None:
+        """Call `callback` at `due_ns`, once; a timer of the same name gives way."""
+        self.timers[name] = (due_ns, callback)
+
+    def cancel(self, *names: str) -> None:
+        """Forget timers; no-op where there is none."""
+        for name in names:
+            self.timers.pop(name, None)
+
+    def advance(self, now: int) -> None:
+        """Bring the axis to `now`, each event in between at its own time."""
+        while self._rings(now):
+            name, (due, callback) = min(self.timers.items(), key=_due)
+            del self.timers[name]
+            self._move(due)
+            callback(due)
+        if now != self.now:
+            self._move(now)
+
+    def _rings(self, now: int) -> bool:
+        """Whether a timer is due."""
+        for due, _ in self.timers.values():  # noqa: SIM110 - most often there are none or one
+            if due <= now:
+                return True
+        return False
+
+    def next_event(self) -> int | None:
+        """Return the time of the next timer, None: there is none."""
+        return min([due for due, _ in self.timers.values()]) if self.timers else None
+
+    def next_deadline(self) -> int | None:
+        """Return when somebody has to look, None: nothing happens by itself.
+
+        What a coupled plant has become is judged at the times for that, but by whoever looks next.
+        """
+        if self._coupled is None:
+            return self.next_event()
+        return min((due for name, (due, _) in self.timers.items() if name != "follow"), default=None)
+
+    def _move(self, now: int) -> None:
+        start = self.now
+        if start is None or now <= start:
+            self.now = max(now, start or 0)
+            return
+        self.now = now
+        if not self.powered:
+            self.plant.release(start, now)
+        elif self.torque is not None:
+            self.plant.apply_torque(self.torque, start, now)
+        elif self.loop is not None:
+            limit, only = self.torque_limit, self.velocity_mode
+            self.loop.follow(self.plant, self.demand, start, now, limit, velocity_only=only)
+        else:
+            self.plant.follow(self.demand, start, now)
+
+    def set_loop(self, gains: ServoGains | None, now: int) -> None:
+        """Give the loop other gains, or none: from now on, and from the present torque. A coupled plant has its own."""
+        self._move(now)
+        self.gains = gains
+        if gains is None or self._coupled is not None:
+            self.loop = None
+        elif self.loop is None:
+            self.loop = VelocityLoop(gains)
+        else:
+            self.loop.gains = gains
+
+    @property
+    def time(self) -> int:
+        """The time the axis was brought to, 0 before it started."""
+        return self.now or 0
+
+    # -- motion
+
+    @property
+    def standing(self) -> bool:
+        """Whether the plant stands still."""
+        return abs(self.plant.velocity) < 0.5
+
+    def state(self, now: int) -> tuple[float, float]:
+        """Return position and velocity from which a new demand goes on."""
+        if self.torque is not None or not self.powered:
+            return self.plant.position, self.plant.velocity
+        position, velocity = self.demand.at(now)
+        return (self.plant.position if self._drifts else position), velocity
+
+    @property
+    def _drifts(self) -> bool:
+        """Whether the plant is not held at the demand's position, but at its velocity alone."""
+        return self.velocity_mode and (self.loop is not None or self._coupled is not None)
+
+    def power(self, on: bool, now: int) -> None:
+        """Switch the power stage; both ways the demand is where the plant is."""
+        self._move(now)
+        self.cancel("arrive", "follow", "switch", "index", "interpolate", "set point", "following error")
+        self.powered, self.torque, self._fed = on, None, (0.0, 0.0)
+        if not on:
+            self.plant.release(now, now)
+        if self.loop is not None:
+            self.loop.rest()
+        self.demand = hold(now, self.plant.position)
+
+    def displace(self, way: float, now: int) -> None:
+        """Move the plant by force; a powered motor goes on from there."""
+        self._move(now)
+        self.plant.position += way
+        if not self.powered or self.torque is None:
+            demand = self.demand
+            self.demand = demand.shifted(way)
+
+    def run(self, demand: DemandCurve, now: int) -> None:
+        """Follow `demand` from now on; its end is told, at once where it has none."""
+        self._move(now)
+        if self.loop is not None and self.torque is not None:
+            self.loop.rest(self.torque.at(now)[1])
+        self.torque, self.demand = None, demand
+        if self.loop is None:
+            self.plant.follow(demand, now, now)
+        self._watch(now)
+        if demand.end_ns > now:
+            self.at("arrive", demand.end_ns, self.owner.arrived)
+        else:
+            self.cancel("arrive")
+            self.owner.arrived(now)
+
+    def feed_forward(self, velocity: float, torque: float) -> None:
+        """Give the plant's loops something beside the demand from now on, in counts/s and per mille."""
+        if (velocity, torque) != self._fed and self.powered:
+            self._fed = velocity, torque
+            if self.loop is not None:
+                self.loop.fed = velocity, torque
+            self.plant.feed_forward(velocity, torque)
+
+    def apply_torque(self, torque: DemandCurve, now: int) -> None:
+        """Apply a torque from now on, in per mille of the rated one; the end of its ramp is told."""
+        self._move(now)
+        self.torque = torque
+        self.cancel("follow", "switch")
+        self._watch(now)
+        self.at("arrive", max(torque.end_ns, now + 1), self.owner.arrived)
+
+    def _watch(self, now: int) -> None:
+        if self._coupled is not None:
+            self._judge_again(self._coupled, now)
+        elif (self.loop is not None or not self.plant.stiff) and self.torque is None:
+            self.at("follow", now + FOLLOW_NS, self._follow)
+        hit = self.switches.next_hit(self.demand, now) if self.torque is None else None
+        if hit is None:
+            self.cancel("switch")
+        else:
+            self.at("switch", hit, self._hit_switch)
+        self.watch_index(now)
+        if "sample" not in self.timers and self.owner.wants_samples():
+            self.at("sample", now + SAMPLE_NS, self._sample)
+
+    def watch_index(self, now: int) -> None:
+        """Wait for the next index pulse on the way of the demand, where somebody does."""
+        found = self.owner.next_index(self.demand, now) if self.torque is None else None
+        if found is None:
+            self.cancel("index")
+        else:
+            self.at("index", found[0], lambda then: self._index(found[1], then))
+
+    def _index(self, place: float, now: int) -> None:
+        self.owner.index_passed(place)
+        self.watch_index(now)
+
+    def _hit_switch(self, now: int) -> None:
+        self.owner.limit_switch_hit(int(math.copysign(1.0, self.demand.at(now)[1])), now)
+
+    def _follow(self, now: int) -> None:
+        """Compare a plant that lags with its demand, until both stand together."""
+        if not self.powered or self.torque is not None:
+            return
+        position, velocity = self.demand.at(now)
+        error = 0.0 if self._drifts else position - self.plant.position
+        if not self._drifts:
+            self.owner.judge_following_error(error, now)
+        if velocity or now < self.demand.end_ns or abs(error) >= 0.5 or not self.standing:
+            self.at("follow", now + FOLLOW_NS, self._follow)
+
+    def _judge_again(self, plant: CoupledPlant, now: int) -> None:
+        """Judge a coupled plant at the next of its times, which are the same for all axes."""
+        every = plant.follow_ns
+        self.at("follow", (now // every + 1) * every, lambda then: self._judge(plant, then))
+
+    def _judge(self, plant: CoupledPlant, now: int) -> None:
+        if not self.powered:
+            return
+        if self.torque is None and not self._drifts:
+            self.owner.judge_following_error(self.demand.at(now)[0] - plant.position, now)
+        self.owner.judge_load(plant.torque, now)
+        if self.powered:
+            self._judge_again(plant, now)
+
+    def _sample(self, now: int) -> None:
+        self.owner.sampled()
+        moving = self.powered and (now < self.demand.end_ns or self.demand.final_velocity or self.torque is not None)
+        if (moving or not self.standing) and self.owner.wants_samples():
+            self.at("sample", now + SAMPLE_NS, self._sample)
+
+
+def _due(item: tuple[str, tuple[int, object]]) -> int:
+    return item[1][0]

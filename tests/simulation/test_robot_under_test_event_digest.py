@@ -1,0 +1,47 @@
+import pytest
+
+from canopen_control.frame import CanFrame, pack_records
+from canopen_control.master.event_log import Event
+from canopen_control.simulation.robot_under_test import EventDigest
+
+RECORD = pack_records([CanFrame(0x181, b"\x01")])
+
+
+def digest(*, at=5, label="a", record=RECORD, text="it runs", event_at=6):
+    made = EventDigest()
+    made.frame(at, label, record)
+    made.event(Event(event_at, "running", "left", text))
+    return made.hex
+
+
+def test_the_same_frames_and_events_have_the_same_digest():
+    assert digest() == digest()
+    assert len(digest()) == 64
+
+
+@pytest.mark.parametrize(
+    "other",
+    [{"at": 4}, {"label": "b"}, {"record": pack_records([CanFrame(0x181, b"\x02")])}, {"text": "no"}, {"event_at": 7}],
+)
+def test_whatever_differs_shows(other):
+    assert digest(**other) != digest()
+
+
+def test_where_the_files_are_is_no_part_of_it():
+    def noted(folder):
+        made = EventDigest([folder])
+        made.event(Event(6, "note", "", f"{folder}/bus.yml: package: has no meaning here"))
+        return made.hex
+
+    assert noted("/a/robby") == noted("/b/c/robby")
+    assert noted("/a/robby") != EventDigest(["/a/robby"]).hex
+
+
+def test_many_frames_are_all_counted():
+    made, less = EventDigest(), EventDigest()
+    for at in range(10_000):
+        made.frame(at, "a", RECORD)
+        if at:
+            less.frame(at, "a", RECORD)
+    assert made.hex != less.hex
+    assert made.events == 0

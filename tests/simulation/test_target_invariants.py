@@ -1,0 +1,166 @@
+import pytest
+from support.mutants import MUTANTS
+from support.simulated import BASE, FORWARD, MS, Judged, S, setup_of
+
+from canopen_control.controllers.switcher import UpdateLoop
+from canopen_control.hardware.axis import AxisLimits as AxisLimitsOfMaster
+from canopen_control.hardware.joint_targets import JointTargets
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.simulation.motions import motions_of
+from canopen_control.simulation.scenario_events import ScenarioEvent
+from canopen_control.simulation.simulation_run import SimulationRun
+from canopen_control.simulation.target_invariants import TargetInvariants
+from canopen_control.virtual.power_machine import AxisLimits
+
+
+def rules(judged, views, tell):
+    return TargetInvariants(judged.robot, views, motions_of(judged.robot.setup), judged.disturbed, tell)
+
+
+@pytest.fixture
+def judged():
+    made = Judged(rules)
+    yield made
+    made.close()
+
+
+@pytest.mark.rest
+def test_what_follows_its_targets_is_no_news(judged):
+    judged.drive(5.0, -5.0, seconds=1.0).run(0.6).drive(-7.0, 2.0, seconds=0.5).run(3.0).do("stop").run(1.0)
+    judged.do("axis", name="enable").run(0.5).drive(3.0, 3.0, seconds=0.5).run(1.0)
+    judged.do("activate", BASE).run(0.5).do("command", BASE, 0.5, values=(0.3, 0.4)).run(1.5)
+    assert judged.told == []
+
+
+def test_a_halt_and_a_fault_are_no_news(judged):
+    judged.drive(5.0, 5.0, seconds=2.0).run(0.6).do("axis", name="halt").run(0.5)
+    judged.do("fault", 3, 0.5, name="drive_fault").run(1.5)
+    assert judged.told == []
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize(
+    ("mutant", "rule"),
+    [
+        ("targets_too_great", "target_wrong"),
+        ("shafts_overshoot", "target_missed"),
+        ("shafts_stay_behind", "target_missed"),
+    ],
+)
+def test_targets_and_shafts_that_disagree_are_told_once_for_each_joint(judged, monkeypatch, mutant, rule):
+    MUTANTS[mutant](monkeypatch)
+    judged.drive(5.0, 5.0, seconds=1.0).run(0.9)
+    assert judged.broken == [rule] * 2
+
+
+def test_who_was_disturbed_is_judged_again_after_the_next_enable(judged, monkeypatch):
+    judged.do("fault", 3, 0.1, name="hand_moved").run(0.3)
+    MUTANTS["shafts_overshoot"](monkeypatch)
+    judged.drive(5.0, 5.0, seconds=0.5).run(0.6)
+    assert [text.split(" turns")[0] for _, text in judged.told] == ["the shaft of node 2"]
+    judged.do("stop").run(1.0).do("axis", name="enable").run(0.5).drive(5.0, 5.0, seconds=0.5).run(0.6)
+    assert "the shaft of node 3" in [text.split(" turns")[0] for _, text in judged.told]
+
+
+@pytest.mark.rest
+@pytest.mark.sources
+def test_a_place_at_every_sync_is_followed_within_the_window(monkeypatch):
+    made = Judged(rules, "arm6")
+    [motion] = [each for each in motions_of(made.robot.setup) if each.starts]
+    made.do("trajectory", motion.controller, 1.0, values=(0.3,) * 6).run(1.5)
+    assert made.told == []
+    real = AxisLimits.position
+    monkeypatch.setattr(AxisLimits, "position", lambda self, target: real(self, target + 1e6))
+    made.do("trajectory", motion.controller, 1.0, values=(0.1,) * 6)
+    made.run(0.3)
+    made.close()
+    assert made.broken == ["target_missed"] * 6
+
+
+def test_the_controller_that_takes_values_joint_by_joint_says_where_they_go(judged):
+    ends = {each.controller: each.ends for each in motions_of(judged.robot.setup)}
+    assert ends == {FORWARD: ("left_wheel_joint/velocity", "right_wheel_joint/velocity"), BASE: ()}
+
+
+@pytest.mark.rest
+def test_the_seed_of_a_twist_for_one_cycle_breaks_nothing():
+    acts = (
+        ScenarioEvent(5540 * MS, "command", "mecanum_base_controller", values=(-0.074, 0.066, -0.574), for_ns=15 * MS),
+    )
+    run = SimulationRun(setup_of("mecanum"), 120, acts, motions=motions_of(setup_of("mecanum")))
+    run.run(6 * S)
+    run.close()
+    assert run.breaches == ()
+
+
+@pytest.mark.sources
+def test_a_drive_that_is_off_is_told_to_stand(judged, monkeypatch):
+    judged.run(1.2).do("stop").run(2.0)
+    assert judged.told == []
+    monkeypatch.setattr(JointTargets, "hold", lambda self: None)
+    judged.robot.core.joints["left_wheel_joint"].axis.output(0x60FF).set(500)
+    judged.run(0.5)
+    assert judged.told == [("target_disabled", "node 3 is told to turn at 500, and it is off")]
+
+
+def limits(*steps):
+    setup = read_robot(find_robot("tools/campaigner/robots/limits"))
+    acts = [ScenarioEvent(round(at * S), *words, **more) for at, words, more in steps]
+    run = SimulationRun(setup, 1, acts)
+    run.run(6 * S)
+    run.close()
+    return {breach.rule for breach in run.invariants.breaches}, run
+
+
+PUSH = (
+    (1.5, ("command", "velocity_controller"), {"values": (6.0,), "for_ns": S}),
+    (3.0, ("activate", "position_controller"), {}),
+    (3.5, ("command", "position_controller"), {"values": (0.5,), "for_ns": S}),
+)
+
+
+def test_limits_of_the_drive_hold_in_every_mode():
+    assert limits(*PUSH)[0] == set()
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize("verb", ["of_velocity", "of_position"])
+def test_a_target_beyond_the_limits_of_the_drive_is_told(monkeypatch, verb):
+    monkeypatch.setattr(AxisLimitsOfMaster, verb, lambda self, raw: raw)
+    assert limits(*PUSH)[0] == {"limit_ignored"}
+
+
+@pytest.mark.rest
+@pytest.mark.sources
+def test_a_target_against_a_limit_switch_is_told(monkeypatch):
+    steps = (
+        (1.0, ("command", "velocity_controller"), {"values": (1.5,), "for_ns": 5 * S}),
+        (2.0, ("fault", "2", "limit_switch"), {}),
+    )
+    assert limits(*steps)[0] == set()
+    monkeypatch.setattr(AxisLimitsOfMaster, "of_velocity", lambda self, raw: raw)
+    assert "limit_ignored" in limits(*steps)[0]
+
+
+@pytest.mark.sources
+def test_a_command_that_is_dropped_while_somebody_renews_it_is_told(judged, monkeypatch):
+    judged.run(3.0).drive(5.0, 5.0, seconds=2.0).run(0.6).do("ask", seconds=0.25).run(0.6)
+    assert judged.told == []
+    monkeypatch.setattr(UpdateLoop, "let_go", lambda self, *who: self.forget(self.now, "somebody left"))
+    judged.do("ask", seconds=0.25).run(0.6)
+    assert set(judged.broken) == {"command_lost"}
+
+
+@pytest.mark.sources
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_command_that_leaves_with_a_client_who_was_there_before_is_told(judged, monkeypatch, lost):
+    if lost:
+        monkeypatch.setattr(UpdateLoop, "let_go", lambda self, *who: self.forget(self.now, "somebody left"))
+    judged.run(2.5).do("dead_man", FORWARD, 0.55, values=(2.0, 2.0)).run(0.1).drive(5.0, 5.0, seconds=2.0).run(1.0)
+    assert set(judged.broken) == ({"command_lost"} if lost else set())
+
+
+def test_a_command_that_leaves_with_its_client_is_no_news(judged):
+    judged.run(2.5).drive(2.0, 2.0, seconds=1.0).run(0.92).do("dead_man", FORWARD, 0.06, values=(2.0, 2.0)).run(1.0)
+    assert judged.told == []

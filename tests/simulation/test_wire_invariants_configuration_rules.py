@@ -1,0 +1,78 @@
+import pytest
+from support.simulated import Judged
+from support.virtualbench import tmcm
+
+from canopen_control.master.plan_builder import PlannedWrite
+from canopen_control.od.model import DataType
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.simulation.simulation_run import SimulationRun
+from canopen_control.simulation.wire_invariants import ConfigurationInvariants, _holds
+
+WIDE = "tools/campaigner/robots/wide"
+
+
+def rules(judged, _views, tell):
+    plans = [plan for bus in judged.robot.setup.joined.values() for plan in bus.plans.values()]
+    return ConfigurationInvariants(judged.robot, plans, judged.disturbed, tell)
+
+
+@pytest.fixture
+def judged():
+    made = Judged(rules)
+    yield made
+    made.close()
+
+
+def test_what_a_boot_has_written_is_no_news_nor_is_another_boot(judged):
+    judged.run(0.5).do("power", 2, 0.5).run(2.0).do("kill", seconds=0.3).run(2.0)
+    assert judged.told == []
+
+
+def test_a_parameter_that_was_not_written_is_told_by_its_address(judged):
+    judged.rules._nodes[0].boots = 0
+    judged.robot.drives[3].device.store.set(0x6083, 0, 1)
+    judged.run(0.2)
+    text = "left_drive is ready, and does not hold what the plan writes to 0x6083:00"
+    assert judged.told == [("plan_unwritten", text)]
+    judged.run(0.5)
+    assert len(judged.told) == 1
+
+
+@pytest.mark.parametrize(
+    ("index", "value", "holds"), [(0x6081, 8344, True), (0x6081, 65537, False), (0x6084, 8344, False)]
+)
+def test_a_speed_may_have_been_lowered_to_a_velocity_limit(index, value, holds):
+    device = tmcm()
+    device.store.set(index, 0, value)
+    write = PlannedWrite(index, 0, (65536).to_bytes(4, "little"), "a speed", data_type=DataType.UNSIGNED32)
+    assert _holds(device, write) is holds
+
+
+def test_of_who_was_disturbed_nobody_knows_what_it_holds(judged):
+    judged.do("fault", 3, 0.1, name="hand_moved").run(0.3)
+    judged.rules._nodes[0].boots = 0
+    judged.robot.drives[3].device.store.set(0x6083, 0, 1)
+    judged.run(0.5)
+    assert judged.told == []
+
+
+@pytest.mark.parametrize(("entry", "told"), [(0, 1), (0x701, 1), (0x80000000, 0), (0x1FF, 0), (0x40000000, 1)])
+def test_a_pdo_is_never_active_with_a_cob_id_that_it_may_not_have(judged, entry, told):
+    judged.robot.drives[2].device.store.set(0x1803, 1, entry)
+    judged.run(0.3)
+    assert judged.broken == ["cob_id_restricted"] * told
+
+
+def test_a_wide_object_is_decoded_as_it_is():
+    run = SimulationRun(read_robot(find_robot(WIDE)), 1, ())
+    run.run(1_500_000_000)
+    assert run.breaches == ()
+    [pdo] = run.robot.core.nodes["counter"].received
+    assert pdo.values == (0x0123456789ABCDEF,)
+    pdo.unpack = lambda data: (int.from_bytes(data[1:], "little"),)
+    run.robot.run_for(4_000_000_000)
+    told = run.invariants.breaches
+    run.close()
+    assert [each.rule for each in told][:1] == ["shown_wrong"]
+    assert "0x2000:00 of counter is 320255973501901, it is 81985529216486895" in told[0].text
