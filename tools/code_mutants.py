@@ -616,14 +616,14 @@ def run_seeds(arguments: Sequence[str]) -> int:
     from canopen_control.runtime.robot_files import find_robot
     from canopen_control.runtime.setup import read_robot
     from canopen_control.simulation.motions import motions_of
-    from canopen_control.simulation.random_schedule import known_faults, random_schedule
+    from canopen_control.simulation.random_schedule import draw_schedule, known_faults
     from canopen_control.simulation.simulation_run import SimulationRun
 
     setup = read_robot(find_robot(given.robot), controllers=tuple(given.controller))
     motions, length = motions_of(setup), given.seconds * 1_000_000_000
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
     for seed in range(given.seeds):
-        run = SimulationRun(setup, seed, random_schedule(seed, length, motions, nodes, known_faults()), motions=motions)
+        run = SimulationRun(setup, seed, draw_schedule(seed, length, motions, nodes, known_faults()), motions=motions)
         try:
             run.run(length, stop=lambda run=run: bool(run.invariants.breaches))  # type: ignore[misc]
             if run.breaches:

@@ -320,7 +320,7 @@ def _run_campaign(args: argparse.Namespace) -> int:
 def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[ScenarioEvent, ...], int, int]:
     """Return what happens, the seed and how long, of the scenario file or drawn."""
     from canopen_control.simulation.motions import motions_of
-    from canopen_control.simulation.random_schedule import known_faults, random_schedule
+    from canopen_control.simulation.random_schedule import draw_schedule, known_faults
     from canopen_control.simulation.scenario_steps import read_scenario_steps
 
     faults = _faults("none" if args.faults is None else args.faults, known_faults())
@@ -338,7 +338,7 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Scenar
     if (args.serve or args.ros) and args.seed is None and not faults:
         return (), seed, duration_ns  # the programs ask for what happens
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
-    return random_schedule(seed, duration_ns, motions_of(setup), nodes, faults), seed, duration_ns
+    return draw_schedule(seed, duration_ns, motions_of(setup), nodes, faults), seed, duration_ns
 
 
 def _recorded(args: argparse.Namespace, setup: RobotSetup) -> Scenario:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.runtime.core import RobotState
 from canopen_control.simulation.fault_coverage import BOOT, DRIVE, NMT, POWER, cells_of
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.random_schedule import random_schedule
+from canopen_control.simulation.random_schedule import draw_schedule
 from canopen_control.simulation.robot_under_test import MASTER
 from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
@@ -312,7 +312,7 @@ class Campaign:
         """Return what a seed draws, or how it aims."""
         if seed in self._aims:
             return targeted_schedule(seed, self._aims[seed], self._motions, self._nodes)
-        return random_schedule(seed, self._duration_ns, self._motions, self._nodes, self._faults)
+        return draw_schedule(seed, self._duration_ns, self._motions, self._nodes, self._faults)
 
     def why_never(self) -> str:
         """Say that the robot does not run even if nothing happens to it, and why; "" where it runs."""

@@ -47,7 +47,7 @@ _CANCELLED: Final = 0.2  # of the trajectories
 _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 
 
-def random_schedule(
+def draw_schedule(
     seed: int, duration_ns: int, motions: Sequence[SampleMotion], nodes: Sequence[int], faults: Sequence[str]
 ) -> tuple[ScenarioEvent, ...]:
     """Return the acts of a seed in the order of time; without `faults`, or nodes to have them, nothing goes wrong."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.random_schedule import random_schedule
+from canopen_control.simulation.random_schedule import draw_schedule
 from canopen_control.simulation.robot_under_test import RobotUnderTest
 from canopen_control.simulation.simulated_floor import SimulatedFloor, open_shared_floor
 from canopen_control.simulation.simulation_run import SimulationResult, SimulationRun
@@ -61,7 +61,7 @@ class SharedSimulation:
             setup = robot.setup
             robot.floor = SimulatedFloor(floor.side(setup.name), self.time, robot.awake)
             motions = motions_of(setup)
-            acts = random_schedule(robot.seed, duration_ns, motions, list(robot.drives), faults)
+            acts = draw_schedule(robot.seed, duration_ns, motions, list(robot.drives), faults)
             self.runs[setup.name] = SimulationRun(setup, robot.seed, acts, motions=motions, robot=robot)
         self._began, self._began_ns = real_time.perf_counter(), self.time.now_ns
 

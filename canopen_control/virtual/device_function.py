@@ -87,6 +87,6 @@ _KINDS: Final = {
     Profile.MEASURING: ("io_device", "MeasuringDevice"),
     Profile.ENCODER: ("io_device", "Encoder"),
     Profile.INCLINOMETER: ("io_device", "Inclinometer"),
-    Profile.BATTERY: ("io_device", "Battery"),
+    Profile.BATTERY: ("io_device", "BatteryDevice"),
     Profile.CHARGER: ("io_device", "Charger"),
 }

@@ -10,7 +10,7 @@ import pytest
 from support.simulated import setup_of
 
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.random_schedule import known_faults, random_schedule
+from canopen_control.simulation.random_schedule import draw_schedule, known_faults
 from canopen_control.simulation.simulation_run import SimulationRun
 
 pytestmark = pytest.mark.process
@@ -23,7 +23,7 @@ def test_a_process_that_runs_the_sources_has_the_digest_of_this_one(tmp_path):
     """The tests of the compiled package run this too: then this process is the compiled one."""
     setup, duration_ns = setup_of(), SECONDS * 1_000_000_000
     nodes = [node.node_id for node in setup.bus.nodes.values()]
-    acts = random_schedule(SEED, duration_ns, motions_of(setup), nodes, known_faults())
+    acts = draw_schedule(SEED, duration_ns, motions_of(setup), nodes, known_faults())
     assert acts
     run = SimulationRun(setup, SEED, acts)
     run.run(duration_ns)

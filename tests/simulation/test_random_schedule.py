@@ -1,8 +1,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canopen_control.simulation import random_schedule
 from canopen_control.simulation.motions import SampleMotion
-from canopen_control.simulation.random_schedule import known_faults, random_schedule
+from canopen_control.simulation.random_schedule import draw_schedule, known_faults
 from canopen_control.simulation.robot_under_test import MASTER
 from canopen_control.simulation.scenario_events import KINDS
 
@@ -14,7 +15,7 @@ MOTIONS = (
 
 
 def drawn(seed, seconds=60, faults=None):
-    return random_schedule(seed, seconds * S, MOTIONS, (2, 3), known_faults() if faults is None else faults)
+    return draw_schedule(seed, seconds * S, MOTIONS, (2, 3), known_faults() if faults is None else faults)
 
 
 def test_a_seed_draws_the_same_each_time_and_another_something_else():

@@ -3,7 +3,7 @@ from support.simulated import Played, S, setup_of
 
 from canopen_control.runtime.core import RobotState
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.random_schedule import known_faults, random_schedule
+from canopen_control.simulation.random_schedule import draw_schedule, known_faults
 from canopen_control.simulation.robot_under_test import RobotUnderTest, Timings, dictionary_of
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.virtual_time import Timing
@@ -90,7 +90,7 @@ def test_a_robot_that_was_closed_does_nothing_any_more():
 def test_a_robot_that_a_plugin_simulates_has_no_drives_whatever_its_folder_holds():
     setup = setup_of("diffbot_sim")
     assert list(setup.buses)
-    run = SimulationRun(setup, 1, random_schedule(1, 10 * S, motions_of(setup), (), known_faults()))
+    run = SimulationRun(setup, 1, draw_schedule(1, 10 * S, motions_of(setup), (), known_faults()))
     assert (run.robot.wires, run.robot.drives) == ({}, {})
     run.run(10 * S)
     assert run.robot.running

@@ -7,7 +7,7 @@ from support.simulated import S, setup_of
 
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.random_schedule import known_faults, random_schedule
+from canopen_control.simulation.random_schedule import draw_schedule, known_faults
 from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.scenario_steps import nanoseconds_of, read_scenario_steps, scenario_text
 from canopen_control.virtual.scenario import ScenarioError
@@ -121,7 +121,7 @@ def test_times_of_points_grow_and_have_values(tmp_path, times):
 @pytest.mark.rest
 @given(st.integers(0, 500))
 def test_what_is_written_reads_as_the_same(tmp_path_factory, seed):
-    acts = random_schedule(seed, 30 * S, motions_of(setup_of()), (2, 3), known_faults())
+    acts = draw_schedule(seed, 30 * S, motions_of(setup_of()), (2, 3), known_faults())
     text = scenario_text(acts, seed=seed, duration_ns=30 * S, note="of a test")
     scenario = read(tmp_path_factory.mktemp("scenario"), text)
     assert (scenario.acts, scenario.seed, scenario.duration_ns) == (acts, seed, 30 * S)

@@ -6,7 +6,7 @@ import pytest
 from support.simulated import S, setup_of
 
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.random_schedule import known_faults, random_schedule
+from canopen_control.simulation.random_schedule import draw_schedule, known_faults
 from canopen_control.simulation.simulation_run import SimulationRun
 
 SEED = 11
@@ -14,7 +14,7 @@ SEED = 11
 
 def drawn(seconds):
     nodes = [node.node_id for node in setup_of().bus.nodes.values()]
-    return random_schedule(SEED, seconds * S, motions_of(setup_of()), nodes, known_faults())
+    return draw_schedule(SEED, seconds * S, motions_of(setup_of()), nodes, known_faults())
 
 
 def outcome(seconds=8, **how):

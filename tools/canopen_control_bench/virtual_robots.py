@@ -17,7 +17,7 @@ from canopen_control.errors import CanopenError
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.random_schedule import random_schedule
+from canopen_control.simulation.random_schedule import draw_schedule
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.version import COMPILED, PURE, build
 from canopen_control_bench.figure import AT_LEAST, Figure, compared, limited
@@ -79,7 +79,7 @@ def simulate(setup: RobotSetup, seconds: float) -> Simulated:
     motions, duration_ns = motions_of(setup), round(seconds * 1e9)
     nodes = [node.node_id for bus in setup.buses.values() for node in bus.nodes.values()]
     begun = time.process_time()
-    run = SimulationRun(setup, _SEED, random_schedule(_SEED, duration_ns, motions, nodes, []), motions=motions)
+    run = SimulationRun(setup, _SEED, draw_schedule(_SEED, duration_ns, motions, nodes, []), motions=motions)
     try:
         robot, began_ns = run.robot, run.robot.now_ns
         robot.start()
