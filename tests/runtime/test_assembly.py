@@ -17,7 +17,7 @@ from canopen_control.hardware.simulation import PHYSICS_PLUGIN
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.physics.plugin_robot import SimulatedRobot
+from canopen_control.physics.plugin_robot import DriverlessRobot
 from canopen_control.runtime.assembly import Assembly, read_pids, simulation_engine
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
@@ -37,7 +37,7 @@ def setup(simulate=True, plugin=None, **parameters):
 def test_gazebos_plugin_runs_in_physics_and_tells_what_was_guessed():
     events = []
     engine = simulation_engine(setup(), KINDS, lambda *event: events.append(event))
-    assert isinstance(engine, SimulatedRobot)
+    assert isinstance(engine, DriverlessRobot)
     assert engine.motor("left_wheel_joint") is not None
     assert {kind for kind, _ in events} == {"physics"}
     assert any("left_wheel_joint, right_wheel_joint" in text for _, text in events)
