@@ -1,7 +1,6 @@
 """A virtual device and a checked node on one bus, in virtual time."""
 
 import pytest
-from canopen_control.virtual.node_host import NodeHost
 
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.conformance.checked_node import CheckedNode
