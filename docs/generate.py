@@ -85,8 +85,8 @@ _PARTS = {
     "PdoConfig": "a [PDO](#one-pdo)",
     "SdoEntry": "[objects](#an-object-of-sdo)",
     "SignalKeys": "[signals](#a-signal)",
-    "PdoObject": "[objects](#a-mapped-object)",
-    "AxisUnits": "[units](#the-units-of-one-axis)",
+    "PdoObjectKeys": "[objects](#a-mapped-object)",
+    "AxisUnitKeys": "[units](#the-units-of-one-axis)",
 }
 
 
@@ -144,13 +144,13 @@ def bus_yml() -> str:
     from canopen_control.master import keys
 
     sections = (
-        ("`options`", keys.Options, {}),
+        ("`options`", keys.FileOptions, {}),
         ("`master`", keys.MasterConfig, keys.UNUSED_MASTER),
         ("A node, and `defaults` of all", keys.NodeConfig, keys.UNUSED_NODE),
         ("One PDO", keys.PdoConfig, {}),
-        ("A mapped object", keys.PdoObject, {}),
+        ("A mapped object", keys.PdoObjectKeys, {}),
         ("An object of `sdo`", keys.SdoEntry, {}),
-        ("The units of one axis", keys.AxisUnits, {}),
+        ("The units of one axis", keys.AxisUnitKeys, {}),
         ("A signal", keys.SignalKeys, {}),
     )
     text = [
@@ -186,7 +186,7 @@ def controllers() -> str:
         steering_params,
         types,
     )
-    from canopen_control.controllers.base_params import AxisLimits
+    from canopen_control.controllers.base_params import TwistAxisLimits
     from canopen_control.controllers.controllers_file import ManagerParams
     from canopen_control.controllers.params import BroadcasterParams, CommonParams
     from canopen_control.controllers.trajectory import params as trajectory
@@ -240,7 +240,7 @@ def controllers() -> str:
         if cls is mecanum_params.MecanumParams:
             text += [
                 "### Limits: `linear.x.KEY`, `linear.y.KEY` and `angular.z.KEY`\n",
-                _keys(AxisLimits, _parameters(AxisLimits), {}),
+                _keys(TwistAxisLimits, _parameters(TwistAxisLimits), {}),
             ]
         if cls is pid_params.PidParams:
             text += [
@@ -253,7 +253,7 @@ def controllers() -> str:
         if cls is broadcasters.BatteryParams:
             text += [
                 "### Each battery: `BATTERY.KEY`\n",
-                _keys(broadcasters.Battery, _parameters(broadcasters.Battery), {}),
+                _keys(broadcasters.BatteryFacts, _parameters(broadcasters.BatteryFacts), {}),
             ]
         if cls is trajectory.TrajectoryParams:
             for part, title in (
@@ -359,7 +359,7 @@ _AXIS_POWER = """# May an axis move? Its statechart
 ## Its power
 
 Each joint is in one of these states. A trigger that a state does not list changes nothing in it. The table is
-`canopen_control/hardware/axis_power.py`; `hardware/joint.py` fires the triggers of the drive and of users,
+`canopen_control/hardware/axis_statechart.py`; `hardware/joint.py` fires the triggers of the drive and of users,
 `hardware/stop_group.py` those of the joints that stop together.
 
 A stop that takes longer than its state may last goes on to a quick stop, then to disable voltage; where the joint of
@@ -386,28 +386,28 @@ A mode is one only when 0x6061 shows it, and nothing moves before. The table is
 def axis_power() -> str:
     """Return the states of an axis: the tables of its power, of what is wanted of its drive, and of its mode."""
     from canopen_control.cia402 import drive
-    from canopen_control.hardware.axis_power import LIMITS_NS, TABLE, AxisState, Trigger
+    from canopen_control.hardware.axis_statechart import LIMITS_NS, TABLE, AxisPhase, PhaseTrigger
 
     lasts = {state: f"{limit / 1e9:g} s" for state, limit in LIMITS_NS.items()}
-    lasts[AxisState.SETTLING] = "what is left of BRAKING's"
+    lasts[AxisPhase.SETTLING] = "what is left of BRAKING's"
     told = {
         (state, trigger): (row.state, "; ".join(order.value for order in row.orders))
         for state, rows in TABLE.items()
         for trigger, row in rows.items()
     }
-    goals = {each: drive.GOALS[each].name for each in drive.Intent}
+    goals = {each: drive.GOALS[each].name for each in drive.EnableRequest}
     intents = {
         (state, trigger): (after, "" if goals[state] == goals[after] else goals[after])
-        for state, rows in drive.TABLE.items()
+        for state, rows in drive.ENABLE_TABLE.items()
         for trigger, after in rows.items()
     }
     modes = {
         (state, trigger): (after, "yes" if after in drive.CONFIRMED else "no")
-        for state, rows in drive.TABLE.items()
+        for state, rows in drive.MODE_TABLE.items()
         for trigger, after in rows.items()
     }
-    parts = [_AXIS_POWER, *_chart(AxisState, Trigger, told, lasts, ("may last", "the drive is told to"))]
-    parts += [_DRIVE_INTENT, *_chart(drive.Intent, drive.IntentTrigger, intents, goals, ("goal", "new goal"))]
+    parts = [_AXIS_POWER, *_chart(AxisPhase, PhaseTrigger, told, lasts, ("may last", "the drive is told to"))]
+    parts += [_DRIVE_INTENT, *_chart(drive.EnableRequest, drive.EnableTrigger, intents, goals, ("goal", "new goal"))]
     confirmed = {state: "yes" if state in drive.CONFIRMED else "no" for state in drive.ModeState}
     heads = ("confirmed", "confirmed then")
     parts += [_MODE_REQUEST, *_chart(drive.ModeState, drive.ModeTrigger, modes, confirmed, heads)]

@@ -202,7 +202,7 @@ def test_master_and_virtual_drives_never_share_code_that_decides():
 # -- who knows a controller or a component by its type
 
 #: subpackage whose classes are told apart by what they declare -> the class that they derive from
-DECLARED = {"controllers": "Controller", "hardware": "Lifecycle"}
+DECLARED = {"controllers": "Controller", "hardware": "ComponentLifecycle"}
 
 
 def derived(root, base):

@@ -114,8 +114,8 @@ self.reactor.call_later(300_000_000, begin)
         Change(
             "hardware.joint",
             "JointDrive.fault_reset",
-            "self._fire(Trigger.FAULT_RESET)",
-            "self._fire(Trigger.FAULT_RESET)\nself.resume = True",
+            "self._fire(PhaseTrigger.FAULT_RESET)",
+            "self._fire(PhaseTrigger.FAULT_RESET)\nself.resume = True",
         ),
         (_scenario("robby", "robby_fault"),),
         "hardware/test_system",
@@ -252,7 +252,7 @@ self.reactor.call_later(300_000_000, begin)
         "maximum velocity and limit switch are not applied in PV and CSV",
         Change(
             "hardware.axis",
-            "AxisLimits.of_velocity",
+            "AxisObjectLimits.of_velocity",
             "",
             "return raw",
         ),

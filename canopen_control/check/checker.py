@@ -15,7 +15,7 @@ from canopen_control.check.stop_times import axis_facts, command_lives, stop_tim
 from canopen_control.check.timing_rules import Finding, check_timing, cycle_ns, sorted_findings
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.hardware.mode_choice import with_interfaces_of_plugins
+from canopen_control.hardware.mode_choice import add_plugin_interfaces
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.master.budget import HIGH, budget_of
@@ -170,7 +170,7 @@ class _Checker:
         try:
             mappings = self._files.mappings(mock=self._options.mock)
             # those of a bus with an error as well: a drive that is refused lacks no command interface for that
-            return with_interfaces_of_plugins(read_description(path, mappings=mappings), plans_of(self._buses))
+            return add_plugin_interfaces(read_description(path, mappings=mappings), plans_of(self._buses))
         except ConfigError as error:
             self.findings += rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None

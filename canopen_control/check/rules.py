@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.check.launch_rules import check_launch
 from canopen_control.check.timing_rules import CheckedRobot, Finding
 from canopen_control.cia402 import objects
-from canopen_control.controllers.command_life import DEFAULT_LIFE_S, ENDLESS
+from canopen_control.controllers.command_timeout import DEFAULT_LIFE_S, ENDLESS
 from canopen_control.controllers.controllers_file import ManagerParams, is_within
 from canopen_control.controllers.mobile_base import ONE_UPDATE
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, nearest
 from canopen_control.hardware.device_parts import device_of
 from canopen_control.hardware.mode_choice import PLUGINS
-from canopen_control.hardware.plugins import KNOWN, Kind
+from canopen_control.hardware.plugins import KNOWN, PluginKind
 from canopen_control.master.keys import SCALES
 from canopen_control.od.issues import Severity
 from canopen_control.rpc.messages.robot import STREAM_RATE
@@ -410,7 +410,7 @@ def _devices(robot: CheckedRobot) -> Iterator[Finding]:
     if bus is None or description is None or robot.mock:
         return
     for tag in description.hardware:
-        if KNOWN.get(tag.plugin) is not Kind.CANOPEN and not robot.real:
+        if KNOWN.get(tag.plugin) is not PluginKind.CANOPEN and not robot.real:
             continue
         for joint in tag.joints:
             yield from _device(robot, tag, joint)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from canopen_control.controllers.controllers_file import ControllerConfig, ControllersFile
     from canopen_control.master.config import BusConfig
     from canopen_control.master.keys import NodeConfig
-    from canopen_control.master.plan_builder import PdoLayout
+    from canopen_control.master.plan_builder import PlannedPdo
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.urdf.description import UrdfDescription
     from canopen_control.yamlfile.node import Node
@@ -227,7 +227,7 @@ class _Found:
         self._config, self._key = config, key
         self._by_place: dict[tuple[int, int], tuple[Node, str, str, set[str]]] = {}
 
-    def add(self, node: NodeConfig, layout: PdoLayout, text: str, fix: str) -> None:
+    def add(self, node: NodeConfig, layout: PlannedPdo, text: str, fix: str) -> None:
         """Take a mistake; `{more}` in the text are the other nodes."""
         place = self._config.place(node.name, self._key.format(layout.number))
         self._by_place.setdefault((place.line, place.column), (place, text, fix, set()))[3].add(node.name)

@@ -37,7 +37,7 @@ from canopen_control.cia301.sdo_codec import (
     UPLOAD_SIZED,
     UPLOAD_UNSIZED,
 )
-from canopen_control.cia301.sdo_exchange import Phase, SdoExchange, SdoOptions, SdoRequest, initiate, initiate_block
+from canopen_control.cia301.sdo_exchange import Phase, SdoOptions, SdoRequest, SdoTransfer, initiate, initiate_block
 from canopen_control.errors import LocalProtocolError, SdoRestarted
 from canopen_control.frame import CanFrame
 
@@ -185,7 +185,7 @@ class SegmentedDownload:
 class Awaiting(Phase):
     """The first frame is on its way, and the answer is due; what is one, the phases derived from this know."""
 
-    def receive(self, exchange: SdoExchange, data: bytes, now: int) -> None:
+    def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:
         """Take an answer to this request alone, and not before the request has left."""
         request = exchange.active
         if data[1:4] != exchange.mux or exchange.out or request is None:
@@ -193,21 +193,21 @@ class Awaiting(Phase):
         else:
             self.answered(exchange, request, data, now)
 
-    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Take a frame with the multiplexer of the request."""
         raise NotImplementedError
 
-    def concerns(self, exchange: SdoExchange, mux: bytes) -> bool:
+    def concerns(self, exchange: SdoTransfer, mux: bytes) -> bool:
         """Whether the abort is about it: some servers name no object when they do not know a command."""
         if exchange.out:
             return False
         return mux == exchange.mux or (mux == NO_MUX and (self.block or not exchange.quarantine.owed))
 
-    def time_out(self, exchange: SdoExchange, request: SdoRequest, now: int) -> None:
+    def time_out(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
         """Give this try up."""
         exchange.timed_out(request, now)
 
-    def abandon(self, exchange: SdoExchange) -> None:
+    def abandon(self, exchange: SdoTransfer) -> None:
         """Take the first frame back, or abort what has left."""
         if exchange.out:
             exchange.out.pop()
@@ -218,7 +218,7 @@ class Awaiting(Phase):
 class AwaitingUpload(Awaiting):
     """An upload was asked for: the answer has the data (expedited), or announces segments."""
 
-    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Finish an expedited upload, or go on with segments."""
         if data[0] & COMMAND_MASK != UPLOAD:
             exchange.ignored += 1
@@ -239,7 +239,7 @@ class AwaitingUpload(Awaiting):
 class AwaitingBlockUpload(AwaitingUpload):
     """A block upload was asked for; the server may switch and answer as if plainly asked."""
 
-    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Go on in blocks."""
         command, options = data[0], exchange.options
         if command & ~(CRC_FLAG | SIZED_FLAG) != BLOCK_UPLOAD_ANSWER:
@@ -257,7 +257,7 @@ class AwaitingBlockUpload(AwaitingUpload):
 class AwaitingDownload(Awaiting):
     """A download was announced: its data went with it (expedited), or follow in segments."""
 
-    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Finish an expedited download, or go on with segments."""
         if data[0] != DOWNLOAD_ANSWER:
             exchange.ignored += 1
@@ -273,7 +273,7 @@ class AwaitingDownload(Awaiting):
 class AwaitingBlockDownload(Awaiting):
     """A block download was announced."""
 
-    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Go on in blocks of the size that the server asks for."""
         command, block_size = data[0], data[4]
         if command & ~CRC_FLAG != BLOCK_DOWNLOAD_ANSWER:
@@ -292,7 +292,7 @@ class AwaitingBlockDownload(Awaiting):
 class Probing(Awaiting):
     """Another object is read first, so that no late answer can be taken for this request's."""
 
-    def answered(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
+    def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Begin the request itself: whatever the answer says, it settles what was owed."""
         if data[0] & COMMAND_MASK not in (UPLOAD, ABORT):
             exchange.ignored += 1
@@ -300,7 +300,7 @@ class Probing(Awaiting):
         exchange.quarantine.answered(exchange.mux)
         exchange.begin(request, now)
 
-    def aborted(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
+    def aborted(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Take an abort as an answer."""
         self.answered(exchange, request, data, now)
 
@@ -311,7 +311,7 @@ class Transferring(Phase):
     def __init__(self, transfer: Transfer, block: bool) -> None:
         self.block, self.transfer, self.rest = block, transfer, transfer
 
-    def receive(self, exchange: SdoExchange, data: bytes, now: int) -> None:
+    def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:
         """Hand a frame to the transfer, and end the request when it is done."""
         outcome = self.rest.receive(data, exchange.out)
         request = exchange.active
@@ -326,11 +326,11 @@ class Transferring(Phase):
         else:
             exchange.give_up(request, outcome, now)
 
-    def concerns(self, exchange: SdoExchange, mux: bytes) -> bool:
+    def concerns(self, exchange: SdoTransfer, mux: bytes) -> bool:
         """Whether the abort is about it: named, or nothing."""
         return mux in (exchange.mux, NO_MUX)
 
-    def time_out(self, exchange: SdoExchange, request: SdoRequest, now: int) -> None:
+    def time_out(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
         """Let the transfer ask again where it can, else give this try up."""
         if self.rest.nudge(exchange.out):
             exchange.deadline = now + request.timeout_ns
@@ -340,7 +340,7 @@ class Transferring(Phase):
         else:
             exchange.timed_out(request, now)
 
-    def abandon(self, exchange: SdoExchange) -> None:
+    def abandon(self, exchange: SdoTransfer) -> None:
         """Abort it."""
         exchange.die(AbortCode.GENERAL_ERROR)
 
@@ -356,7 +356,7 @@ _BLOCK_DOWNLOAD: Final = AwaitingBlockDownload(block=True)
 _PROBING: Final = Probing()
 
 
-def first_phase(exchange: SdoExchange, request: SdoRequest) -> tuple[Phase, bytes]:
+def first_phase(exchange: SdoTransfer, request: SdoRequest) -> tuple[Phase, bytes]:
     """Return what a try waits for first, and its first frame: the request's, or that of another object before it."""
     if request.block and exchange.tries_blocks:
         phase: Phase = _BLOCK_DOWNLOAD if request.is_write else _BLOCK_UPLOAD
@@ -398,7 +398,7 @@ class SdoClient:
         self.answer_cob_id = ANSWER_BASE + node_id if answer_cob_id is None else answer_cob_id
         self.request_cob_id = REQUEST_BASE + node_id if request_cob_id is None else request_cob_id
         self._queue: deque[SdoRequest] = deque()
-        self._exchange = SdoExchange(node_id, name, retries, options, self.request_cob_id, first_phase)
+        self._exchange = SdoTransfer(node_id, name, retries, options, self.request_cob_id, first_phase)
         self._exchange.entry_of = entry_of
 
     # -- what callers ask for

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from canopen_control.errors import CanopenError
     from canopen_control.od.model import Entry
 
-    FirstPhase = Callable[["SdoExchange", "SdoRequest"], tuple["Phase", bytes]]
+    FirstPhase = Callable[["SdoTransfer", "SdoRequest"], tuple["Phase", bytes]]
     """Returns what a try waits for first, and its first frame."""
 
 
@@ -236,7 +236,7 @@ def completed(data: bytes) -> bytes:
 _PROBES: Final = (INITIATE.pack(UPLOAD, 0x1000, 0), INITIATE.pack(UPLOAD, 0x1001, 0))
 
 
-class Quarantine:
+class LateAnswerGuard:
     """The multiplexers that are owed an answer, in the order in which they were first asked for."""
 
     __slots__ = ("owed",)
@@ -299,31 +299,31 @@ class Phase:
     def __init__(self, block: bool = False, transfer: Transfer | None = None) -> None:
         self.block, self.transfer = block, transfer
 
-    def receive(self, exchange: SdoExchange, data: bytes, now: int) -> None:  # noqa: ARG002 - what every phase gets
+    def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:  # noqa: ARG002 - what every phase gets
         """Take a frame of eight bytes that is no abort."""
         exchange.ignored += 1
 
-    def concerns(self, exchange: SdoExchange, mux: bytes) -> bool:  # noqa: ARG002
+    def concerns(self, exchange: SdoTransfer, mux: bytes) -> bool:  # noqa: ARG002
         """Whether an abort of this multiplexer is about the request."""
         return False
 
-    def aborted(self, exchange: SdoExchange, request: SdoRequest, data: bytes, now: int) -> None:
+    def aborted(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Take an abort that concerns the request."""
         if data[1:4] == exchange.mux:
             exchange.quarantine.answered(exchange.mux)
         exchange.refused(request, int.from_bytes(data[4:8], "little"), now)
 
-    def time_out(self, exchange: SdoExchange, request: SdoRequest, now: int) -> None:
+    def time_out(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
         """Act on a deadline that has passed."""
 
-    def abandon(self, exchange: SdoExchange) -> None:
+    def abandon(self, exchange: SdoTransfer) -> None:
         """Let the server know that nobody waits any more, if it has heard of the request."""
 
 
 class Pausing(Phase):
     """The server has said "not now": the request is made again when the deadline passes."""
 
-    def time_out(self, exchange: SdoExchange, request: SdoRequest, now: int) -> None:
+    def time_out(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
         """Ask again."""
         exchange.again(request, now)
 
@@ -332,7 +332,7 @@ _IDLE: Final = Phase()
 _PAUSING: Final = Pausing()
 
 
-class SdoExchange:
+class SdoTransfer:
     """The request under way, if there is one, as its client sees it, and what its phases do with it.
 
     `first_phase` says how a try begins. `out` holds what is to be sent and `finished` the requests
@@ -359,7 +359,7 @@ class SdoExchange:
         self.active: SdoRequest | None = None
         self.deadline: int | None = None
         self.phase: Phase = _IDLE
-        self.quarantine = Quarantine()
+        self.quarantine = LateAnswerGuard()
         self.first = b""
         self.mux = b""
         self._started: int | None = None  # None: the first frame has not been seen to leave

@@ -80,7 +80,7 @@ class _Phase(enum.Enum):
     END = BLOCK_END_ANSWER
 
 
-class BlockUpload:
+class ServedBlockUpload:
     """Sends an object in sub-blocks, of the size that the client asks for."""
 
     __slots__ = (
@@ -153,7 +153,7 @@ class BlockUpload:
         out += segment_frames(self._answer_id, self._data, self._first, self._sent)
 
 
-class BlockDownload:
+class ServedBlockDownload:
     """Receives an object in sub-blocks; `size` is what the client announced, None if it did not."""
 
     __slots__ = (
@@ -289,7 +289,7 @@ class BlockDownload:
 _CONFIRMATIONS = {toggle: bytes((DOWNLOAD_SEGMENT_ANSWER | toggle,)) + bytes(7) for toggle in (0, TOGGLE)}
 
 
-class SegmentedUpload:
+class ServedUpload:
     """Sends an object segment by segment, as the client asks for them."""
 
     __slots__ = ("_answer_id", "_data", "_offset", "_toggle", "index", "subindex")
@@ -329,7 +329,7 @@ class SegmentedUpload:
         return False
 
 
-class SegmentedDownload:
+class ServedDownload:
     """Receives an object segment by segment; `size` is what the client announced, None if it did not."""
 
     __slots__ = ("_answer_id", "_before", "_buffer", "_confirmation", "_limit", "_size", "_toggle", "index", "subindex")
@@ -398,7 +398,7 @@ class SdoServerAbort(CanopenError):
         super().__init__(f"abort 0x{code:08X} ({abort_text(code)})")
 
 
-class ObjectStore(Protocol):
+class ServedObjects(Protocol):
     """What the server serves; each method may raise SdoServerAbort."""
 
     def upload(self, index: int, subindex: int) -> bytes:
@@ -448,7 +448,7 @@ class SdoServer:
     def __init__(
         self,
         node_id: int,
-        store: ObjectStore,
+        store: ServedObjects,
         *,
         block: bool = True,
         crc: bool = True,
@@ -495,7 +495,7 @@ class SdoServer:
 
         Return how many records that were. 0 is no refusal: the first of them is for `receive`.
         """
-        if not isinstance(transfer := self._transfer, BlockDownload):
+        if not isinstance(transfer := self._transfer, ServedBlockDownload):
             return 0
         if count := transfer.receive_records(records, start, self.request_cob_id, self._out):
             self._alive(now)
@@ -553,7 +553,7 @@ class SdoServer:
             self.served += 1
         else:
             answer = INITIATE_NUMBER.pack(UPLOAD_SIZED, index, subindex, length)
-            self._start(SegmentedUpload(self.answer_cob_id, index, subindex, value), now)
+            self._start(ServedUpload(self.answer_cob_id, index, subindex, value), now)
         self._out.append(CanFrame(self.answer_cob_id, answer))
 
     def _on_download(self, data: bytes, now: int) -> None:
@@ -574,7 +574,7 @@ class SdoServer:
             announced = int.from_bytes(value, "little") if command & 0x01 else None
             if self._accepts(index, subindex, announced):
                 self._confirm_download(index, subindex)
-                self._start(SegmentedDownload(self.answer_cob_id, index, subindex, announced, self.max_size), now)
+                self._start(ServedDownload(self.answer_cob_id, index, subindex, announced, self.max_size), now)
 
     def _confirm_download(self, index: int, subindex: int) -> None:
         self._out.append(CanFrame(self.answer_cob_id, INITIATE.pack(DOWNLOAD_ANSWER, index, subindex)))
@@ -596,7 +596,7 @@ class SdoServer:
             crc = command & CRC_FLAG if self.crc else 0
             answer = INITIATE_NUMBER.pack(BLOCK_UPLOAD_ANSWER | SIZED_FLAG | crc, index, subindex, len(value))
             self._out.append(CanFrame(self.answer_cob_id, answer))
-            self._start(BlockUpload(self.answer_cob_id, index, subindex, value, bool(crc), block_size), now)
+            self._start(ServedBlockUpload(self.answer_cob_id, index, subindex, value, bool(crc), block_size), now)
 
     def _on_block_download(self, data: bytes, now: int) -> None:
         if not self.block or data[0] & 0x01:  # no initiate
@@ -612,7 +612,7 @@ class SdoServer:
         answer = INITIATE_BYTES.pack(BLOCK_DOWNLOAD_ANSWER | crc, index, subindex, bytes((self.block_size,)))
         self._out.append(CanFrame(self.answer_cob_id, answer))
         identity = (self.answer_cob_id, index, subindex)
-        self._start(BlockDownload(*identity, announced, self.max_size, bool(crc), self.block_size), now)
+        self._start(ServedBlockDownload(*identity, announced, self.max_size, bool(crc), self.block_size), now)
 
     def _on_abort(self, data: bytes, now: int) -> None:
         if data[0] != ABORT:

@@ -5,9 +5,9 @@ Law of this file (CiA 402-2, 6.3, seen from the other end of the bus):
 - Verbs set a goal and return; `update` makes one step towards it, whenever a statusword is there. Nothing blocks.
 - One command at a time, and the next one only when the statusword shows that the last one was obeyed: 06, 07, 0F. The
   steps are `state.next_command`; `intent` adds when to stop asking.
-- What is wanted is one `Intent`, which `intent.TABLE` alone changes: the goal is ENABLED only by `enable`. A fault, a
-  lost enable, a vanished or senseless statusword, a transition or a mode that is not confirmed in time set it back to
-  DISABLED. Nothing but a new `enable` sets it again; a fault reset never does.
+- What is wanted is one `EnableRequest`, which `intent.TABLE` alone changes: the goal is ENABLED only by `enable`. A
+  fault, a lost enable, a vanished or senseless statusword, a transition or a mode that is not confirmed in time set it
+  back to DISABLED. Nothing but a new `enable` sets it again; a fault reset never does.
 - 0x0F is sent only when the goal is ENABLED and, to a drive that is not enabled yet, when the mode that was asked
   for stands in 0x6061.
 - Down is the drive's own ramp: disable operation (0x605C), shutdown, disable voltage, each when the one before is
@@ -76,7 +76,7 @@ LADDER: Mapping[State, int] = MappingProxyType(
 """How far a state is on the way to OPERATION_ENABLED; a drive that is being enabled and comes down has a reason."""
 
 
-class Goal(Enum):
+class DriveGoal(Enum):
     """What the master works towards."""
 
     DISABLED = "disabled, by the drive's own ramp"
@@ -85,20 +85,20 @@ class Goal(Enum):
     VOLTAGE_DISABLED = "without voltage at once"
 
 
-def state_of_goal(goal: Goal, disabled_state: State) -> State:
+def state_of_goal(goal: DriveGoal, disabled_state: State) -> State:
     """Return the state to aim for; `disabled_state` is where a disabled drive ends."""
-    if goal is Goal.ENABLED:
+    if goal is DriveGoal.ENABLED:
         return State.OPERATION_ENABLED
-    if goal is Goal.QUICK_STOPPED:
+    if goal is DriveGoal.QUICK_STOPPED:
         return State.QUICK_STOP_ACTIVE
-    return disabled_state if goal is Goal.DISABLED else State.SWITCH_ON_DISABLED
+    return disabled_state if goal is DriveGoal.DISABLED else State.SWITCH_ON_DISABLED
 
 
-def is_stopped(goal: Goal, disabled_state: State, state: State | None) -> bool:
+def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> bool:
     """Whether a drive in `state` (None: unknown) has reached `goal`, one of the three that are a stop."""
     if state is State.FAULT:
         return True
-    if goal is Goal.QUICK_STOPPED:
+    if goal is DriveGoal.QUICK_STOPPED:
         return state in (State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED)
     return state in DISABLED_STATES and LADDER[state] <= LADDER[state_of_goal(goal, disabled_state)]
 
@@ -267,9 +267,9 @@ class FaultReset:
 
 # What is wanted of a drive: the intent, the table of what changes it, and the command of the present step.
 #
-# Law of this file: an `Intent` is a goal together with what is still on its way to the drive; `INTENT_TABLE` says what
-# each trigger makes of it, and what has no row changes nothing. Only ENABLE and OVERTAKE lead to the goal ENABLED; a
-# fault, and an enable that ended without a command, lead away from it. Another goal begins another step.
+# Law of this file: an `EnableRequest` is a goal together with what is still on its way to the drive; `ENABLE_TABLE`
+# says what each trigger makes of it, and what has no row changes nothing. Only ENABLE and OVERTAKE lead to the goal
+# ENABLED; a fault, and an enable that ended without a command, lead away from it. Another goal begins another step.
 
 
 _FALLS: Final = 2  # on the way up: a command still on its way may cause one, a drive that keeps falling has a reason
@@ -277,7 +277,7 @@ _FALLS: Final = 2  # on the way up: a command still on its way may cause one, a 
 _AUTOMATIC: Final = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}
 
 
-class Intent(Enum):
+class EnableRequest(Enum):
     """What the master works towards, and what is on its way to the drive; the value says what it means."""
 
     DISABLED = "disabled, by the drive's own ramp"
@@ -289,7 +289,7 @@ class Intent(Enum):
     VOLTAGE_DISABLED = "without voltage at once"
 
 
-class IntentTrigger(Enum):
+class EnableTrigger(Enum):
     """What changes an intent; the value says when."""
 
     ENABLE = "somebody enables it"
@@ -303,13 +303,13 @@ class IntentTrigger(Enum):
     LOST = "a fault, or an enable that ended without a command"
 
 
-_I, _DriveTransition = Intent, IntentTrigger
+_I, _DriveTransition = EnableRequest, EnableTrigger
 _END: Final = {_DriveTransition.DISABLE_VOLTAGE: _I.VOLTAGE_DISABLED, _DriveTransition.LOST: _I.DISABLED}
 _ENABLE: Final = {_DriveTransition.ENABLE: _I.ENABLED, _DriveTransition.OVERTAKE: _I.OVERTAKING}
 _STOP: Final = {_DriveTransition.QUICK_STOP: _I.QUICK_STOPPED, _DriveTransition.QUICK_STOP_ENABLED: _I.QUICK_STOPPING}
 _ENABLED: Final = {**_END, **_STOP, _DriveTransition.DISABLE: _I.DISABLED}
 
-INTENT_TABLE: Final[Mapping[Intent, Mapping[IntentTrigger, Intent]]] = MappingProxyType(
+ENABLE_TABLE: Final[Mapping[EnableRequest, Mapping[EnableTrigger, EnableRequest]]] = MappingProxyType(
     {
         _I.DISABLED: {**_END, **_ENABLE, **_STOP},
         _I.DISABLED_AFTER_STOP: {
@@ -334,20 +334,20 @@ INTENT_TABLE: Final[Mapping[Intent, Mapping[IntentTrigger, Intent]]] = MappingPr
 )
 """Intent and trigger to the next intent; a trigger without a row changes nothing."""
 
-GOALS: Final[Mapping[Intent, Goal]] = MappingProxyType(
+GOALS: Final[Mapping[EnableRequest, DriveGoal]] = MappingProxyType(
     {
-        _I.DISABLED: Goal.DISABLED,
-        _I.DISABLED_AFTER_STOP: Goal.DISABLED,
-        _I.ENABLED: Goal.ENABLED,
-        _I.OVERTAKING: Goal.ENABLED,
-        _I.QUICK_STOPPING: Goal.QUICK_STOPPED,
-        _I.QUICK_STOPPED: Goal.QUICK_STOPPED,
-        _I.VOLTAGE_DISABLED: Goal.VOLTAGE_DISABLED,
+        _I.DISABLED: DriveGoal.DISABLED,
+        _I.DISABLED_AFTER_STOP: DriveGoal.DISABLED,
+        _I.ENABLED: DriveGoal.ENABLED,
+        _I.OVERTAKING: DriveGoal.ENABLED,
+        _I.QUICK_STOPPING: DriveGoal.QUICK_STOPPED,
+        _I.QUICK_STOPPED: DriveGoal.QUICK_STOPPED,
+        _I.VOLTAGE_DISABLED: DriveGoal.VOLTAGE_DISABLED,
     }
 )
 """The goal of each intent."""
 
-SENT_FIRST: Final[Mapping[Intent, Command]] = MappingProxyType(
+SENT_FIRST: Final[Mapping[EnableRequest, Command]] = MappingProxyType(
     {
         _I.DISABLED_AFTER_STOP: Command.QUICK_STOP,
         _I.QUICK_STOPPING: Command.QUICK_STOP,
@@ -357,14 +357,14 @@ SENT_FIRST: Final[Mapping[Intent, Command]] = MappingProxyType(
 """What an intent sends whatever the state, a fault apart; the others go step by step, by `state.next_command`."""
 
 
-class DriveIntent:
+class DriveRequest:
     """What is wanted of one drive, and the step that it is at; `disabled_state` is where a disabled drive ends."""
 
     def __init__(self, step: StepTimer, disabled_state: State) -> None:
         self.step = step
         self.disabled_state = disabled_state
-        self.state = Intent.DISABLED
-        self.goal = Goal.DISABLED
+        self.state = EnableRequest.DISABLED
+        self.goal = DriveGoal.DISABLED
         self._falls = 0
         self._stop_exit = QuickStopExit()
 
@@ -373,9 +373,9 @@ class DriveIntent:
         """Whether the end of a quick stop is waited for, which may be seen without a new statusword."""
         return self._stop_exit.stage is StopStage.WAIT
 
-    def fire(self, trigger: IntentTrigger) -> bool:
+    def fire(self, trigger: EnableTrigger) -> bool:
         """Take the row of a trigger; returns whether the goal is another one now."""
-        state = INTENT_TABLE[self.state].get(trigger)
+        state = ENABLE_TABLE[self.state].get(trigger)
         if state is None:
             return False
         self.state, goal = state, GOALS[state]
@@ -392,7 +392,7 @@ class DriveIntent:
         self.step.enter()
         self._stop_exit.enter()
         if drive is not State.OPERATION_ENABLED:
-            self.fire(IntentTrigger.LEFT)
+            self.fire(EnableTrigger.LEFT)
 
     def stopping(self, statusword: int) -> None:
         """Take a statusword of the drive in its quick stop."""
@@ -400,26 +400,26 @@ class DriveIntent:
 
     def fell(self, previous: State, drive: State) -> bool:
         """Take a change from one state to another; returns whether a drive that was to be enabled has lost it."""
-        if self.goal is not Goal.ENABLED or LADDER[drive] >= LADDER[previous]:
+        if self.goal is not DriveGoal.ENABLED or LADDER[drive] >= LADDER[previous]:
             return False
         self._falls += 1
-        if (previous is State.OPERATION_ENABLED and self.state is Intent.ENABLED) or self._falls > _FALLS:
+        if (previous is State.OPERATION_ENABLED and self.state is EnableRequest.ENABLED) or self._falls > _FALLS:
             return True
-        self.fire(IntentTrigger.ARRIVED)
+        self.fire(EnableTrigger.ARRIVED)
         return False
 
     def timed_out(self, drive: State | None, statusword: int | None, now: int) -> TransitionTimedOut | None:
         """End a step whose time is over; returns what is to be told, None where something else is tried."""
         self.step.deadline = _NEVER
-        if self.state is Intent.OVERTAKING:
-            self.fire(IntentTrigger.ARRIVED)  # what could have ended the enable did not
+        if self.state is EnableRequest.OVERTAKING:
+            self.fire(EnableTrigger.ARRIVED)  # what could have ended the enable did not
             return None
         stage = self._stop_exit.stage if self._is_leaving_quick_stop(drive) else None
         if stage is StopStage.ENABLE or stage is StopStage.WAIT:
             self._stop_exit.advance()  # to another command, so to another step
         if stage is StopStage.ENABLE:
             return None  # transition 16 is optional: not worth a word
-        gave_up = self.goal is Goal.ENABLED and stage is not StopStage.WAIT
+        gave_up = self.goal is DriveGoal.ENABLED and stage is not StopStage.WAIT
         return self.step.timed_out(drive, state_of_goal(self.goal, self.disabled_state), statusword, gave_up, now)
 
     def choose(self, drive: State | None, statusword: int | None, standstill: bool, may_enable: bool) -> Command | None:
@@ -431,7 +431,7 @@ class DriveIntent:
             return None
         if (sent := SENT_FIRST.get(self.state)) is not None:
             return sent
-        enable = self.goal is Goal.ENABLED
+        enable = self.goal is DriveGoal.ENABLED
         if self._is_leaving_quick_stop(drive):
             return self._stop_exit.command(enable, statusword or 0, standstill, may_enable)
         if drive is State.SWITCHED_ON and enable and not may_enable:
@@ -444,13 +444,13 @@ class DriveIntent:
             self.step.arm(command, self._step_number(command, drive), now)
 
     def _is_leaving_quick_stop(self, drive: State | None) -> bool:
-        return drive is State.QUICK_STOP_ACTIVE and self.goal in (Goal.ENABLED, Goal.DISABLED)
+        return drive is State.QUICK_STOP_ACTIVE and self.goal in (DriveGoal.ENABLED, DriveGoal.DISABLED)
 
     def _step_number(self, command: Command | None, drive: State | None) -> int | None:
         """Return the transition that the step asks for, or that it waits for; None for a drive that is to stay."""
         if drive in _AUTOMATIC:
-            return _AUTOMATIC[drive] if self.goal is Goal.ENABLED else None
-        if drive is State.OPERATION_ENABLED and self.state is Intent.OVERTAKING:
+            return _AUTOMATIC[drive] if self.goal is DriveGoal.ENABLED else None
+        if drive is State.OPERATION_ENABLED and self.state is EnableRequest.OVERTAKING:
             return SETTLE
         if drive is State.QUICK_STOP_ACTIVE and self._stop_exit.stage is StopStage.WAIT:
             return 12
@@ -680,7 +680,7 @@ class DriveMachine:
         self.evaluations = 0
         timeouts = {**_DEFAULT_TIMEOUTS, SETTLE: settle_ns, **(transition_timeouts or {})}
         self._step = StepTimer(transition_timeout_ns, timeouts)
-        self._intent = DriveIntent(self._step, disabled_state)
+        self._intent = DriveRequest(self._step, disabled_state)
         self._undefined_limit = undefined_limit
         self._undefined_run = 0
         self._always_remote = REMOTE if ignore_remote else 0
@@ -699,15 +699,15 @@ class DriveMachine:
 
         Raises DriveError in a fault, and after a mode was not confirmed until `set_mode` says which one it shall be.
         """
-        if self.goal is Goal.ENABLED:
+        if self.goal is DriveGoal.ENABLED:
             return
         self.require_enable()
         overtaken = self.state is State.OPERATION_ENABLED and self._step.command is not Command.ENABLE_OPERATION
-        self._fire(IntentTrigger.OVERTAKE if overtaken else IntentTrigger.ENABLE)
+        self._fire(EnableTrigger.OVERTAKE if overtaken else EnableTrigger.ENABLE)
 
     def require_enable(self) -> None:
         """Raise the DriveError that `enable` would."""
-        if self.goal is Goal.ENABLED:
+        if self.goal is DriveGoal.ENABLED:
             return
         if self.fault:
             raise DriveError(f"{self.name}: cannot be enabled in a fault{self._seen()}; reset the fault first")
@@ -718,16 +718,16 @@ class DriveMachine:
 
     def disable(self) -> None:
         """Stop the motor by the drive's own ramp (0x605C), then take its power down to `disabled_state`."""
-        self._fire(IntentTrigger.DISABLE)
+        self._fire(EnableTrigger.DISABLE)
 
     def disable_voltage(self) -> None:
         """Cut the power at once: the motor coasts. For a drive that does not obey `disable`."""
-        self._fire(IntentTrigger.DISABLE_VOLTAGE)
+        self._fire(EnableTrigger.DISABLE_VOLTAGE)
 
     def quick_stop(self) -> None:
         """Stop as 0x605A says. The drive ends in QUICK_STOP_ACTIVE or SWITCH_ON_DISABLED; `enable` leaves both."""
         enabled = self.state is State.OPERATION_ENABLED
-        self._fire(IntentTrigger.QUICK_STOP_ENABLED if enabled else IntentTrigger.QUICK_STOP)
+        self._fire(EnableTrigger.QUICK_STOP_ENABLED if enabled else EnableTrigger.QUICK_STOP)
 
     def halt(self, on: bool = True) -> None:
         """Set or clear the halt bit (0x605D) of an enabled drive; it holds until it is cleared."""
@@ -782,7 +782,7 @@ class DriveMachine:
         self._intent.disabled_state = state
 
     @property
-    def goal(self) -> Goal:
+    def goal(self) -> DriveGoal:
         """What it is to become."""
         return self._intent.goal
 
@@ -795,12 +795,12 @@ class DriveMachine:
     def waiting(self) -> bool:
         """Whether nothing but `hold` keeps the drive from being enabled by the next controlword."""
         ready = self.state is State.SWITCHED_ON or self.state is State.QUICK_STOP_ACTIVE
-        return ready and self.goal is Goal.ENABLED and self.mode_request.may_enable
+        return ready and self.goal is DriveGoal.ENABLED and self.mode_request.may_enable
 
     @property
     def enabled(self) -> bool:
         """Whether the drive is in OPERATION_ENABLED, is meant to be, and nothing that ends it is on its way."""
-        return self.state is State.OPERATION_ENABLED and self._intent.state is Intent.ENABLED
+        return self.state is State.OPERATION_ENABLED and self._intent.state is EnableRequest.ENABLED
 
     @property
     def may_move(self) -> bool:
@@ -825,7 +825,7 @@ class DriveMachine:
     @property
     def reached(self) -> bool:
         """Whether the goal is reached; the way of a stop is `drive_goal.is_stopped`."""
-        if self.goal is Goal.ENABLED:
+        if self.goal is DriveGoal.ENABLED:
             return self.enabled and self.mode_request.confirmed
         return is_stopped(self.goal, self.disabled_state, self.state)
 
@@ -871,7 +871,7 @@ class DriveMachine:
         self._due = min(self._due, self._deadline)
         return self.controlword
 
-    def _fire(self, trigger: IntentTrigger) -> None:
+    def _fire(self, trigger: EnableTrigger) -> None:
         """Take the row of a trigger; another goal is gone for at once."""
         if self._intent.fire(trigger):
             self._due = _AT_ONCE
@@ -890,7 +890,7 @@ class DriveMachine:
         self._reset.cancel()
         if self.state is not None:
             self._enter(None, now)
-        if self.goal is Goal.ENABLED:
+        if self.goal is DriveGoal.ENABLED:
             self._lose(now, self.state)
 
     def _observe(self, statusword: int, now: int) -> None:
@@ -916,7 +916,7 @@ class DriveMachine:
         self._due = _AT_ONCE  # the same word again counts again
         if self._undefined_run == self._undefined_limit:
             self._events.append(StatuswordUndefined(now, statusword, self._undefined_run))
-            if self.goal is Goal.ENABLED:
+            if self.goal is DriveGoal.ENABLED:
                 self._lose(now, None)  # the last state is what it is commanded from, not what it is in
 
     def _change_state(self, previous: State | None, state: State, statusword: int, now: int) -> None:
@@ -924,7 +924,7 @@ class DriveMachine:
         if state in FAULT_STATES:
             if previous not in FAULT_STATES:
                 self._events.append(FaultEntered(now, state, statusword, previous is State.OPERATION_ENABLED))
-            self._fire(IntentTrigger.LOST)
+            self._fire(EnableTrigger.LOST)
             return
         self._reset.cancel()
         if previous in FAULT_STATES:
@@ -939,7 +939,7 @@ class DriveMachine:
 
     def _lose(self, now: int, state: State | None) -> None:
         self._events.append(EnableLost(now, state, self.statusword))
-        self._fire(IntentTrigger.LOST)
+        self._fire(EnableTrigger.LOST)
 
     def _supervise_mode(self, display: int | None, now: int) -> None:
         event = self.mode_request.update(display, self.state is State.OPERATION_ENABLED, now)
@@ -948,14 +948,14 @@ class DriveMachine:
         self._events.append(event)
         # A drive that stayed in its old mode goes on in it; one that is not enabled yet, or in neither mode, does not.
         stayed = self.mode_request.confirmed and self.state is State.OPERATION_ENABLED
-        if isinstance(event, ModeTimedOut) and self.goal is Goal.ENABLED and not stayed:
+        if isinstance(event, ModeTimedOut) and self.goal is DriveGoal.ENABLED and not stayed:
             self._lose(now, self.state)
 
     def _step_timed_out(self, now: int) -> None:
         event = self._intent.timed_out(self.state, self.statusword, now)
         if event is not None:
             self._events.append(event)
-            self._fire(IntentTrigger.LOST if event.gave_up else IntentTrigger.ARRIVED)
+            self._fire(EnableTrigger.LOST if event.gave_up else EnableTrigger.ARRIVED)
 
     def _choose(self) -> Command | None:
         may_enable = self.mode_request.may_enable and not self.held

@@ -288,7 +288,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
 
 def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
     """Raise ConfigError where an option needs another one, or an extra that is not installed."""
-    from canopen_control.hardware.plugins import Kind
+    from canopen_control.hardware.plugins import PluginKind
 
     if args.ros:
         from canopen_control.ros.installation import require_ros
@@ -302,7 +302,7 @@ def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
         raise ConfigError("--teleop is for the page; show it with --view, or drive by keyboard: canopen-control teleop")
     if args.physics:
         _check_physics(args, setup)
-    elif setup.world is not None and Kind.SIMULATION not in setup.kinds:
+    elif setup.world is not None and PluginKind.SIMULATION not in setup.kinds:
         raise ConfigError(f"{setup.files.asked.world_word or '--world'} is of a robot with physics; give --physics too")
 
 

@@ -4,7 +4,7 @@ The law of the file: a controller reads and writes `value` of the interfaces it 
 it reads no clock, sends nothing, blocks nowhere. A command that is not finite or has the wrong size is refused with a
 ControlError and counted: it is never applied and does not refresh a timeout. On every deactivation the velocity, effort
 and acceleration targets become 0.0 (upstream leaves them; a wheel would turn on), position targets stay where they are.
-A command has a life (`command_life`); when a drive behind the controller is no longer enabled, it is forgotten.
+A command has a life (`command_timeout`); when a drive behind the controller is no longer enabled, it is forgotten.
 
 A new controller is one class here or in any package: derive from `Controller`, and name it in the entry point group
 `canopen_control.controllers` with its type as the name: `"my_robot/Dance" = "my_robot.dance:Dance"`.
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 
 from mypy_extensions import mypyc_attr
 
-from canopen_control.controllers.command_life import MOVING, CommandTimeout
+from canopen_control.controllers.command_timeout import MOVING, CommandTimeout
 from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import ControlError
 from canopen_control.hardware.interfaces import OK, ReturnType
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.gripper_goal import GripperGoal
     from canopen_control.controllers.params import Params
-    from canopen_control.controllers.trajectory.goal import Goal
+    from canopen_control.controllers.trajectory.goal import TrajectoryGoal
     from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
@@ -324,12 +324,12 @@ class Controller:
         """Whether a command of these values moves nothing, and may outlive who gave it."""
         return not any(values) and all(each.quantity in MOVING for each in self.commands)
 
-    def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
+    def send_goal(self, goal: TrajectoryGoal | JointTrajectory, now: int) -> None:
         """Execute a trajectory, `now` in ns; ControlError if it is refused."""
         del goal, now
         raise self.refusal("follows no trajectories; it is no joint trajectory controller")
 
-    def cancel_goal(self, why: str | None = None, only: Goal | None = None) -> None:
+    def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
         """End the trajectory that is followed, or `only` the goal, if it is executed; `why` is told.
 
         ControlError if there is none.

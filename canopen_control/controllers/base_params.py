@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.limiter import Limits
+from canopen_control.controllers.limiter import VelocityLimits
 from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import RobotConfigError
 from canopen_control.yamlfile.convert import setting
@@ -20,7 +20,7 @@ Six = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
-class AxisLimits:
+class TwistAxisLimits:
     """The limits of an axis of the twist, such as `linear.x`; nan is none."""
 
     max_velocity: float = setting(NAN, low=0.0, nan=True, help="m/s, rad/s forward (left)")
@@ -43,9 +43,9 @@ class AxisLimits:
         """Whether the limit of jerk keeps the axis from ever changing its speed."""
         return self.max_jerk == 0.0
 
-    def limits(self) -> Limits:
+    def limits(self) -> VelocityLimits:
         """Return what the limiter is given."""
-        return Limits(
+        return VelocityLimits(
             self.min_velocity,
             self.max_velocity,
             self.max_acceleration_reverse,

@@ -62,7 +62,7 @@ _RENAMES: Final = {"state_joints": "batteries"}
 
 
 @dataclass(frozen=True)
-class Battery:
+class BatteryFacts:
     """What is known of one battery: V and Ah, an enum of sensor_msgs/BatteryState, nan and "" where nothing is."""
 
     minimum_voltage: float = setting(
@@ -94,7 +94,7 @@ class BatteryParams(CommonParams):
     sensor_name: str = setting("", help="one battery alone, of which `voltage` is read (deprecated)")
     design_capacity: float = setting(math.nan, nan=True, help="Ah, of that one")
     power_supply_technology: int = setting(0, low=0, high=8, help="of that one")
-    own: tuple[Battery, ...] = derived(())
+    own: tuple[BatteryFacts, ...] = derived(())
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -131,7 +131,9 @@ def read_params(params: Params, name: str) -> BatteryParams:
     found = params.read(_with_batteries(batteries), _RENAMES)
     own = tuple(getattr(found, f"battery_{batteries.index(each)}") for each in found.batteries)
     if found.sensor_name:
-        own = (Battery(design_capacity=found.design_capacity, power_supply_technology=found.power_supply_technology),)
+        own = (
+            BatteryFacts(design_capacity=found.design_capacity, power_supply_technology=found.power_supply_technology),
+        )
     given = dataclasses.replace(found, own=own)
     if mistakes := list(given.mistakes()):
         raise RobotConfigError(f"{name}: {'; '.join(mistakes)}")
@@ -141,7 +143,7 @@ def read_params(params: Params, name: str) -> BatteryParams:
 def _with_batteries(batteries: tuple[str, ...]) -> type[BatteryParams]:
     """Return the class of the parameters with those of each battery, which stand below its name."""
     fields: list[tuple[str, Any, Any]] = [
-        (f"battery_{index}", Battery, setting(Battery(), key=battery, section=True))
+        (f"battery_{index}", BatteryFacts, setting(BatteryFacts(), key=battery, section=True))
         for index, battery in enumerate(batteries)
     ]
     return cast(
@@ -532,7 +534,7 @@ class BatteryStateBroadcaster(SensorBroadcaster):
         return BatteriesSample(time=self.published(wall_offset_ns), batteries=batteries, together=_together(batteries))
 
 
-def _reading(name: str, own: Battery, values: Sequence[float | None]) -> BatteryReading:
+def _reading(name: str, own: BatteryFacts, values: Sequence[float | None]) -> BatteryReading:
     """Return what is known of a battery; `values` are those of QUANTITIES."""
     voltage, temperature, current, charge, percentage, status, health, present = values
     if percentage is None and voltage is not None:  # nan without its bounds

@@ -12,14 +12,14 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.base_params import AxisLimits, PrefixedParams, refuse
+from canopen_control.controllers.base_params import PrefixedParams, TwistAxisLimits, refuse
 from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.controllers.base import WheelGeometrySource
-    from canopen_control.controllers.limiter import Limits
+    from canopen_control.controllers.limiter import VelocityLimits
     from canopen_control.controllers.params import Params
 
 
@@ -27,7 +27,7 @@ NAN: Final = math.nan
 
 
 @dataclass(frozen=True)
-class SwitchedLimits(AxisLimits):
+class SwitchedLimits(TwistAxisLimits):
     """The limits of `linear.x` or `angular.z`; nan is none, and so is a group whose `has_` is false."""
 
     has_velocity_limits: bool = setting(True, help="false: the velocity limits do not count")
@@ -39,7 +39,7 @@ class SwitchedLimits(AxisLimits):
         """Whether the limit of jerk counts and keeps the axis from ever changing its speed."""
         return self.has_jerk_limits and super().freezes
 
-    def limits(self) -> Limits:
+    def limits(self) -> VelocityLimits:
         """Return what the limiter is given."""
         found = super().limits()
         if not self.has_velocity_limits:

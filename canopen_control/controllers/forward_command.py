@@ -3,7 +3,8 @@
 The law of the file (ros2_controllers jazzy): `~/commands` carries one number per interface, in the order of the
 parameters; before the first command nothing is written. Ours, and safer: a bad command is refused instead of stopping
 the controller, and a velocity or effort target becomes 0.0 when the last good command is older than `command_timeout`
-(s; absent 2 s, 0 never, see `command_life`), told once; a position target is held. The next command takes over again.
+(s; absent 2 s, 0 never, see `command_timeout`), told once; a position target is held. The next command takes over
+again.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, zero_targets
-from canopen_control.controllers.command_life import ENDLESS, MOVING, endless, life_ns
+from canopen_control.controllers.command_timeout import ENDLESS, MOVING, timeout_ns, unlimited_warning
 from canopen_control.controllers.params import ForwardParams, GroupParams, MultiParams, SingleParams
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import OK, TARGET, ReturnType
@@ -131,8 +132,8 @@ class ForwardCommandController(Controller):
         self._set_life(timeout, (interface,))
 
     def _set_life(self, timeout: float | None, interfaces: Sequence[str]) -> None:
-        self.life.limit_ns = life_ns(timeout, interfaces)
-        if (text := endless("command_timeout", timeout, interfaces)) is not None:
+        self.life.limit_ns = timeout_ns(timeout, interfaces)
+        if (text := unlimited_warning("command_timeout", timeout, interfaces)) is not None:
             self.tell(ENDLESS, text)
 
 
@@ -223,8 +224,8 @@ def _missing(name: str, key: str, example: str) -> str:
 # The law of the file (ros2_canopen's `target` service, made safe): what the number is follows the mode, which a user
 # asks for by `axis mode` or the services of the node: a position, a velocity or an effort, in SI units. A position is a
 # place to go to, and to stay at: it has no end, but ends with who gave it. A velocity or effort ends after
-# `command_timeout` (s; absent 2 s, 0 never, see `command_life`). A target is forgotten with every change of the mode,
-# since it would be another quantity then, and whenever the drive is no longer enabled; activating the controller
+# `command_timeout` (s; absent 2 s, 0 never, see `command_timeout`). A target is forgotten with every change of the
+# mode, since it would be another quantity then, and whenever the drive is no longer enabled; activating the controller
 # enables nothing.
 
 

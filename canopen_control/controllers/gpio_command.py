@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, StateCopy
-from canopen_control.controllers.command_life import ENDLESS, MOVING, endless, life_ns
+from canopen_control.controllers.command_timeout import ENDLESS, MOVING, timeout_ns, unlimited_warning
 from canopen_control.controllers.params import CommonParams
 from canopen_control.errors import ControlError, RobotConfigError, nearest
 from canopen_control.hardware.interfaces import OK, ReturnType
@@ -39,7 +39,7 @@ _LIST: Final = ".interfaces"
 
 @dataclass(frozen=True)
 class GpioParams(CommonParams):
-    """Parameters of the controller; `command_timeout` in s, see `command_life` for what absent and 0 mean.
+    """Parameters of the controller; `command_timeout` in s, see `command_timeout` for what absent and 0 mean.
 
     Interfaces are by "<gpio>.interfaces", safe values by "<gpio>.<interface>", `kept_outputs` are "<gpio>/<interface>".
     """
@@ -173,8 +173,8 @@ class GpioCommandController(Controller):
         self.params, self.update_rate, self.joints = given, given.update_rate, given.gpios
         self._names = given.outputs
         kinds = [each.rpartition("/")[2] for each in self._names]
-        self.life.limit_ns = life_ns(given.command_timeout, kinds)
-        if (text := endless("command_timeout", given.command_timeout, kinds)) is not None:
+        self.life.limit_ns = timeout_ns(given.command_timeout, kinds)
+        if (text := unlimited_warning("command_timeout", given.command_timeout, kinds)) is not None:
             self.tell(ENDLESS, text)
 
     def command_interface_names(self) -> list[str]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, TypeVar, cast
 
 from canopen_control.controllers.base import Controller, ControllerState, finite
-from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.gripper_goal import GripperGoal, GripStatus, StallDetector
 from canopen_control.controllers.params import CommonParams, LoopGains
 from canopen_control.controllers.pid import Pid

@@ -10,7 +10,7 @@ import enum
 import math
 from typing import TYPE_CHECKING
 
-from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.command_timeout import GoalState
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -17,7 +17,7 @@ NAN: Final = math.nan
 
 
 @dataclass(frozen=True)
-class Limits:
+class VelocityLimits:
     """Bounds in SI units, nan where there is none: min_velocity, both decelerations' and reverse signs as upstream.
 
     `max_acceleration` and `max_deceleration_reverse` are >= 0; `max_deceleration` (moving forward) and
@@ -41,7 +41,7 @@ def _or(value: float, default: float) -> float:
 class RateLimiter:
     """Limits one number; raises ValueError if a minimum is above its maximum."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: VelocityLimits) -> None:
         given = limits
         self._min_v, self._max_v = _or(given.min_velocity, -given.max_velocity), given.max_velocity
         self._acc = given.max_acceleration

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.controllers.base import WheelGeometrySource
-    from canopen_control.controllers.trajectory.goal import Goal
+    from canopen_control.controllers.trajectory.goal import TrajectoryGoal
     from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import (
         CommandInterface,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.parameters import ParameterReading, ParameterValue
     from canopen_control.urdf.joint_element import Joint
 
-    AnyGoal = Goal | JointTrajectory | GripperGoal
+    AnyGoal = TrajectoryGoal | JointTrajectory | GripperGoal
 
 
 # within the class `list` is the method of ros2_control's name

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.base_params import AxisLimits, PrefixedParams, Six, refuse
+from canopen_control.controllers.base_params import PrefixedParams, Six, TwistAxisLimits, refuse
 from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
@@ -47,9 +47,9 @@ class MecanumParams(PrefixedParams):
     )
     radius: float = setting(0.0, key=_RADIUS, low=0.0, help="m")
     reach: float = setting(0.0, key=_REACH, low=0.0, help="m from the middle to a wheel along x and y, added")
-    linear_x: AxisLimits = setting(AxisLimits(), key="linear.x", section=True)
-    linear_y: AxisLimits = setting(AxisLimits(), key="linear.y", section=True)
-    angular_z: AxisLimits = setting(AxisLimits(), key="angular.z", section=True)
+    linear_x: TwistAxisLimits = setting(TwistAxisLimits(), key="linear.x", section=True)
+    linear_y: TwistAxisLimits = setting(TwistAxisLimits(), key="linear.y", section=True)
+    angular_z: TwistAxisLimits = setting(TwistAxisLimits(), key="angular.z", section=True)
 
     @property
     def commanded(self) -> tuple[str, ...]:
@@ -63,7 +63,7 @@ class MecanumParams(PrefixedParams):
         return tuple(name or joint for name, joint in zip(names, self.commanded, strict=True))
 
     @property
-    def limits(self) -> tuple[AxisLimits, ...]:
+    def limits(self) -> tuple[TwistAxisLimits, ...]:
         """The limits of the axes of a twist."""
         return self.linear_x, self.linear_y, self.angular_z
 

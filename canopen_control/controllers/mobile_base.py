@@ -19,8 +19,8 @@ from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.base import Controller, ControllerState, zero_targets
 from canopen_control.controllers.base_params import BaseParams
-from canopen_control.controllers.command_life import ENDLESS, endless
-from canopen_control.controllers.limiter import Limits, RateLimiter
+from canopen_control.controllers.command_timeout import ENDLESS, unlimited_warning
+from canopen_control.controllers.limiter import RateLimiter, VelocityLimits
 from canopen_control.controllers.planar_pose import MIN_DT, PlanarPose
 from canopen_control.errors import ControlError, RobotConfigError
 from canopen_control.hardware.interfaces import ERROR, OK, CommandInterface, ReturnType
@@ -30,7 +30,7 @@ from canopen_control.urdf.joint_element import POSITION, VELOCITY
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.controllers.base_params import AxisLimits
+    from canopen_control.controllers.base_params import TwistAxisLimits
     from canopen_control.hardware.interfaces import StateInterface
     from canopen_control.rpc.messages.samples import Sample
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 # A twist and its limits: what is wanted of each axis, and what the limiters leave of it against the last two steps.
 
 
-_FREE: Final = RateLimiter(Limits())
+_FREE: Final = RateLimiter(VelocityLimits())
 
 
 class LimitedTwist:
@@ -51,7 +51,7 @@ class LimitedTwist:
         self._previous, self._before = [0.0] * count, [0.0] * count
         self._limiters = [_FREE] * count
 
-    def set_limits(self, controller: str, limits: Sequence[AxisLimits]) -> None:
+    def set_limits(self, controller: str, limits: Sequence[TwistAxisLimits]) -> None:
         """Limit each axis from now on; RobotConfigError, and nothing changed, where a minimum is above its maximum."""
         axes = zip(self._axes, limits, strict=True)
         self._limiters = [_limiter(controller, axis, each.limits()) for axis, each in axes]
@@ -84,7 +84,7 @@ class LimitedTwist:
         fill(self._before, 0.0)
 
 
-def _limiter(controller: str, axis: str, limits: Limits) -> RateLimiter:
+def _limiter(controller: str, axis: str, limits: VelocityLimits) -> RateLimiter:
     try:
         return RateLimiter(limits)
     except ValueError as error:
@@ -209,7 +209,7 @@ class MobileBase(Controller):
         given: BaseParams,
         timeout: float,
         commands: int,
-        limits: Sequence[AxisLimits] = (),
+        limits: Sequence[TwistAxisLimits] = (),
         publish_rate: float = 0.0,
         open_loop: bool = False,
     ) -> None:
@@ -220,7 +220,7 @@ class MobileBase(Controller):
         self._publication.set_rate(publish_rate)
         self.targets = [0.0] * commands
 
-    def take(self, given: BaseParams, timeout: float, limits: Sequence[AxisLimits] = ()) -> None:
+    def take(self, given: BaseParams, timeout: float, limits: Sequence[TwistAxisLimits] = ()) -> None:
         """Take what may change while it runs: `timeout` in s, limits of each axis, what odometry says."""
         if limits:
             self._twist.set_limits(self.name, limits)
@@ -231,7 +231,7 @@ class MobileBase(Controller):
         self.life.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
         if self._once:
             self.tell(ONE_UPDATE, f"{self.timeout_key}: 0 lets a twist move it for one update; give a time in s")
-        elif (text := endless(self.timeout_key, timeout, (VELOCITY,))) is not None:
+        elif (text := unlimited_warning(self.timeout_key, timeout, (VELOCITY,))) is not None:
             self.tell(ENDLESS, text)
 
     def work_out(self, twist: Sequence[float]) -> None:

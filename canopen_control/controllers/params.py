@@ -209,7 +209,7 @@ COMMAND_TIMEOUT_HELP: Final = (
 
 @dataclass(frozen=True)
 class GroupParams(CommonParams):
-    """Parameters of the group controllers: `command_timeout` in s, see `command_life` for what absent and 0 mean."""
+    """Parameters of the group controllers: `command_timeout` in s, see `command_timeout` for what absent and 0 mean."""
 
     joints: tuple[str, ...] = setting((), help="the joints, in the order of a command's values")
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)

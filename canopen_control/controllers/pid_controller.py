@@ -5,7 +5,7 @@ The law of the file (ros2_controllers jazzy): the reference is the last message,
 Ours, and safer: without a reference, or without a state, the target is 0, where upstream leaves what stands; a drive
 that is not enabled, or whose measured state stays away (`use_external_measured_states`), loses its reference and its
 integral, and is held where it is once it follows again; a reference that moves ends by itself (`command_timeout`, see
-`command_life`).
+`command_timeout`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, finite, zero_targets
-from canopen_control.controllers.command_life import ENDLESS, MOVING, endless, life_ns
+from canopen_control.controllers.command_timeout import ENDLESS, MOVING, timeout_ns, unlimited_warning
 from canopen_control.controllers.pid import Pid
 from canopen_control.controllers.pid_params import PidParams, read_params
 from canopen_control.controllers.trajectory.point import shortest_angular_distance
@@ -115,9 +115,9 @@ class PidController(Controller):
             )
         self.update_rate, self.joints, self.interface = given.update_rate, given.dof_names, given.command_interface
         self.feed_forward = given.enable_feedforward
-        self.life.limit_ns = life_ns(given.command_timeout, given.reference_and_state_interfaces[:1])
+        self.life.limit_ns = timeout_ns(given.command_timeout, given.reference_and_state_interfaces[:1])
         kind = given.reference_and_state_interfaces[:1]
-        if (text := endless("command_timeout", given.command_timeout, kind)) is not None:
+        if (text := unlimited_warning("command_timeout", given.command_timeout, kind)) is not None:
             self.tell(ENDLESS, text)
         self._references = [
             self._reference(dof, interface)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from canopen_control.controllers.base_params import AxisLimits, BaseParams, Six, refuse
+from canopen_control.controllers.base_params import BaseParams, Six, TwistAxisLimits, refuse
 from canopen_control.controllers.diff_drive_params import SwitchedLimits
 from canopen_control.controllers.steering_kinematics import (
     AckermannKinematics,
@@ -79,7 +79,7 @@ class SteeringParams(BaseParams):
         return 0.0, 0.0
 
     @property
-    def limits(self) -> tuple[AxisLimits, ...]:
+    def limits(self) -> tuple[TwistAxisLimits, ...]:
         """The limits of each axis of the twist; upstream has none."""
         return ()
 
@@ -232,9 +232,9 @@ class Ros1AckermannParams(BicycleParams):
     linear: SwitchedLimits = setting(SwitchedLimits(), key="linear.x", section=True)
 
     @property
-    def limits(self) -> tuple[AxisLimits, ...]:
+    def limits(self) -> tuple[TwistAxisLimits, ...]:
         """The limits of `linear.x`, and none of `angular.z`."""
-        return self.linear, AxisLimits()
+        return self.linear, TwistAxisLimits()
 
     def as_bicycle(self) -> Ros1AckermannParams:
         """Return this with the joints and the sizes where the bicycle has them."""

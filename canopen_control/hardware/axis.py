@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
-from canopen_control.cia402.drive import DriveMachine, Goal
+from canopen_control.cia402.drive import DriveGoal, DriveMachine
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, PositionUnwrapper, Scale
 from canopen_control.errors import RobotConfigError, SdoAbort
 
@@ -43,7 +43,7 @@ class AxisStatus:
     `machine` says which mode is wanted, where no PDO carries it. The power of an axis that holds a load is left on.
     """
 
-    def __init__(self, axis: Axis, machine: DriveMachine, *, holds_load: bool = False) -> None:
+    def __init__(self, axis: AxisProcessData, machine: DriveMachine, *, holds_load: bool = False) -> None:
         self.word: int | None = None
         self.display: int | None = None
         self._axis, self._machine = axis, machine
@@ -82,7 +82,7 @@ class AxisStatus:
 
         Without SYNCs nothing says when the first one is due: it is asked for then by who waits for an end alone.
         """
-        if self._pdo.overdue or self._machine.goal is not Goal.ENABLED:
+        if self._pdo.overdue or self._machine.goal is not DriveGoal.ENABLED:
             return self._by_sdo.word(None, now)
         return None
 
@@ -116,7 +116,7 @@ class AxisStatus:
 class StatuswordBySdo:
     """The statusword of an axis whose TPDO does not come any more."""
 
-    def __init__(self, axis: Axis) -> None:
+    def __init__(self, axis: AxisProcessData) -> None:
         self.refused = False
         """Whether the node has answered by an abort, which another request will not change."""
         self._axis = axis
@@ -152,7 +152,7 @@ class StatuswordBySdo:
 class ModeBySdo:
     """0x6060 and 0x6061 of an axis where a PDO carries only one of them, or none."""
 
-    def __init__(self, axis: Axis) -> None:
+    def __init__(self, axis: AxisProcessData) -> None:
         self._axis = axis
         self.display: int | None = None
         self._written: int | None = None
@@ -193,7 +193,7 @@ _TARGETS: Final = (
 )
 
 
-class AxisLimits:
+class AxisObjectLimits:
     """What the drive allows, in its own units; `deceleration` in units/s^2 is what a ramp of the master uses.
 
     `blocked` is the direction, 1 or -1, that an active limit (bit 11) closes, 0 for none. `described` is the velocity
@@ -264,7 +264,7 @@ class AxisLimits:
         return max(self.low, min(self.high, raw))
 
 
-class Axis:
+class AxisProcessData:
     """The process data of axis `number` of `node`; raises RobotConfigError without controlword or statusword."""
 
     def __init__(self, joint: str, node: RemoteNode, image: ProcessImage, number: int) -> None:
@@ -272,7 +272,7 @@ class Axis:
         self._image = image
         self.scale = configured_scale(node, number)
         self.unwrap = PositionUnwrapper()
-        self.limits = AxisLimits()
+        self.limits = AxisObjectLimits()
         self.rpm_to_dev = 60.0 / math.tau  # mode VL: 0x6042 counts revolutions of the motor per minute
         self.turn = abs(self.scale.pos_to_dev) * math.tau  # position counts of one of the motor, else of the joint
         self.who = node.who if len(node.plan.axes) <= 1 else f"{node.who}, {joint}"

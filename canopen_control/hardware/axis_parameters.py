@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.cia301.sdo_exchange import SdoRequest
-    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis import AxisProcessData
 
 
 _ASKED: Final = (
@@ -52,7 +52,7 @@ class AxisParameters:
 
     def __init__(
         self,
-        axis: Axis,
+        axis: AxisProcessData,
         on_loaded: Callable[[], None],
         tell: Callable[[str], None] = lambda _text: None,
         *,

@@ -18,7 +18,7 @@ from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis import AxisProcessData
     from canopen_control.hardware.interfaces import CommandInterface
 
 
@@ -31,7 +31,7 @@ _BROKEN_CYCLES: Final = 3.5
 class FeedForward:
     """The offsets of one axis; `fed` says that a controller gives any."""
 
-    def __init__(self, axis: Axis, commands: Mapping[str, CommandInterface]) -> None:
+    def __init__(self, axis: AxisProcessData, commands: Mapping[str, CommandInterface]) -> None:
         self.fed = False
         self._foreign, self._told = "", ""
         self._axis, self._commands = axis, commands

@@ -16,7 +16,7 @@ from canopen_control.hardware.interfaces import StateInterface
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
-    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis import AxisProcessData
     from canopen_control.master.cycle import Input
     from canopen_control.urdf.ros2_control import ControlJoint
 
@@ -55,7 +55,7 @@ class UnitDoubt:
     faster: bool
 
 
-def doubt_unit(axis: Axis, speed: float, raw: int, *, rising: bool) -> UnitDoubt | None:
+def doubt_unit(axis: AxisProcessData, speed: float, raw: int, *, rising: bool) -> UnitDoubt | None:
     """Hold a motion in position counts/s against a velocity of the drive's; None where no unit would explain it.
 
     `rising`: the motion is that between two samples, of a drive that may still get faster.
@@ -76,7 +76,7 @@ def doubt_unit(axis: Axis, speed: float, raw: int, *, rising: bool) -> UnitDoubt
     return UnitDoubt(_words(axis, [fits[each] for each in sorted(fits)], faster=faster), faster)
 
 
-def _words(axis: Axis, units: list[tuple[str, float]], *, faster: bool) -> str:
+def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: bool) -> str:
     """Say that velocities are in one of `units`, the likeliest first, and how bus.yml is told so."""
     (first, per_turn), scale = units[0], axis.scale
     to_dev = math.copysign(per_turn * abs(scale.pos_to_dev) / axis.turn, scale.vel_to_dev)
@@ -105,7 +105,7 @@ class Feedback:
     `standing` is whether the drive reports (nearly) no motion.
     """
 
-    def __init__(self, description: ControlJoint, axis: Axis) -> None:
+    def __init__(self, description: ControlJoint, axis: AxisProcessData) -> None:
         self._axis = axis
         present = {POSITION: axis.position, VELOCITY: axis.velocity, EFFORT: axis.effort}
         names = [name for name, found in present.items() if found is not None]

@@ -326,7 +326,7 @@ def _refuse_doubles(kind: str, exporter: str, new: Sequence[Interface], known: M
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class Lifecycle(ABC):
+class ComponentLifecycle(ABC):
     """`state`, and the verbs between the states; what a component does on the way are its `_begin` and `_rest`."""
 
     def __init__(self) -> None:

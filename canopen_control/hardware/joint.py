@@ -1,9 +1,9 @@
 """One joint and the drive axis behind it: SI on one side, process data and the CiA 402 machine on the other.
 
-The law of this file: whether the axis may move is the state of its chart (`axis_power`), whose triggers are fired here:
-a target reaches the drive only in FOLLOWING; in every other state the target is standstill at the actual position, or
-ramps towards it (`joint_targets`). A drive whose statusword is gone while its node lives is told to quick stop, since
-nobody can see what else it would do.
+The law of this file: whether the axis may move is the state of its chart (`axis_statechart`), whose triggers are fired
+here: a target reaches the drive only in FOLLOWING; in every other state the target is standstill at the actual
+position, or ramps towards it (`joint_targets`). A drive whose statusword is gone while its node lives is told to quick
+stop, since nobody can see what else it would do.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from canopen_control.cia402.modes import OperationMode, require_mode
 from canopen_control.cia402.setpoint import SetPointReached, SetPointTaken
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import DriveError, RobotConfigError
-from canopen_control.hardware.axis import BLIND_STOP_NS, Axis, AxisStatus, configured_machine
+from canopen_control.hardware.axis import BLIND_STOP_NS, AxisProcessData, AxisStatus, configured_machine
 from canopen_control.hardware.axis_parameters import AxisParameters
-from canopen_control.hardware.axis_power import RISING, STOPPED, AxisPower, AxisState, Trigger
+from canopen_control.hardware.axis_statechart import RISING, STOPPED, AxisPhase, AxisStatechart, PhaseTrigger
 from canopen_control.hardware.feedback import Feedback
-from canopen_control.hardware.homing_run import HomingPhase, HomingRun, Reference
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, StateInterface
 from canopen_control.hardware.joint_events import FaultReason, JointEvent, StatusWatch, joint_event_of
+from canopen_control.hardware.joint_homing import HomePosition, Homing, HomingPhase
 from canopen_control.hardware.joint_targets import JointTargets
 from canopen_control.hardware.mode_choice import listed_modes, unlisted_modes
 from canopen_control.hardware.motion_watch import MotionWatch
-from canopen_control.hardware.stop_group import Base, StopGroup
+from canopen_control.hardware.stop_group import BaseJoints, StopGroup
 from canopen_control.master.event_log import Level
 from canopen_control.urdf.joint_element import POSITION, VELOCITY
 
@@ -51,17 +51,17 @@ class JointParts:
 
     def __init__(self, description: ControlJoint, node: RemoteNode, image: ProcessImage, axis: int = 0) -> None:
         self.joint, self.node = description.name, node
-        self.axis = Axis(description.name, node, image, axis)
+        self.axis = AxisProcessData(description.name, node, image, axis)
         self.machine: DriveMachine = configured_machine(node)
         profile = TARGET in description.command_interfaces
         self.parameters = AxisParameters(self.axis, self._on_parameters, self._on_parameter, profile=profile)
         self.targets: JointTargets = JointTargets(description, self.axis, self.machine, self.parameters)
         self.commands = self.targets.commands
-        self.reference = Reference(self.axis, self.machine, self.parameters)
+        self.reference = HomePosition(self.axis, self.machine, self.parameters)
         self.feedback = Feedback(description, self.axis)
         self.states = self.feedback.states
         self.reason = FaultReason(self.axis, self._on_error_code)
-        self.power = AxisPower(
+        self.power = AxisStatechart(
             self.machine,
             [each for name, each in self.commands.items() if name != DIGITAL_OUTPUTS],
             holds_load=_holds_load(description),
@@ -109,7 +109,7 @@ class JointParts:
         return self.power.following and self.node.ready
 
     @property
-    def homing(self) -> HomingRun | None:
+    def homing(self) -> Homing | None:
         """The homing under way."""
         return self.reference.homing
 
@@ -139,7 +139,7 @@ class JointParts:
             return True
         if self.axis.is_stale:
             return now - self.power.since > self._blind_stop_ns
-        return self.power.state is AxisState.SETTLING and self.feedback.standing
+        return self.power.state is AxisPhase.SETTLING and self.feedback.standing
 
     def events(self) -> list[JointEvent]:
         """Return what happened since the last call."""
@@ -168,14 +168,14 @@ def _holds_load(description: ControlJoint) -> bool:
 
 
 _FINE = (SetPointTaken, SetPointReached)
-_FOLLOWING: Final = AxisState.FOLLOWING  # for every cycle, see `hardware.interfaces.OK`
+_FOLLOWING: Final = AxisPhase.FOLLOWING  # for every cycle, see `hardware.interfaces.OK`
 _FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
-_MAY_HOME: Final = (AxisState.READY, AxisState.HOMING)
+_MAY_HOME: Final = (AxisPhase.READY, AxisPhase.HOMING)
 _OVERDUE: Final = {
-    AxisState.ESCALATED: "has not stopped in time; told to quick stop",
-    AxisState.VOLTAGE_OFF: "its quick stop was not seen to end; its voltage is disabled: what turns coasts",
-    AxisState.UNSTOPPED: "nothing it was told was seen to stop it: it may have power; cut its supply if it moves",
+    AxisPhase.ESCALATED: "has not stopped in time; told to quick stop",
+    AxisPhase.VOLTAGE_OFF: "its quick stop was not seen to end; its voltage is disabled: what turns coasts",
+    AxisPhase.UNSTOPPED: "nothing it was told was seen to stop it: it may have power; cut its supply if it moves",
 }
 _STANDING: Final = (
     "it is enabled and does not follow its set-points; check its brake, its power and which source its set-points come "
@@ -184,7 +184,7 @@ _STANDING: Final = (
 _BOOTING: Final = "; booting it again"  # what was told of the node already
 
 
-class Link(enum.Enum):
+class FeedbackStatus(enum.Enum):
     """Whether an axis is seen; the value says what it means."""
 
     GONE = "its node is not operational"
@@ -192,9 +192,9 @@ class Link(enum.Enum):
     LIVE = "its node is operational, and its feedback comes"
 
 
-_GONE: Final = Link.GONE  # for every cycle, as _FOLLOWING
-_STALE: Final = Link.STALE
-_LIVE: Final = Link.LIVE
+_GONE: Final = FeedbackStatus.GONE  # for every cycle, as _FOLLOWING
+_STALE: Final = FeedbackStatus.STALE
+_LIVE: Final = FeedbackStatus.LIVE
 
 
 class JointDrive(JointParts):
@@ -210,7 +210,7 @@ class JointDrive(JointParts):
         """As the description has it; `group` is with what a base puts together."""
         self.group = self.stop_group
         self.group.joints.append(self)
-        self.base: Base[JointDrive] | None = None
+        self.base: BaseJoints[JointDrive] | None = None
         self.resume = False
         self.stopped_by = ""
         """What it was stopped by since it was last enabled, none of its user's."""
@@ -221,7 +221,7 @@ class JointDrive(JointParts):
         self._status = AxisStatus(self.axis, self.machine, holds_load=self.power.holds_load)
         self._limits, self._controlword = self.axis.limits, self.axis.controlword  # for every cycle
         self._evaluations = -1
-        self._link: Link = _GONE
+        self._link: FeedbackStatus = _GONE
         self._now = 0
 
     # ------------------------------------------------------------------------------------------- verbs
@@ -244,7 +244,7 @@ class JointDrive(JointParts):
         self.resume, self.stopped_by = False, ""
         self.targets.feed_forward.zero()
         self.tracking.begin()
-        self._fire(Trigger.ENABLE)
+        self._fire(PhaseTrigger.ENABLE)
         for pdo in self.node.sent:
             pdo.changed = True  # whatever stands in the drive, its targets are at rest before it is enabled
 
@@ -252,11 +252,11 @@ class JointDrive(JointParts):
         """Ramp to zero, then disable together with its group."""
         self._now = now
         self.resume = False
-        if self._fire(Trigger.STOP) and self.power.falling:
+        if self._fire(PhaseTrigger.STOP) and self.power.falling:
             self._blind_stop_ns = self.feedback.ramp_ns(BLIND_STOP_NS)
         self._abort_homing("stopped")
         if self.power.falling and not self.machine.enabled:
-            self._fire(Trigger.DRIVE_LEFT)
+            self._fire(PhaseTrigger.DRIVE_LEFT)
 
     @property
     def stopped(self) -> bool:
@@ -266,27 +266,27 @@ class JointDrive(JointParts):
     def quick_stop(self) -> None:
         """Use the drive's quick stop (0x605A); it is disabled or holds afterwards, as that says."""
         self.resume = False
-        self._fire(Trigger.QUICK_STOP)
+        self._fire(PhaseTrigger.QUICK_STOP)
         self._abort_homing("quick stop")
 
     def halt(self) -> None:
         """Hold the motion with the halt bit; after `enable` it follows new commands."""
-        self._fire(Trigger.HALT)
+        self._fire(PhaseTrigger.HALT)
 
     def fault_reset(self) -> None:
         """Acknowledge a fault; the drive stays disabled. Without a fault nothing changes."""
-        self._fire(Trigger.FAULT_RESET)
+        self._fire(PhaseTrigger.FAULT_RESET)
 
     def give_up(self) -> None:
         """Take that the drive left operation on its own, or that its node is gone."""
-        self._fire(Trigger.DRIVE_LEFT if self.node.ready else Trigger.NODE_LOST)
+        self._fire(PhaseTrigger.DRIVE_LEFT if self.node.ready else PhaseTrigger.NODE_LOST)
         self._abort_homing("the drive left operation")
 
     def home(self, method: int | None) -> None:
         """Begin homing; DriveError where the drive has no such method, or no homing."""
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
         self.reference.begin(method, was_enabled=self.wanted)
-        self._fire(Trigger.MUST_REST)
+        self._fire(PhaseTrigger.MUST_REST)
 
     # ------------------------------------------------------------------------------------------- cycle
 
@@ -318,7 +318,7 @@ class JointDrive(JointParts):
         if machine.evaluations != self._evaluations or word != before:
             self._evaluations = machine.evaluations
             if power.following and not machine.may_move:
-                self._fire(Trigger.MUST_REST)
+                self._fire(PhaseTrigger.MUST_REST)
             if word is not None and word != before:
                 self._events += self._watch.look(word, machine.mode, self.targets.current, self._stops_at_limits)
             self._take_events()
@@ -341,7 +341,7 @@ class JointDrive(JointParts):
         if targets.pending is not None:
             targets.change()
             if targets.claimed == TARGET:
-                self._fire(Trigger.MUST_REST)  # seen by its controller, whose number was for the mode before
+                self._fire(PhaseTrigger.MUST_REST)  # seen by its controller, whose number was for the mode before
         elif self.reference.homing is not None:
             targets.hold()
             self._step_homing(self.reference.homing, now)
@@ -349,8 +349,8 @@ class JointDrive(JointParts):
             targets.follow(now, period)
             if (command := targets.tracked) is not None:
                 self.tracking.step(command.value, self._measured[command.quantity].value)
-        elif power.state is AxisState.READY and self.machine.may_move and now >= self._settled_at:
-            self._fire(Trigger.MAY_MOVE)
+        elif power.state is AxisPhase.READY and self.machine.may_move and now >= self._settled_at:
+            self._fire(PhaseTrigger.MAY_MOVE)
             self.tracking.restart()
             targets.follow(now, period)
         elif power.falling:
@@ -397,7 +397,7 @@ class JointDrive(JointParts):
         command = self.commands[claimed]
         return target.interface == command.quantity and target.pushes(command.value)
 
-    def _fire(self, trigger: Trigger) -> bool:
+    def _fire(self, trigger: PhaseTrigger) -> bool:
         """Take a row of the chart; a new state is looked at by the group."""
         changed = self.power.fire(trigger, self._now)
         self.group.busy |= changed
@@ -407,18 +407,18 @@ class JointDrive(JointParts):
         """Look at a drive that is being enabled or stopped for what comes next."""
         power, machine = self.power, self.machine
         if power.state in RISING:
-            if machine.enabled and self._fire(Trigger.DRIVE_ENABLED):
+            if machine.enabled and self._fire(PhaseTrigger.DRIVE_ENABLED):
                 self._settled_at = now + self._settle_ns
                 if machine.halted:
-                    self._fire(Trigger.HALT)
+                    self._fire(PhaseTrigger.HALT)
             return
         state = machine.state
         if not self.node.ready:
-            self._fire(Trigger.NODE_LOST)
+            self._fire(PhaseTrigger.NODE_LOST)
         elif state is not None and state not in POWERED_STATES:
-            self._fire(Trigger.DRIVE_OFF)
+            self._fire(PhaseTrigger.DRIVE_OFF)
         elif state is not None and state is not State.OPERATION_ENABLED and self.feedback.standing:
-            self._fire(Trigger.AT_REST)
+            self._fire(PhaseTrigger.AT_REST)
         if not (power.falling and self.has_come_to_rest(now)) and power.overdue(now):
             self._events.append(JointEvent("stop_overdue", _OVERDUE[power.state], Level.ERROR))
 
@@ -430,9 +430,9 @@ class JointDrive(JointParts):
         else:
             self.targets.hold()
         if stands:
-            self._fire(Trigger.TARGET_STANDS)
+            self._fire(PhaseTrigger.TARGET_STANDS)
 
-    def _change_link(self, link: Link, now: int) -> None:
+    def _change_link(self, link: FeedbackStatus, now: int) -> None:
         before, self._link = self._link, link
         if link is _GONE:
             self._went(now)
@@ -452,7 +452,7 @@ class JointDrive(JointParts):
         self.parameters.load()
 
     def _went(self, now: int) -> None:
-        self._fire(Trigger.MUST_REST)
+        self._fire(PhaseTrigger.MUST_REST)
         self._status.went(now)
         self.feedback.went()
         self.parameters.forget()
@@ -470,7 +470,7 @@ class JointDrive(JointParts):
         if self.axis.is_stale:
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
-    def _step_homing(self, run: HomingRun, now: int) -> None:
+    def _step_homing(self, run: Homing, now: int) -> None:
         """Advance a homing by one cycle: enable in mode HM when its method is known, go back when it is over."""
         if run.phase is HomingPhase.KNOWN:
             run.phase = HomingPhase.ENABLE
@@ -483,7 +483,7 @@ class JointDrive(JointParts):
         ready = self.power.state in _MAY_HOME
         self.machine.mode_bits = run.step(self.wanted, ready, now)
         if run.phase is HomingPhase.RUN:
-            self._fire(Trigger.HOMING_RUNS)
+            self._fire(PhaseTrigger.HOMING_RUNS)
         if run.over:
             self._leave_homing(run)
 
@@ -492,10 +492,10 @@ class JointDrive(JointParts):
             self.homing.abort(reason)
             self._leave_homing(self.homing)
 
-    def _leave_homing(self, run: HomingRun) -> None:
+    def _leave_homing(self, run: Homing) -> None:
         """Go back to the mode and power from before; a homed axis counts from its new zero."""
         self.reference.end(run)
-        self._fire(Trigger.HOMING_ENDED)
+        self._fire(PhaseTrigger.HOMING_ENDED)
         if run.homed:
             self.feedback.restart()
             self._events.append(JointEvent("homed", "homed", Level.INFO))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.cia402.events import DriveEvent
-    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis import AxisProcessData
     from canopen_control.hardware.joint_targets import ModeTarget
     from canopen_control.master.cycle import Output
 
@@ -77,7 +77,7 @@ def joint_event_of(event: DriveEvent) -> JointEvent:
 class StatusWatch:
     """Looks at one axis; `action` is what a following error leads to: stop, warn or ignore."""
 
-    def __init__(self, axis: Axis, action: str) -> None:
+    def __init__(self, axis: AxisProcessData, action: str) -> None:
         self._axis, self._action = axis, action
         self._bits = 0
         self._against = 0
@@ -182,7 +182,7 @@ class StatusWatch:
 class FaultReason:
     """The error code of the last fault; `tell` is called with a sentence when it is known."""
 
-    def __init__(self, axis: Axis, tell: Callable[[str], None]) -> None:
+    def __init__(self, axis: AxisProcessData, tell: Callable[[str], None]) -> None:
         self.code: int | None = None
         self.asking = False
         self._axis, self._tell = axis, tell

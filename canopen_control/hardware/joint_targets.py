@@ -27,8 +27,8 @@ from canopen_control.hardware.axis import HELD
 from canopen_control.hardware.feed_forward import FeedForward
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, CommandInterface
 from canopen_control.hardware.mode_choice import choose_mode, listed_modes, require_mapped, require_targets
-from canopen_control.hardware.place_ramp import PlaceRamp
 from canopen_control.hardware.tracking import Tracking
+from canopen_control.hardware.trapezoidal_profile import TrapezoidalProfile
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from canopen_control.cia402.drive import DriveMachine
     from canopen_control.cia402.setpoint import SetPointEvent
-    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis import AxisProcessData
     from canopen_control.hardware.axis_parameters import AxisParameters
     from canopen_control.master.cycle import Output
     from canopen_control.urdf.ros2_control import ControlJoint
@@ -61,7 +61,7 @@ class JointTargets:
     """
 
     def __init__(
-        self, description: ControlJoint, axis: Axis, machine: DriveMachine, parameters: AxisParameters
+        self, description: ControlJoint, axis: AxisProcessData, machine: DriveMachine, parameters: AxisParameters
     ) -> None:
         self.commands = {
             name: CommandInterface(description.name, name, minimum=info.minimum, maximum=info.maximum)
@@ -276,7 +276,7 @@ class ModeTarget:
     handshakes = False
     tracks = False
 
-    def __init__(self, axis: Axis, output: Output, machine: DriveMachine) -> None:
+    def __init__(self, axis: AxisProcessData, output: Output, machine: DriveMachine) -> None:
         self._axis, self.output, self._machine = axis, output, machine
         self._value = _NAN
         self._blocked = 0
@@ -317,7 +317,7 @@ class ModeTarget:
         return False
 
 
-def stop_slope(axis: Axis, speed: float) -> float:
+def stop_slope(axis: AxisProcessData, speed: float) -> float:
     """Return units/s^2 of a stop: the drive's (0x6084), or what stops this speed in half a second."""
     slope = axis.limits.deceleration
     return slope if math.isfinite(slope) and slope > 0 else speed / _DEFAULT_STOP_S
@@ -429,7 +429,7 @@ class EffortTarget(_ScaledTarget):
 
     interface = EFFORT
 
-    def __init__(self, axis: Axis, output: Output, machine: DriveMachine) -> None:
+    def __init__(self, axis: AxisProcessData, output: Output, machine: DriveMachine) -> None:
         super().__init__(axis, output, machine)
         self._last: int | None = None  # the position in the cycle before, where no velocity is measured
         self._speed = _NAN  # in the cycle before
@@ -507,12 +507,12 @@ class PositionTarget(_PositionTarget):
     interface = POSITION
     tracks = True
 
-    def __init__(self, axis: Axis, output: Output, machine: DriveMachine) -> None:
+    def __init__(self, axis: AxisProcessData, output: Output, machine: DriveMachine) -> None:
         super().__init__(axis, output, machine)
         self._count: int | None = None  # of the target, turns of the counter included; None: where the axis is
         self._speed = 0.0  # counts per second
         self._rest = 0.0  # of a count, which the largest velocity leaves to the next cycle
-        self._ramp = PlaceRamp()
+        self._ramp = TrapezoidalProfile()
 
     def hold(self) -> None:
         """Target the actual position."""
@@ -600,7 +600,7 @@ class SetPointTarget(_PositionTarget):
     interface = POSITION
     handshakes = True
 
-    def __init__(self, axis: Axis, output: Output, machine: DriveMachine) -> None:
+    def __init__(self, axis: AxisProcessData, output: Output, machine: DriveMachine) -> None:
         super().__init__(axis, output, machine)
         self._handshake = SetPointHandshake()
         self._given: int | None = None
@@ -681,7 +681,7 @@ class SetPointTarget(_PositionTarget):
             self._handshake.move(raw, immediately=True)
 
 
-TARGET_CLASSES: Final[Mapping[int, Callable[[Axis, Output, DriveMachine], ModeTarget]]] = MappingProxyType(
+TARGET_CLASSES: Final[Mapping[int, Callable[[AxisProcessData, Output, DriveMachine], ModeTarget]]] = MappingProxyType(
     {
         OperationMode.PP: SetPointTarget,
         OperationMode.VL: WordVelocityTarget,
@@ -696,7 +696,7 @@ TARGET_CLASSES: Final[Mapping[int, Callable[[Axis, Output, DriveMachine], ModeTa
 """Mode to the class of its target, which writes the object of `cia402.modes.TARGET_OBJECTS`."""
 
 
-def make_target(mode: int, axis: Axis, machine: DriveMachine) -> ModeTarget | None:
+def make_target(mode: int, axis: AxisProcessData, machine: DriveMachine) -> ModeTarget | None:
     """Return the target of `mode`, None where the mode has none or no RPDO carries it."""
     address = TARGET_OBJECTS.get(mode)
     output = None if address is None else axis.output(*address)

@@ -26,7 +26,7 @@ from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY, Inter
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
 
-    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis import AxisProcessData
     from canopen_control.hardware.axis_parameters import AxisParameters
     from canopen_control.master.plan import NodePlan
     from canopen_control.urdf.description import UrdfDescription
@@ -54,7 +54,7 @@ A TARGET is served by all of them. The first is what a drive begins with: those 
 """
 
 
-def listed_modes(axis: Axis, parameters: AxisParameters) -> tuple[OperationMode, ...]:
+def listed_modes(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
     """Return what 0x6502 lists, and the modes that bus.yml gives; () where 0x6502 says nothing.
 
     Drives have modes that 0x6502 does not list (Technosoft iPOS: CSP; roboticslab-uc3m/yarp-devices, issue 222).
@@ -63,7 +63,7 @@ def listed_modes(axis: Axis, parameters: AxisParameters) -> tuple[OperationMode,
     return (*listed, *(mode for mode in _of_file(axis) if mode not in listed)) if listed else ()
 
 
-def unlisted_modes(axis: Axis, parameters: AxisParameters) -> list[str]:
+def unlisted_modes(axis: AxisProcessData, parameters: AxisParameters) -> list[str]:
     """Return a sentence for each mode that bus.yml gives and 0x6502 does not list."""
     listed = _of_drive(axis, parameters)
     named = ", ".join(mode.name for mode in listed)
@@ -74,13 +74,13 @@ def unlisted_modes(axis: Axis, parameters: AxisParameters) -> list[str]:
     ]
 
 
-def _of_file(axis: Axis) -> list[OperationMode]:
+def _of_file(axis: AxisProcessData) -> list[OperationMode]:
     keys = axis.node.config.motion
     given = (keys.position_mode, keys.velocity_mode, keys.effort_mode)
     return [OperationMode(mode) for mode in given if mode is not None]
 
 
-def _of_drive(axis: Axis, parameters: AxisParameters) -> tuple[OperationMode, ...]:
+def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
     """Return what 0x6502 lists: as read from the drive, else as the EDS has it; () where neither says.
 
     0 says nothing: a drive has a mode, and a maker who gives no value writes it too.
@@ -91,7 +91,7 @@ def _of_drive(axis: Axis, parameters: AxisParameters) -> tuple[OperationMode, ..
     return supported_modes(parameters.get(objects.SUPPORTED_DRIVE_MODES) or at_boot or in_eds or 0)
 
 
-def choose_mode(axis: Axis, parameters: AxisParameters, interface: str) -> OperationMode:
+def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: str) -> OperationMode:
     """Return the mode for a command interface; raises DriveError (UnsupportedMode) where there is none."""
     config = axis.node.config
     keys = config.motion
@@ -121,7 +121,7 @@ def serving_objects(interface: str) -> tuple[tuple[int, int], ...]:
     return tuple(TARGET_OBJECTS[mode] for mode in _SERVED[interface])
 
 
-def require_targets(axis: Axis, interfaces: Collection[str]) -> None:
+def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
     """Raise RobotConfigError for a command interface that no RPDO could serve, whatever the drive lists."""
     for name in interfaces:
         if name == DIGITAL_OUTPUTS:
@@ -140,17 +140,17 @@ def require_targets(axis: Axis, interfaces: Collection[str]) -> None:
             raise _unmapped(axis, name, what)
 
 
-def _feeds(axis: Axis, interface: str) -> bool:
+def _feeds(axis: AxisProcessData, interface: str) -> bool:
     """Whether an RPDO carries the offset of a command interface that has no target of its own."""
     return (axis.velocity_offset if interface == VELOCITY else axis.torque_offset) is not None
 
 
-def _is_mapped(axis: Axis, mode: int) -> bool:
+def _is_mapped(axis: AxisProcessData, mode: int) -> bool:
     address = TARGET_OBJECTS.get(mode)
     return address is not None and axis.output(*address) is not None
 
 
-def require_mapped(axis: Axis, mode: OperationMode) -> None:
+def require_mapped(axis: AxisProcessData, mode: OperationMode) -> None:
     """Raise DriveError where no RPDO carries the target of a mode."""
     if not _is_mapped(axis, mode):
         index, subindex = TARGET_OBJECTS.get(mode, (0, 0))
@@ -160,7 +160,7 @@ def require_mapped(axis: Axis, mode: OperationMode) -> None:
         )
 
 
-def _unmapped(axis: Axis, interface: str, what: str) -> RobotConfigError:
+def _unmapped(axis: AxisProcessData, interface: str, what: str) -> RobotConfigError:
     return RobotConfigError(
         f"joint {axis.joint}: no RPDO of {axis.node.name} carries the target of its command interface {interface!r}; "
         f"map {what} in bus.yml or drop the interface"
@@ -181,7 +181,7 @@ PLUGINS: Final = (
 )
 
 
-def with_interfaces_of_plugins(description: UrdfDescription, plans: Iterable[NodePlan]) -> UrdfDescription:
+def add_plugin_interfaces(description: UrdfDescription, plans: Iterable[NodePlan]) -> UrdfDescription:
     """Return the description with the interfaces that its plugins would export, and a note for each joint that has."""
     by_name = {plan.name: plan for plan in plans}
     hardware = tuple(_completed(tag, by_name) for tag in description.hardware)

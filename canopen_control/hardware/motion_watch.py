@@ -17,7 +17,7 @@ from canopen_control.urdf.joint_element import POSITION
 
 if TYPE_CHECKING:
     from canopen_control.cia402.drive import DriveMachine
-    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis import AxisProcessData
     from canopen_control.hardware.joint_targets import ModeTarget
 
 
@@ -29,7 +29,7 @@ _STEP: Final = STANDSTILL / 10  # rad or m in one look
 class MotionWatch:
     """The looks at one axis. `stands` and `turns_away` are True once, in the look in which it is certain."""
 
-    def __init__(self, axis: Axis, machine: DriveMachine) -> None:
+    def __init__(self, axis: AxisProcessData, machine: DriveMachine) -> None:
         self._axis, self._machine = axis, machine
         self.stands = self.turns_away = False
         self._standing = self._away = 0

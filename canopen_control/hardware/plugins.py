@@ -12,12 +12,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface, nearest
-from canopen_control.hardware import simulation, system
+from canopen_control.hardware import driverless_system, system
 from canopen_control.hardware.interfaces import (
     ERROR,
     OK,
     CommandInterface,
-    Lifecycle,
+    ComponentLifecycle,
     LifecycleState,
     ReturnType,
     StateInterface,
@@ -27,8 +27,8 @@ from canopen_control.urdf.joint_element import ACCELERATION, EFFORT, POSITION, V
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from canopen_control.hardware.driverless_system import Engine
     from canopen_control.hardware.interfaces import HardwareComponent
-    from canopen_control.hardware.simulation import Engine
     from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.simulation import LaserScanReading
     from canopen_control.urdf.description import UrdfDescription
@@ -97,7 +97,7 @@ class _Joint:
             state.value = value
 
 
-class GenericSystem(Lifecycle):
+class GenericSystem(ComponentLifecycle):
     """One <ros2_control> tag without hardware; see the module."""
 
     def __init__(self, description: Ros2ControlSystem) -> None:
@@ -398,7 +398,7 @@ def _seen(inner: CommandInterface) -> CommandInterface:
     return CommandInterface(inner.joint, inner.interface, inner.value, minimum=inner.minimum, maximum=inner.maximum)
 
 
-class Kind(enum.Enum):
+class PluginKind(enum.Enum):
     """What stands behind a tag."""
 
     CANOPEN = "canopen"
@@ -407,17 +407,19 @@ class Kind(enum.Enum):
 
 
 KNOWN: Final = {
-    **dict.fromkeys(system.PLUGINS, Kind.CANOPEN),
-    **dict.fromkeys(PLUGINS, Kind.MOCK),
-    **dict.fromkeys(simulation.PLUGINS, Kind.SIMULATION),
+    **dict.fromkeys(system.PLUGINS, PluginKind.CANOPEN),
+    **dict.fromkeys(PLUGINS, PluginKind.MOCK),
+    **dict.fromkeys(driverless_system.PLUGINS, PluginKind.SIMULATION),
 }
 """Plugin name to kind."""
 
 
-def kind_of(description: UrdfDescription, tag: Ros2ControlSystem, *, mock: bool = False, real: bool = False) -> Kind:
+def kind_of(
+    description: UrdfDescription, tag: Ros2ControlSystem, *, mock: bool = False, real: bool = False
+) -> PluginKind:
     """Return what a tag is to be; an unknown plugin is a RobotConfigError with the nearest one, unless overruled."""
     if mock or real:
-        return Kind.MOCK if mock else Kind.CANOPEN
+        return PluginKind.MOCK if mock else PluginKind.CANOPEN
     kind = KNOWN.get(tag.plugin)
     if kind is None:
         raise RobotConfigError(
@@ -427,11 +429,11 @@ def kind_of(description: UrdfDescription, tag: Ros2ControlSystem, *, mock: bool 
 
 
 def made_up(
-    description: UrdfDescription, tag: Ros2ControlSystem, kind: Kind, engine: Engine | None = None
+    description: UrdfDescription, tag: Ros2ControlSystem, kind: PluginKind, engine: Engine | None = None
 ) -> HardwareComponent:
     """Return the component of a tag that needs no bus. A tag that is mocked by option moves its joints."""
-    if kind is Kind.SIMULATION:
-        return simulation.SimulatedSystem(tag, description.joints, engine=engine)
+    if kind is PluginKind.SIMULATION:
+        return driverless_system.SimulatedSystem(tag, description.joints, engine=engine)
     if tag.plugin not in PLUGINS:
         tag = replace(tag, parameters={"calculate_dynamics": "true", **tag.parameters})
     return GenericSystem(tag)

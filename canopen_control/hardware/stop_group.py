@@ -10,22 +10,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from canopen_control.hardware.axis_power import AxisState, Trigger
+from canopen_control.hardware.axis_statechart import AxisPhase, PhaseTrigger
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    from canopen_control.hardware.axis_power import AxisPower
+    from canopen_control.hardware.axis_statechart import AxisStatechart
 
 
-class Member(Protocol):
+class GroupMember(Protocol):
     """What a group has to know of a joint."""
 
     joint: str
-    power: AxisPower
+    power: AxisStatechart
     group: StopGroup[Any]
     stop_group: StopGroup[Any]
-    base: Base[Any] | None
+    base: BaseJoints[Any] | None
 
     @property
     def wanted(self) -> bool:
@@ -42,10 +42,10 @@ class Member(Protocol):
         """Ramp to zero, then disable."""
 
 
-J = TypeVar("J", bound=Member)
+J = TypeVar("J", bound=GroupMember)
 
 
-class Base(Generic[J]):
+class BaseJoints(Generic[J]):
     """The joints that one controller of a base holds; `name` is the controller's."""
 
     __slots__ = ("joints", "name")
@@ -71,17 +71,17 @@ class StopGroup(Generic[J]):
 
     def coordinate(self, now: int) -> None:
         """Fire what the chart of each joint waits for from its group; call it once per cycle while `busy`."""
-        waiting = [joint for joint in self.joints if joint.power.state is AxisState.RISING]
+        waiting = [joint for joint in self.joints if joint.power.state is AxisPhase.RISING]
         if waiting and all(joint.may_rise for joint in waiting):
-            self._fire(Trigger.GROUP_MAY_RISE, now)
+            self._fire(PhaseTrigger.GROUP_MAY_RISE, now)
         rising = any(joint.power.rising for joint in self.joints)
-        self._fire(Trigger.GROUP_RISES if rising else Trigger.GROUP_ENABLED, now)
+        self._fire(PhaseTrigger.GROUP_RISES if rising else PhaseTrigger.GROUP_ENABLED, now)
         falling = [joint for joint in self.joints if joint.power.falling]
         if falling and all(joint.has_come_to_rest(now) for joint in falling):
-            self._fire(Trigger.GROUP_RESTS, now)
+            self._fire(PhaseTrigger.GROUP_RESTS, now)
         self.busy = rising or any(joint.power.falling for joint in falling)
 
-    def _fire(self, trigger: Trigger, now: int) -> None:
+    def _fire(self, trigger: PhaseTrigger, now: int) -> None:
         for joint in self.joints:
             joint.power.fire(trigger, now)
 
@@ -92,7 +92,7 @@ def regroup(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int)
     A base of which only a part is enabled, or on its way to be, is stopped.
     """
     joints = list(joints)
-    held = [Base(name, [joint for joint in joints if joint.joint in names]) for name, names in bases.items()]
+    held = [BaseJoints(name, [joint for joint in joints if joint.joint in names]) for name, names in bases.items()]
     sets: list[set[StopGroup[J]]] = []
     for base in held:
         touched = {joint.stop_group for joint in base.joints}

@@ -2,7 +2,7 @@
 
 The law of this file: it decides, it does nothing. `boot` yields requests (`requests.py`) and is sent their results, or
 has `SdoAbort` and `SdoTimeout` thrown into it; whoever runs it (`remote_node.RemoteNode`) never waits. A failure is a
-`BootError` with the standard's letter (`LETTERS`). `Step` marks where the time goes.
+`BootError` with the standard's letter (`LETTERS`). `NextStep` marks where the time goes.
 
 A node is reset first, so that nothing of an earlier run is left and no PDO is mapped while it is OPERATIONAL; a node
 that has just sent its boot-up, and one to be kept alive that is OPERATIONAL, is not. The latter is only compared.
@@ -33,11 +33,11 @@ from canopen_control.master.requests import (
     AwaitHeartbeat,
     AwaitState,
     BootTransfers,
-    Command,
+    NextStep,
     Read,
     Request,
-    Step,
-    Write,
+    SendNmt,
+    WriteObject,
     boot_error,
     reason_of,
 )
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.errors import BootError
     from canopen_control.master.plan import NodePlan
-    from canopen_control.master.plan_builder import PdoLayout
+    from canopen_control.master.plan_builder import PlannedPdo
     from canopen_control.master.requests import Answer
     from canopen_control.od.model import Value
 
@@ -82,7 +82,7 @@ class BootResult:
     writes: int
     warnings: tuple[str, ...]
     reads: int = 0
-    adopted: tuple[tuple[str, PdoLayout], ...] = ()
+    adopted: tuple[tuple[str, PlannedPdo], ...] = ()
     presets: dict[tuple[int, int], Value] = field(default_factory=dict)
 
 
@@ -96,7 +96,7 @@ def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResul
     keep = plan.keep_alive and reset
     if reset and not keep:
         yield from _reset(plan, NmtCommand.RESET_COMMUNICATION)
-    yield Step("identify")
+    yield NextStep("identify")
     identity = yield from _identify(plan, transfers)
     running = keep and (yield from _is_running(plan))
     if keep and not running:
@@ -117,8 +117,8 @@ def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResul
 
 
 def _reset(plan: NodePlan, command: NmtCommand) -> Generator[Request, Answer, bool]:
-    yield Step("reset")
-    yield Command(command)
+    yield NextStep("reset")
+    yield SendNmt(command)
     # Not all nodes send a boot-up; who is not there is found by the next step.
     return bool((yield AwaitBootUp(plan.boot_up_ns)))
 
@@ -153,7 +153,7 @@ def _identify(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, An
 
 def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
     """Ask for the state of a node that is to be kept alive: CiA 302-2, "check node state"."""
-    yield Step("keep alive")
+    yield NextStep("keep alive")
     timeout = plan.supervision_ns or STATE_NS
     state = yield AwaitHeartbeat(timeout)
     if state is None:
@@ -203,7 +203,7 @@ def _leave_running(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
 
     Its supervision is written all the same, and a PDO in use that differs is an error.
     """
-    yield Step("compare")
+    yield NextStep("compare")
     yield from check_expected(plan, transfers)
     written = transfers.writes
     missing = yield from watch_running(plan, (yield from compare_only(plan, transfers)), transfers)
@@ -216,7 +216,7 @@ def _leave_running(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
 
 def _configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
     if plan.restore:
-        yield Step("restore")
+        yield NextStep("restore")
         try:
             yield from transfers.write(RESTORE, plan.restore, LOAD, STORE_NS)
         except (SdoAbort, SdoTimeout) as error:
@@ -225,7 +225,7 @@ def _configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, A
         command = NmtCommand.RESET_COMMUNICATION if communication else NmtCommand.RESET_NODE
         if not (yield from _reset(plan, command)):
             raise boot_error(plan, "J", f"no boot-up within {plan.boot_up_ns / 1e9:g} s of restoring its defaults")
-    yield Step("configure")
+    yield NextStep("configure")
     transfers.begin_configuration()
     yield from configure(plan, transfers)
     yield from store(plan, transfers)
@@ -234,7 +234,7 @@ def _configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, A
 
 def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
     """Start error control: nothing is started that nobody watches."""
-    yield Step("heartbeat")
+    yield NextStep("heartbeat")
     if plan.supervision_ns and not (yield AwaitState(plan.supervision_ns)):
         what = "answer to guarding" if plan.guard else "heartbeat"
         raise boot_error(plan, "K", f"no {what} within {plan.supervision_ns / 1e9:g} s")
@@ -242,12 +242,12 @@ def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
 
 def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
     """Start the node, and again if nothing shows that it heard (a command may be lost)."""
-    yield Step("start")
+    yield NextStep("start")
     if not plan.supervision_ns and not plan.tpdos:
-        yield Command(NmtCommand.START)  # nothing would confirm it
+        yield SendNmt(NmtCommand.START)  # nothing would confirm it
         return
     for _ in range(NMT_TRIES):
-        yield Command(NmtCommand.START)
+        yield SendNmt(NmtCommand.START)
         if (yield AwaitState(STATE_NS + plan.supervision_ns, NmtState.OPERATIONAL)):
             return
     raise boot_error(plan, "T", f"NMT start sent {NMT_TRIES} times, no heartbeat and no TPDO ever said OPERATIONAL")
@@ -288,7 +288,7 @@ _WAITS = (AwaitBootUp, AwaitState, AwaitHeartbeat)
 
 
 @dataclass(frozen=True, slots=True)
-class BootStep:
+class FinishedStep:
     """One finished step of a boot and how long it took."""
 
     name: str
@@ -314,7 +314,7 @@ class BootTask:
     ) -> None:
         self.result: BootResult | None = None
         self.error: CanopenError | None = None
-        self.steps: list[BootStep] = []
+        self.steps: list[FinishedStep] = []
         self.started = now
         self._generator: Generator[Request, Answer, BootResult] = boot(plan, reset=reset)
         self._sdo, self._send_nmt, self._count_tpdos = sdo, send_nmt, count_tpdos
@@ -396,7 +396,7 @@ class BootTask:
         self._waiting = None
         try:
             request = go_on()
-            while isinstance(request, Step | Command):
+            while isinstance(request, NextStep | SendNmt):
                 self._do(request, now)
                 request = self._generator.send(None)
         except StopIteration as end:
@@ -408,8 +408,8 @@ class BootTask:
         else:
             self._wait_for(request, now)
 
-    def _do(self, request: Step | Command, now: int) -> None:
-        if isinstance(request, Step):
+    def _do(self, request: NextStep | SendNmt, now: int) -> None:
+        if isinstance(request, NextStep):
             self._enter(request.name, now)
         else:
             self._send_nmt(request.command)
@@ -418,7 +418,7 @@ class BootTask:
         self._waiting = request
         if isinstance(request, Read):
             self._transfer = self._sdo.read(request.index, request.subindex, timeout_ns=self._sdo_timeout, now=now)
-        elif isinstance(request, Write):
+        elif isinstance(request, WriteObject):
             timeout = request.timeout_ns or self._sdo_timeout
             self._transfer = self._sdo.write(request.index, request.subindex, request.data, timeout_ns=timeout, now=now)
         elif isinstance(request, _WAITS):
@@ -426,5 +426,5 @@ class BootTask:
 
     def _enter(self, name: str, now: int, error: str = "") -> None:
         if self._step:
-            self.steps.append(BootStep(self._step, (now - self._step_since) / 1e9, error))
+            self.steps.append(FinishedStep(self._step, (now - self._step_since) / 1e9, error))
         self._step, self._step_since = name, now

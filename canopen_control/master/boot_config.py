@@ -30,8 +30,8 @@ from canopen_control.cia402.objects import (
 from canopen_control.cia402.units import counts_per_revolution
 from canopen_control.errors import CanopenError, ConfigError, SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.frame import EXTENDED_BIT, is_restricted
-from canopen_control.master.plan_builder import PdoLayout
-from canopen_control.master.requests import Answer, BootTransfers, Request, Step, boot_error, reason_of
+from canopen_control.master.plan_builder import PlannedPdo
+from canopen_control.master.requests import Answer, BootTransfers, NextStep, Request, boot_error, reason_of
 from canopen_control.od.codec import decode
 from canopen_control.od.model import DataType
 from canopen_control.od.pdos import COMMUNICATION, MAPPING
@@ -324,17 +324,17 @@ def _try(transfers: BootTransfers, index: int, subindex: int, data: bytes) -> Ge
         return
 
 
-def _layout(plan: NodePlan, pdo: tuple[str, int]) -> PdoLayout | None:
+def _layout(plan: NodePlan, pdo: tuple[str, int]) -> PlannedPdo | None:
     layouts = plan.rpdos if pdo[0] == "rpdo" else plan.tpdos
     return next((each for each in layouts if each.number == pdo[1]), None)
 
 
-def _adopted(layout: PdoLayout, own: _Own, known: dict[tuple[int, int], MappedObject]) -> PdoLayout:
+def _adopted(layout: PlannedPdo, own: _Own, known: dict[tuple[int, int], MappedObject]) -> PlannedPdo:
     objects = tuple(
         known.get((index, subindex)) or MappedObject(index, subindex, bits, _UNSIGNED.get(bits, DataType.BOOLEAN))
         for index, subindex, bits in own.objects
     )
-    return PdoLayout(layout.number, own.cob_id & 0x7FF, own.transmission_type, objects, layout.event_ms)
+    return PlannedPdo(layout.number, own.cob_id & 0x7FF, own.transmission_type, objects, layout.event_ms)
 
 
 def _address(mapped: MappedObject) -> tuple[int, int]:
@@ -359,7 +359,7 @@ def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
         if address not in transfers.presets and each.index not in motion and each.index >= _FIRST_OBJECT
     }
     if wanted:
-        yield Step("outputs")
+        yield NextStep("outputs")
     for address, each in wanted.items():
         value = yield from _read_value(plan, each, "which an RPDO carries", transfers)
         transfers.presets[address] = 0 if value is None else value
@@ -372,7 +372,7 @@ def read_signals(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
     """
     wanted = [each for each in plan.reads if _address(each) not in transfers.presets]
     if wanted:
-        yield Step("inputs")
+        yield NextStep("inputs")
     for each in wanted:
         value = yield from _read_value(plan, each, "a signal", transfers)
         if value is not None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from canopen_control.master.config import BusConfig
     from canopen_control.master.keys import NodeConfig
-    from canopen_control.master.plan_builder import PdoLayout
+    from canopen_control.master.plan_builder import PlannedPdo
 
 
 HIGH = 0.70  # of the bit rate
@@ -111,7 +111,7 @@ def _shares(config: BusConfig, period_ns: int, unbounded: list[str]) -> Iterator
             yield from _tpdo(name, node, layout, period_ns, unbounded)
 
 
-def _tpdo(name: str, node: NodeConfig, layout: PdoLayout, period_ns: int, unbounded: list[str]) -> Iterator[Share]:
+def _tpdo(name: str, node: NodeConfig, layout: PlannedPdo, period_ns: int, unbounded: list[str]) -> Iterator[Share]:
     """One TPDO: with every n-th SYNC, or when it likes, but not more often than its inhibit time lets it."""
     kind, what = layout.transmission_type, f"TPDO {layout.number} of {name}"
     if kind in _ON_REMOTE:
@@ -132,5 +132,5 @@ def _error_control(name: str, node_id: int, period_ms: int, period_ns: int) -> S
     )
 
 
-def _length(layout: PdoLayout) -> int:
+def _length(layout: PlannedPdo) -> int:
     return (sum(mapped.bits for mapped in layout.objects) + 7) // 8

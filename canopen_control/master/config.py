@@ -31,10 +31,10 @@ from canopen_control.master.keys import (
     UNUSED_MASTER,
     UNUSED_NODE,
     BootKeys,
+    FileOptions,
     MasterConfig,
     MotionKeys,
     NodeConfig,
-    Options,
     SupervisionKeys,
     UnitKeys,
     named_scale,
@@ -155,7 +155,7 @@ def _brief(value: object) -> str:
     return "another" if isinstance(value, dict | list) else repr(value)
 
 
-def node_config(name: str, node: Node, master: MasterConfig, options: Options) -> NodeConfig | None:
+def node_config(name: str, node: Node, master: MasterConfig, options: FileOptions) -> NodeConfig | None:
     """Convert and check the keys of one node; None where they cannot be used."""
     ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE)
     keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)
@@ -177,7 +177,7 @@ def node_config(name: str, node: Node, master: MasterConfig, options: Options) -
     )
 
 
-def _supervision(keys: SupervisionKeys, master: MasterConfig, options: Options) -> SupervisionKeys:
+def _supervision(keys: SupervisionKeys, master: MasterConfig, options: FileOptions) -> SupervisionKeys:
     return replace(
         keys,
         multiplier=keys.heartbeat_multiplier or master.heartbeat_multiplier or options.heartbeat_multiplier,
@@ -317,7 +317,7 @@ class BusConfig:
     """
 
     path: str
-    options: Options
+    options: FileOptions
     master: MasterConfig
     nodes: dict[str, NodeConfig]
     dictionaries: dict[str, ObjectDictionary]
@@ -363,7 +363,7 @@ class _Reader:
         self._path, self._root, self._peer_merge = path, root, peer_merge
         self._allow_unsupervised = allow_unsupervised
         options = root.get("options")
-        self._options = Options() if options is None else self._read_options(options)
+        self._options = FileOptions() if options is None else self._read_options(options)
         self._sources = Sources(path.parent, self._options.dcf_path)
         self._unused: dict[str, str] = {}
         self._unreadable: dict[str, int] = {}
@@ -400,9 +400,9 @@ class _Reader:
 
     # ------------------------------------------------------------------------------------------- sections
 
-    def _read_options(self, section: Node) -> Options:
-        ignored = tolerated(section, keys_of(Options), {}, MISNAMED_OPTIONS)
-        options: Options = convert(section, Options, Options(), ignored=ignored)
+    def _read_options(self, section: Node) -> FileOptions:
+        ignored = tolerated(section, keys_of(FileOptions), {}, MISNAMED_OPTIONS)
+        options: FileOptions = convert(section, FileOptions, FileOptions(), ignored=ignored)
         return options
 
     def _master(self) -> MasterConfig:

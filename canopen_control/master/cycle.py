@@ -18,7 +18,7 @@ from canopen_control.frame import RECORD
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from canopen_control.master.plan_builder import PdoLayout
+    from canopen_control.master.plan_builder import PlannedPdo
     from canopen_control.od.model import Value
 
 
@@ -89,7 +89,7 @@ class ReceivedPdo:
         self.stamp = now
         self.count += 1
 
-    def use(self, layout: PdoLayout, planned: Sequence[MappedObject]) -> None:
+    def use(self, layout: PlannedPdo, planned: Sequence[MappedObject]) -> None:
         """Take the PDO as the node has it; `values` stay in the order of the `planned` objects, all of which it holds.
 
         `planned` and the layout's objects differ only where a node keeps a mapping of its own.
@@ -221,7 +221,7 @@ class SentPdo:
         self.sent_in = 0  # cycle in which it was sent last
         self._carry(outputs)
 
-    def use(self, layout: PdoLayout, outputs: Sequence[Output]) -> None:
+    def use(self, layout: PlannedPdo, outputs: Sequence[Output]) -> None:
         """Send the PDO as the node has it; `outputs` are those of the layout's objects."""
         for output in self.outputs:
             output.places = [place for place in output.places if place[0] is not self]

@@ -114,7 +114,7 @@ UNUSED_NODE = {
 
 
 @dataclass(frozen=True)
-class PdoObject:
+class PdoObjectKeys:
     """One mapped object."""
 
     index: int = setting(low=0x0001, high=0xFFFF)
@@ -132,7 +132,7 @@ class PdoConfig:
     event_timer: int | None = setting(None, low=0, high=0xFFFF)
     event_deadline: int | None = setting(None, low=0, high=0xFFFF)
     sync_start: int | None = setting(None, low=0, high=240)
-    mapping: list[PdoObject] | None = None
+    mapping: list[PdoObjectKeys] | None = None
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class SdoEntry:
 
 
 @dataclass(frozen=True)
-class AxisUnits:
+class AxisUnitKeys:
     """The units of one axis of a device with several (`channels`); None is the node's own."""
 
     scale_pos_to_dev: float | None = None
@@ -158,7 +158,7 @@ class AxisUnits:
 
 
 @dataclass(frozen=True)
-class Options:
+class FileOptions:
     """What concerns the file as a whole."""
 
     dcf_path: str = ""
@@ -313,7 +313,7 @@ class UnitKeys:
     scale_eff_from_dev: float = 0.001
     offset_pos_to_dev: float = 0.0
     offset_pos_from_dev: float = 0.0
-    channels: list[AxisUnits] = field(default_factory=list)
+    channels: list[AxisUnitKeys] = field(default_factory=list)
     counts_per_revolution: float | None = setting(None, low=1e-9, high=1e12)
     gear_ratio: float | list[int] | None = setting(None, low=1e-9, high=1e9)
     reversed: bool | None = None
@@ -332,7 +332,7 @@ class UnitKeys:
 
     def of_axis(self, axis: int) -> dict[str, float]:
         """Return the arguments of `units.Scale` for an axis, those of `channels` before the node's own."""
-        own = self.channels[axis] if axis < len(self.channels) else AxisUnits()
+        own = self.channels[axis] if axis < len(self.channels) else AxisUnitKeys()
         names = (*SCALES, "scale_eff_from_dev", "offset_pos_to_dev", "offset_pos_from_dev")
         chosen = {name: getattr(own, name) if getattr(own, name) is not None else getattr(self, name) for name in names}
         return {name.removeprefix("scale_"): value for name, value in chosen.items()}

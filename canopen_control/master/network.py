@@ -67,7 +67,7 @@ class _Seen:
         return f"{self.what} ({', '.join(self.examples) if self.examples else _times(self.count)})"
 
 
-class ForeignMaster:
+class SecondMasterDetector:
     """Takes the frames of others on the bus called `name` and reports who they come from; `wake` when it will."""
 
     def __init__(self, name: str, report: Callable[[Event], None], wake: Callable[[], None]) -> None:
@@ -209,7 +209,7 @@ class Network:
         self._by_id = {node.node_id: node for node in self.nodes.values()}
         self._handlers: dict[int, Callable[[bytes, int, int], None]] = {}
         self._pdos: dict[int, ReceivedPdo] = {}
-        self._foreign = ForeignMaster(name, report, self._wake)
+        self._foreign = SecondMasterDetector(name, report, self._wake)
         for node in self.nodes.values():
             self._connect(node)
         for node in self.nodes.values():

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from canopen_control.cia301.pdo import MappedObject
     from canopen_control.master.config import BusConfig
     from canopen_control.master.plan import NodePlan
-    from canopen_control.master.plan_builder import PdoLayout
+    from canopen_control.master.plan_builder import PlannedPdo
     from canopen_control.rpc.messages.layout import Direction
 
 
@@ -84,7 +84,7 @@ def _pdo(
     config: BusConfig,
     plan: NodePlan,
     direction: Direction,
-    layout: PdoLayout,
+    layout: PlannedPdo,
     linear: Collection[tuple[str, int]] | None,
 ) -> PdoMessage:
     objects = tuple(_objects(config, plan, layout, linear))
@@ -92,7 +92,7 @@ def _pdo(
 
 
 def _objects(
-    config: BusConfig, plan: NodePlan, layout: PdoLayout, linear: Collection[tuple[str, int]] | None
+    config: BusConfig, plan: NodePlan, layout: PlannedPdo, linear: Collection[tuple[str, int]] | None
 ) -> Iterator[MappedEntry]:
     for mapped in layout.objects:
         name = plan.entry_names.get((mapped.index, mapped.subindex), "")

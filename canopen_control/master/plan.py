@@ -35,8 +35,8 @@ from canopen_control.frame import Service, cob_id, is_restricted
 from canopen_control.master.keys import UnitKeys
 from canopen_control.master.plan_builder import (
     STORED,
-    PdoLayout,
     PlanBuilder,
+    PlannedPdo,
     PlannedWrite,
     add_feed_forward,
     plan_interpolation,
@@ -103,8 +103,8 @@ class NodePlan:
     source: str
     identity: Identity
     writes: tuple[PlannedWrite, ...]
-    rpdos: tuple[PdoLayout, ...]
-    tpdos: tuple[PdoLayout, ...]
+    rpdos: tuple[PlannedPdo, ...]
+    tpdos: tuple[PlannedPdo, ...]
     axes: tuple[int, ...]
     heartbeat_timeout_ns: int
     entry_names: dict[tuple[int, int], str] = field(default_factory=dict)

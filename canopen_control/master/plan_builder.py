@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.pdo import MAX_BITS
 from canopen_control.cia402.objects import INTERPOLATION_TIME_PERIOD, TARGET_POSITION, TORQUE_OFFSET, VELOCITY_OFFSET
-from canopen_control.master.keys import PdoConfig, PdoObject
+from canopen_control.master.keys import PdoConfig, PdoObjectKeys
 from canopen_control.od.codec import encode, outside_limits
 from canopen_control.od.model import DataType
 from canopen_control.od.pdos import pdo_of
@@ -70,12 +70,12 @@ def _add_feed_forward(builder: PlanBuilder, index: int, target: int) -> str:
     for number in mine:
         pdo = rpdos[number]
         if pdo.mapping is not None and _has_room(builder, number, pdo.mapping, index):
-            return _put(builder, number, replace(pdo, mapping=[*pdo.mapping, PdoObject(index)]))
+            return _put(builder, number, replace(pdo, mapping=[*pdo.mapping, PdoObjectKeys(index)]))
     beside = next((rpdos[number] for number in mine if target in _mapped(builder, number, rpdos[number])), PdoConfig())
     for number in _PREDEFINED:
         used = number in rpdos and rpdos[number].enabled
         if not used and _has_room(builder, number, [], index):
-            return _put(builder, number, PdoConfig(transmission=beside.transmission, mapping=[PdoObject(index)]))
+            return _put(builder, number, PdoConfig(transmission=beside.transmission, mapping=[PdoObjectKeys(index)]))
     return f"no RPDO of {builder.file} has room for 0x{index:04X}"
 
 
@@ -85,9 +85,9 @@ def _put(builder: PlanBuilder, number: int, pdo: PdoConfig) -> str:
     return ""
 
 
-def _has_room(builder: PlanBuilder, number: int, mapping: Sequence[PdoObject], index: int) -> bool:
+def _has_room(builder: PlanBuilder, number: int, mapping: Sequence[PdoObjectKeys], index: int) -> bool:
     od = builder.od
-    entries = [od.get(each.index, each.sub_index) for each in (*mapping, PdoObject(index))]
+    entries = [od.get(each.index, each.sub_index) for each in (*mapping, PdoObjectKeys(index))]
     bits = sum((entry.data_type.bits or 0) if entry is not None else MAX_BITS for entry in entries)
     last_slot = (_MAPPING + number - 1, len(entries))
     return bits <= MAX_BITS and (_COMMUNICATION + number - 1, 1) in od and last_slot in od
@@ -217,7 +217,7 @@ class PlannedWrite:
 
 
 @dataclass(frozen=True, slots=True)
-class PdoLayout:
+class PlannedPdo:
     """A PDO that will be live: its COB-ID and what it carries, in order; `event_ms` is its event timer, 0: none."""
 
     number: int
@@ -244,7 +244,7 @@ class PlanBuilder:
     remark: Callable[[str, str], None] = lambda _key, _text: None
     writes: list[PlannedWrite] = field(default_factory=list)
     reads: list[MappedObject] = field(default_factory=list)
-    layouts: dict[str, list[PdoLayout]] = field(default_factory=lambda: {"rpdo": [], "tpdo": []})
+    layouts: dict[str, list[PlannedPdo]] = field(default_factory=lambda: {"rpdo": [], "tpdo": []})
     _downloaded: dict[tuple[int, int], bytes] = field(init=False)
     _records: dict[tuple[str, int], dict[tuple[int, int], tuple[int, bytes]]] = field(default_factory=dict)
 

@@ -26,7 +26,7 @@ from canopen_control.cia402.objects import MOTION
 from canopen_control.errors import nearest
 from canopen_control.frame import EXTENDED_BIT, is_restricted, rpdo_cob_id, tpdo_cob_id
 from canopen_control.master.keys import PdoConfig
-from canopen_control.master.plan_builder import STORED, PdoLayout
+from canopen_control.master.plan_builder import STORED, PlannedPdo
 from canopen_control.od.pdos import COMMUNICATION, COUNT, MAPPING, pdo_of
 from canopen_control.profiles.device_signal import TYPES, Signal, object_of
 from canopen_control.profiles.profile_tables import AI_DELTA, AI_ENABLE, ANALOGUE_INPUTS, profile_signals, safe_outputs
@@ -386,7 +386,7 @@ def _adopt(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> None:
     if objects:
         communication = COMMUNICATION[kind] + number - 1
         transmission, timer = builder.default(communication, 2), builder.default(communication, 5) or 0
-        builder.layouts[kind].append(PdoLayout(number, cob_id & 0x7FF, _or_255(transmission), objects, timer))
+        builder.layouts[kind].append(PlannedPdo(number, cob_id & 0x7FF, _or_255(transmission), objects, timer))
 
 
 def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reason: str = "") -> None:
@@ -412,7 +412,7 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
     transmission = pdo.transmission if pdo.transmission is not None else builder.default(index, 2)
     timer = wanted.settings[_EVENT_TIMER][1]
     timer = builder.default(index, 5) or 0 if timer is None else timer
-    builder.layouts[kind].append(PdoLayout(number, wanted.cob_id & 0x7FF, _or_255(transmission), objects, timer))
+    builder.layouts[kind].append(PlannedPdo(number, wanted.cob_id & 0x7FF, _or_255(transmission), objects, timer))
 
 
 def _plan_live(

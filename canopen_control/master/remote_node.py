@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.errors import CanopenError
     from canopen_control.frame import CanFrame
-    from canopen_control.master.boot import BootResult, BootStep
+    from canopen_control.master.boot import BootResult, FinishedStep
     from canopen_control.master.cycle import ReceivedPdo, SentPdo
     from canopen_control.master.keys import NodeConfig
     from canopen_control.master.plan import NodePlan
@@ -220,7 +220,7 @@ class RemoteNode:
         self.last_seen: int | None = None
         self.error: str | None = None
         self.identity: BootResult | None = None
-        self.boot_steps: list[BootStep] = []
+        self.boot_steps: list[FinishedStep] = []
         self.boots = 0
         self.received: list[ReceivedPdo] = []
         self.sent: list[SentPdo] = []

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from canopen_control.cia301.nmt import NmtCommand, NmtState
     from canopen_control.master.plan import NodePlan
-    from canopen_control.master.plan_builder import PdoLayout
+    from canopen_control.master.plan_builder import PlannedPdo
     from canopen_control.od.model import Value
 
 
@@ -42,7 +42,7 @@ LETTERS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class NextStep:
     """From here on the boot does what `name` says; answered with None."""
 
     name: str
@@ -57,7 +57,7 @@ class Read:
 
 
 @dataclass(frozen=True, slots=True)
-class Write:
+class WriteObject:
     """Download an object; answered with None. `timeout_ns` is for objects that take their time."""
 
     index: int
@@ -67,7 +67,7 @@ class Write:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class SendNmt:
     """Send an NMT command to the node; answered with None."""
 
     command: NmtCommand
@@ -98,7 +98,7 @@ class AwaitHeartbeat:
     timeout_ns: int
 
 
-Request = Step | Read | Write | Command | AwaitBootUp | AwaitState | AwaitHeartbeat
+Request = NextStep | Read | WriteObject | SendNmt | AwaitBootUp | AwaitState | AwaitHeartbeat
 Answer = bytes | bool | int | None
 
 
@@ -112,7 +112,7 @@ class BootTransfers:
         self.reads = 0
         self.writes = 0
         self.warnings: list[str] = []
-        self.adopted: list[tuple[str, PdoLayout]] = []
+        self.adopted: list[tuple[str, PlannedPdo]] = []
         self.presets: dict[tuple[int, int], Value] = {}
         self._before = 0
 
@@ -161,7 +161,7 @@ class BootTransfers:
         self, index: int, subindex: int, data: bytes, timeout_ns: int | None = None
     ) -> Generator[Request, Answer, None]:
         """Download; raises SdoAbort, SdoTimeout. Only what the node took is counted."""
-        yield Write(index, subindex, data, timeout_ns)
+        yield WriteObject(index, subindex, data, timeout_ns)
         self.writes += 1
 
 

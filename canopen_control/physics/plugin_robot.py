@@ -361,7 +361,7 @@ class JointMotor:
 
 
 class DriverlessRobot:
-    """All joints and sensors of a body, moved once a cycle; an `Engine` of `hardware.simulation`."""
+    """All joints and sensors of a body, moved once a cycle; an `Engine` of `hardware.driverless_system`."""
 
     def __init__(
         self,

@@ -33,7 +33,7 @@ TYPES: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
+class SignalScale:
     """A factor that stands in an object of the device: `of` makes it of the number there, `assumed` where it has none.
 
     It is read when the node has booted, never taken from a file: users and devices change it.
@@ -65,7 +65,7 @@ class Signal:
     data_type: DataType | None = None
     invalid: tuple[float, ...] = ()
     status: Address | None = None
-    scales: tuple[Scale, ...] = ()
+    scales: tuple[SignalScale, ...] = ()
     unwrap: Address | None = None
     safe: float | None = 0.0
     max_rate: float | None = None

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.od.model import DataType
 from canopen_control.profiles.device_signal import (
-    Scale,
     Signal,
+    SignalScale,
     factor_of_digits,
     factor_of_prefix,
     object_of,
@@ -74,14 +74,16 @@ def _mapped(od: ObjectDictionary, index: int) -> bool:
     )
 
 
-def _unit(od: ObjectDictionary, index: int, subindex: int, code: int, digits: int) -> tuple[str, tuple[Scale, ...]]:
+def _unit(
+    od: ObjectDictionary, index: int, subindex: int, code: int, digits: int
+) -> tuple[str, tuple[SignalScale, ...]]:
     """Return the unit of a value, and where the device says its prefix and decimal digits."""
     scales = []
     if (code, subindex) in od:
-        scales.append(Scale((code, subindex), factor_of_prefix, _number(od, code, subindex, 0)))
+        scales.append(SignalScale((code, subindex), factor_of_prefix, _number(od, code, subindex, 0)))
     entry = od.get(index, subindex)
     if (digits, subindex) in od and entry is not None and entry.data_type is not DataType.REAL32:
-        scales.append(Scale((digits, subindex), factor_of_digits, _number(od, digits, subindex, 0)))
+        scales.append(SignalScale((digits, subindex), factor_of_digits, _number(od, digits, subindex, 0)))
     return unit_of_code(_number(od, code, subindex, 0)), tuple(scales)
 
 
@@ -100,9 +102,9 @@ def encoder_signals(od: ObjectDictionary) -> Iterator[Signal]:
     is the maker's.
     """
     if _number(od, 0x1000, 0, 0) >> 16 & 0xFF in _LINEAR:
-        unit, scale = "m", Scale((0x6005, 1), _per_step, _number(od, 0x6005, 1, 1000))
+        unit, scale = "m", SignalScale((0x6005, 1), _per_step, _number(od, 0x6005, 1, 1000))
     else:
-        unit, scale = "rad", Scale((0x6001, 0), _per_turn, _number(od, 0x6001, 0, 4096))
+        unit, scale = "rad", SignalScale((0x6001, 0), _per_turn, _number(od, 0x6001, 0, 4096))
     scales = (scale,) if scale.address in od else ()
     plain = 1.0 if scales else scale.of(scale.assumed)
     if (0x6004, 0) in od:
@@ -121,7 +123,7 @@ def _resolution(thousandths: int) -> float:
 
 def inclinometer_signals(od: ObjectDictionary) -> Iterator[Signal]:
     """Yield `longitudinal` and `lateral` in rad of a CiA 410 device, with the 16-bit or the 32-bit objects."""
-    scales = (Scale((0x6000, 0), _resolution, _number(od, 0x6000, 0, 10)),)
+    scales = (SignalScale((0x6000, 0), _resolution, _number(od, 0x6000, 0, 10)),)
     for name, short, long in (("longitudinal", 0x6010, 0x6110), ("lateral", 0x6020, 0x6120)):
         index = next((each for each in (short, long) if _mapped(od, each)), None)
         index = index or next((each for each in (short, long) if (each, 0) in od), None)

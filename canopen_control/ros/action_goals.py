@@ -242,7 +242,7 @@ _WATCH_S: Final = 0.25
 _CLIENT_GONE: Final = "the action client that sent it is gone"
 
 
-class Verdict(Protocol):
+class GoalAnswer(Protocol):
     """What the robot says of a goal when it comes."""
 
     @property
@@ -266,7 +266,7 @@ class Verdict(Protocol):
         ...
 
 
-class Result(Protocol):
+class ActionResult(Protocol):
     """How a goal ended."""
 
     @property
@@ -275,8 +275,8 @@ class Result(Protocol):
         ...
 
 
-V = TypeVar("V", bound=Verdict)
-E = TypeVar("E", bound=Result)
+V = TypeVar("V", bound=GoalAnswer)
+E = TypeVar("E", bound=ActionResult)
 S = TypeVar("S", GripperSample, TrajectorySample)
 
 

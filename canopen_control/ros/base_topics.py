@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 
-from canopen_control.ros.controller_state import ControllerState
+from canopen_control.ros.controller_state import ControllerStateTopic
 from canopen_control.ros.conversions import diagonal, seconds_of, unknown_as_nan
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, NewSamples, success_of
 from canopen_control.ros.frames import odometry_transform
@@ -293,7 +293,7 @@ class TfOdometry(Endpoint):
         self._ros.node.destroy_publisher(self._publisher)
 
 
-class SteeringState(ControllerState[SteeringSample]):
+class SteeringState(ControllerStateTopic[SteeringSample]):
     """The wheels of a steered base."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
@@ -310,7 +310,7 @@ class SteeringState(ControllerState[SteeringSample]):
         message.steering_angle_command = _numbers(sample.steering_commands)
 
 
-class MecanumState(ControllerState[MecanumSample]):
+class MecanumState(ControllerStateTopic[MecanumSample]):
     """The wheels of a base on mecanum wheels, and the twist that is wanted."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:

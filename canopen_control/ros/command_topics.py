@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from std_msgs.msg import Float64MultiArray
 
-from canopen_control.ros.controller_state import ControllerState
+from canopen_control.ros.controller_state import ControllerStateTopic
 from canopen_control.ros.conversions import unknown_as_nan, wrong
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, success_of
 from canopen_control.ros.interfaces import interface
@@ -229,7 +229,7 @@ class PidMeasuredStates(PidReferences):
         return bool(controller.required_command_interfaces) and not controller.required_state_interfaces
 
 
-class PidState(ControllerState[PidSample]):
+class PidState(ControllerStateTopic[PidSample]):
     """The publisher of `~/controller_state`."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:

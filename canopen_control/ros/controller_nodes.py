@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from canopen_control.ros.endpoint import Answer, Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
-from canopen_control.ros.on_node import NodeContext
+from canopen_control.ros.node_context import NodeContext
 from canopen_control.ros.participants import client_of, folder_of
 from canopen_control.ros.qos import EVENTS
 from canopen_control.ros.rcl import further_node
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from canopen_control.ros.endpoint import Reply, Ros, RosMessage
-    from canopen_control.ros.on_node import SessionPort
+    from canopen_control.ros.node_context import SessionPort
     from canopen_control.ros.rcl import Context, Node
     from canopen_control.ros.spinner import Spinner
     from canopen_control.rpc.messages.declare import Done

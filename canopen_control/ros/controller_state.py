@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 S = TypeVar("S", bound=Sample)
 
 
-class ControllerState(Endpoint, Generic[S]):
+class ControllerStateTopic(Endpoint, Generic[S]):
     """The publisher of the samples of one `kind`, as messages named `message`; `fill` puts a sample into one."""
 
     def __init__(

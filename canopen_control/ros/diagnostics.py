@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from canopen_control.ros.endpoint import Ros
-    from canopen_control.ros.nodes import NodeView
+    from canopen_control.ros.nodes import RosNode
     from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
 
@@ -116,7 +116,7 @@ class _Cause(NamedTuple):
 class Rosout(Endpoint):
     """The publisher; `nodes` are those of the bus, in their namespaces."""
 
-    def __init__(self, ros: Ros, nodes: Iterable[NodeView]) -> None:
+    def __init__(self, ros: Ros, nodes: Iterable[RosNode]) -> None:
         self._ros, self._log = ros, interface("rcl_interfaces/msg/Log")
         self._namespace = str(ros.node.get_namespace())
         self._of_nodes = {each.name: _logger(each.namespace, ros_name(each.name)) for each in nodes}

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from canopen_control.ros.endpoint import Handler, Reply, Ros, RosMessage
-    from canopen_control.ros.nodes import Channel, NodeView
+    from canopen_control.ros.nodes import Channel, RosNode
     from canopen_control.rpc.messages.declare import Done, Request
     from canopen_control.rpc.messages.state import ControllerReading, JointReading, StateSample
 
@@ -66,7 +66,7 @@ _TOPICS: Final = ("commands", "target")
 _RECENT_S: Final = 0.5  # a target is older than this in the state stream as well
 
 
-class Targets:
+class DriveTargets:
     """What the drives of one controller were told through `target`; shared by all drives of a robot."""
 
     def __init__(self) -> None:
@@ -88,7 +88,7 @@ class Targets:
 class DriveServices(Endpoint):
     """The services of one node, or of its axis of one `joint`."""
 
-    def __init__(self, ros: Ros, node: NodeView, targets: Targets, joint: str | None = None) -> None:
+    def __init__(self, ros: Ros, node: RosNode, targets: DriveTargets, joint: str | None = None) -> None:
         self._ros, self._node, self._targets, self._own = ros, node, targets, joint
         self._state: StateSample | None = None
         trigger = "std_srvs/srv/Trigger"

@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from canopen_control.ros.conversions import joint_arrays
-from canopen_control.ros.drive_services import DriveServices, Targets
+from canopen_control.ros.drive_services import DriveServices, DriveTargets
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.joint_states import time_message
@@ -30,7 +30,7 @@ from canopen_control.rpc.messages.robot import GetLayout, GetNodes, PdoWrite
 
 if TYPE_CHECKING:
     from canopen_control.ros.endpoint import Ros
-    from canopen_control.ros.nodes import NodeView
+    from canopen_control.ros.nodes import RosNode
     from canopen_control.rpc.messages.layout import Layout
     from canopen_control.rpc.messages.robot import MappedValue, NodeListing
     from canopen_control.rpc.messages.state import ControllerReading, NodeReading, RobotEvent, StateSample
@@ -45,7 +45,7 @@ _LEVELS: Final = {"info": DiagnosticStatus.OK, "warning": DiagnosticStatus.WARN,
 class DriveTopics(Endpoint):
     """The topics of one node."""
 
-    def __init__(self, ros: Ros, node: NodeView) -> None:
+    def __init__(self, ros: Ros, node: RosNode) -> None:
         self._ros, self._view = ros, node
         self._object = interface("canopen_interfaces/msg/COData")
         make = ros.node.create_publisher
@@ -225,7 +225,7 @@ class ProxyNode(Endpoint):
             own = self.own_joint()
             moved = () if own is None else (own,)
             below = view._replace(place=ros_name(name), namespace=namespace, remappings=(), joints=moved)
-            self._parts = [DriveTopics(self._ros, below), DriveServices(self._ros, below, Targets(), own)]
+            self._parts = [DriveTopics(self._ros, below), DriveServices(self._ros, below, DriveTargets(), own)]
 
     def _tell(self, text: str) -> None:
         self._ros.warn(self._controller.name, f"{self._controller.name} has no topics: {text}")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Told = Callable[[str | None], object]  # a sentence, or None where it was done
 
 
-class Transition(NamedTuple):
+class LifecycleTransition(NamedTuple):
     """A row of the table: from any of `sources` to `target`; `reached` are the states in which it is done already."""
 
     number: int
@@ -37,21 +37,21 @@ class Transition(NamedTuple):
 STATES: Final = {"unconfigured": 1, "inactive": 2, "active": 3, "finalized": 4}
 #: lifecycle_msgs/msg/Transition
 TRANSITIONS: Final = (
-    Transition(1, "configure", ("unconfigured",), "inactive", ("inactive", "active")),
-    Transition(2, "cleanup", ("inactive",), "unconfigured", ("unconfigured",)),
-    Transition(3, "activate", ("inactive",), "active", ("active",)),
-    Transition(4, "deactivate", ("active",), "inactive", ("inactive",)),
-    Transition(5, "shutdown", ("unconfigured", "inactive", "active"), "finalized", ("finalized",)),
+    LifecycleTransition(1, "configure", ("unconfigured",), "inactive", ("inactive", "active")),
+    LifecycleTransition(2, "cleanup", ("inactive",), "unconfigured", ("unconfigured",)),
+    LifecycleTransition(3, "activate", ("inactive",), "active", ("active",)),
+    LifecycleTransition(4, "deactivate", ("active",), "inactive", ("inactive",)),
+    LifecycleTransition(5, "shutdown", ("unconfigured", "inactive", "active"), "finalized", ("finalized",)),
 )
 #: a transition of the manager -> where the nodes are then (ros2_canopen brings them all the way up and down)
 _OF_MEMBERS: Final = {"activate": "active", "deactivate": "unconfigured", "shutdown": "finalized"}
 _SHUTDOWN: Final = {6: 5, 7: 5}  # upstream has a number for the shutdown of each state
 
 
-class Lifecycle(Endpoint):
+class LifecycleServices(Endpoint):
     """The services below `path`; `node` is what it is about, None for all of them, whose own are the `members`."""
 
-    def __init__(self, ros: Ros, path: str, node: str | None = None, members: Sequence[Lifecycle] = ()) -> None:
+    def __init__(self, ros: Ros, path: str, node: str | None = None, members: Sequence[LifecycleServices] = ()) -> None:
         self._ros, self._path, self._node, self._members = ros, path, node, members
         self._nodes: dict[str, NodeReading] = {}
         self.state = "unconfigured"

@@ -38,7 +38,7 @@ class Channel(NamedTuple):
     name: str
 
 
-class NodeView(NamedTuple):
+class RosNode(NamedTuple):
     """A node of the bus; `remappings` are pairs of names that were made absolute.
 
     `rpdo` are the objects that its RPDOs map, with their bits, by index and subindex. `channels` is empty for a node
@@ -66,7 +66,7 @@ class NodeView(NamedTuple):
 
 def nodes_of(
     listing: NodeListing, namespace: str, layout: Layout | None = None, states: Mapping[str, NodeReading] | None = None
-) -> list[NodeView]:
+) -> list[RosNode]:
     """Return the nodes of the API's listing; `namespace` is the bridge's, `states` are the nodes of its status."""
     mapped = {} if layout is None else dict(_mapped(layout))
     known = states or {}
@@ -95,14 +95,14 @@ def resolve(namespace: str, name: str, node: str = "") -> str:
     return f"/{namespace.strip('/')}/{name}" if namespace.strip("/") else f"/{name}"
 
 
-def _node(told: NodePlace, bridges: str) -> NodeView:
+def _node(told: NodePlace, bridges: str) -> RosNode:
     namespace = told.namespace or bridges
     remappings = tuple(
         (resolve(namespace, old, ros_name(told.name)), resolve(namespace, new, ros_name(told.name)))
         for old, new in told.remappings.items()
     )
     lifecycle, is_drive = "Lifecycle" in (told.driver or ""), told.axes > 0
-    return NodeView(told.name, told.node_id, namespace, remappings, lifecycle, is_drive=is_drive)
+    return RosNode(told.name, told.node_id, namespace, remappings, lifecycle, is_drive=is_drive)
 
 
 def _mapped(layout: Layout) -> Iterator[tuple[str, dict[tuple[int, int], int]]]:

@@ -20,22 +20,22 @@ from canopen_control.client.robot_client import outpaced, stream_rate
 from canopen_control.errors import RemoteError, UnreadableMessage
 from canopen_control.host.sockets import socket_path
 from canopen_control.ros.base_topics import SharedTwist
+from canopen_control.ros.controller_endpoints import endpoints_for
 from canopen_control.ros.controller_manager import STATES, ControllerManagerServices
 from canopen_control.ros.controller_nodes import ControllerNodes
 from canopen_control.ros.diagnostics import Diagnostics, Events, Rosout
-from canopen_control.ros.drive_services import DriveServices, MasterServices, Targets
+from canopen_control.ros.drive_services import DriveServices, DriveTargets, MasterServices
 from canopen_control.ros.drive_topics import DriveTopics
 from canopen_control.ros.endpoint import Endpoint
 from canopen_control.ros.frames import Frames
 from canopen_control.ros.interfaces import MissingInterface, interface
 from canopen_control.ros.joint_states import time_message
-from canopen_control.ros.lifecycle_services import Lifecycle
-from canopen_control.ros.nodes import NodeView, nodes_of
-from canopen_control.ros.on_node import NodeContext
+from canopen_control.ros.lifecycle_services import LifecycleServices
+from canopen_control.ros.node_context import NodeContext
+from canopen_control.ros.nodes import RosNode, nodes_of
 from canopen_control.ros.qos import LATCHED, SYSTEM_DEFAULT
 from canopen_control.ros.rcl import ros_seconds
 from canopen_control.ros.spinner import Spinner
-from canopen_control.ros.table import endpoints_for
 from canopen_control.ros.throttle import Refusals, Throttle
 from canopen_control.ros.topic_hardware import TopicHardware
 from canopen_control.ros.world_topics import GroundTruth, LaserScans, SimulationServices
@@ -318,7 +318,7 @@ _LACKING_NS: Final = 1_000_000_000
 class RosSession:
     """Topics of one robot; `on_end(why)` is called once, on the loop, when the robot is gone.
 
-    Its endpoints know it through the node that each is on, see `on_node`.
+    Its endpoints know it through the node that each is on, see `node_context`.
     """
 
     def __init__(
@@ -351,7 +351,7 @@ class RosSession:
         self._nodes = ControllerNodes(self, node, context, self._spinner)
         self._asker = self.connect()
 
-    def _make_common(self, urdf: str, nodes: list[NodeView]) -> None:
+    def _make_common(self, urdf: str, nodes: list[RosNode]) -> None:
         """Make the topics of the robot as a whole; what cannot be made is told, the others are there."""
         options, ros = self._options, self._ros
         wanted: list[Callable[[], Endpoint]] = [
@@ -381,12 +381,12 @@ class RosSession:
             except Exception as error:  # noqa: BLE001 - a name of bus.yml that ROS refuses, an interface it lacks
                 self._warn(str(error), str(error))
 
-    def _of_nodes(self, nodes: list[NodeView]) -> list[Callable[[], Endpoint]]:
+    def _of_nodes(self, nodes: list[RosNode]) -> list[Callable[[], Endpoint]]:
         """Return what each node has, stop verbs and all."""
-        ros, targets, lifecycles = self._ros, Targets(), list[Lifecycle]()
+        ros, targets, lifecycles = self._ros, DriveTargets(), list[LifecycleServices]()
 
         def lifecycle(path: str, node: str | None = None) -> Endpoint:
-            lifecycles.append(Lifecycle(ros, path, node))
+            lifecycles.append(LifecycleServices(ros, path, node))
             return lifecycles[-1]
 
         wanted: list[Callable[[], Endpoint]] = [lambda: MasterServices(ros)] if nodes else []
@@ -397,7 +397,7 @@ class RosSession:
                 wanted.append(partial(lifecycle, node.path(""), node.name))
         if self._options.lifecycle or any(node.lifecycle for node in nodes):
             wanted.append(partial(lifecycle, "master"))
-            wanted.append(lambda: Lifecycle(ros, "/lifecycle_manager", members=lifecycles))
+            wanted.append(lambda: LifecycleServices(ros, "/lifecycle_manager", members=lifecycles))
         return wanted
 
     def open(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from canopen_control.ros.controller_state import ControllerState
+from canopen_control.ros.controller_state import ControllerStateTopic
 from canopen_control.ros.conversions import unknown_as_nan
 from canopen_control.ros.endpoint import Endpoint, NewSamples
 from canopen_control.ros.interfaces import MissingInterface, interface
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # the broadcaster that the state stream carries; what is not known is nan.
 
 
-class ImuTopic(ControllerState[ImuSample]):
+class ImuTopic(ControllerStateTopic[ImuSample]):
     """The publisher of `~/imu`."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
@@ -52,7 +52,7 @@ class ImuTopic(ControllerState[ImuSample]):
         message.linear_acceleration_covariance = sample.linear_acceleration_covariance
 
 
-class RangeTopic(ControllerState[RangeSample]):
+class RangeTopic(ControllerStateTopic[RangeSample]):
     """The publisher of `~/range`."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
@@ -68,7 +68,7 @@ class RangeTopic(ControllerState[RangeSample]):
             message.variance = sample.variance
 
 
-class WrenchTopic(ControllerState[WrenchSample]):
+class WrenchTopic(ControllerStateTopic[WrenchSample]):
     """The publisher of `~/wrench`."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
@@ -81,7 +81,7 @@ class WrenchTopic(ControllerState[WrenchSample]):
         _put(message.wrench.torque, "xyz", sample.torque)
 
 
-class PoseTopic(ControllerState[PoseSample]):
+class PoseTopic(ControllerStateTopic[PoseSample]):
     """The publisher of `~/pose`; its transform is on `/tf`, see `frames`."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:

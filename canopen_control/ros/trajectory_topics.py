@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 from trajectory_msgs.msg import JointTrajectory
 
 from canopen_control.ros.action_goals import HEARTBEAT_S, TrajectorySender
-from canopen_control.ros.controller_state import ControllerState
+from canopen_control.ros.controller_state import ControllerStateTopic
 from canopen_control.ros.conversions import seconds_of
 from canopen_control.ros.endpoint import COMMANDER, Endpoint
 from canopen_control.ros.interfaces import interface, put
@@ -206,7 +206,7 @@ class TrajectoryTopic(Endpoint):
         self._send_next()
 
 
-class TrajectoryState(ControllerState[TrajectorySample]):
+class TrajectoryState(ControllerStateTopic[TrajectorySample]):
     """The publisher of `~/controller_state`."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
@@ -247,7 +247,7 @@ class TrajectoryQuery(Endpoint):
         self._ros.ask(QueryTrajectory(controller=self._controller, time=self._ros.unix(asked) or asked), fill)
 
 
-class SpeedScaling(Endpoint):
+class SpeedScalingTopic(Endpoint):
     """The subscription of `~/speed_scaling_input`, once it is known that positions alone are commanded."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:

@@ -10,7 +10,7 @@ from canopen_control.controllers.controllers_file import SpawnedControllers
 from canopen_control.controllers.declared import checked, declared_by
 from canopen_control.controllers.types import TYPES
 from canopen_control.errors import ControlError, LocalProtocolError, UnknownName
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.interfaces import LifecycleState
 from canopen_control.host.lineserver import MAX_KEPT
 from canopen_control.host.sockets import socket_path

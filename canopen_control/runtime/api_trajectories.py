@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 from canopen_control.controllers.base import finite
 from canopen_control.controllers.gripper_goal import GripperGoal
-from canopen_control.controllers.trajectory.goal import Goal, ResultCode
+from canopen_control.controllers.trajectory.goal import ResultCode, TrajectoryGoal
 from canopen_control.controllers.trajectory.params import GoalTolerances, JointTolerance
 from canopen_control.controllers.trajectory.point import JointTrajectory
 from canopen_control.controllers.trajectory.validation import PointBuffer
@@ -42,7 +42,7 @@ from canopen_control.rpc.messages.trajectory import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from canopen_control.controllers.command_life import CommandTimeout
+    from canopen_control.controllers.command_timeout import CommandTimeout
     from canopen_control.host.lineserver import Connection
     from canopen_control.rpc.messages.robot import RobotHello, RobotPush
     from canopen_control.rpc.messages.samples import TrajectoryPoint
@@ -109,7 +109,7 @@ class TrajectoryMethods:
     def _hand(
         self,
         call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory],
-        goal: Goal | JointTrajectory,
+        goal: TrajectoryGoal | JointTrajectory,
     ) -> None:
         wanted = call.request
         if wanted.dead_man:
@@ -169,7 +169,7 @@ class TrajectoryMethods:
         tolerances = GoalTolerances(
             _tolerances(wanted.path_tolerance), _tolerances(wanted.goal_tolerance), wanted.goal_time_tolerance
         )
-        goal = Goal(trajectory, tolerances, lambda: robot.reactor.call_soon(sent.settle))
+        goal = TrajectoryGoal(trajectory, tolerances, lambda: robot.reactor.call_soon(sent.settle))
         sent = _SentTrajectory(goal)
         self._hand(call, goal)
         self._sent[call.connection] = sent
@@ -246,12 +246,12 @@ class SentGoal(Generic[R]):
 
 
 class _SentTrajectory(SentGoal[TrajectoryResult]):
-    def __init__(self, goal: Goal) -> None:
+    def __init__(self, goal: TrajectoryGoal) -> None:
         super().__init__(lambda: _result(goal))
         self.goal = goal
 
 
-def _result(goal: Goal) -> TrajectoryResult | None:
+def _result(goal: TrajectoryGoal) -> TrajectoryResult | None:
     if goal.code is None:
         return None
     return TrajectoryResult(state=goal.state.value, error_code=int(goal.code), text=goal.text)

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.controllers.params import LoopGains
 from canopen_control.controllers.pid import Pid
 from canopen_control.errors import ConfigError, RobotConfigError, nearest
+from canopen_control.hardware.driverless_system import PHYSICS_PLUGIN
 from canopen_control.hardware.interfaces import InterfaceRegistry
-from canopen_control.hardware.plugins import Kind, made_up, transmitted
-from canopen_control.hardware.simulation import PHYSICS_PLUGIN
+from canopen_control.hardware.plugins import PluginKind, made_up, transmitted
 from canopen_control.hardware.system import CanopenSystem
 from canopen_control.master.event_log import Event
 from canopen_control.physics import require_physics
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.errors import BusError
+    from canopen_control.hardware.driverless_system import Engine, WorldSensors
     from canopen_control.hardware.joint import JointDrive
-    from canopen_control.hardware.simulation import Engine, SensedWorld
     from canopen_control.hardware.stop_group import StopGroup
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.remote_node import RemoteNode
@@ -114,12 +114,14 @@ _MODEL: Final = "mujoco_model"
 _PIDS: Final = "pids_config_file"
 
 
-def simulation_engine(setup: RobotSetup, kinds: Sequence[Kind], report: Callable[[str, str], None]) -> Engine | None:
+def simulation_engine(
+    setup: RobotSetup, kinds: Sequence[PluginKind], report: Callable[[str, str], None]
+) -> Engine | None:
     """Return the physics of a robot's one simulated tag, None for simple motors; RobotConfigError, PhysicsError.
 
     `report` takes the kind and the text of what was guessed, or keeps it from physics.
     """
-    tags = [tag for tag, kind in zip(setup.description.hardware, kinds, strict=True) if kind is Kind.SIMULATION]
+    tags = [tag for tag, kind in zip(setup.description.hardware, kinds, strict=True) if kind is PluginKind.SIMULATION]
     wanted = setup.world is not None or any(tag.plugin == PHYSICS_PLUGIN for tag in tags)
     if not setup.simulate:
         return None
@@ -182,7 +184,7 @@ class Assembly:
     bus_by_node: dict[str, RobotBus] = field(default_factory=dict)
     joints: dict[str, JointDrive] = field(default_factory=dict)
     systems: list[CanopenSystem] = field(default_factory=list)
-    sensed: list[SensedWorld] = field(default_factory=list)
+    sensed: list[WorldSensors] = field(default_factory=list)
     _groups: dict[str, StopGroup[JointDrive]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -193,9 +195,11 @@ class Assembly:
             )
         kinds = setup.kinds
         self._add_buses()
-        engine = None if Kind.SIMULATION not in kinds else simulation_engine(setup, kinds, self._tell_once_it_runs)
+        engine = (
+            None if PluginKind.SIMULATION not in kinds else simulation_engine(setup, kinds, self._tell_once_it_runs)
+        )
         for tag, kind in zip(setup.description.hardware, kinds, strict=True):
-            if kind is Kind.CANOPEN:
+            if kind is PluginKind.CANOPEN:
                 self._add_system(tag)
                 if (sensed := sensed_world(setup, tag)) is not None:
                     self.registry.register(sensed)

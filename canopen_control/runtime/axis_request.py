@@ -14,14 +14,14 @@ from canopen_control.cia402.homing import require_method
 from canopen_control.cia402.modes import OperationMode, require_mode
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import ControlError, UnknownName
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.mode_choice import listed_modes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
     from canopen_control.cia301.sdo_exchange import SdoRequest
-    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis import AxisProcessData
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.hardware.system import CanopenSystem
     from canopen_control.master.remote_node import RemoteNode
@@ -166,7 +166,7 @@ class PendingAxisRequest:
 class ProbeReading:
     """One read-out of the touch probes of an axis (0x60B8 to 0x60BD) by SDO; what the drive lacks is left out."""
 
-    def __init__(self, axis: Axis, done: Callable[[dict[str, int] | str], None]) -> None:
+    def __init__(self, axis: AxisProcessData, done: Callable[[dict[str, int] | str], None]) -> None:
         self._done = done
         self._values: dict[str, int] = {}
         wanted = [(name, index) for name, index in _PROBE.items() if axis.has(index)]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.errors import BusError, CanopenError, ControlError
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.command_limits import CommandLimits
 from canopen_control.hardware.interfaces import ERROR
 from canopen_control.hardware.stop_group import regroup

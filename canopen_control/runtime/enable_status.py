@@ -15,7 +15,7 @@ from canopen_control.cia402.objects import CONTROLWORD, axis_of
 from canopen_control.cia402.state import POWERED_STATES
 from canopen_control.controllers.base import not_enabled
 from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.interfaces import TARGET
 from canopen_control.master.event_log import Event, Level
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from canopen_control.bus.channel import may_host_virtual_drives, parse_channel
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.device_parts import device_of
-from canopen_control.hardware.simulation import SensedWorld
+from canopen_control.hardware.driverless_system import WorldSensors
 from canopen_control.host.files import state_dir, write_whole
 from canopen_control.runtime.robot_files import MAIN_BUS
 from canopen_control.urdf.robot_model import WheelGeometry
@@ -57,17 +57,17 @@ def _sensors(setup: RobotSetup, tags: Iterable[Ros2ControlSystem]) -> dict[str, 
     return urdf_sensors(parts, description.links, description.model.root, description.path)
 
 
-def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> SensedWorld | None:
+def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> WorldSensors | None:
     """Return the component of a tag's sensors that the world measures, None without; PhysicsError as above."""
     found = _sensors(setup, [tag])
     parts = [part for part in tag.sensors if part.name in found]
-    return SensedWorld(f"{tag.name}_world", parts) if parts else None
+    return WorldSensors(f"{tag.name}_world", parts) if parts else None
 
 
 class SensedValues:
     """Hands what a world measures to the components that show it."""
 
-    def __init__(self, components: Sequence[SensedWorld], sensors: Mapping[str, SensorSettings]) -> None:
+    def __init__(self, components: Sequence[WorldSensors], sensors: Mapping[str, SensorSettings]) -> None:
         self._components = components
         self._names = {name: _interfaces_of(name, each) for name, each in sensors.items()}
 

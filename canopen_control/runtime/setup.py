@@ -14,8 +14,8 @@ from canopen_control.bus.channel import ChannelKind, may_host_virtual_drives, na
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.controllers.types import is_broadcaster, moves_joints
 from canopen_control.errors import RobotConfigError, nearest
-from canopen_control.hardware.mode_choice import with_interfaces_of_plugins
-from canopen_control.hardware.plugins import Kind, kind_of
+from canopen_control.hardware.mode_choice import add_plugin_interfaces
+from canopen_control.hardware.plugins import PluginKind, kind_of
 from canopen_control.master.config import read_bus
 from canopen_control.master.event_log import Level
 from canopen_control.runtime.default_description import (
@@ -106,7 +106,7 @@ class RobotSetup:
         return self.real or self.physics or self.drives
 
     @property
-    def kinds(self) -> list[Kind]:
+    def kinds(self) -> list[PluginKind]:
         """What each <ros2_control> tag is to be."""
         tags, real = self.description.hardware, self.on_drives
         return [kind_of(self.description, tag, mock=self.mock, real=real) for tag in tags]
@@ -114,7 +114,7 @@ class RobotSetup:
     @property
     def joined(self) -> Mapping[str, BusConfig]:
         """The buses that it is on: none where plugins simulate or mock all of it, whatever its folder holds."""
-        return self.buses if self.files.bus_alone or Kind.CANOPEN in self.kinds else {}
+        return self.buses if self.files.bus_alone or PluginKind.CANOPEN in self.kinds else {}
 
     @property
     def bus(self) -> BusConfig:
@@ -271,7 +271,7 @@ def _read_files(
     """Return the buses, the description and the controllers as the three files have them."""
     buses = read()  # while xacro runs
     control = read_controllers(files.controllers, strict=strict, variables=files.variables)
-    return buses, with_interfaces_of_plugins(reader.result(), plans_of(buses)), control
+    return buses, add_plugin_interfaces(reader.result(), plans_of(buses)), control
 
 
 def _told_by_files(
@@ -315,11 +315,11 @@ def plans_of(buses: Mapping[str, BusConfig]) -> list[NodePlan]:
     return [plan for bus in buses.values() for plan in bus.plans.values()]
 
 
-def _sim_time(control: ControllersFile, kinds: Sequence[Kind]) -> list[str]:
+def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str]:
     """Say that `use_sim_time` in the file does nothing where nothing is simulated."""
     wanted = [each.params.flat.get("use_sim_time") for each in control.controllers.values()]
     given = control.manager.use_sim_time or any(each is not None and each.value is True for each in wanted)
-    if not given or Kind.SIMULATION in kinds:
+    if not given or PluginKind.SIMULATION in kinds:
         return []
     return [
         f"{control.path}: use_sim_time has no effect: nothing of this robot is simulated, so its stamps are this "
@@ -352,7 +352,7 @@ def _require_bus(
 ) -> None:
     """Raise RobotConfigError for a description that wants drives where no bus.yml describes any."""
     for tag in () if buses else description.hardware:
-        if kind_of(description, tag, mock=mock, real=real) is Kind.CANOPEN:
+        if kind_of(description, tag, mock=mock, real=real) is PluginKind.CANOPEN:
             raise RobotConfigError(
                 f"{files.controllers.parent} has no bus.yml, and {tag.name} at {description.path}:{tag.place.line} "
                 "moves CANopen drives; write one or give --bus, or run it with --mock"

@@ -12,11 +12,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.wire_faults import DropRule
-from canopen_control.controllers.trajectory.goal import Goal
+from canopen_control.controllers.trajectory.goal import TrajectoryGoal
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.errors import CanopenError, ControlError, NotEnabled
 from canopen_control.frame import CanFrame
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.rpc.messages.drive import BlockJoint, SetPlant, SwitchFault
 from canopen_control.runtime.core import RobotCore
 from canopen_control.simulation.fault_coverage import kind_of, state_reached
@@ -58,7 +58,7 @@ class EventPlayer:
         self.troubles: Counter[tuple[str, str]] = Counter()
         self.on_asked: Callable[[int, ScenarioEvent], object] = lambda _now, _act: None
         self.on_played: Callable[[int, ScenarioEvent], object] = lambda _now, _act: None
-        self.on_goal: Callable[[int, ScenarioEvent, Goal], object] = lambda _now, _act, _goal: None
+        self.on_goal: Callable[[int, ScenarioEvent, TrajectoryGoal], object] = lambda _now, _act, _goal: None
         self.on_taken: Callable[[int, ScenarioEvent], object] = lambda _now, _act: None
         self.torn: list[str] = []
         self.clients = SimulatedClients(robot)
@@ -209,9 +209,9 @@ class EventPlayer:
             points[-1].velocities = stands
         else:
             points = [Point(act.values, stands, time=act.for_ns or PUBLISH_NS)]
-        self._ask(act, lambda core: self._send(core, act, Goal(JointTrajectory(joints, points))))
+        self._ask(act, lambda core: self._send(core, act, TrajectoryGoal(JointTrajectory(joints, points))))
 
-    def _send(self, core: RobotCore, act: ScenarioEvent, goal: Goal) -> None:
+    def _send(self, core: RobotCore, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
         core.send_goal(act.target, goal, SOURCE)
         self.on_goal(self.robot.now_ns, act, goal)
 

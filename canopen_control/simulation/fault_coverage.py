@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.nmt import NmtState, state_of_byte
 from canopen_control.cia402.state import TRANSITIONS, State, decode_statusword
-from canopen_control.hardware.axis_power import TABLE, AxisState
+from canopen_control.hardware.axis_statechart import TABLE, AxisPhase
 from canopen_control.master.remote_node import NodeState
 from canopen_control.simulation.scenario_events import KINDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from canopen_control.hardware.axis_power import Trigger
+    from canopen_control.hardware.axis_statechart import PhaseTrigger
     from canopen_control.runtime.core import RobotCore
     from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.scenario_events import ScenarioEvent
@@ -57,7 +57,7 @@ class StateCoverage:
     def __init__(self, robot: RobotUnderTest, views: Iterable[WireView]) -> None:
         self._robot, self._nodes = robot, [node for view in views for node in view.nodes.values()]
         self._core: RobotCore | None = None
-        self._rows: Counter[tuple[AxisState, Trigger]] = Counter()
+        self._rows: Counter[tuple[AxisPhase, PhaseTrigger]] = Counter()
         self.sampled()
 
     def sampled(self) -> None:
@@ -69,7 +69,7 @@ class StateCoverage:
                 joint.power.on_row = partial(self._take, self._rows)
 
     @staticmethod
-    def _take(rows: Counter[tuple[AxisState, Trigger]], state: AxisState, trigger: Trigger) -> None:
+    def _take(rows: Counter[tuple[AxisPhase, PhaseTrigger]], state: AxisPhase, trigger: PhaseTrigger) -> None:
         rows[state, trigger] += 1
 
     @property
@@ -111,7 +111,7 @@ Cell = tuple[str, str, str]  # the machine, its state, the kind of trouble
 
 BOOT: Final = "boot"
 STATES: Final[Mapping[str, tuple[str, ...]]] = {
-    POWER: tuple(each.name for each in AxisState),
+    POWER: tuple(each.name for each in AxisPhase),
     DRIVE: tuple(each.name for each in State),
     NMT: tuple(each.name for each in NmtState),
     BOOT: tuple(each.name for each in NodeState),

@@ -12,7 +12,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.modes import mode_name
-from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.rpc.messages.samples import JointStatesSample
 from canopen_control.runtime.status import readings_of, state_sample, status_message
@@ -22,7 +22,7 @@ from canopen_control.virtual.axis_objects import wrap32
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from canopen_control.controllers.trajectory.goal import Goal
+    from canopen_control.controllers.trajectory.goal import TrajectoryGoal
     from canopen_control.rpc.messages.samples import Values
     from canopen_control.rpc.messages.state import NodeReading, RobotEvent, Snapshot
     from canopen_control.simulation.disturbed_nodes import DisturbedNodes
@@ -366,7 +366,9 @@ _LEADS: Final = ("command", "trajectory", "activate", "deactivate")
 class _Open:
     """A goal that was taken: its joints' last places and tolerances, and when it is to be over."""
 
-    def __init__(self, act: ScenarioEvent, goal: Goal, places: dict[str, tuple[float, float]], over_ns: int) -> None:
+    def __init__(
+        self, act: ScenarioEvent, goal: TrajectoryGoal, places: dict[str, tuple[float, float]], over_ns: int
+    ) -> None:
         self.act, self.goal, self.places, self.over_ns = act, goal, places, over_ns
         self.there_since = self.rests_ns = 0  # rests_ns: by when its joints stand, once it was cancelled
 
@@ -390,7 +392,7 @@ class GoalInvariants:
         if act.kind in _LEADS:
             self._newest = act
 
-    def taken(self, now: int, act: ScenarioEvent, goal: Goal) -> None:
+    def taken(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
         """Take a goal that a controller has taken."""
         controller = self._robot.core.manager.get(act.target)
         tolerances = controller.params.tolerances()  # type: ignore[attr-defined]

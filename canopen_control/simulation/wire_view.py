@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from canopen_control.master.config import BusConfig
     from canopen_control.master.keys import NodeConfig
     from canopen_control.master.plan import NodePlan
-    from canopen_control.master.plan_builder import PdoLayout
+    from canopen_control.master.plan_builder import PlannedPdo
     from canopen_control.runtime.setup import RobotSetup
 
 
@@ -154,7 +154,7 @@ class WireView:
         self._emcys = {0x80 + node_id: view for node_id, view in self.nodes.items()}
         self._master = 0x700 + config.master.node_id
 
-    def _map(self, view: ObservedNode, layouts: Sequence[PdoLayout], *, to_node: bool) -> None:
+    def _map(self, view: ObservedNode, layouts: Sequence[PlannedPdo], *, to_node: bool) -> None:
         for layout in layouts:
             bits = sum(mapped.bits for mapped in layout.objects)
             if fields := tuple(_fields(layout.objects)):

@@ -49,7 +49,7 @@ from canopen_control.trace.network_description import (
     type_of,
 )
 from canopen_control.trace.sdo_conversation import SdoConversation
-from canopen_control.trace.values import Change, NodeWords, SignalValue
+from canopen_control.trace.values import NodeWords, SignalValue, ValueChange
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -249,7 +249,7 @@ class Mark(enum.IntEnum):
     ERROR = 3  # EMCY, abort, a drive that goes into fault
 
 
-_MARKS: Final = {Change.NONE: Mark.PLAIN, Change.STATE: Mark.NOTABLE, Change.FAULT: Mark.ERROR}
+_MARKS: Final = {ValueChange.NONE: Mark.PLAIN, ValueChange.STATE: Mark.NOTABLE, ValueChange.FAULT: Mark.ERROR}
 
 
 @dataclass(frozen=True, slots=True)

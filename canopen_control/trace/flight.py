@@ -32,7 +32,7 @@ from canopen_control.rpc.messages.robot import Asked, GetLayout, GetStatus, Subs
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 from canopen_control.rpc.wire import text_of
 from canopen_control.trace.flight_file import FrameRing, LineRing
-from canopen_control.trace.flight_trigger import AFTER_NS, Trigger, is_fault, is_sum
+from canopen_control.trace.flight_trigger import AFTER_NS, RecordingTrigger, is_fault, is_sum
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -75,7 +75,7 @@ class FlightRecorder:
         self._states = LineRing(WINDOW_NS, STATE_BYTES)
         self._events = LineRing(None, EVENT_BYTES)
         self._requests = LineRing(WINDOW_NS, STATE_BYTES)
-        self._trigger = Trigger(WINDOW_NS - 5 * SECOND)
+        self._trigger = RecordingTrigger(WINDOW_NS - 5 * SECOND)
         self._timer: Timer | None = None
         self._ports: dict[str, Port] = {}
         self._robot: RobotClient | None = None

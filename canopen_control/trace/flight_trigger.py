@@ -35,7 +35,7 @@ def is_sum(event: RobotEvent) -> bool:
     return event.since not in (None, event.time)
 
 
-class Trigger:
+class RecordingTrigger:
     """Decides when to write; times in monotonic ns. `keep_ns` is how old a fault may be and still be in the window."""
 
     def __init__(self, keep_ns: int) -> None:

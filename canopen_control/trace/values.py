@@ -118,7 +118,7 @@ def decoded(data: bytes, data_type: DataType | None) -> Value:
         return bytes(data)
 
 
-class Change(enum.IntEnum):
+class ValueChange(enum.IntEnum):
     """What the last values of a node told that was not known before."""
 
     NONE = 0
@@ -134,7 +134,7 @@ class AxisWords:
     state: State | None = None
     controlword: int = 0
     command: Command | None = None
-    change: Change = Change.NONE
+    change: ValueChange = ValueChange.NONE
 
 
 class NodeWords:
@@ -160,11 +160,11 @@ class NodeWords:
             return name
         return objects.object_name(index) or ""
 
-    def take_change(self) -> Change:
+    def take_change(self) -> ValueChange:
         """Return the greatest change that the values since the last call told, of all axes."""
-        greatest = max((axis.change for axis in self._axes.values()), default=Change.NONE)
+        greatest = max((axis.change for axis in self._axes.values()), default=ValueChange.NONE)
         for axis in self._axes.values():
-            axis.change = Change.NONE
+            axis.change = ValueChange.NONE
         return greatest
 
     def text(self, index: int, subindex: int, value: Value) -> str:
@@ -197,7 +197,9 @@ class NodeWords:
 def _statusword(axis: AxisWords, value: int) -> str:
     state = decode_statusword(value)
     if state is not axis.state:
-        axis.change = max(axis.change, Change.FAULT if is_faulty(state) and not is_faulty(axis.state) else Change.STATE)
+        axis.change = max(
+            axis.change, ValueChange.FAULT if is_faulty(state) and not is_faulty(axis.state) else ValueChange.STATE
+        )
     axis.state = state
     return statusword_text(value, axis.mode)
 
@@ -206,14 +208,14 @@ def _controlword(axis: AxisWords, value: int) -> str:
     text = controlword_text(value, axis.controlword, axis.state, axis.mode)
     command, axis.controlword = command_of(value, axis.controlword), value
     if command is not axis.command:
-        axis.change = max(axis.change, Change.STATE)
+        axis.change = max(axis.change, ValueChange.STATE)
     axis.command = command
     return text
 
 
 def _mode_display(axis: AxisWords, value: int) -> str:
     if value != axis.mode:
-        axis.change = max(axis.change, Change.STATE)
+        axis.change = max(axis.change, ValueChange.STATE)
     axis.mode = value
     return _mode_text(value)
 

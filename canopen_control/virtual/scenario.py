@@ -140,7 +140,7 @@ def seconds_of(value: float | str) -> float:
 
 
 @dataclass(frozen=True)
-class Step(Happening):
+class ScenarioEntry(Happening):
     """One entry of the file."""
 
     at: float | str
@@ -157,7 +157,7 @@ class Step(Happening):
 class ScenarioFile:
     """The file as a whole."""
 
-    steps: list[Step]
+    steps: list[ScenarioEntry]
 
 
 def read_scenario(path: Path, node_ids: Sequence[int]) -> list[Switching]:
@@ -172,7 +172,7 @@ def read_scenario(path: Path, node_ids: Sequence[int]) -> list[Switching]:
     return sorted(found, key=lambda each: each.at_ns)
 
 
-def _switchings(step: Step, node_ids: Sequence[int]) -> list[Switching]:
+def _switchings(step: ScenarioEntry, node_ids: Sequence[int]) -> list[Switching]:
     if step.acts():
         return _world_switchings(step, node_ids)
     node_id = step.node if step.node is not None else node_ids[0]
@@ -194,7 +194,7 @@ def _switchings(step: Step, node_ids: Sequence[int]) -> list[Switching]:
     return [first, Switching(first.at_ns + for_ns, node_id, step.fault, on=False)]
 
 
-def _world_switchings(step: Step, node_ids: Sequence[int]) -> list[Switching]:
+def _world_switchings(step: ScenarioEntry, node_ids: Sequence[int]) -> list[Switching]:
     """Return what happens in the world that all nodes share; a joint that is blocked may be let go again."""
     acts, at_ns, for_ns = step.acts(), _nanoseconds(step, step.at), _nanoseconds(step, step.length)
     if len(acts) > 1 or step.fault or step.plant or step.node is not None:
@@ -207,7 +207,7 @@ def _world_switchings(step: Step, node_ids: Sequence[int]) -> list[Switching]:
     return found
 
 
-def _nanoseconds(step: Step, value: float | str | None) -> int | None:
+def _nanoseconds(step: ScenarioEntry, value: float | str | None) -> int | None:
     if value is None:
         return None
     try:

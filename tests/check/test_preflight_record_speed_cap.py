@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.robots import Bench
 
 from canopen_control.check.preflight_record import SpeedCap, limit_speed
-from canopen_control.hardware.axis import AxisLimits
+from canopen_control.hardware.axis import AxisObjectLimits
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
 PERIOD = 0.02
@@ -143,7 +143,7 @@ def test_whatever_is_commanded_the_target_moves_no_faster_than_the_cap(commands)
 def test_a_drive_behind_a_transmission_is_capped_by_the_turns_of_its_joint(reduction):
     registry, cap = capped(["velocity"])
     drive = SimpleNamespace(
-        joint="joint", commands={"velocity": registry.of("velocity")}, axis=SimpleNamespace(limits=AxisLimits())
+        joint="joint", commands={"velocity": registry.of("velocity")}, axis=SimpleNamespace(limits=AxisObjectLimits())
     )
     cap.bound([drive], {"joint": reduction})
     command, limits = registry.of("velocity"), drive.axis.limits

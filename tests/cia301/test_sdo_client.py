@@ -7,7 +7,7 @@ from support.sdo import MS, NODE, SECOND, Line, MemoryStore, frame
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_client import SdoClient, first_phase
-from canopen_control.cia301.sdo_exchange import SdoExchange, SdoOptions, SdoRequest
+from canopen_control.cia301.sdo_exchange import SdoOptions, SdoRequest, SdoTransfer
 from canopen_control.cia301.sdo_server import SdoServer
 from canopen_control.errors import BusClosed, LocalProtocolError, SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.od.model import DataType, Entry
@@ -176,7 +176,7 @@ PHASES = pytest.mark.parametrize("phase", REQUESTS)
 
 
 def waiting(phase, *, sent=True):
-    exchange = SdoExchange(NODE, "", 1, SdoOptions(), 0x603, first_phase)
+    exchange = SdoTransfer(NODE, "", 1, SdoOptions(), 0x603, first_phase)
     exchange.start(REQUESTS[phase](), 0)
     assert type(exchange.phase).__name__ == phase
     if sent:

@@ -11,11 +11,11 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.sdo_client import SdoClient, first_phase
 from canopen_control.cia301.sdo_exchange import (
     BLOCK_ERRORS,
-    Quarantine,
+    LateAnswerGuard,
     RetryBudget,
-    SdoExchange,
     SdoOptions,
     SdoRequest,
+    SdoTransfer,
     completed,
     initiate,
     initiate_block,
@@ -67,7 +67,7 @@ X, Y, TYPE, REGISTER = b"\0\x20\0", b"\1\x20\0", b"\0\x10\0", b"\1\x10\0"
 
 
 def quarantine(*muxes):
-    made = Quarantine()
+    made = LateAnswerGuard()
     for mux in muxes:
         made.died(mux)
     return made
@@ -168,7 +168,7 @@ HALF = 500 * MS
 
 @pytest.fixture
 def exchange():
-    return SdoExchange(NODE, "", 1, SdoOptions(), 0x603, first_phase)
+    return SdoTransfer(NODE, "", 1, SdoOptions(), 0x603, first_phase)
 
 
 def test_an_idle_exchange_ignores_everything(exchange):
@@ -298,7 +298,7 @@ HALF = 500 * MS
 
 
 def started(*, retries=1, block=False):
-    exchange = SdoExchange(NODE, "", retries, SdoOptions(), 0x603, first_phase)
+    exchange = SdoTransfer(NODE, "", retries, SdoOptions(), 0x603, first_phase)
     request = SdoRequest(0x2000, 0, None, HALF, block)
     exchange.start(request, 0)
     return exchange, request

@@ -11,7 +11,7 @@ from support import reference_drive as ref
 from support.properties import examples
 from support.reference_drive import ReferenceDrive
 
-from canopen_control.cia402.drive import DriveMachine, Goal
+from canopen_control.cia402.drive import DriveGoal, DriveMachine
 from canopen_control.cia402.events import (
     ControlChanged,
     EnableLost,
@@ -162,7 +162,7 @@ def test_disable_voltage_coasts_at_once():
     rig.until(ref.SOD)
     assert set(rig.words) == {0}
     assert rig.drive.taken == [9]
-    assert rig.machine.goal is Goal.VOLTAGE_DISABLED
+    assert rig.machine.goal is DriveGoal.VOLTAGE_DISABLED
     assert rig.machine.reached
 
 
@@ -376,7 +376,7 @@ def test_a_fault_ends_the_enable_and_nothing_is_reset_or_enabled_by_itself():
     assert event.state is State.FAULT_REACTION_ACTIVE
     assert not rig.of(EnableLost)
     assert rig.machine.fault
-    assert rig.machine.goal is Goal.DISABLED
+    assert rig.machine.goal is DriveGoal.DISABLED
     assert rig.machine.reached
     assert set(rig.words[3:]) == {0}
 
@@ -422,7 +422,7 @@ def test_enable_in_a_fault_is_refused_and_changes_nothing():
         rig.machine.enable()
     rig.cycle(50)
     assert rig.machine.state is State.SWITCH_ON_DISABLED
-    assert rig.machine.goal is Goal.DISABLED
+    assert rig.machine.goal is DriveGoal.DISABLED
 
 
 def test_an_enable_asked_for_before_the_fault_was_seen_is_forgotten():
@@ -431,7 +431,7 @@ def test_an_enable_asked_for_before_the_fault_was_seen_is_forgotten():
     machine.fault_reset()
     words = [machine.update(word, None, now) for now, word in enumerate([0x0208, 0x0208, 0x0208, 0x0240, 0x0240])]
     assert words == [0, 0x80, 0x80, 0, 0]
-    assert machine.goal is Goal.DISABLED
+    assert machine.goal is DriveGoal.DISABLED
 
 
 def test_a_reset_without_a_fault_sends_nothing():
@@ -465,7 +465,7 @@ def test_a_drive_that_keeps_falling_back_on_the_way_up_is_not_fought_with():
     machine.enable()
     for now in range(20):
         machine.update(0x0221 if now % 2 else 0x0240, None, now)
-    assert machine.goal is Goal.DISABLED
+    assert machine.goal is DriveGoal.DISABLED
     assert sum(isinstance(event, EnableLost) for event in machine.events()) == 1
 
 
@@ -522,7 +522,7 @@ def test_a_transition_that_does_not_come_gives_the_enable_up(stuck, number, comm
     machine.update(stuck, None, 1000 + timeout)
     (event,) = (event for event in machine.events() if isinstance(event, TransitionTimedOut))
     assert (event.transition, event.gave_up, event.time, event.statusword) == (number, True, 1000 + timeout, stuck)
-    assert machine.goal is Goal.DISABLED
+    assert machine.goal is DriveGoal.DISABLED
     assert machine.controlword != 0x0F
 
 
@@ -534,7 +534,7 @@ def test_a_drive_that_never_speaks_is_told_too():
     (event,) = machine.events()
     assert isinstance(event, TransitionTimedOut)
     assert event.state is None
-    assert machine.goal is Goal.DISABLED
+    assert machine.goal is DriveGoal.DISABLED
 
 
 def test_a_drive_that_does_not_stop_is_told_once_and_asked_on():
@@ -585,7 +585,7 @@ def test_a_mode_that_is_never_confirmed_is_not_enabled_and_must_be_asked_for_aga
     words = [machine.update(0x0223, 1, now) for now in range(0, 200, 10)]
     assert 0x0F not in words
     assert [type(event) for event in machine.events()] == [StateChanged, ModeTimedOut, EnableLost]
-    assert machine.goal is Goal.DISABLED
+    assert machine.goal is DriveGoal.DISABLED
     assert machine.mode is None
     with pytest.raises(DriveError, match="its mode was not confirmed; set a mode first"):
         machine.enable()
@@ -629,7 +629,7 @@ def test_a_drive_that_leaves_its_mode_by_itself_is_disabled():
     assert machine.update(0x0237, 6, 2) == 0x0F
     assert not machine.may_move
     assert machine.update(0x0237, 6, 102) == 0x07
-    assert machine.goal is Goal.DISABLED
+    assert machine.goal is DriveGoal.DISABLED
 
 
 # -- the other bits
@@ -835,7 +835,7 @@ def test_a_drive_moves_only_after_an_enable_whatever_happens(steps, delay, optio
         ACTIONS[what](rig, value)
         asked = asked or what == "enable"
         assert asked or not {4, 16} & set(rig.drive.taken)
-        assert rig.machine.goal is Goal.ENABLED or not rig.machine.enabled
+        assert rig.machine.goal is DriveGoal.ENABLED or not rig.machine.enabled
     # What was on its way has arrived after this; a goal that is not ENABLED ends without torque.
     rig.machine.disable()
     rig.drive.mains, rig.drive.cause_present, rig.drive.noise = True, False, 0
@@ -872,7 +872,7 @@ def test_no_sequence_of_words_and_verbs_makes_it_raise_or_send_0x0f_without_the_
         assert sent == machine.controlword
         assert sent & ~0x3FF == 0
         if sent & 0x8F == 0x0F:
-            assert machine.goal is Goal.ENABLED
+            assert machine.goal is DriveGoal.ENABLED
             state = machine.state
             assert state in (State.SWITCHED_ON, State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
             assert state is State.OPERATION_ENABLED or machine.mode_request.confirmed

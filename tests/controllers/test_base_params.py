@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from canopen_control.controllers.base_params import AxisLimits, BaseParams, PrefixedParams, refuse
+from canopen_control.controllers.base_params import BaseParams, PrefixedParams, TwistAxisLimits, refuse
 from canopen_control.errors import RobotConfigError
 
 
@@ -15,11 +15,11 @@ def test_frames_have_a_prefix_where_there_is_one():
 
 
 def test_limits_are_those_of_the_limiter():
-    limits = AxisLimits(max_velocity=1.0, max_deceleration=-2.0).limits()
+    limits = TwistAxisLimits(max_velocity=1.0, max_deceleration=-2.0).limits()
     assert (limits.max_velocity, limits.max_deceleration) == (1.0, -2.0)
     assert math.isnan(limits.max_jerk)
-    assert AxisLimits(max_jerk=0.0).freezes
-    assert not AxisLimits().freezes
+    assert TwistAxisLimits(max_jerk=0.0).freezes
+    assert not TwistAxisLimits().freezes
 
 
 def test_every_mistake_is_told_with_the_controller():

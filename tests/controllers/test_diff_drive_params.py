@@ -7,7 +7,7 @@ from support.control import vectors
 
 from canopen_control.controllers.base_params import tf_prefix
 from canopen_control.controllers.diff_drive_params import read_params
-from canopen_control.controllers.limiter import Limits, RateLimiter
+from canopen_control.controllers.limiter import RateLimiter, VelocityLimits
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 
@@ -29,7 +29,7 @@ def test_a_jerk_limit_of_0_freezes_its_axis_unless_it_is_switched_off():
     assert read_params(Params.of(WHEELS)).frozen == ()
 
 
-def effective(limits: Limits) -> dict[str, float]:
+def effective(limits: VelocityLimits) -> dict[str, float]:
     """What the limiter makes of limits: equal dictionaries limit equally."""
     limiter = RateLimiter(limits)
     return {
@@ -50,7 +50,7 @@ def test_the_limits_of_every_dialect_are_those_of_jazzy(name):
     given = read_params(Params.of({**WHEELS, **case["input"]}))
     for axis in ("linear", "angular"):
         if f"canonical_{axis}" in case:
-            assert effective(getattr(given, axis).limits()) == effective(Limits(**case[f"canonical_{axis}"]))
+            assert effective(getattr(given, axis).limits()) == effective(VelocityLimits(**case[f"canonical_{axis}"]))
 
 
 def test_a_limit_that_somebody_wrote_down_is_applied_whatever_the_dialect():

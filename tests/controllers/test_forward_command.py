@@ -12,7 +12,7 @@ from support.control import FORWARD, Hardware, S, add, manager, same, vectors
 from canopen_control.controllers.forward_command import TargetController
 from canopen_control.controllers.params import Params
 from canopen_control.errors import CanopenError, ControlError, RobotConfigError
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.interfaces import TARGET, CommandInterface
 from canopen_control.rpc.messages.parameters import ParameterValue
 

@@ -5,7 +5,7 @@ import math
 import pytest
 from support.control import FORWARD, Hardware, add, manager
 
-from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.errors import ControlError, UnknownInterface
 from canopen_control.urdf.joint_element import Joint, UrdfLimits

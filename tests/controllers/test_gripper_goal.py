@@ -5,7 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.gripper_goal import GripperGoal, GripStatus, StallDetector
 
 MS = 1_000_000

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.control import same, vectors
 
-from canopen_control.controllers.limiter import Limits, RateLimiter
+from canopen_control.controllers.limiter import RateLimiter, VelocityLimits
 
 UPSTREAM = {
     "min_value": "min_velocity",
@@ -22,8 +22,8 @@ UPSTREAM = {
 }
 
 
-def limits(params: dict[str, float]) -> Limits:
-    return Limits(**{UPSTREAM[key]: float(value) for key, value in params.items()})
+def limits(params: dict[str, float]) -> VelocityLimits:
+    return VelocityLimits(**{UPSTREAM[key]: float(value) for key, value in params.items()})
 
 
 @pytest.mark.parametrize("case", vectors("rate_limiter_upstream") + vectors("rate_limiter_edges"))
@@ -51,10 +51,10 @@ def test_it_refuses_what_upstream_refuses(case):
 POSITIVE = st.one_of(st.just(math.nan), st.floats(0.0, 50.0))
 NEGATIVE = POSITIVE.map(lambda value: -value)
 COMMANDS = st.lists(st.floats(-1e6, 1e6) | st.sampled_from([math.inf, -math.inf]), min_size=1, max_size=30)
-LIMITS = st.builds(Limits, NEGATIVE, POSITIVE, NEGATIVE, POSITIVE, NEGATIVE, POSITIVE, NEGATIVE, POSITIVE)
+LIMITS = st.builds(VelocityLimits, NEGATIVE, POSITIVE, NEGATIVE, POSITIVE, NEGATIVE, POSITIVE, NEGATIVE, POSITIVE)
 
 
-def outputs(given_limits: Limits, commands: list[float], dt: float) -> list[float]:
+def outputs(given_limits: VelocityLimits, commands: list[float], dt: float) -> list[float]:
     """Return what comes out, from rest, two zeros first."""
     limiter, out = RateLimiter(given_limits), [0.0, 0.0]
     for command in commands:
@@ -90,7 +90,7 @@ def test_no_acceleration_limit_is_ever_exceeded(given_limits, commands, dt):
 
 @given(st.floats(0.0, 50.0), COMMANDS, st.floats(1e-4, 1.0))
 def test_no_jerk_limit_is_ever_exceeded_while_a_step_grows(jerk, commands, dt):
-    out = outputs(Limits(max_jerk=jerk), [each for each in commands if math.isfinite(each)], dt)
+    out = outputs(VelocityLimits(max_jerk=jerk), [each for each in commands if math.isfinite(each)], dt)
     for v1, v0, value in zip(out, out[1:], out[2:], strict=False):
         step, before = value - v0, v0 - v1
         if (step - before) * step > 0.0:
@@ -98,13 +98,13 @@ def test_no_jerk_limit_is_ever_exceeded_while_a_step_grows(jerk, commands, dt):
 
 
 def test_without_limits_nothing_is_changed():
-    assert RateLimiter(Limits()).limit(math.inf, 0.0, 0.0, 0.01) == math.inf
-    assert RateLimiter(Limits(max_deceleration=-1.0)).limit(7.0, 0.0, 0.0, 0.01) == 7.0
+    assert RateLimiter(VelocityLimits()).limit(math.inf, 0.0, 0.0, 0.01) == math.inf
+    assert RateLimiter(VelocityLimits(max_deceleration=-1.0)).limit(7.0, 0.0, 0.0, 0.01) == 7.0
 
 
 def test_the_jerk_limit_of_older_distributions_is_another_one():
     # humble bounds by jerk * 2 * dt^2 and always; ours is jazzy's jerk * dt^2, while the step grows: a smoother start
-    limiter = RateLimiter(Limits(max_jerk=5.0))
+    limiter = RateLimiter(VelocityLimits(max_jerk=5.0))
     assert same(limiter.limit(1.0, 0.0, 0.0, 0.1), 5.0 * 0.1**2)
 
 
@@ -120,7 +120,7 @@ def test_an_older_file_limits_alike_with_min_acceleration_as_the_reverse_one(cas
     params, off = case["params"], math.nan
     velocity, acceleration = params["has_velocity_limits"], params["has_acceleration_limits"]
     limiter = RateLimiter(
-        Limits(
+        VelocityLimits(
             min_velocity=params["min_velocity"] if velocity else off,
             max_velocity=params["max_velocity"] if velocity else off,
             max_acceleration_reverse=params["min_acceleration"] if acceleration else off,
@@ -139,7 +139,7 @@ JERKY = [
 @pytest.mark.parametrize("case", IMPOSSIBLE)
 def test_a_limit_that_is_on_without_a_number_is_off_where_older_ones_refuse_to_start(case):
     params = case["params"]
-    given = Limits(max_velocity=params["max_velocity"], max_acceleration=params["max_acceleration"])
+    given = VelocityLimits(max_velocity=params["max_velocity"], max_acceleration=params["max_acceleration"])
     assert math.isfinite(RateLimiter(given).limit(case["v"], case["v0"], case["v1"], case["dt"]))
 
 
@@ -149,7 +149,7 @@ def test_jerk_is_limited_at_least_as_gently_as_in_older_distributions(case):
     params, dt = case["params"], case["dt"]
     if math.isnan(params["max_jerk"]):
         return
-    limiter = RateLimiter(Limits(max_jerk=params["max_jerk"], min_jerk=params["min_jerk"]))
+    limiter = RateLimiter(VelocityLimits(max_jerk=params["max_jerk"], min_jerk=params["min_jerk"]))
     found = limiter.limit_jerk(case["v"], case["v0"], case["v1"], dt)
     step, before = found - case["v0"], case["v0"] - case["v1"]
     if (case["v"] - case["v0"] - before) * (case["v"] - case["v0"]) > 0.0:

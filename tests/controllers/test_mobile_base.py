@@ -9,7 +9,7 @@ from support.bases import MECANUM, OMNI, PARAMS, TRICYCLE, base
 from support.control import FORWARD, S, add
 
 from canopen_control.controllers.base import ControllerState
-from canopen_control.controllers.base_params import AxisLimits, BaseParams
+from canopen_control.controllers.base_params import BaseParams, TwistAxisLimits
 from canopen_control.controllers.mobile_base import LimitedTwist, OdometryPublication, fill
 from canopen_control.controllers.planar_pose import PlanarPose
 from canopen_control.errors import ControlError, RobotConfigError
@@ -61,7 +61,7 @@ def test_without_limits_it_is_what_is_wanted():
 
 def test_each_axis_goes_from_where_it_was_and_from_standstill_after_it_was_forgotten():
     twist = LimitedTwist(AXES)
-    twist.set_limits("base", [AxisLimits(max_acceleration=1.0), AxisLimits()])
+    twist.set_limits("base", [TwistAxisLimits(max_acceleration=1.0), TwistAxisLimits()])
     fill(twist.wanted, 1.0)
     for wanted in (0.1, 0.2):
         twist.limit(0.1)
@@ -76,7 +76,7 @@ def test_each_axis_goes_from_where_it_was_and_from_standstill_after_it_was_forgo
 
 def test_limits_that_exclude_each_other_are_told_with_controller_and_axis_and_change_nothing():
     twist = LimitedTwist(AXES)
-    wrong = [AxisLimits(max_velocity=0.5), AxisLimits(max_velocity=1.0, min_velocity=2.0)]
+    wrong = [TwistAxisLimits(max_velocity=0.5), TwistAxisLimits(max_velocity=1.0, min_velocity=2.0)]
     with pytest.raises(RobotConfigError, match=r"base: angular\.z: .*a minimum is above its maximum"):
         twist.set_limits("base", wrong)
     fill(twist.wanted, 3.0)

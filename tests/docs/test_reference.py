@@ -40,13 +40,13 @@ def test_every_page_is_made(generate, tmp_path):
 
 def test_every_key_of_bus_yml_has_its_words_and_no_words_are_left_over(generate):
     classes = (
-        keys.Options,
+        keys.FileOptions,
         keys.MasterConfig,
         keys.NodeConfig,
         keys.PdoConfig,
-        keys.PdoObject,
+        keys.PdoObjectKeys,
         keys.SdoEntry,
-        keys.AxisUnits,
+        keys.AxisUnitKeys,
         keys.SignalKeys,
     )
     unused = {keys.MasterConfig: keys.UNUSED_MASTER, keys.NodeConfig: keys.UNUSED_NODE}

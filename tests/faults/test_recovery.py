@@ -6,7 +6,7 @@ from support.generic import write_generic
 from support.robots import copy_robby
 
 from canopen_control.errors import NotEnabled
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 
 BASE = "robby_base_controller"
 RECOVERY = {"  position_mode": "  recovery: enable\n  position_mode"}

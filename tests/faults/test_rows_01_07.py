@@ -6,7 +6,7 @@ from support.robots import copy_robby
 
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.frame import CanFrame
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.runtime.core import RobotState
 
 HEARTBEAT_MS = 500  # five of 100 ms

@@ -9,7 +9,7 @@ from support.generic import write_generic
 
 from canopen_control.cia402.state import State
 from canopen_control.frame import CanFrame
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.runtime.core import RobotState
 
 TOLD_MS = 2 * CYCLE_MS  # a TPDO comes with the next SYNC and is read at the edge after it

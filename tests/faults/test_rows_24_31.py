@@ -7,7 +7,7 @@ from support.robots import copy_robby
 
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia402.state import State
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 
 SEEN_MS = 3 * CYCLE_MS  # a statusword comes with the next SYNC and is acted upon in the cycle after it
 

@@ -6,7 +6,7 @@ import pytest
 from support.faultbench import CYCLE_MS, LEFT, RAMP_MS, RIGHT, SPEED
 from support.generic import write_generic
 
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 
 PP, CSP, CSV, HM = 1, 8, 9, 6
 

@@ -11,7 +11,7 @@ from canopen_control.bus.port import BusEvent, BusEventKind
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.nmt import NmtCommand
 from canopen_control.cia301.sdo_server import SdoServerAbort
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.runtime.core import RobotCore, RobotState
 
 CONSUMER_MS = 500

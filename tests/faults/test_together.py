@@ -7,7 +7,7 @@ from support.faultbench import CYCLE_MS, LEFT, RAMP_MS, RIGHT, SPEED, FaultBench
 from support.robots import copy_robby
 
 from canopen_control.errors import ControlError, NotEnabled
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.virtual.fault_table import FAULTS
 
 BASE = "robby_base_controller"

@@ -7,14 +7,14 @@ import pytest
 from support.generic import write_generic
 from support.robots import Bench
 
-from canopen_control.cia402.drive import Goal
+from canopen_control.cia402.drive import DriveGoal
 from canopen_control.cia402.units import Scale
 from canopen_control.errors import SdoAbort, SdoTimeout
 from canopen_control.hardware.axis import (
     BLIND_STOP_NS,
     GRACE_NS,
     POLL_NS,
-    AxisLimits,
+    AxisObjectLimits,
     AxisStatus,
     ModeBySdo,
     StatuswordBySdo,
@@ -78,7 +78,7 @@ def test_a_wanted_mode_that_no_pdo_carries_goes_by_sdo():
 @pytest.mark.sources
 def test_before_the_first_frame_and_without_the_node_nothing_is_known():
     axis = make_axis()
-    status = AxisStatus(axis, SimpleNamespace(mode=9, goal=Goal.ENABLED))
+    status = AxisStatus(axis, SimpleNamespace(mode=9, goal=DriveGoal.ENABLED))
     axis.pdo.stamp = -1
     status.update(0)
     assert (status.word, status.display) == (None, None)
@@ -91,7 +91,7 @@ def test_before_the_first_frame_and_without_the_node_nothing_is_known():
 
 @pytest.mark.sources
 @pytest.mark.parametrize(
-    ("goal", "overdue"), [(Goal.DISABLED, False), (Goal.QUICK_STOPPED, False), (Goal.ENABLED, True)]
+    ("goal", "overdue"), [(DriveGoal.DISABLED, False), (DriveGoal.QUICK_STOPPED, False), (DriveGoal.ENABLED, True)]
 )
 def test_one_that_never_came_is_asked_for_by_sdo_where_an_end_waits_for_it(goal, overdue):
     axis = make_axis()
@@ -108,7 +108,7 @@ def test_one_that_never_came_is_asked_for_by_sdo_where_an_end_waits_for_it(goal,
 def test_one_that_the_node_refuses_to_tell_is_invisible_until_its_tpdo_comes():
     axis = make_axis()
     axis.pdo.stamp = -1
-    status = AxisStatus(axis, SimpleNamespace(mode=9, goal=Goal.DISABLED))
+    status = AxisStatus(axis, SimpleNamespace(mode=9, goal=DriveGoal.DISABLED))
     status.update(0)
     axis.node.answer(b"", error=SdoTimeout(5, 0x6041, 0, 0.5))
     status.update(POLL_NS)
@@ -188,7 +188,7 @@ def servo(tmp_path):
 
 
 def test_limits_are_applied_in_device_units():
-    limits = AxisLimits()
+    limits = AxisObjectLimits()
     assert limits.of_velocity(-(1 << 31) + 1) == -(1 << 31) + 1
     limits.take_velocity(100.0, Scale())
     limits.low, limits.high = -5, 7
@@ -203,7 +203,7 @@ def test_limits_are_applied_in_device_units():
 @pytest.mark.parametrize(("described", "most"), [(math.inf, 5000.0), (0.5, 500.0), (20.0, 5000.0)])
 def test_the_smaller_of_the_drives_and_the_descriptions_velocity_holds_for_steps_of_positions_too(described, most):
     limits, scale = (
-        AxisLimits(),
+        AxisObjectLimits(),
         Scale(vel_to_dev=-1000.0, vel_from_dev=-0.001, pos_to_dev=4000.0, pos_from_dev=1 / 4000),
     )
     limits.described = described

@@ -16,7 +16,7 @@ from canopen_control.frame import rpdo_cob_id
 from canopen_control.hardware.device_parts import POLL_NS, InputSignal, NodeInputs, OutputSignal
 from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 from canopen_control.master.cycle import ProcessImage
-from canopen_control.profiles.device_signal import Scale, Signal
+from canopen_control.profiles.device_signal import Signal, SignalScale
 from canopen_control.runtime.status import status_message
 
 
@@ -222,7 +222,7 @@ def test_what_the_device_calls_invalid_is_none():
 
 
 def test_the_devices_scale_of_the_newest_boot_counts():
-    node = Node(Signal("ai0", *VALUE, scales=(Scale(STATUS, float, 1),)), {STATUS: 3})
+    node = Node(Signal("ai0", *VALUE, scales=(SignalScale(STATUS, float, 1),)), {STATUS: 3})
     assert node.receives(5) == 15.0
     node.node.identity.presets[STATUS] = 4
     node.node.boots = 2

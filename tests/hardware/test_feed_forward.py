@@ -4,10 +4,10 @@ import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.robots import Bench
 
-from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.trajectory.goal import Goal
+from canopen_control.controllers.command_timeout import GoalState
+from canopen_control.controllers.trajectory.goal import TrajectoryGoal
 from canopen_control.errors import CanopenError
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 
 NODES = (2, 3, 4, 5, 6, 7)
 POSITION_COMMAND = '<command_interface name="position"/>'
@@ -46,7 +46,7 @@ def arm(config):
 
 def send(arm, end=ENDS, seconds=2.0):
     begin = [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
-    goal = Goal(planned(begin, end, seconds))
+    goal = TrajectoryGoal(planned(begin, end, seconds))
     arm.robot.manager.get("arm_controller").send_goal(goal, arm.reactor.now())
     return goal
 

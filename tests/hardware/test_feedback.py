@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.cia402.units import PositionUnwrapper, Scale, wrap_int32
-from canopen_control.hardware.axis import AxisLimits
+from canopen_control.hardware.axis import AxisObjectLimits
 from canopen_control.hardware.feedback import Feedback, doubt_unit
 from canopen_control.master.cycle import ProcessImage
 from canopen_control.od.model import DataType
@@ -31,7 +31,7 @@ def make(*, velocity=True, extras=()):
     axis = SimpleNamespace(
         scale=Scale(COUNTS, 1 / COUNTS, COUNTS, 1 / COUNTS),
         unwrap=PositionUnwrapper(),
-        limits=AxisLimits(),
+        limits=AxisObjectLimits(),
         turn=COUNTS * math.tau,
         position=image.input(2, 0x6064),
         velocity=image.input(2, 0x606C),

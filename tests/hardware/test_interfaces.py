@@ -10,14 +10,14 @@ from support.control import Hardware
 from canopen_control.errors import CanopenError, ControlError, InterfaceConflict, UnknownInterface
 from canopen_control.hardware.interfaces import (
     CommandInterface,
+    ComponentLifecycle,
     InterfaceRegistry,
-    Lifecycle,
     LifecycleState,
     StateInterface,
 )
 
 
-class Component(Lifecycle):
+class Component(ComponentLifecycle):
     def __init__(self):
         super().__init__()
         self.done = []

@@ -9,7 +9,7 @@ from support.robots import LEFT, RIGHT, Bench, copy_robby
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State
 from canopen_control.errors import RobotConfigError
-from canopen_control.hardware.axis_power import Action, AxisState
+from canopen_control.hardware.axis_statechart import Action, AxisPhase
 from canopen_control.runtime.axis_request import reached
 
 
@@ -71,7 +71,7 @@ def test_a_node_that_is_not_there_has_no_values(robby):
     joint = robby.joint(LEFT)
     assert math.isnan(joint.states["velocity"].value)
     assert joint.state is None
-    assert joint.power.state is AxisState.OFF
+    assert joint.power.state is AxisPhase.OFF
 
 
 def test_the_mode_of_bus_yml_wins_over_what_the_drive_lists(robby, tmp_path):

@@ -6,7 +6,7 @@ import pytest
 
 from canopen_control.cia402 import events
 from canopen_control.cia402.state import State
-from canopen_control.hardware.axis import AxisLimits
+from canopen_control.hardware.axis import AxisObjectLimits
 from canopen_control.hardware.joint_events import WRONG_LOOKS, FaultReason, StatusWatch, joint_event_of
 from canopen_control.master.event_log import Level
 
@@ -19,7 +19,7 @@ CSP, PV = 8, 3
 def make(action="stop", *, inputs=None):
     velocity, position = SimpleNamespace(value=0), SimpleNamespace(value=0)
     axis = SimpleNamespace(
-        limits=AxisLimits(),
+        limits=AxisObjectLimits(),
         digital_inputs=None if inputs is None else SimpleNamespace(value=inputs, fresh=True),
         raw_position=0,
         velocity=SimpleNamespace(value=0, fresh=True),

@@ -12,7 +12,7 @@ from support.servos import DECELERATION, command
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode
 from canopen_control.cia402.units import PositionUnwrapper, Scale
 from canopen_control.errors import UnsupportedMode
-from canopen_control.hardware.axis import AxisLimits
+from canopen_control.hardware.axis import AxisObjectLimits
 from canopen_control.hardware.joint_targets import TARGET_CLASSES, ModeTarget, stop_slope
 
 K = 65536 / math.tau  # counts per rad, and per rad/s
@@ -286,7 +286,11 @@ def test_a_position_at_every_sync_stays_within_the_software_limits(mode):
     output = SimpleNamespace(value=0)
     output.set = lambda value: setattr(output, "value", value)
     axis = SimpleNamespace(
-        limits=AxisLimits(), unwrap=PositionUnwrapper(), scale=Scale(1000.0, 0.001), raw_position=0, misfit=math.nan
+        limits=AxisObjectLimits(),
+        unwrap=PositionUnwrapper(),
+        scale=Scale(1000.0, 0.001),
+        raw_position=0,
+        misfit=math.nan,
     )
     axis.unwrap.update(0)
     axis.limits.low, axis.limits.high = -200, 300

@@ -10,9 +10,9 @@ from support.robots import Bench, copy_robby
 
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.errors import DriveError, RobotConfigError, UnsupportedMode
-from canopen_control.hardware.axis_power import Action
-from canopen_control.hardware.mode_choice import PLUGINS, choose_mode, listed_modes, with_interfaces_of_plugins
-from canopen_control.hardware.plugins import KNOWN, Kind
+from canopen_control.hardware.axis_statechart import Action
+from canopen_control.hardware.mode_choice import PLUGINS, add_plugin_interfaces, choose_mode, listed_modes
+from canopen_control.hardware.plugins import KNOWN, PluginKind
 from canopen_control.master.config import read_bus
 from canopen_control.urdf.description import parse_description
 
@@ -27,7 +27,7 @@ def completed(files, *edits):
     for old, new in edits:
         assert old in text
         text = text.replace(old, new)
-    return with_interfaces_of_plugins(parse_description(text, "x.urdf"), read_bus(files / "bus.yml").plans.values())
+    return add_plugin_interfaces(parse_description(text, "x.urdf"), read_bus(files / "bus.yml").plans.values())
 
 
 def interfaces(description):
@@ -60,7 +60,7 @@ def test_another_plugin_an_unknown_node_and_an_unmapped_axis_are_left_as_they_ar
 
 
 def test_every_plugin_is_one_that_runs_here():
-    assert {KNOWN[each] for each in PLUGINS} == {Kind.CANOPEN}
+    assert {KNOWN[each] for each in PLUGINS} == {PluginKind.CANOPEN}
 
 
 @pytest.fixture

@@ -1,16 +1,16 @@
 import pytest
 
 from canopen_control.errors import RobotConfigError
+from canopen_control.hardware.driverless_system import SimulatedSystem
 from canopen_control.hardware.plugins import (
     KNOWN,
     GenericSystem,
-    Kind,
+    PluginKind,
     TransmittedSystem,
     kind_of,
     made_up,
     transmitted,
 )
-from canopen_control.hardware.simulation import SimulatedSystem
 from canopen_control.urdf.description import UrdfDescription
 from canopen_control.urdf.document import ElementPlace
 from canopen_control.urdf.joint_element import InterfaceInfo, Joint
@@ -28,15 +28,15 @@ def tag(plugin: str, **how) -> Ros2ControlSystem:
 @pytest.mark.parametrize(
     ("plugin", "kind"),
     [
-        ("canopen_ros2_control/RobotSystem", Kind.CANOPEN),
-        ("canopen_ros2_control/Cia402System", Kind.CANOPEN),
-        ("canopen_ros2_control/CanopenSystem", Kind.CANOPEN),
-        ("canopen_control/CanopenSystem", Kind.CANOPEN),
-        ("mock_components/GenericSystem", Kind.MOCK),
-        ("fake_components/GenericSystem", Kind.MOCK),
-        ("gazebo_ros2_control/GazeboSystem", Kind.SIMULATION),
-        ("gz_ros2_control/GazeboSimSystem", Kind.SIMULATION),
-        ("ign_ros2_control/IgnitionSystem", Kind.SIMULATION),
+        ("canopen_ros2_control/RobotSystem", PluginKind.CANOPEN),
+        ("canopen_ros2_control/Cia402System", PluginKind.CANOPEN),
+        ("canopen_ros2_control/CanopenSystem", PluginKind.CANOPEN),
+        ("canopen_control/CanopenSystem", PluginKind.CANOPEN),
+        ("mock_components/GenericSystem", PluginKind.MOCK),
+        ("fake_components/GenericSystem", PluginKind.MOCK),
+        ("gazebo_ros2_control/GazeboSystem", PluginKind.SIMULATION),
+        ("gz_ros2_control/GazeboSimSystem", PluginKind.SIMULATION),
+        ("ign_ros2_control/IgnitionSystem", PluginKind.SIMULATION),
     ],
 )
 def test_the_plugins_of_others_mean_what_users_expect(plugin, kind):
@@ -45,8 +45,8 @@ def test_the_plugins_of_others_mean_what_users_expect(plugin, kind):
 
 def test_mock_and_real_overrule_whatever_is_written():
     for plugin in (*KNOWN, "my_robot/Hardware"):
-        assert kind_of(ROBOT, tag(plugin), mock=True) is Kind.MOCK
-        assert kind_of(ROBOT, tag(plugin), real=True) is Kind.CANOPEN
+        assert kind_of(ROBOT, tag(plugin), mock=True) is PluginKind.MOCK
+        assert kind_of(ROBOT, tag(plugin), real=True) is PluginKind.CANOPEN
 
 
 def test_an_unknown_plugin_is_named_with_its_place_and_the_nearest():
@@ -57,7 +57,7 @@ def test_an_unknown_plugin_is_named_with_its_place_and_the_nearest():
 
 
 def test_a_robot_that_is_mocked_by_option_moves_its_joints():
-    mocked = made_up(ROBOT, tag("canopen_control/CanopenSystem"), Kind.MOCK)
+    mocked = made_up(ROBOT, tag("canopen_control/CanopenSystem"), PluginKind.MOCK)
     assert isinstance(mocked, GenericSystem)
     mocked.configure()
     mocked.activate()
@@ -65,11 +65,11 @@ def test_a_robot_that_is_mocked_by_option_moves_its_joints():
     mocked.command_interfaces[0].value = 2.0
     mocked.read(0, 0.5)
     assert mocked.state_interfaces[0].value == 1.0
-    assert isinstance(made_up(ROBOT, tag("gz_ros2_control/GazeboSimSystem"), Kind.SIMULATION), SimulatedSystem)
+    assert isinstance(made_up(ROBOT, tag("gz_ros2_control/GazeboSimSystem"), PluginKind.SIMULATION), SimulatedSystem)
 
 
 def test_a_transmission_that_changes_nothing_is_not_between():
-    component = made_up(ROBOT, tag("mock_components/GenericSystem"), Kind.MOCK)
+    component = made_up(ROBOT, tag("mock_components/GenericSystem"), PluginKind.MOCK)
     assert transmitted(component, tag("x", transmissions=(Transmission("t", "j", "m"),))) is component
     through = transmitted(component, tag("x", transmissions=(Transmission("t", "j", "m", 2.0),)))
     assert isinstance(through, TransmittedSystem)

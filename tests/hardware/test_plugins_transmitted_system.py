@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from support.control import Hardware, same
 from support.robots import Bench
 
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.interfaces import ReturnType
 from canopen_control.hardware.plugins import TransmittedSystem
 from canopen_control.urdf.ros2_control import Transmission

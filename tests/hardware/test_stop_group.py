@@ -3,19 +3,19 @@
 import pytest
 
 from canopen_control.cia402.drive import DriveMachine
-from canopen_control.hardware.axis_power import AxisPower, AxisState, Trigger
+from canopen_control.hardware.axis_statechart import AxisPhase, AxisStatechart, PhaseTrigger
 from canopen_control.hardware.stop_group import StopGroup, regroup
 
 pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
 
-UP, DOWN = (Trigger.ENABLE,), (Trigger.ENABLE, Trigger.DRIVE_ENABLED, Trigger.STOP)
+UP, DOWN = (PhaseTrigger.ENABLE,), (PhaseTrigger.ENABLE, PhaseTrigger.DRIVE_ENABLED, PhaseTrigger.STOP)
 
 
 class Joint:
     """As much of a joint as a group sees: its power, and what the drive says."""
 
     def __init__(self, *triggers, ready=False):
-        self.power = AxisPower(DriveMachine("a drive"))
+        self.power = AxisStatechart(DriveMachine("a drive"))
         for trigger in triggers:
             self.power.fire(trigger, 0)
         self.may_rise = self.at_rest = ready
@@ -46,25 +46,25 @@ def test_nobody_is_let_through_before_the_last_one_waits():
     first, last = Joint(*UP, ready=True), Joint(*UP)
     group = group_of(first, last)
     group.coordinate(0)
-    assert first.state is AxisState.RISING
+    assert first.state is AxisPhase.RISING
     last.may_rise = True
     group.coordinate(0)
-    assert first.state is last.state is AxisState.RELEASED
-    first.power.fire(Trigger.DRIVE_ENABLED, 0)
+    assert first.state is last.state is AxisPhase.RELEASED
+    first.power.fire(PhaseTrigger.DRIVE_ENABLED, 0)
     group.coordinate(0)
-    assert first.state is AxisState.ENABLED, "until the other is enabled"
-    last.power.fire(Trigger.DRIVE_ENABLED, 0)
+    assert first.state is AxisPhase.ENABLED, "until the other is enabled"
+    last.power.fire(PhaseTrigger.DRIVE_ENABLED, 0)
     group.coordinate(0)
-    assert first.state is last.state is AxisState.READY
+    assert first.state is last.state is AxisPhase.READY
     assert not group.busy
 
 
 def test_one_that_is_enabled_lets_the_others_rest_until_it_is():
-    first, last = Joint(*UP, Trigger.DRIVE_ENABLED, Trigger.GROUP_ENABLED, Trigger.MAY_MOVE), Joint(*UP)
+    first, last = Joint(*UP, PhaseTrigger.DRIVE_ENABLED, PhaseTrigger.GROUP_ENABLED, PhaseTrigger.MAY_MOVE), Joint(*UP)
     group = group_of(first, last)
     assert first.power.following
     group.coordinate(0)
-    assert first.state is AxisState.ENABLED
+    assert first.state is AxisPhase.ENABLED
     assert not first.power.following
 
 
@@ -72,10 +72,10 @@ def test_nobody_is_disabled_before_the_last_one_stands():
     first, last = Joint(*DOWN, ready=True), Joint(*DOWN)
     group = group_of(first, last)
     group.coordinate(0)
-    assert first.state is AxisState.BRAKING
+    assert first.state is AxisPhase.BRAKING
     last.at_rest = True
     group.coordinate(0)
-    assert first.state is last.state is AxisState.DISABLING
+    assert first.state is last.state is AxisPhase.DISABLING
     group.coordinate(0)
     assert not group.busy
 
@@ -83,16 +83,16 @@ def test_nobody_is_disabled_before_the_last_one_stands():
 def test_a_group_is_looked_at_no_longer_than_one_of_it_rises_or_falls():
     group = group_of(Joint(*DOWN, ready=True), Joint(*DOWN, ready=True))
     group.coordinate(0)
-    assert [joint.state for joint in group.joints] == [AxisState.DISABLING] * 2
+    assert [joint.state for joint in group.joints] == [AxisPhase.DISABLING] * 2
     assert not group.busy, "in the cycle that disables them"
 
 
 def test_one_that_did_not_come_to_rest_in_time_keeps_nobody_any_more():
     first, last = Joint(*DOWN, ready=True), Joint(*DOWN)
     group = group_of(first, last)
-    last.power.fire(Trigger.OVERDUE, 0)
+    last.power.fire(PhaseTrigger.OVERDUE, 0)
     group.coordinate(0)
-    assert (first.state, last.state) == (AxisState.DISABLING, AxisState.ESCALATED)
+    assert (first.state, last.state) == (AxisPhase.DISABLING, AxisPhase.ESCALATED)
 
 
 def named(**groups):
@@ -132,7 +132,7 @@ def test_two_bases_that_share_a_group_are_one():
 
 def test_a_base_of_which_a_part_is_enabled_is_stopped():
     joints = named(left="a", right="a")
-    joints["left"].power.fire(Trigger.ENABLE, 0)
+    joints["left"].power.fire(PhaseTrigger.ENABLE, 0)
     regroup(joints.values(), {"base": ("left", "right")}, 0)
     assert joints["left"].stopped
     assert not joints["right"].stopped

@@ -8,7 +8,7 @@ from support.robots import LEFT, RIGHT, Bench, copy_robby
 
 from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError, DriveError, RobotConfigError, UnknownInterface
-from canopen_control.hardware.axis_power import Action, AxisState
+from canopen_control.hardware.axis_statechart import Action, AxisPhase
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
 from canopen_control.hardware.system import Recovery
 
@@ -24,7 +24,7 @@ def make(count=2):
             state=object(),
             standing=True,
             resume=True,
-            power=SimpleNamespace(state=AxisState.OFF),
+            power=SimpleNamespace(state=AxisPhase.OFF),
             group=group,
             enabled=0,
             wanted=False,
@@ -63,7 +63,7 @@ def moving(joint):
 
 
 def stopping(joint):
-    joint.power.state = AxisState.BRAKING
+    joint.power.state = AxisPhase.BRAKING
 
 
 @pytest.mark.parametrize("hinder", [unready, unloaded, faulted, moving, stopping])
@@ -150,7 +150,7 @@ def test_deactivating_stops_what_no_controller_moves(robby):
     robby.start()
     robby.hold(10.0, 10.0, ms=500)
     robby.robot.systems[0].deactivate()
-    assert [robby.joint(side).power.state for side in (LEFT, RIGHT)] == [AxisState.BRAKING] * 2
+    assert [robby.joint(side).power.state for side in (LEFT, RIGHT)] == [AxisPhase.BRAKING] * 2
     robby.run(2000)
     assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)
     assert not robby.joint(LEFT).machine.enabled
@@ -171,7 +171,7 @@ def test_releasing_the_interfaces_ramps_down_and_disables(robby):
     robby.start()
     robby.hold(10.0, 10.0, ms=500)
     robby.robot.switch([], ["robby_forward_controller"], strict=True)
-    assert all(joint.power.state is AxisState.BRAKING for joint in robby.robot.joints.values())
+    assert all(joint.power.state is AxisPhase.BRAKING for joint in robby.robot.joints.values())
     robby.until(lambda: robby.robot.systems[0].stopped)
     assert robby.speed(LEFT) == robby.speed(RIGHT) == 0
     robby.robot.switch(["robby_forward_controller"], [], strict=True)

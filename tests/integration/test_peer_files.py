@@ -6,7 +6,7 @@ from support.peerfiles import NAMES, ROBOTS, write_peer_files
 
 from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.errors import ControlError
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.core import RobotState
 from canopen_control.runtime.robot_files import find_robot

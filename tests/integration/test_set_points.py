@@ -4,8 +4,8 @@ import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.robots import Bench
 
-from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.trajectory.goal import Goal
+from canopen_control.controllers.command_timeout import GoalState
+from canopen_control.controllers.trajectory.goal import TrajectoryGoal
 
 DRIVES = (2, 3, 4, 5, 6, 7)
 
@@ -25,7 +25,7 @@ def followed(folder, change=lambda text: text, fault=None):
             if fault is not None:
                 drive.switches.set(fault, True, arm.reactor.now())
         begin = [arm.robot.registry.state(f"{each}/position").value for each in JOINTS]
-        goal = Goal(planned(begin, ENDS))
+        goal = TrajectoryGoal(planned(begin, ENDS))
         arm.robot.manager.get("arm_controller").send_goal(goal, arm.reactor.now())
         arm.until(lambda: goal.ended, 5000)
         assert goal.state is GoalState.SUCCEEDED

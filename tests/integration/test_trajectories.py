@@ -6,10 +6,10 @@ import pytest
 from support.arm6 import ENDS, JOINTS, copy_arm, copy_looped_arm, planned
 from support.robots import Bench
 
-from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.trajectory.goal import Goal, ResultCode
+from canopen_control.controllers.command_timeout import GoalState
+from canopen_control.controllers.trajectory.goal import ResultCode, TrajectoryGoal
 from canopen_control.errors import ControlError
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 
 MS = 1_000_000
 
@@ -39,7 +39,7 @@ def positions(arm):
 
 
 def send(arm, end, **how):
-    goal = Goal(planned(positions(arm), end, **how))
+    goal = TrajectoryGoal(planned(positions(arm), end, **how))
     controller(arm).send_goal(goal, arm.reactor.now())
     return goal
 

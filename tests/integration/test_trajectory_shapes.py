@@ -7,8 +7,8 @@ import yaml
 from canopen_control_bench.arm import planned
 
 from canopen_control.check.checker import CheckOptions, check_robot
-from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.trajectory.goal import Goal
+from canopen_control.controllers.command_timeout import GoalState
+from canopen_control.controllers.trajectory.goal import TrajectoryGoal
 from canopen_control.controllers.trajectory.point import JointTrajectory
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
@@ -56,7 +56,7 @@ def test_it_loads_unmodified_and_follows_a_goal(tmp_path, name):
         assert robot.state is RobotState.RUNNING, [event.text for event in robot.events.recent]
         joints = section["joints"]
         path = planned([0.0] * len(joints), [0.2] * len(joints), 1.0, 20)
-        goal = Goal(JointTrajectory(joints, path.points))
+        goal = TrajectoryGoal(JointTrajectory(joints, path.points))
         robot.send_goal("arm", goal, "test")
         reactor.run_for(3 * S)
         assert goal.state is GoalState.SUCCEEDED, goal.text

@@ -13,8 +13,8 @@ from canopen_control.errors import BootError, SdoAbort, SdoTimeout
 from canopen_control.frame import CanFrame
 from canopen_control.master.boot import BootTask, boot
 from canopen_control.master.plan import Identity, NodePlan
-from canopen_control.master.plan_builder import PdoLayout, PlannedWrite
-from canopen_control.master.requests import LETTERS, AwaitBootUp, AwaitState, Command, Read, Step, Write
+from canopen_control.master.plan_builder import PlannedPdo, PlannedWrite
+from canopen_control.master.requests import LETTERS, AwaitBootUp, AwaitState, NextStep, Read, SendNmt, WriteObject
 from canopen_control.od.model import DataType
 
 MS = 1_000_000
@@ -201,10 +201,10 @@ def converse(generator, objects, *, boots=True, heartbeat=True, starts_after=1, 
                     answer = objects[index, subindex].to_bytes(4, "little")
                 else:
                     error = SdoAbort(3, index, subindex, 0x06020000, "object does not exist")
-            case Write(index, subindex, _):
+            case WriteObject(index, subindex, _):
                 if refuse == (index, subindex):
                     error = SdoAbort(3, index, subindex, 0x06010002, "read only")
-            case Command(NmtCommand.START):
+            case SendNmt(NmtCommand.START):
                 starts += 1
             case AwaitBootUp():
                 answer = boots
@@ -223,18 +223,18 @@ def failure(objects, **how):
 
 def test_a_boot_resets_identifies_configures_waits_for_a_heartbeat_and_starts():
     asked, result = converse(boot(plan(), reset=True), DRIVE)
-    assert [request.name for request in asked if isinstance(request, Step)] == [
+    assert [request.name for request in asked if isinstance(request, NextStep)] == [
         "reset",
         "identify",
         "configure",
         "heartbeat",
         "start",
     ]
-    assert [request.command for request in asked if isinstance(request, Command)] == [
+    assert [request.command for request in asked if isinstance(request, SendNmt)] == [
         NmtCommand.RESET_COMMUNICATION,
         NmtCommand.START,
     ]
-    assert [(request.index, request.data) for request in asked if isinstance(request, Write)] == [
+    assert [(request.index, request.data) for request in asked if isinstance(request, WriteObject)] == [
         (0x1017, b"\x64\x00"),
         (0x6083, b"\x01\x00\x00\x00"),
     ]
@@ -249,7 +249,7 @@ def test_a_boot_resets_identifies_configures_waits_for_a_heartbeat_and_starts():
 
 def test_a_node_that_has_just_sent_its_boot_up_is_not_reset_again():
     asked, _ = converse(boot(plan(), reset=False), DRIVE)
-    assert Command(NmtCommand.RESET_COMMUNICATION) not in asked
+    assert SendNmt(NmtCommand.RESET_COMMUNICATION) not in asked
 
 
 def test_a_node_without_boot_up_message_boots_all_the_same():
@@ -314,7 +314,7 @@ def test_no_heartbeat_after_the_configuration_is_letter_k():
 
 def test_a_lost_start_command_is_sent_again():
     asked, _ = converse(boot(plan(), reset=True), DRIVE, starts_after=3)
-    assert asked.count(Command(NmtCommand.START)) == 3
+    assert asked.count(SendNmt(NmtCommand.START)) == 3
 
 
 def test_a_node_that_never_becomes_operational_is_an_error_and_no_endless_loop():
@@ -325,8 +325,8 @@ def test_a_node_that_never_becomes_operational_is_an_error_and_no_endless_loop()
 
 def test_a_drive_left_enabled_loses_its_power_before_it_is_configured():
     asked, _ = converse(boot(plan(), reset=True), {**DRIVE, (0x6041, 0): 0x0637})
-    writes = [request for request in asked if isinstance(request, Write)]
-    assert writes[0] == Write(0x6040, 0, b"\x06\x00")
+    writes = [request for request in asked if isinstance(request, WriteObject)]
+    assert writes[0] == WriteObject(0x6040, 0, b"\x06\x00")
 
 
 def test_an_io_node_is_asked_for_no_drive_objects():
@@ -360,7 +360,7 @@ def test_a_node_to_be_kept_alive_gets_the_supervision_that_it_lacks():
 def test_a_node_to_be_kept_alive_with_other_process_data_is_refused():
     device = Device({(0x1800, 1): b"\x83\x01\0\0"}, state=NmtState.OPERATIONAL)
     write = PlannedWrite(0x1800, 1, b"\x93\x01\0\0", "cob id", pdo=("tpdo", 1), data_type=DataType.UNSIGNED32)
-    plan = scripted(keep_alive=True, writes=(write,), tpdos=(PdoLayout(1, 0x193, 255, ()),))
+    plan = scripted(keep_alive=True, writes=(write,), tpdos=(PlannedPdo(1, 0x193, 255, ()),))
     with pytest.raises(BootError, match=r"its TPDO 1 is not as in bus\.yml: reset_communication: true"):
         device.run(boot(plan, reset=True))
     assert device.written == []
@@ -440,7 +440,7 @@ def test_a_node_that_cannot_store_boots_and_says_so():
 
 
 def test_process_data_begin_with_what_the_drive_says_and_an_old_target_velocity_is_taken_back():
-    layout = PdoLayout(2, 0x303, 255, (MappedObject(0x607A, 0, 32, DataType.INTEGER32),))
+    layout = PlannedPdo(2, 0x303, 255, (MappedObject(0x607A, 0, 32, DataType.INTEGER32),))
     device = Device({(0x6064, 0): (-5).to_bytes(4, "little", signed=True), (0x60FF, 0): b"\x09\0\0\0"})
     names = {(0x60FF, 0): "Target velocity"}
     result = device.run(boot(scripted(axes=(0,), rpdos=(layout,), entry_names=names), reset=True))

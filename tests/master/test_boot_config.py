@@ -25,8 +25,8 @@ from canopen_control.master.boot_config import (
     reads_of,
     store,
 )
-from canopen_control.master.plan_builder import PdoLayout, PlannedWrite
-from canopen_control.master.requests import BootTransfers, Read, Write
+from canopen_control.master.plan_builder import PlannedPdo, PlannedWrite
+from canopen_control.master.requests import BootTransfers, Read, WriteObject
 from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType
 from canopen_control.runtime.api_objects import write_mapped
@@ -149,7 +149,7 @@ def test_after_the_needed_writes_nothing_is_needed_any_more(changes):
 CONTROLWORD = MappedObject(0x6040, 0, 16, DataType.UNSIGNED16)
 MODE = MappedObject(0x6060, 0, 8, DataType.INTEGER8)
 TARGET = MappedObject(0x60FF, 0, 32, DataType.INTEGER32)
-LAYOUT = PdoLayout(1, 0x203, 255, (CONTROLWORD, MODE))
+LAYOUT = PlannedPdo(1, 0x203, 255, (CONTROLWORD, MODE))
 
 
 def number(value, size=4):
@@ -240,7 +240,7 @@ def test_further_objects_of_an_adopted_rpdo_are_kept_at_what_they_are():
 
 
 def test_an_object_that_another_rpdo_carries_keeps_its_type_and_its_value():
-    other = PdoLayout(2, 0x303, 255, (TARGET,))
+    other = PlannedPdo(2, 0x303, 255, (TARGET,))
     node = device(0x60400010, 0x60600008, 0x60FF0020, refuse=MAPPING_FIXED)
     transfers = run(node, rpdos=(LAYOUT, other))
     assert transfers.adopted[0][1].objects == (CONTROLWORD, MODE, TARGET)
@@ -390,7 +390,7 @@ def configured(device, *writes, **changes):
 
 
 def asked(device):
-    return [type(request).__name__ for request in device.log if isinstance(request, Read | Write)]
+    return [type(request).__name__ for request in device.log if isinstance(request, Read | WriteObject)]
 
 
 def test_what_the_node_holds_is_not_written_again():
@@ -403,7 +403,7 @@ def test_what_the_node_holds_is_not_written_again():
 def test_what_differs_is_written_and_read_back():
     device = Device({(0x6083, 0): b"\x05\0\0\0"})
     configured(device, u32(0x6083, 6))
-    assert asked(device) == ["Read", "Write", "Read"]
+    assert asked(device) == ["Read", "WriteObject", "Read"]
     assert device.objects[0x6083, 0] == b"\x06\0\0\0"
 
 
@@ -443,7 +443,7 @@ def test_a_vital_addition_that_the_node_refuses_is_letter_j_with_the_way_out():
 def test_an_object_that_cannot_be_read_is_written_and_not_verified():
     device = Device()
     configured(device, u32(0x2FFF, 1, compare=False), u32(0x2FFE, 1))
-    assert asked(device) == ["Write", "Read", "Write"]
+    assert asked(device) == ["WriteObject", "Read", "WriteObject"]
 
 
 def test_a_word_to_store_is_given_only_when_something_was_written_before_it():
@@ -459,7 +459,7 @@ def test_flash_is_given_time():
     device = Device({(0x6083, 0): bytes(4)})
     transfers = configured(device, u32(0x6083, 5))
     device.run(store(plan(save=1), transfers))
-    assert device.log[-1] == Write(0x1010, 1, b"save", 20_000_000_000)
+    assert device.log[-1] == WriteObject(0x1010, 1, b"save", 20_000_000_000)
 
 
 def test_silence_in_the_middle_is_letter_j_with_the_object():

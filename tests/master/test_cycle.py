@@ -8,7 +8,7 @@ from canopen_control.cia301.pdo import MappedObject, PdoCodec
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import RECORD, RECORD_SIZE, frames_of
 from canopen_control.master.cycle import Output, ProcessImage, SentPdo
-from canopen_control.master.plan_builder import PdoLayout
+from canopen_control.master.plan_builder import PlannedPdo
 from canopen_control.master.supervision import PdoWatch
 from canopen_control.od.model import DataType
 
@@ -118,11 +118,11 @@ def test_a_tpdo_in_the_nodes_own_order_gives_the_planned_one():
     image = ProcessImage()
     pdo = image.add_tpdo(3, 0x283, [POSITION, VELOCITY], 1)
     position, velocity = image.input(3, 0x6064), image.input(3, 0x606C)
-    pdo.use(PdoLayout(2, 0x277, 2, (VELOCITY, POSITION)), [POSITION, VELOCITY])
+    pdo.use(PlannedPdo(2, 0x277, 2, (VELOCITY, POSITION)), [POSITION, VELOCITY])
     pdo.receive((7).to_bytes(4, "little") + (-9).to_bytes(4, "little", signed=True), 8, 5)
     assert (position.value, velocity.value) == (-9, 7)
     assert (pdo.cob_id, pdo.every) == (0x277, 2)
-    pdo.use(PdoLayout(2, 0x283, 1, (POSITION, VELOCITY)), [POSITION, VELOCITY])
+    pdo.use(PlannedPdo(2, 0x283, 1, (POSITION, VELOCITY)), [POSITION, VELOCITY])
     pdo.receive((1).to_bytes(4, "little") + (2).to_bytes(4, "little"), 8, 6)
     assert (position.value, velocity.value) == (1, 2)
 
@@ -132,7 +132,7 @@ def test_a_tpdo_that_comes_by_events_is_never_overdue():
     pdo = image.add_tpdo(3, 0x283, [POSITION], 1)
     watch = PdoWatch()
     watch.add(pdo)
-    pdo.use(PdoLayout(2, 0x283, 255, (POSITION,)), [POSITION])
+    pdo.use(PlannedPdo(2, 0x283, 255, (POSITION,)), [POSITION])
     pdo.expected = True
     assert not any(watch.sync() for _ in range(1000))
 
@@ -141,7 +141,7 @@ def test_an_rpdo_in_the_nodes_own_order_is_sent_in_it_with_shared_values():
     image = image_with_two_controlwords()
     first = image.outputs[0]
     own = (MODE, CONTROLWORD, TARGET_VELOCITY)
-    first.use(PdoLayout(1, 0x277, 1, own), image.outputs_of(3, own))
+    first.use(PlannedPdo(1, 0x277, 1, own), image.outputs_of(3, own))
     image.output(3, 0x6040).set(0x0F)
     image.output(3, 0x6060).set(3)
     image.output(3, 0x60FF).set(-1)
@@ -152,7 +152,7 @@ def test_an_rpdo_in_the_nodes_own_order_is_sent_in_it_with_shared_values():
 def test_an_rpdo_in_the_nodes_own_order_leaves_nothing_of_the_planned_one():
     image = image_with_two_controlwords()
     own = (MODE, CONTROLWORD)
-    image.outputs[1].use(PdoLayout(1, 0x277, 1, own), image.outputs_of(3, own))
+    image.outputs[1].use(PlannedPdo(1, 0x277, 1, own), image.outputs_of(3, own))
     sent(image)
     image.output(3, 0x60FF).set(7)  # no PDO carries it any more
     image.output(3, 0x6040).set(6)
@@ -213,7 +213,7 @@ def test_a_tpdo_with_one_object_of_64_bits_is_decoded_from_its_first_byte_on(dat
     objects = [MappedObject(0x2000, 0, 64, data_type)]
     pdo = image.add_tpdo(9, 0x189, objects, 1)
     if taken:  # as the node has it
-        pdo.use(PdoLayout(1, 0x189, 1, tuple(objects)), objects)
+        pdo.use(PlannedPdo(1, 0x189, 1, tuple(objects)), objects)
     for value in (0x0123456789ABCDEF, 1, 1 << 56, -2 if signed else (1 << 64) - 1):
         pdo.receive(value.to_bytes(8, "little", signed=signed), 8, 1)
         assert image.input(9, 0x2000).value == value

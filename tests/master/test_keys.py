@@ -11,10 +11,10 @@ from canopen_control.master.keys import (
     SCALES,
     UNUSED_MASTER,
     UNUSED_NODE,
-    AxisUnits,
+    AxisUnitKeys,
+    FileOptions,
     MasterConfig,
     NodeConfig,
-    Options,
     PdoConfig,
     SupervisionKeys,
     UnitKeys,
@@ -26,7 +26,7 @@ from canopen_control.yamlfile.reader import read
 PACKAGE = Path(__file__).parents[2] / "canopen_control"
 #: what the generator and the drivers of ros2_canopen read, section by section
 PEER = {
-    Options: "dcf_path heartbeat_multiplier retry_factor",
+    FileOptions: "dcf_path heartbeat_multiplier retry_factor",
     MasterConfig: "node_id baudrate vendor_id product_code revision_number serial_number sync_period sync_window "
     "sync_overflow time_cob_id emcy_inhibit_time heartbeat_multiplier heartbeat_consumer heartbeat_producer "
     "error_behavior nmt_inhibit_time start start_nodes start_all_nodes reset_all_nodes stop_all_nodes boot_time "
@@ -68,7 +68,7 @@ def test_every_key_that_the_other_stack_reads_is_known(cls, keys):
 
 
 @pytest.mark.sources
-@pytest.mark.parametrize("cls", [Options, MasterConfig, NodeConfig, PdoConfig])
+@pytest.mark.parametrize("cls", [FileOptions, MasterConfig, NodeConfig, PdoConfig])
 def test_every_key_is_used_or_named_as_unused_and_none_is_both_forgotten(cls):
     unused = UNUSED.get(cls, {})
     # Read through `units_of`, which stands beside the schema, or by the kind of a PDO.
@@ -90,7 +90,7 @@ def test_units_by_name_are_the_four_scales():
 
 
 def test_an_axis_of_several_has_its_own_units_where_it_names_them():
-    units = UnitKeys(channels=[AxisUnits(), AxisUnits(scale_pos_to_dev=7.0)])
+    units = UnitKeys(channels=[AxisUnitKeys(), AxisUnitKeys(scale_pos_to_dev=7.0)])
     assert units.of_axis(0)["pos_to_dev"] == 1000.0
     assert units.of_axis(1)["pos_to_dev"] == 7.0
     assert units.of_axis(1)["pos_from_dev"] == 0.001

@@ -12,7 +12,7 @@ from canopen_control.data_files import data_path
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame, frames_of, pack_records
 from canopen_control.master.config import read_bus
 from canopen_control.master.network import Network
-from canopen_control.master.plan_builder import PdoLayout
+from canopen_control.master.plan_builder import PlannedPdo
 from canopen_control.od.model import DataType
 
 MS = 1_000_000
@@ -207,7 +207,7 @@ def test_a_tpdo_with_one_object_of_64_bits_is_decoded_from_its_first_byte_on(dat
     node = net.nodes["left_drive"]
     [pdo, *_] = node.received
     objects = [MappedObject(0x2000, 0, 64, data_type)]
-    pdo.use(PdoLayout(1, pdo.cob_id, 1, tuple(objects)), objects)
+    pdo.use(PlannedPdo(1, pdo.cob_id, 1, tuple(objects)), objects)
     for value in (0x0123456789ABCDEF, 1, 1 << 56, -2 if signed else (1 << 64) - 1):
         feed(net, 5, f"{pdo.cob_id:03X}#{value.to_bytes(8, 'little', signed=signed).hex()}")
         assert pdo.values == (value,)

@@ -4,7 +4,7 @@ import mujoco
 import pytest
 
 from canopen_control.errors import ConfigError, ControlError
-from canopen_control.hardware.simulation import SimulatedSystem
+from canopen_control.hardware.driverless_system import SimulatedSystem
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.physics.plugin_robot import (
     LidarScanner,

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from canopen_control.od.model import DataType
 from canopen_control.profiles.device_signal import (
     TYPES,
-    Scale,
     Signal,
+    SignalScale,
     factor_of_digits,
     factor_of_prefix,
     object_of,
@@ -39,7 +39,9 @@ def test_a_bit_is_0_or_1_and_an_invalid_number_is_none():
 
 
 def test_the_devices_own_numbers_scale_a_signal_and_only_without_them_what_is_assumed():
-    signal = Signal("x", 0x7130, 1, factor=2.0, scales=(Scale((0x6132, 1), factor_of_digits, 1),), unwrap=(0x6002, 0))
+    signal = Signal(
+        "x", 0x7130, 1, factor=2.0, scales=(SignalScale((0x6132, 1), factor_of_digits, 1),), unwrap=(0x6002, 0)
+    )
     assert signal.gain({(0x6132, 1): 3}) == pytest.approx(0.002)
     assert signal.gain({}) == pytest.approx(0.2)
     assert signal.needs == ((0x6132, 1), (0x6002, 0))

@@ -10,7 +10,7 @@ pytest.importorskip("std_msgs")
 
 from support.endpoints import Ros, interface
 
-from canopen_control.ros import base_topics, controller_state, table
+from canopen_control.ros import base_topics, controller_endpoints, controller_state
 from canopen_control.ros.base_topics import (
     BaseOdometry,
     MecanumState,
@@ -47,7 +47,7 @@ def ros(monkeypatch):
     ],
 )
 def test_they_have_upstreams_topics(ros, tells, axes, state, kind):
-    made = table.endpoints_for(ros, reading(tells, axes))
+    made = controller_endpoints.endpoints_for(ros, reading(tells, axes))
     assert [type(each) for each in made] == [TwistCommands, OdometrySetting, BaseOdometry, TfOdometry, state]
     assert list(ros.services) == ["base/set_odometry"]
     assert [(each.topic, each.kind.__name__) for each in ros.publishers] == [
@@ -63,7 +63,7 @@ def test_they_have_upstreams_topics(ros, tells, axes, state, kind):
 
 
 def test_an_omni_base_has_the_topics_of_the_diff_drive(ros):
-    table.endpoints_for(ros, reading("odometry", HOLONOMIC, "cmd_vel"))
+    controller_endpoints.endpoints_for(ros, reading("odometry", HOLONOMIC, "cmd_vel"))
     assert list(ros.subscriptions) == ["base/cmd_vel", "base/cmd_vel_unstamped"]
     assert [each.topic for each in ros.publishers] == ["base/odom"]
     assert list(ros.services) == ["base/set_odometry"]

@@ -11,7 +11,7 @@ pytest.importorskip("std_msgs")
 
 from support.endpoints import Ros, interface
 
-from canopen_control.ros import command_topics, controller_state, table
+from canopen_control.ros import command_topics, controller_endpoints, controller_state
 from canopen_control.ros.command_topics import FeedForwardSwitch, PidMeasuredStates, PidReferences, PidState
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import CommandController, SetFeedForward, SetMeasuredStates
@@ -40,7 +40,7 @@ def ros(monkeypatch):
 
 
 def test_a_pid_controller_has_them(ros):
-    made = table.endpoints_for(ros, reading("position"))
+    made = controller_endpoints.endpoints_for(ros, reading("position"))
     assert [type(each) for each in made] == [PidReferences, PidState, PidMeasuredStates, FeedForwardSwitch]
 
 

@@ -9,7 +9,7 @@ pytest.importorskip("std_msgs")
 from support.endpoints import Ros, interface
 
 from canopen_control.ros import controller_state
-from canopen_control.ros.controller_state import ControllerState
+from canopen_control.ros.controller_state import ControllerStateTopic
 from canopen_control.ros.qos import SYSTEM_DEFAULT
 from canopen_control.rpc.messages.samples import DiagnosticsSample, PidSample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample
@@ -17,7 +17,7 @@ from canopen_control.rpc.messages.state import ControllerReading, StateSample
 pytestmark = pytest.mark.ros
 
 
-class Filled(ControllerState[PidSample]):
+class Filled(ControllerStateTopic[PidSample]):
     def __init__(self, ros):
         loop = ControllerReading(name="loop", type="pid_controller/PidController", state="active")
         super().__init__(ros, loop, PidSample, "control_msgs/msg/MultiDOFStateStamped")

@@ -7,7 +7,7 @@ from support.ros import eventually
 
 from canopen_control.ros import diagnostics
 from canopen_control.ros.diagnostics import Rosout
-from canopen_control.ros.nodes import NodeView
+from canopen_control.ros.nodes import RosNode
 from canopen_control.ros.qos import ROSOUT
 from canopen_control.rpc.messages.state import RobotEvent
 
@@ -19,7 +19,7 @@ def robot(monkeypatch):
     monkeypatch.setattr(diagnostics, "interface", endpoints.interface)
     robot = endpoints.Ros()
     robot.robot = "robby"
-    nodes = [NodeView("left drive", 3, "/robot"), NodeView("arm_drive", 4, "/arm/lower")]
+    nodes = [RosNode("left drive", 3, "/robot"), RosNode("arm_drive", 4, "/arm/lower")]
     robot.endpoint = Rosout(robot, nodes)
     return robot
 

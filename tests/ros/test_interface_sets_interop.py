@@ -25,7 +25,8 @@ definition.DEFINITIONS.update(told)
 """
 #: of every kind of controller, what is made of it and what is left out
 ENDPOINTS = """
-from canopen_control.ros import action_goals, table
+from canopen_control.ros import action_goals
+from canopen_control.ros import controller_endpoints
 action_goals.JudgedActionServer = lambda *args, **more: None  # which needs a node
 from canopen_control.rpc.messages.state import ControllerReading
 class Ros:
@@ -47,10 +48,10 @@ def of(tells, type="x/Y", publishes=()):
         name="c", type=type, state="active", tells=tells, topic=TOPICS.get(tells), publishes=publishes
     )
     made = Ros()
-    names = [each.__class__.__name__ for each in table.endpoints_for(made, reading)]
+    names = [each.__class__.__name__ for each in controller_endpoints.endpoints_for(made, reading)]
     return names, made.lacking
-kinds = {tells: of(tells) for tells in table.BY_SAMPLE}
-kinds |= {type: of(None, type) for type in table.BY_TYPE}
+kinds = {tells: of(tells) for tells in controller_endpoints.BY_SAMPLE}
+kinds |= {type: of(None, type) for type in controller_endpoints.BY_TYPE}
 kinds["broadcaster"] = of("joint_states", publishes=("joint_states", "dynamic_joint_states"))
 print(json.dumps(kinds))
 """

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.ros.nodes import NMT_STATES, NodeView, nodes_of, resolve, ros_name
+from canopen_control.ros.nodes import NMT_STATES, RosNode, nodes_of, resolve, ros_name
 from canopen_control.rpc.messages.layout import BusLayout, Layout, MappedEntry, NodeLayout, PdoLayout
 from canopen_control.rpc.messages.robot import NodeListing, NodePlace
 from canopen_control.rpc.messages.state import AxisReading, NodeReading
@@ -38,7 +38,7 @@ def test_a_lifecycle_driver_is_known_by_its_name():
 
 def test_what_the_runtime_does_not_tell_has_defaults():
     assert nodes_of(NodeListing(), "/") == []
-    assert only() == NodeView("left_drive", 3, "/")
+    assert only() == RosNode("left_drive", 3, "/")
 
 
 def two_axes(**told):

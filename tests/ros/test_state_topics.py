@@ -7,7 +7,7 @@ import math
 import pytest
 from support.endpoints import Ros
 
-from canopen_control.ros import interfaces, state_topics, table
+from canopen_control.ros import controller_endpoints, interfaces, state_topics
 from canopen_control.ros.state_topics import BatteryTopics, ImuTopic, PoseTopic, RangeTopic, WrenchTopic
 from canopen_control.rpc.messages.samples import (
     BatteriesSample,
@@ -46,7 +46,7 @@ def published(kind, sample=None):
     """Return the publisher of a kind of sample, after one update."""
     ros = Ros()
     controller = ControllerReading(name="b", type="x/Y", state="active", tells=kind, is_broadcaster=True)
-    (endpoint,) = table.endpoints_for(ros, controller)
+    (endpoint,) = controller_endpoints.endpoints_for(ros, controller)
     assert type(endpoint) is TOPICS[kind]
     state = StateSample(samples={"b": sample or SAMPLES[kind]})
     endpoint.on_state(state)
@@ -136,7 +136,7 @@ class Array:
 
 
 def test_all_batteries_and_each_by_itself_are_published_once(ros):
-    (topics,) = table.endpoints_for(ros, POWER)
+    (topics,) = controller_endpoints.endpoints_for(ros, POWER)
     assert type(topics) is BatteryTopics
     topics.on_state(STATE)
     topics.on_state(STATE)

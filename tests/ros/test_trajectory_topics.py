@@ -13,7 +13,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from canopen_control.errors import RemoteError
 from canopen_control.ros import controller_state, trajectory_topics
-from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
+from canopen_control.ros.trajectory_topics import SpeedScalingTopic, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySample
 from canopen_control.rpc.messages.state import ControllerReading, StateSample
@@ -176,7 +176,7 @@ class TestSpeed:
     TOPIC = "arm/speed_scaling_input"
 
     def test_a_factor_goes_to_the_robot_and_what_is_none_is_told(self, ros):
-        scaling = SpeedScaling(ros, ARM)
+        scaling = SpeedScalingTopic(ros, ARM)
         made = interface("control_msgs/msg/SpeedScalingFactor")
         for factor in (0.5, -1.0, math.nan, math.inf):
             ros.publish(self.TOPIC, made(factor=factor))
@@ -188,7 +188,7 @@ class TestSpeed:
         assert ros.left == [self.TOPIC]
 
     def test_it_is_there_once_positions_alone_are_commanded_and_keeps_what_was_said_before(self, ros):
-        scaling = SpeedScaling(ros, ControllerReading(name="arm", type="x/Y", state="unconfigured"))
+        scaling = SpeedScalingTopic(ros, ControllerReading(name="arm", type="x/Y", state="unconfigured"))
         assert ros.subscriptions == {}
         scaling.on_controller(
             ControllerReading(name="arm", type="x/Y", state="inactive", interface="position, velocity")

@@ -7,7 +7,7 @@ from support.apiclient import Client
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.robots import Bench
 
-from canopen_control.controllers.command_life import CommandTimeout
+from canopen_control.controllers.command_timeout import CommandTimeout
 from canopen_control.rpc.messages.trajectory import MAX_POINTS
 from canopen_control.runtime import api_trajectories
 from canopen_control.runtime.api import ApiServer

@@ -12,8 +12,8 @@ from support.robots import setup_of
 from canopen_control.bus import kernel_sync
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, RobotConfigError
-from canopen_control.hardware.plugins import Kind
-from canopen_control.hardware.simulation import PHYSICS_PLUGIN
+from canopen_control.hardware.driverless_system import PHYSICS_PLUGIN
+from canopen_control.hardware.plugins import PluginKind
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.physics.physics_file import PhysicsError
@@ -23,7 +23,7 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
-KINDS = [Kind.SIMULATION]
+KINDS = [PluginKind.SIMULATION]
 
 
 def setup(simulate=True, plugin=None, **parameters):

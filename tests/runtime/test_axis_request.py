@@ -3,7 +3,7 @@ from support.generic import write_generic
 from support.robots import LEFT, Bench
 
 from canopen_control.errors import CanopenError, ControlError
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.runtime.core import REQUEST_TIMEOUT_NS
 
 

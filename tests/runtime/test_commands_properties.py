@@ -16,7 +16,7 @@ from support.properties import examples
 from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby
 
 from canopen_control.errors import CanopenError
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 
 NUMBERS = itertools.count()
 TIMEOUTS = {"default": {"    command_timeout: 2.0 ": "    # "}, "for ever": {"timeout: 2.0": "timeout: 0.0"}}

@@ -13,7 +13,7 @@ from canopen_control.bus.memory import MemoryBus
 from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError
 from canopen_control.frame import CanFrame, pack_records
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.runtime.core import CAUGHT_UP, RobotCore, RobotState

@@ -6,7 +6,7 @@ from support.generic import write_generic
 
 from canopen_control.check.checker import CheckOptions, check_robot
 from canopen_control.errors import ConfigError, ControlError, DriveError, RobotConfigError
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.core import RobotState
 from canopen_control.runtime.robot_files import find_robot

@@ -9,7 +9,7 @@ from support.samples import state_dict, status_dict
 
 from canopen_control.cia402.state import State
 from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotState
 from canopen_control.runtime.enable_status import StopLatch, is_controlword

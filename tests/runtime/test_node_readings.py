@@ -11,7 +11,7 @@ import pytest
 from support.robots import RIGHT, Bench
 
 from canopen_control.errors import CanopenError
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 from canopen_control.runtime.node_readings import NodeReadings
 
 

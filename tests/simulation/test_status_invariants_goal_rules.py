@@ -1,7 +1,7 @@
 import pytest
 from support.simulated import BASE, FORWARD, Judged
 
-from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.switcher import UpdateLoop
 from canopen_control.controllers.trajectory.controller import (
     JointTrajectoryController,

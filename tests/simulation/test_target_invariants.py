@@ -3,7 +3,7 @@ from support.mutants import MUTANTS
 from support.simulated import BASE, FORWARD, MS, Judged, S, setup_of
 
 from canopen_control.controllers.switcher import UpdateLoop
-from canopen_control.hardware.axis import AxisLimits as AxisLimitsOfMaster
+from canopen_control.hardware.axis import AxisObjectLimits as AxisLimitsOfMaster
 from canopen_control.hardware.joint_targets import JointTargets
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
@@ -11,7 +11,7 @@ from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.simulation.target_invariants import TargetInvariants
-from canopen_control.virtual.power_machine import AxisLimits
+from canopen_control.virtual.power_machine import DriveLimits
 
 
 def rules(judged, views, tell):
@@ -70,8 +70,8 @@ def test_a_place_at_every_sync_is_followed_within_the_window(monkeypatch):
     [motion] = [each for each in motions_of(made.robot.setup) if each.starts]
     made.do("trajectory", motion.controller, 1.0, values=(0.3,) * 6).run(1.5)
     assert made.told == []
-    real = AxisLimits.position
-    monkeypatch.setattr(AxisLimits, "position", lambda self, target: real(self, target + 1e6))
+    real = DriveLimits.position
+    monkeypatch.setattr(DriveLimits, "position", lambda self, target: real(self, target + 1e6))
     made.do("trajectory", motion.controller, 1.0, values=(0.1,) * 6)
     made.run(0.3)
     made.close()

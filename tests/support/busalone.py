@@ -7,7 +7,7 @@ from support.generic import write_generic, write_two_axes
 from support.iomodule import io_eds
 
 from canopen_control.errors import CanopenError
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 
 IO = 5
 _IO_NODE = """

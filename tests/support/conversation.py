@@ -3,7 +3,15 @@
 from canopen_control.cia301.nmt import NmtCommand, NmtState
 from canopen_control.errors import SdoAbort, SdoTimeout
 from canopen_control.master.plan import Identity, NodePlan
-from canopen_control.master.requests import AwaitBootUp, AwaitHeartbeat, AwaitState, Command, Read, Step, Write
+from canopen_control.master.requests import (
+    AwaitBootUp,
+    AwaitHeartbeat,
+    AwaitState,
+    NextStep,
+    Read,
+    SendNmt,
+    WriteObject,
+)
 
 IDENTITY = {
     (0x1000, 0): (0x192).to_bytes(4, "little"),
@@ -46,11 +54,11 @@ class Device:
         match request:
             case Read(index, subindex):
                 return self._read(index, subindex)
-            case Write(index, subindex, data):
+            case WriteObject(index, subindex, data):
                 return self._write(index, subindex, data)
-            case Command(NmtCommand.START):
+            case SendNmt(NmtCommand.START):
                 self.state = NmtState.OPERATIONAL
-            case Command():
+            case SendNmt():
                 self.state = NmtState.PRE_OPERATIONAL
             case AwaitBootUp():
                 return self.boots
@@ -92,8 +100,8 @@ class Device:
 
     @property
     def steps(self):
-        return [request.name for request in self.log if isinstance(request, Step)]
+        return [request.name for request in self.log if isinstance(request, NextStep)]
 
     @property
     def commands(self):
-        return [request.command for request in self.log if isinstance(request, Command)]
+        return [request.command for request in self.log if isinstance(request, SendNmt)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from support.robots import LEFT, RIGHT, Bench
 
 from canopen_control.errors import CanopenError
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 
 CYCLE_MS = 20
 SPEED = 10 / 0.003926990816987242  # microsteps/s at 10 rad/s

@@ -3,7 +3,7 @@
 from msgspec import structs
 
 from canopen_control.cia301.heartbeat import HeartbeatEventKind
-from canopen_control.controllers.command_life import CommandTimeout
+from canopen_control.controllers.command_timeout import CommandTimeout
 from canopen_control.controllers.joint_state import JointStateBroadcaster
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.controllers.switcher import UpdateLoop
@@ -145,8 +145,8 @@ def others_go_on(patch):
 
 
 def targets_too_great(patch):
-    real = VelocityTarget._factor
-    patch.setattr(VelocityTarget, "_factor", lambda self: 1.5 * real(self))
+    real = VelocityTarget.factor
+    patch.setattr(VelocityTarget, "factor", lambda self: 1.5 * real(self))
 
 
 def targets_of_one_joint_held(patch):
@@ -160,13 +160,13 @@ def targets_of_one_joint_held(patch):
 
 
 def shafts_overshoot(patch):
-    real = DriveLimits.lead
-    patch.setattr(DriveLimits, "lead", lambda self, target, *how: real(self, 1.2 * target, *how))
+    real = DriveLimits.ramp_velocity
+    patch.setattr(DriveLimits, "ramp_velocity", lambda self, target, *how: real(self, 1.2 * target, *how))
 
 
 def shafts_stay_behind(patch):
-    real = DriveLimits.lead
-    patch.setattr(DriveLimits, "lead", lambda self, target, up, *how: real(self, target, 0.2 * up, *how))
+    real = DriveLimits.ramp_velocity
+    patch.setattr(DriveLimits, "ramp_velocity", lambda self, target, up, *how: real(self, target, 0.2 * up, *how))
 
 
 def commands_outlast_an_enable(patch):

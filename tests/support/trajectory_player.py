@@ -11,7 +11,7 @@ from support.trajectories import QUANTITIES, close, message
 from canopen_control.controllers.base import ControllerState
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.trajectory.controller import JointTrajectoryController
-from canopen_control.controllers.trajectory.goal import Goal
+from canopen_control.controllers.trajectory.goal import TrajectoryGoal
 from canopen_control.controllers.trajectory.params import GoalTolerances, JointTolerance, read_params
 from canopen_control.controllers.trajectory.point import Point
 from canopen_control.errors import ControlError, RobotConfigError
@@ -22,7 +22,7 @@ OURS = {"allowed_start_tolerance": 0.0}
 """What upstream does not judge."""
 
 
-def goal_of(values: dict[str, Any]) -> Goal:
+def goal_of(values: dict[str, Any]) -> TrajectoryGoal:
     def tolerances(key: str) -> tuple[JointTolerance, ...]:
         fields = ("position", "velocity", "acceleration")
         return tuple(
@@ -30,7 +30,7 @@ def goal_of(values: dict[str, Any]) -> Goal:
         )
 
     time = values.get("goal_time_tolerance_ns", 0) / 1e9
-    return Goal(
+    return TrajectoryGoal(
         message(values["trajectory"]), GoalTolerances(tolerances("path_tolerance"), tolerances("goal_tolerance"), time)
     )
 
@@ -49,7 +49,7 @@ class Player:
         self.controller = controller = JointTrajectoryController("arm")
         controller.cycle_rate = self.rate
         controller.description = {name: joint(name, each) for name, each in given["urdf"].items()}
-        self.goals: dict[str, Goal] = {}
+        self.goals: dict[str, TrajectoryGoal] = {}
         self.told: dict[str, dict[str, Any]] = {}
         try:
             controller.on_configure(Params.of({**given["params"], **OURS}))

@@ -12,7 +12,7 @@ from canopen_control.trace.flight_trigger import (
     GAP_NS,
     LONGEST_NS,
     WIDEST_GAP_NS,
-    Trigger,
+    RecordingTrigger,
     is_fault,
     is_sum,
 )
@@ -45,7 +45,7 @@ def test_a_sum_tells_of_more_than_its_own_moment(since, expected):
 
 
 def test_the_file_comes_when_the_reaction_is_over():
-    trigger = Trigger(KEEP)
+    trigger = RecordingTrigger(KEEP)
     assert trigger.next_deadline() is None
     trigger.fault(event("first"), 100 * S)
     assert trigger.due(100 * S + AFTER_NS - 1) is None
@@ -55,7 +55,7 @@ def test_the_file_comes_when_the_reaction_is_over():
 
 
 def test_more_faults_wait_together_but_not_for_ever():
-    trigger = Trigger(KEEP)
+    trigger = RecordingTrigger(KEEP)
     for tenth in range(300):
         now = 100 * S + tenth * S // 10
         trigger.fault(event(str(tenth)), now)
@@ -67,7 +67,7 @@ def test_more_faults_wait_together_but_not_for_ever():
 
 
 def test_a_storm_makes_few_files_and_ever_fewer():
-    trigger, written, end = Trigger(KEEP), [], 3600
+    trigger, written, end = RecordingTrigger(KEEP), [], 3600
     for tenth in range(end * 10):
         now = tenth * S // 10
         trigger.fault(event(str(tenth)), now)
@@ -81,7 +81,7 @@ def test_a_storm_makes_few_files_and_ever_fewer():
 
 
 def test_calm_makes_the_gap_short_again():
-    trigger = Trigger(KEEP)
+    trigger = RecordingTrigger(KEEP)
     for start in (0, 60, 160):
         trigger.fault(event(), start * S)
         assert trigger.due(start * S + AFTER_NS) is not None
@@ -92,7 +92,7 @@ def test_calm_makes_the_gap_short_again():
 
 
 def test_a_fault_that_is_not_in_the_window_any_more_is_counted_instead():
-    trigger = Trigger(KEEP)
+    trigger = RecordingTrigger(KEEP)
     for start in (0, 34, 98, 222):
         trigger.fault(event(), start * S)
         assert trigger.due(start * S + AFTER_NS) is not None, start
@@ -105,7 +105,7 @@ def test_a_fault_that_is_not_in_the_window_any_more_is_counted_instead():
 
 
 def test_the_end_writes_what_still_waits_and_nothing_twice():
-    trigger = Trigger(KEEP)
+    trigger = RecordingTrigger(KEEP)
     assert trigger.end(0) is None
     trigger.fault(event("last"), S)
     assert trigger.end(S + 1) == event("last")
@@ -114,7 +114,7 @@ def test_the_end_writes_what_still_waits_and_nothing_twice():
 
 @given(st.lists(st.integers(0, 100 * S), max_size=60))
 def test_no_fault_is_forgotten_it_is_written_waits_or_is_counted(pauses):
-    trigger, now, last_file = Trigger(KEEP), 0, None
+    trigger, now, last_file = RecordingTrigger(KEEP), 0, None
     for pause in pauses:
         now += pause
         if trigger.due(now) is not None:

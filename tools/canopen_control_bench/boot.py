@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.errors import BusError
-    from canopen_control.master.boot import BootStep
+    from canopen_control.master.boot import FinishedStep
     from canopen_control.master.config import BusConfig
     from canopen_control_bench.runner import Options
 
@@ -118,5 +118,5 @@ def boot(config: BusConfig, channel: str) -> Boot:
     return found
 
 
-def _seconds(steps: Sequence[BootStep], name: str) -> float:
+def _seconds(steps: Sequence[FinishedStep], name: str) -> float:
     return max((step.seconds for step in steps if step.name == name), default=0.0)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import MemoryBus
-from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.trajectory.goal import Goal
+from canopen_control.controllers.command_timeout import GoalState
+from canopen_control.controllers.trajectory.goal import TrajectoryGoal
 from canopen_control.errors import CanopenError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.reactor import Reactor
@@ -195,9 +195,9 @@ class SimulatedArm:
         """Return where the joints are, in rad."""
         return [self.robot.registry.state(f"{each}/position").value for each in JOINTS]
 
-    def send(self, end: Sequence[float], seconds: float, count: int = 50) -> Goal:
+    def send(self, end: Sequence[float], seconds: float, count: int = 50) -> TrajectoryGoal:
         """Send a goal of `count` points from where the joints are."""
-        goal = Goal(planned(self.positions(), end, seconds, count))
+        goal = TrajectoryGoal(planned(self.positions(), end, seconds, count))
         self.robot.send_goal(CONTROLLER, goal, "bench")
         return goal
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, overload
 
 from canopen_control.controllers.base import Controller
-from canopen_control.controllers.command_life import GoalState
-from canopen_control.controllers.trajectory.follower import SpeedScaling, TrajectoryExecutor
-from canopen_control.controllers.trajectory.goal import Goal, ResultCode
+from canopen_control.controllers.command_timeout import GoalState
+from canopen_control.controllers.trajectory.executor import SpeedScaling, TrajectoryExecutor
+from canopen_control.controllers.trajectory.goal import ResultCode, TrajectoryGoal
 from canopen_control.controllers.trajectory.joint_group import JointGroup
 from canopen_control.controllers.trajectory.params import (
     SegmentTolerances,
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from canopen_control.controllers.params import Params
-    from canopen_control.controllers.trajectory.followed import JointSetpoint
+    from canopen_control.controllers.trajectory.active_trajectory import JointSetpoint
     from canopen_control.controllers.trajectory.params import StateTolerance
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import Sample
@@ -417,7 +417,7 @@ class JointTrajectoryController(Controller):
     def __init__(self, name: str, type_name: str = "joint_trajectory_controller/JointTrajectoryController") -> None:
         super().__init__(name, type_name)
         self.params = TrajectoryParams()
-        self.goal: Goal | None = None
+        self.goal: TrajectoryGoal | None = None
         self.speed = SpeedScaling()
         self.refused_tolerances: str | None = None
         self._group = JointGroup((), (), (), ())
@@ -530,7 +530,7 @@ class JointTrajectoryController(Controller):
         self._check(message, now)
         self._queue(message, now)
 
-    def send_goal(self, goal: Goal | JointTrajectory, now: int) -> None:
+    def send_goal(self, goal: TrajectoryGoal | JointTrajectory, now: int) -> None:
         """Execute a goal from the next cycle on, in the place of the one before; ControlError if it is refused.
 
         A trajectory alone is set, see `set_trajectory`.
@@ -552,14 +552,14 @@ class JointTrajectoryController(Controller):
         del values, now, stamp
         raise self.refusal("takes trajectories and no numbers; send it one, or a goal")
 
-    def cancel(self, goal: Goal, why: str | None = None) -> None:
+    def cancel(self, goal: TrajectoryGoal, why: str | None = None) -> None:
         """Cancel a goal: if it is the one that is being executed, the joints brake and hold; `why` is told."""
         if goal is self.goal:
             text = "the goal was cancelled" if why is None else f"the goal was cancelled: {why}"
             self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, text)
             self._brake()
 
-    def cancel_goal(self, why: str | None = None, only: Goal | None = None) -> None:
+    def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
         """Cancel what is followed, be it a goal or none, or `only` this goal; ControlError if nothing is."""
         goal = only or self.goal
         if goal is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING
 
-from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.trajectory.params import GoalTolerances
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ class ResultCode(enum.IntEnum):
     GOAL_TOLERANCE_VIOLATED = -5
 
 
-class Goal:
+class TrajectoryGoal:
     """A trajectory with tolerances of its own; `code` and `text` are the result once it has ended.
 
     `ended_now` is called then, in the cycle: whoever has more to do than to take note does it later. `feedback_rate` in

@@ -79,7 +79,7 @@ class TypeDescription(Structure):
     _fields_ = (("type_description", IndividualDescription), ("referenced", Bytes))
 
 
-class Source(Structure):
+class TypeSource(Structure):
     """type_description_interfaces/msg/TypeSource."""
 
     _fields_ = (("type_name", Bytes), ("encoding", Bytes), ("raw", Bytes))
@@ -141,7 +141,7 @@ class FastService(Structure):
     _fields_ = (("namespace", c_char_p), ("name", c_char_p), ("request", c_void_p), ("response", c_void_p))
 
 
-class Member(Structure):
+class MessageMember(Structure):
     """rosidl_typesupport_introspection_c__MessageMember; its functions are not used by rmw_fastrtps."""
 
     _fields_ = (
@@ -204,7 +204,7 @@ class LayoutField(Structure):
     _fields_ = (("kind", c_uint8), ("shape", c_uint8), ("size", c_uint8), ("count", c_uint32), ("nested", c_void_p))
 
 
-class Layout(Structure):
+class StructLayout(Structure):
     """struct layout of `callbacks.c`."""
 
     _fields_ = (("count", c_size_t), ("fields", c_void_p))

@@ -202,7 +202,7 @@ class DescribedStructure(TypedDict):
     fields: list[DescribedField]
 
 
-class Description(TypedDict):
+class TypeDescription(TypedDict):
     """type_description_interfaces/msg/TypeDescription: dicts in this order, since they are hashed as JSON."""
 
     type_description: DescribedStructure
@@ -247,7 +247,7 @@ class Registry:
             seen |= nested
         return [self.get(each) for each in sorted(seen)]
 
-    def describe(self, name: str) -> Description:
+    def describe(self, name: str) -> TypeDescription:
         """Return the type description, as type_description_interfaces/msg/TypeDescription has it."""
         return {
             "type_description": _describe(self.get(name)),
@@ -265,12 +265,12 @@ class Registry:
             self._structures.setdefault(each["type_name"], _structure(each))
 
 
-def hash_of(description: Description) -> bytes:
+def hash_of(description: TypeDescription) -> bytes:
     """Return the 32 bytes of the RIHS01 hash."""
     return hashlib.sha256(json.dumps(description, separators=(", ", ": ")).encode()).digest()
 
 
-def hash_text(description: Description) -> str:
+def hash_text(description: TypeDescription) -> str:
     """Return the hash as `ros2 topic info -v` prints it."""
     return f"RIHS01_{hash_of(description).hex()}"
 
@@ -433,7 +433,7 @@ class Supports:
         if name not in self._members:
             package, kind, short = parts_of(name)
             fields = [self._member(each.name, each.type) for each in self._registry.get(name).fields]
-            array = (abi.Member * max(1, len(fields)))(*fields)
+            array = (abi.MessageMember * max(1, len(fields)))(*fields)
             size = ctypes.sizeof(abi.Bytes)
             members = address(
                 abi.Members(
@@ -446,11 +446,11 @@ class Supports:
             self._members[name] = (members, support)
         return self._members[name]
 
-    def _member(self, name: str, kind: FieldType) -> abi.Member:
+    def _member(self, name: str, kind: FieldType) -> abi.MessageMember:
         nested = address(self._introspection(kind.nested)[1]) if kind.nested else None
         many, bounded = kind.shape is not Shape.SCALAR, kind.shape is Shape.BOUNDED_SEQUENCE
         count = kind.capacity if bounded or kind.shape is Shape.ARRAY else 0
-        return abi.Member(
+        return abi.MessageMember(
             name.encode(), _INTROSPECTION[kind.base], kind.string_capacity, nested, False, many, count, bounded, 0, None
         )
 
@@ -459,7 +459,7 @@ class Supports:
         if name not in self._layouts:
             fields = [self._layout_field(each.type) for each in self._registry.get(name).fields]
             array = (abi.LayoutField * max(1, len(fields)))(*fields)
-            self._layouts[name] = address(abi.Layout(len(fields), address(array)))
+            self._layouts[name] = address(abi.StructLayout(len(fields), address(array)))
         return self._layouts[name]
 
     def _layout_field(self, kind: FieldType) -> abi.LayoutField:
@@ -484,8 +484,10 @@ class Supports:
         description = self._registry.describe(name)
         value = (ctypes.c_uint8 * 32)(*hash_of(description))
         told = [description["type_description"], *description["referenced_type_descriptions"]]
-        sources = [abi.Source(abi.string(each["type_name"]), abi.string("implicit"), abi.string("")) for each in told]
-        answers = (abi.Hash(1, value), _c_description(description), abi.sequence(abi.Source, sources))
+        sources = [
+            abi.TypeSource(abi.string(each["type_name"]), abi.string("implicit"), abi.string("")) for each in told
+        ]
+        answers = (abi.Hash(1, value), _c_description(description), abi.sequence(abi.TypeSource, sources))
         data = [address(each) for each in answers]
         where = [address(each) for each in supports]
         callbacks = self._libraries.callbacks
@@ -533,7 +535,7 @@ def _event_of(codecs: Codecs, name: str, info: abi.EventInfo) -> Any:  # noqa: A
     return event
 
 
-def _c_description(description: Description) -> abi.TypeDescription:
+def _c_description(description: TypeDescription) -> abi.TypeDescription:
     referenced = [_c_individual(each) for each in description["referenced_type_descriptions"]]
     return abi.TypeDescription(
         _c_individual(description["type_description"]), abi.sequence(abi.IndividualDescription, referenced)

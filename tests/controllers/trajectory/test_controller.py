@@ -10,9 +10,9 @@ from support.control import Hardware, S, add
 from support.trajectories import cases
 from support.trajectory_player import Player
 
-from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.manager import ControllerManager
-from canopen_control.controllers.trajectory.goal import Goal, ResultCode
+from canopen_control.controllers.trajectory.goal import ResultCode, TrajectoryGoal
 from canopen_control.controllers.trajectory.params import POINT_LIMITER, GoalTolerances
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.errors import ControlError, TrajectoryRefused
@@ -100,7 +100,7 @@ class Arm:
     def send(self, *points, names=JOINTS, **tolerances):
         """Send a goal through (time in s, position of both joints)."""
         made = [Point([p] * len(names), time=round(t * S)) for t, p in points]
-        goal = Goal(JointTrajectory(names, made), GoalTolerances(**tolerances))
+        goal = TrajectoryGoal(JointTrajectory(names, made), GoalTolerances(**tolerances))
         self.controller.send_goal(goal, self.now)
         return goal
 
@@ -426,7 +426,7 @@ def test_a_trajectory_that_comes_ahead_of_its_time_leaves_the_one_that_runs_unti
     first = arm.send((2.0, 1.0))
     arm.run(50)
     made = [Point([0.2, 0.2], time=S)]
-    second = Goal(JointTrajectory(JOINTS, made, arm.now + S))
+    second = TrajectoryGoal(JointTrajectory(JOINTS, made, arm.now + S))
     arm.controller.send_goal(second, arm.now)
     assert (first.state, first.code) == (GoalState.ABORTED, ResultCode.INVALID_GOAL)
     arm.run(99)
@@ -440,7 +440,7 @@ def test_without_it_the_trajectory_that_runs_ends_at_once():
     arm = Arm()
     arm.send((2.0, 1.0))
     arm.run(50)
-    arm.controller.send_goal(Goal(JointTrajectory(JOINTS, [Point([0.2, 0.2], time=S)], arm.now + S)), arm.now)
+    arm.controller.send_goal(TrajectoryGoal(JointTrajectory(JOINTS, [Point([0.2, 0.2], time=S)], arm.now + S)), arm.now)
     arm.run(99)
     assert max(arm.positions()) < 0.3
 
@@ -478,15 +478,15 @@ def test_a_new_trajectory_is_judged_by_where_it_takes_over():
     arm.send((4.0, 2.0))
     arm.run(50)
     with pytest.raises(ControlError, match="it begins with a at 0 "):
-        arm.controller.send_goal(Goal(JointTrajectory(JOINTS, [Point([0.0] * 2)], arm.now + 3 * S)), arm.now)
-    arm.controller.send_goal(Goal(JointTrajectory(JOINTS, [Point([1.7] * 2)], arm.now + 3 * S)), arm.now)
+        arm.controller.send_goal(TrajectoryGoal(JointTrajectory(JOINTS, [Point([0.0] * 2)], arm.now + 3 * S)), arm.now)
+    arm.controller.send_goal(TrajectoryGoal(JointTrajectory(JOINTS, [Point([1.7] * 2)], arm.now + 3 * S)), arm.now)
 
 
 def test_what_ends_a_trajectory_ends_those_that_wait_too():
     arm = blending()
     arm.send((2.0, 1.0))
     arm.run(50)
-    goal = Goal(JointTrajectory(JOINTS, [Point([0.2, 0.2], time=S)], arm.now + S))
+    goal = TrajectoryGoal(JointTrajectory(JOINTS, [Point([0.2, 0.2], time=S)], arm.now + S))
     arm.controller.send_goal(goal, arm.now)
     arm.run(20)
     arm.controller.cancel(goal)
@@ -604,7 +604,7 @@ def test_a_point_limiter_holds_velocity_and_acceleration_and_tells_it_once():
 def test_a_spline_that_swings_beyond_the_end_is_held_within_it():
     arm = Arm(limits=(-1.0, 1.0, 50.0), joint_limiter_type=POINT_LIMITER)
     points = [Point([p] * 2, [v] * 2, time=round(t * S)) for t, p, v in ((0.4, 0.95, 10.0), (0.8, 0.95, 0.0))]
-    arm.controller.send_goal(Goal(JointTrajectory(JOINTS, points)), arm.now)
+    arm.controller.send_goal(TrajectoryGoal(JointTrajectory(JOINTS, points)), arm.now)
     places = []
     for _ in range(90):
         arm.run()

@@ -1,6 +1,6 @@
 import pytest
 
-from canopen_control.controllers.command_life import GoalState
+from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.trajectory.controller import ToleranceMonitor
 from canopen_control.controllers.trajectory.goal import ResultCode
 from canopen_control.controllers.trajectory.joint_group import JointGroup

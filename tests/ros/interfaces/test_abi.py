@@ -17,7 +17,7 @@ from canopen_control.ros.interfaces import abi
         (abi.TypeDescription, 72),
         (abi.Hash, 33),
         (abi.FastCallbacks, 56),
-        (abi.Member, 112),
+        (abi.MessageMember, 112),
         (abi.Members, 64),
         (abi.ServiceMembers, 40),
         (abi.EventInfo, 40),
@@ -41,9 +41,9 @@ def test_a_text_is_held_with_its_length_and_its_zero():
 
 
 def test_a_sequence_is_its_items_and_an_empty_one_points_somewhere():
-    held = abi.sequence(abi.Source, [abi.Source(abi.string("a")), abi.Source(abi.string("b"))])
-    items = ctypes.cast(held.data, ctypes.POINTER(abi.Source))
+    held = abi.sequence(abi.TypeSource, [abi.TypeSource(abi.string("a")), abi.TypeSource(abi.string("b"))])
+    items = ctypes.cast(held.data, ctypes.POINTER(abi.TypeSource))
     assert [ctypes.string_at(items[index].type_name.data) for index in range(held.size)] == [b"a", b"b"]
-    empty = abi.sequence(abi.Source, [])
+    empty = abi.sequence(abi.TypeSource, [])
     assert empty.size == 0
     assert empty.data

@@ -37,7 +37,7 @@ class Action(enum.Enum):
     MODE = "mode"
 
 
-class AxisState(enum.Enum):
+class AxisPhase(enum.Enum):
     """A state of the chart; the value says what it means."""
 
     OFF = "disabled"
@@ -58,7 +58,7 @@ class AxisState(enum.Enum):
     UNSTOPPED = "nothing it was told was seen to stop it"
 
 
-class Trigger(enum.Enum):
+class PhaseTrigger(enum.Enum):
     """What makes the chart take a row; the value says when."""
 
     ENABLE = "somebody enables it"
@@ -84,7 +84,7 @@ class Trigger(enum.Enum):
     OVERDUE_LOADED = "the time of the state is over, and the axis holds a load that would fall"
 
 
-class Order(enum.Enum):
+class DriveCommand(enum.Enum):
     """What the drive is told with a row."""
 
     PREPARE = "enable, and wait before OPERATION_ENABLED; no halt"
@@ -100,18 +100,18 @@ class Order(enum.Enum):
 class Row(NamedTuple):
     """What a trigger leads to: the next state, and what the drive is told."""
 
-    state: AxisState
-    orders: tuple[Order, ...] = ()
+    state: AxisPhase
+    orders: tuple[DriveCommand, ...] = ()
 
 
-_S, _T, _O = AxisState, Trigger, Order
+_S, _T, _O = AxisPhase, PhaseTrigger, DriveCommand
 UP: Final = (_S.RISING, _S.RELEASED, _S.ENABLED, _S.READY, _S.FOLLOWING, _S.HOMING, _S.HALTED)
 """The states of an axis that is meant to be enabled."""
 RISING: Final = (_S.RISING, _S.RELEASED)
 FALLING: Final = (_S.BRAKING, _S.SETTLING)
 STOPPED: Final = (_S.OFF, _S.QUICK_STOPPED)
 
-LIMITS_NS: Final[Mapping[AxisState, int]] = MappingProxyType(
+LIMITS_NS: Final[Mapping[AxisPhase, int]] = MappingProxyType(
     {
         _S.BRAKING: 10 * _SECOND,  # with SETTLING, which goes on with what is left of it
         _S.DISABLING: 10 * _SECOND,
@@ -142,7 +142,7 @@ _CUT: Final = {_T.OVERDUE: Row(_S.VOLTAGE_OFF, (_O.CUT,)), _T.OVERDUE_LOADED: Ro
 _SEEN_OFF: Final = {_T.DRIVE_OFF: Row(_S.OFF, (_O.DISABLE,)), _T.AT_REST: Row(_S.DISABLING, (_O.DISABLE,))}
 _LOST: Final = {_T.NODE_LOST: Row(_S.OFF, (_O.DISABLE,))}
 
-_ROWS: Final[Mapping[AxisState, Mapping[Trigger, Row]]] = {
+_ROWS: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = {
     _S.OFF: {**_ALWAYS, **_RISE, _T.STOP: Row(_S.OFF, (_O.DISABLE,))},
     _S.RISING: {**_RISING, _T.GROUP_MAY_RISE: Row(_S.RELEASED, (_O.RELEASE,))},
     _S.RELEASED: _RISING,
@@ -186,13 +186,13 @@ _ROWS: Final[Mapping[AxisState, Mapping[Trigger, Row]]] = {
 }
 
 
-def _complete(state: AxisState, rows: Mapping[Trigger, Row]) -> Mapping[Trigger, Row]:
+def _complete(state: AxisPhase, rows: Mapping[PhaseTrigger, Row]) -> Mapping[PhaseTrigger, Row]:
     """Add what holds in every state: a fault may be reset, and a halt is kept in mind; neither leads anywhere."""
     everywhere = {_T.FAULT_RESET: Row(state, (_O.RESET,)), _T.HALT: Row(state, (_O.HALT,))}
     return MappingProxyType({**everywhere, **rows})
 
 
-TABLE: Final[Mapping[AxisState, Mapping[Trigger, Row]]] = MappingProxyType(
+TABLE: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = MappingProxyType(
     {state: _complete(state, rows) for state, rows in _ROWS.items()}
 )
 """State and trigger to the row that is taken; a trigger without a row changes nothing."""
@@ -200,7 +200,7 @@ TABLE: Final[Mapping[AxisState, Mapping[Trigger, Row]]] = MappingProxyType(
 _WATCHED: Final = (*RISING, *LIMITS_NS, _S.SETTLING, _S.QUICK_STOPPED, _S.UNSTOPPED)
 
 
-class AxisPower:
+class AxisStatechart:
     """Where one axis is in the chart; `fire` is the only way from one state to another.
 
     `following` is True in FOLLOWING alone, and the command interfaces say the same as `enabled`. `watched`: the drive
@@ -211,13 +211,13 @@ class AxisPower:
     def __init__(
         self, machine: DriveMachine, commands: Sequence[CommandInterface] = (), *, holds_load: bool = False
     ) -> None:
-        self.state = AxisState.OFF
+        self.state = AxisPhase.OFF
         self.following = False
         self.watched = False
         self.since = 0
         self.deadline = _NEVER
         self.holds_load = holds_load
-        self.on_row: Callable[[AxisState, Trigger], object] | None = None
+        self.on_row: Callable[[AxisPhase, PhaseTrigger], object] | None = None
         self._machine, self._commands = machine, commands
         for command in commands:
             command.enabled = False
@@ -237,7 +237,7 @@ class AxisPower:
         """Whether it comes to rest, to be disabled together with its group."""
         return self.state in FALLING
 
-    def fire(self, trigger: Trigger, now: int) -> bool:
+    def fire(self, trigger: PhaseTrigger, now: int) -> bool:
         """Take the row of a trigger; returns whether the state is another one now."""
         row = TABLE[self.state].get(trigger)
         if row is None:
@@ -255,15 +255,15 @@ class AxisPower:
         """Take the row of a state whose time is over; returns whether one was taken."""
         if now <= self.deadline:
             return False
-        return self.fire(Trigger.OVERDUE_LOADED if self.holds_load else Trigger.OVERDUE, now)
+        return self.fire(PhaseTrigger.OVERDUE_LOADED if self.holds_load else PhaseTrigger.OVERDUE, now)
 
-    def _enter(self, state: AxisState, now: int) -> None:
-        if state is not AxisState.SETTLING:
+    def _enter(self, state: AxisPhase, now: int) -> None:
+        if state is not AxisPhase.SETTLING:
             self.since = now
             self.deadline = now + LIMITS_NS[state] if state in LIMITS_NS else _NEVER
         self.state = state
         self.watched = state in _WATCHED
-        following = state is AxisState.FOLLOWING
+        following = state is AxisPhase.FOLLOWING
         if following is not self.following:
             self.following = following
             for command in self._commands:
@@ -278,15 +278,15 @@ def _prepare(machine: DriveMachine) -> None:
     machine.hold(True)
 
 
-_TELL: Final[Mapping[Order, Callable[[DriveMachine], None]]] = MappingProxyType(
+_TELL: Final[Mapping[DriveCommand, Callable[[DriveMachine], None]]] = MappingProxyType(
     {
-        Order.PREPARE: _prepare,
-        Order.RELEASE: lambda machine: machine.hold(False),
-        Order.RESUME: lambda machine: machine.halt(False),
-        Order.HALT: lambda machine: machine.halt(True),
-        Order.DISABLE: lambda machine: machine.disable(),
-        Order.QUICK_STOP: lambda machine: machine.quick_stop(),
-        Order.CUT: lambda machine: machine.disable_voltage(),
-        Order.RESET: lambda machine: machine.fault_reset(),
+        DriveCommand.PREPARE: _prepare,
+        DriveCommand.RELEASE: lambda machine: machine.hold(False),
+        DriveCommand.RESUME: lambda machine: machine.halt(False),
+        DriveCommand.HALT: lambda machine: machine.halt(True),
+        DriveCommand.DISABLE: lambda machine: machine.disable(),
+        DriveCommand.QUICK_STOP: lambda machine: machine.quick_stop(),
+        DriveCommand.CUT: lambda machine: machine.disable_voltage(),
+        DriveCommand.RESET: lambda machine: machine.fault_reset(),
     }
 )

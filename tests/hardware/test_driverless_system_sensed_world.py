@@ -2,8 +2,8 @@ import math
 
 import pytest
 
+from canopen_control.hardware.driverless_system import WorldSensors
 from canopen_control.hardware.interfaces import OK
-from canopen_control.hardware.simulation import SensedWorld
 from canopen_control.urdf.ros2_control import ControlJoint
 
 MS = 1_000_000
@@ -11,7 +11,9 @@ MS = 1_000_000
 
 @pytest.fixture
 def world():
-    world = SensedWorld("robot_world", [ControlJoint("imu", {}, {}, dict.fromkeys(["orientation.w", "orientation.x"]))])
+    world = WorldSensors(
+        "robot_world", [ControlJoint("imu", {}, {}, dict.fromkeys(["orientation.w", "orientation.x"]))]
+    )
     world.configure()
     world.activate()
     return world

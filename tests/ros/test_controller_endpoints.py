@@ -8,7 +8,7 @@ pytestmark = pytest.mark.ros
 
 def test_topics_follow_from_the_kind_of_a_controller():
     code = """
-from canopen_control.ros import table
+from canopen_control.ros import controller_endpoints
 from canopen_control.rpc.messages.state import ControllerReading
 def view(tells, topic, publishes):
     return ControllerReading(name="c", type="x/Y", state="active", tells=tells, topic=topic, publishes=publishes)
@@ -18,8 +18,8 @@ class Ros:
     @property
     def node(self): return self
 def names(tells, topic, *publishes):
-    return [each.__class__.__name__ for each in table.endpoints_for(Ros(), view(tells, topic, publishes))]
-assert names(None, "commands") == ["ForwardCommands"]
+    return [each.__class__.__name__ for each in controller_endpoints.endpoints_for(Ros(), view(tells, topic,
+publishes))] assert names(None, "commands") == ["ForwardCommands"]
 assert names("odometry", "cmd_vel") == ["TwistCommands", "OdometrySetting", "BaseOdometry"]
 broadcaster = "joint_states"
 assert names(broadcaster, None, "joint_states", "dynamic_joint_states") == ["JointStates", "DynamicJointStates"]
@@ -31,6 +31,6 @@ assert names("gpio", "gpio_commands") == ["GpioCommands", "GpioStates"]
 assert names("diagnostics", None) == []
 assert names(None, "dance") == []
 of_type = ControllerReading(name="c", type="canopen_ros2_controllers/CanopenProxyController", state="active")
-assert [each.__class__.__name__ for each in table.endpoints_for(Ros(), of_type)] == ["ProxyNode"]
+assert [each.__class__.__name__ for each in controller_endpoints.endpoints_for(Ros(), of_type)] == ["ProxyNode"]
 """
     assert run_ros(code) == ""

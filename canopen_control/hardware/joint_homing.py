@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.cia402.drive import DriveMachine
-    from canopen_control.hardware.axis import Axis
+    from canopen_control.hardware.axis import AxisProcessData
     from canopen_control.hardware.axis_parameters import AxisParameters
 
 
@@ -36,7 +36,7 @@ class HomingPhase(enum.Enum):
     FAILED = "over: it came to nothing"
 
 
-class HomingRun:
+class Homing:
     """A homing under way; `result` is None until it is over, then "" or the reason why it failed.
 
     `mode_before` and `was_enabled` are what the axis goes back to. Raises DriveError for a method that is not among
@@ -46,7 +46,7 @@ class HomingRun:
 
     def __init__(
         self,
-        axis: Axis,
+        axis: AxisProcessData,
         machine: DriveMachine,
         method: int | None,
         methods: Collection[int] | None,
@@ -132,12 +132,12 @@ class HomingRun:
         self.phase, self.result = HomingPhase.FAILED, reason
 
 
-class Reference:
+class HomePosition:
     """Whether the zero of an axis is known: its homing under way and, while what it found is true, the last one."""
 
-    def __init__(self, axis: Axis, machine: DriveMachine, parameters: AxisParameters) -> None:
-        self.homing: HomingRun | None = None
-        self._last: HomingRun | None = None
+    def __init__(self, axis: AxisProcessData, machine: DriveMachine, parameters: AxisParameters) -> None:
+        self.homing: Homing | None = None
+        self._last: Homing | None = None
         self._axis, self._machine, self._parameters = axis, machine, parameters
 
     @property
@@ -158,12 +158,12 @@ class Reference:
         timeout = round(node.config.motion.homing_timeout_seconds * 1e9)
         methods = self._parameters.homing_methods
         bound = self._parameters.bound_homing
-        self.homing = HomingRun(
+        self.homing = Homing(
             self._axis, self._machine, method, methods, bound, was_enabled=was_enabled, timeout_ns=timeout
         )
         self._last = None
 
-    def end(self, run: HomingRun) -> None:
+    def end(self, run: Homing) -> None:
         """Take that a homing is over."""
         self.homing, self._last = None, run
 

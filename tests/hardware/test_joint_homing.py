@@ -7,7 +7,7 @@ from support.faultbench import FaultBench
 from support.generic import write_generic
 
 from canopen_control.errors import DriveError, NotYetEnabled
-from canopen_control.hardware.axis_power import Action
+from canopen_control.hardware.axis_statechart import Action
 
 LIMIT = 0.8  # rad/s
 

@@ -7,7 +7,7 @@ import math
 import pytest
 from support.control import DIFF_DRIVE, FORWARD, Hardware, S, add, manager
 
-from canopen_control.controllers.command_life import CommandTimeout, endless, life_ns
+from canopen_control.controllers.command_timeout import CommandTimeout, timeout_ns, unlimited_warning
 from canopen_control.errors import ControlError, NotEnabled
 
 WHEELS = ["left", "right"]
@@ -34,13 +34,13 @@ BASE = {
     ],
 )
 def test_what_moves_has_an_end_and_what_stands_has_none(timeout, interfaces, expected):
-    assert life_ns(timeout, interfaces) == expected
+    assert timeout_ns(timeout, interfaces) == expected
 
 
 def test_for_ever_is_told_where_it_is_written_and_where_it_moves():
-    assert endless("command_timeout", 0.0, ["velocity"])
-    assert endless("command_timeout", 0.0, ["position"]) is None
-    assert endless("command_timeout", None, ["velocity"]) is None
+    assert unlimited_warning("command_timeout", 0.0, ["velocity"])
+    assert unlimited_warning("command_timeout", 0.0, ["position"]) is None
+    assert unlimited_warning("command_timeout", None, ["velocity"]) is None
 
 
 def test_it_runs_out_once():

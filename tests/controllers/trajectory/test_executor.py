@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.controllers.trajectory.followed import ActiveTrajectory
-from canopen_control.controllers.trajectory.follower import (
+from canopen_control.controllers.trajectory.active_trajectory import ActiveTrajectory
+from canopen_control.controllers.trajectory.executor import (
     MOST_WAITING,
     Blend,
     SpeedScaling,
-    Stop,
+    StopMotion,
     TrajectoryExecutor,
     scaled,
 )
@@ -29,14 +29,14 @@ JOINTS_OF_STOP = st.lists(
 )
 
 
-def stop(joints) -> Stop:
+def stop(joints) -> StopMotion:
     positions, velocities, decelerations = zip(*joints, strict=True)
-    made = Stop(decelerations)
+    made = StopMotion(decelerations)
     made.set_before(5 * S_OF_STOP, Point(positions, velocities), [False] * len(joints))
     return made
 
 
-def course(made: Stop, ms: int) -> list[Point]:
+def course(made: StopMotion, ms: int) -> list[Point]:
     points = []
     for index in range(ms):
         points.append(Point())

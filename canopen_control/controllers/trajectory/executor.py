@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.trajectory.followed import ActiveTrajectory, JointSetpoint
+from canopen_control.controllers.trajectory.active_trajectory import ActiveTrajectory, JointSetpoint
 from canopen_control.controllers.trajectory.joint_group import Loops
 from canopen_control.controllers.trajectory.point import Arrangement, JointTrajectory, Point
 from canopen_control.controllers.trajectory.validation import SurveyedPoints
@@ -166,7 +166,7 @@ _AT_REST: Final = 2.0**-23
 """Below this a joint is at rest, in rad/s."""
 
 
-class Stop(JointSetpoint):
+class StopMotion(JointSetpoint):
     """The way to rest of all joints from where they are with `set_before`; `decelerations` in rad/s2, above 0.
 
     Its time is real, however slowly trajectories run; `pace` is by how much they did, where it begins from what was
@@ -295,8 +295,8 @@ class TrajectoryExecutor:
         self.limited: str | None = None
         self._params, self._group, self._period_ns = params, group, period_ns
         self._splines = params.interpolation_method == "splines"
-        self._queued: JointTrajectory | Stop | None = None
-        self._taken: JointTrajectory | Stop | None = None
+        self._queued: JointTrajectory | StopMotion | None = None
+        self._taken: JointTrajectory | StopMotion | None = None
         self._hold = JointTrajectory(params.joints, [Point()])
         self._stay = Point()
         self._hold.points = [self._stay]
@@ -360,7 +360,7 @@ class TrajectoryExecutor:
 
     def brake(self, decelerations: Sequence[float]) -> None:
         """Come to rest with these decelerations, in rad/s2 or m/s2."""
-        self._queued, self.holding = Stop(decelerations), True
+        self._queued, self.holding = StopMotion(decelerations), True
 
     def _hold_at(self, point: Point) -> None:
         self._stay.take(point)
@@ -375,7 +375,7 @@ class TrajectoryExecutor:
         if message is self._taken:
             return
         follows, self._taken = self.follows, message
-        if message is None or isinstance(message, Stop):
+        if message is None or isinstance(message, StopMotion):
             self.motion = message
             return
         arrangement = None
@@ -398,7 +398,7 @@ class TrajectoryExecutor:
         taken, motion = self._taken, self.motion
         if not (self._params.allow_trajectory_replacement and self._splines) or motion is None or motion.is_over:
             return None
-        return motion if taken is not None and taken is not self._hold and not isinstance(taken, Stop) else None
+        return motion if taken is not None and taken is not self._hold and not isinstance(taken, StopMotion) else None
 
     def where_it_begins(self, stamp: int) -> Sequence[float]:
         """Return the positions from which a trajectory with this stamp would lead on."""
@@ -425,7 +425,7 @@ class TrajectoryExecutor:
         if self.fresh:
             self._begin(motion, now, scaling)
         else:
-            self._time += scaled(round(period * 1e9), 1.0 if isinstance(motion, Stop) else scaling)
+            self._time += scaled(round(period * 1e9), 1.0 if isinstance(motion, StopMotion) else scaling)
         motion.sample(self._time, self.desired)
         self.desired.time = self._time - motion.start
         found = motion.sample(self._time + self._period_ns, self.output, ahead=True)
@@ -498,7 +498,7 @@ class TrajectoryExecutor:
         wrap = () if self._taken is self._hold else self._group.wrap
         if self._params.from_desired and self._last.positions:
             self._last_time = self._last_time or now
-            if isinstance(motion, Stop):
+            if isinstance(motion, StopMotion):
                 motion.pace = scaling  # what was commanded last ran so slowly; what is measured is real
             motion.set_before(self._last_time, self._last, wrap)
         else:

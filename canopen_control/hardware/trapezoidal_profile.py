@@ -16,7 +16,7 @@ from typing import Final
 _LEAST: Final = 1  # count in a cycle: slower than this is not told to the drive
 
 
-class PlaceRamp:
+class TrapezoidalProfile:
     """The ramp of one axis; `speed` is the present one, below 0 on a way down; `limited` whether there is any."""
 
     __slots__ = ("_most", "_rise", "limited", "speed")

@@ -7,14 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.properties import examples
 
-from canopen_control.hardware.place_ramp import PlaceRamp
+from canopen_control.hardware.trapezoidal_profile import TrapezoidalProfile
 
 PERIOD = 0.01
 PLACES = st.lists(st.tuples(st.integers(-5_000, 5_000), st.integers(0, 30)), min_size=1, max_size=4)
 
 
 def ramp(most=50_000.0, rise=200_000.0):
-    made = PlaceRamp()
+    made = TrapezoidalProfile()
     made.limit(most, rise)
     return made
 
@@ -67,7 +67,7 @@ def test_the_drives_own_limit_holds_too_and_rest_begins_anew():
 
 
 def test_without_limits_there_is_no_ramp():
-    made = PlaceRamp()
+    made = TrapezoidalProfile()
     assert not made.limited
     made.limit(math.inf, 1.0)
     assert made.limited

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.trajectories import cases, differences, message, point
 
-from canopen_control.controllers.trajectory.followed import ActiveTrajectory, Segment
+from canopen_control.controllers.trajectory.active_trajectory import ActiveTrajectory, Segment
 from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 
 S = 1_000_000_000

@@ -1,11 +1,11 @@
 """SimulatedSystem: joints moved by simulated motors, where Gazebo's plugins would move them.
 
-The law of the file: a joint has no drive and no bus here, only a motor behind the `Motor` Protocol, so that another
-engine can take its place; the one that is built in is a first-order lag in closed form, exact for any step. (The plants
-of the virtual drives are not used: they follow the ramps of a drive in counts and per mille, and a joint of Gazebo has
-no drive; what has one runs on `CanopenSystem` and virtual drives.) A velocity is approached with `time_constant`, a
-position by a velocity proportional to the way left, an effort moves inertia against damping. Limits of the description
-hold. Released, a velocity or effort becomes zero and a position is held.
+The law of the file: a joint has no drive and no bus here, only a motor behind the `SimulatedMotor` Protocol, so that
+another engine can take its place; the one that is built in is a first-order lag in closed form, exact for any step.
+(The plants of the virtual drives are not used: they follow the ramps of a drive in counts and per mille, and a joint of
+Gazebo has no drive; what has one runs on `CanopenSystem` and virtual drives.) A velocity is approached with
+`time_constant`, a position by a velocity proportional to the way left, an effort moves inertia against damping. Limits
+of the description hold. Released, a velocity or effort becomes zero and a position is held.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from canopen_control.hardware.interfaces import (
     ERROR,
     OK,
     CommandInterface,
-    Lifecycle,
+    ComponentLifecycle,
     LifecycleState,
     ReturnType,
     StateInterface,
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _AGE_NS: Final = 500_000_000
 
 
-class SensedWorld(Lifecycle):
+class WorldSensors(ComponentLifecycle):
     """The sensors of one tag, told by `take`; it commands nothing."""
 
     def __init__(self, name: str, parts: Iterable[ControlJoint]) -> None:
@@ -103,7 +103,7 @@ PLUGINS: Final[tuple[str, ...]] = (
 """The plugin names it stands in for; the last is ROS 1's, meant by every URDF that has its Gazebo plugin."""
 
 
-class Motor(Protocol):
+class SimulatedMotor(Protocol):
     """One joint's motor: rad, rad/s, Nm (or m, m/s, N)."""
 
     position: float
@@ -117,7 +117,7 @@ class Motor(Protocol):
 class Engine(Protocol):
     """Motors that move together, and sensors beside them: physics in place of motors of their own."""
 
-    def motor(self, joint: str) -> Motor | None:
+    def motor(self, joint: str) -> SimulatedMotor | None:
         """Return the motor of a joint, None where it has none; its target counts at the next step of all."""
 
     def sensed(self, interface: str) -> Callable[[], float] | None:
@@ -150,7 +150,7 @@ class FirstOrderMotor:
         self._inertia, self._damping = inertia, damping
 
     def follow(self, interface: str, target: float, seconds: float) -> None:
-        """See `Motor`."""
+        """See `SimulatedMotor`."""
         if seconds <= 0.0:
             return
         before = self.velocity
@@ -186,7 +186,7 @@ class _Joint:
 
     __slots__ = ("commands", "held", "mode", "motor", "name", "start", "states")
 
-    def __init__(self, part: ControlJoint, motor: Motor) -> None:
+    def __init__(self, part: ControlJoint, motor: SimulatedMotor) -> None:
         self.name, self.motor, self.mode = part.name, motor, ""
         self.commands = {
             name: CommandInterface(part.name, name, minimum=each.minimum, maximum=each.maximum)
@@ -215,7 +215,7 @@ class _Joint:
             self.states[EFFORT].value = self.motor.effort
 
 
-class SimulatedSystem(Lifecycle):
+class SimulatedSystem(ComponentLifecycle):
     """One <ros2_control> tag, simulated; `joints` are those of the description, for their limits and mimics.
 
     Parameters of the tag or of a joint: time_constant (s), inertia, damping. `make_motor` replaces the motors; those of
@@ -226,7 +226,7 @@ class SimulatedSystem(Lifecycle):
         self,
         description: Ros2ControlSystem,
         joints: Mapping[str, Joint],
-        make_motor: Callable[[UrdfLimits], Motor] | None = None,
+        make_motor: Callable[[UrdfLimits], SimulatedMotor] | None = None,
         engine: Engine | None = None,
     ) -> None:
         super().__init__()

@@ -36,7 +36,7 @@ from canopen_control.ros.state_topics import (
     RangeTopic,
     WrenchTopic,
 )
-from canopen_control.ros.trajectory_topics import SpeedScaling, TrajectoryQuery, TrajectoryState, TrajectoryTopic
+from canopen_control.ros.trajectory_topics import SpeedScalingTopic, TrajectoryQuery, TrajectoryState, TrajectoryTopic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -66,7 +66,7 @@ BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
     "steering": (BaseOdometry, TfOdometry, SteeringState),
     "mecanum": (BaseOdometry, TfOdometry, MecanumState),
     "gpio": (GpioStates,),
-    "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScaling),
+    "trajectory": (FollowJointTrajectory, TrajectoryTopic, TrajectoryState, TrajectoryQuery, SpeedScalingTopic),
     "pid": (PidState, PidMeasuredStates, FeedForwardSwitch),
     "imu": (ImuTopic,),
     "range": (RangeTopic,),

@@ -66,14 +66,14 @@ class CommandTimeout:
         self.holder = None
 
 
-def life_ns(timeout: float | None, interfaces: Iterable[str]) -> int:
+def timeout_ns(timeout: float | None, interfaces: Iterable[str]) -> int:
     """Return the life of commands to these interfaces in ns, 0 for ever; `timeout` in s as the YAML has it."""
     if timeout is None:
         timeout = DEFAULT_LIFE_S if MOVING.intersection(interfaces) else 0.0
     return round(timeout * 1e9)
 
 
-def endless(key: str, timeout: float | None, interfaces: Iterable[str]) -> str | None:
+def unlimited_warning(key: str, timeout: float | None, interfaces: Iterable[str]) -> str | None:
     """Return what is to be said of a time-out of 0 that is written for velocities or efforts, else None."""
     if timeout != 0.0 or not MOVING.intersection(interfaces):
         return None

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from canopen_control.errors import ControlError, RobotConfigError, UnknownInterface
+from canopen_control.hardware.driverless_system import PLUGINS, FirstOrderMotor, SimulatedSystem
 from canopen_control.hardware.interfaces import LifecycleState, ReturnType
-from canopen_control.hardware.simulation import PLUGINS, FirstOrderMotor, SimulatedSystem
 from canopen_control.urdf.joint_element import InterfaceInfo, Joint, Mimic, UrdfLimits
 from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 

@@ -4,30 +4,36 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.cia402.drive import DriveMachine, Goal
-from canopen_control.hardware.axis_power import (
+from canopen_control.cia402.drive import DriveGoal, DriveMachine
+from canopen_control.hardware.axis_statechart import (
     FALLING,
     LIMITS_NS,
     STOPPED,
     TABLE,
     UP,
     Action,
-    AxisPower,
-    AxisState,
-    Order,
-    Trigger,
+    AxisPhase,
+    AxisStatechart,
+    DriveCommand,
+    PhaseTrigger,
 )
 from canopen_control.hardware.interfaces import CommandInterface
 from canopen_control.hardware.stop_group import StopGroup
 from canopen_control.runtime.core import STOP_TIMEOUT_NS
 
-ENDS_ENABLE = (Trigger.STOP, Trigger.QUICK_STOP, Trigger.DRIVE_LEFT, Trigger.NODE_LOST)
-REACHED = [Trigger.ENABLE, Trigger.GROUP_MAY_RISE, Trigger.DRIVE_ENABLED, Trigger.GROUP_ENABLED, Trigger.MAY_MOVE]
-MOVING = (AxisState.FOLLOWING, AxisState.HOMING)
+ENDS_ENABLE = (PhaseTrigger.STOP, PhaseTrigger.QUICK_STOP, PhaseTrigger.DRIVE_LEFT, PhaseTrigger.NODE_LOST)
+REACHED = [
+    PhaseTrigger.ENABLE,
+    PhaseTrigger.GROUP_MAY_RISE,
+    PhaseTrigger.DRIVE_ENABLED,
+    PhaseTrigger.GROUP_ENABLED,
+    PhaseTrigger.MAY_MOVE,
+]
+MOVING = (AxisPhase.FOLLOWING, AxisPhase.HOMING)
 
 
 def make(*triggers, holds_load=False):
-    power = AxisPower(DriveMachine("a drive"), [CommandInterface("joint", "velocity")], holds_load=holds_load)
+    power = AxisStatechart(DriveMachine("a drive"), [CommandInterface("joint", "velocity")], holds_load=holds_load)
     for trigger in triggers:
         power.fire(trigger, 0)
     return power
@@ -38,13 +44,13 @@ def test_the_actions_are_those_of_the_command_line():
 
 
 def test_every_state_has_its_rows_and_can_be_reached():
-    assert set(TABLE) == set(AxisState)
-    reached, seen = {AxisState.OFF}, set()
+    assert set(TABLE) == set(AxisPhase)
+    reached, seen = {AxisPhase.OFF}, set()
     while reached - seen:
         seen |= (new := reached - seen)
         reached |= {row.state for state in new for row in TABLE[state].values()}
-    assert reached == set(AxisState)
-    assert {trigger for rows in TABLE.values() for trigger in rows} == set(Trigger)
+    assert reached == set(AxisPhase)
+    assert {trigger for rows in TABLE.values() for trigger in rows} == set(PhaseTrigger)
 
 
 def test_an_enable_leads_to_following_through_the_states_at_rest():
@@ -53,24 +59,24 @@ def test_an_enable_leads_to_following_through_the_states_at_rest():
     for trigger in REACHED:
         assert power.fire(trigger, 0)
         states.append(power.state)
-    assert states == [AxisState.RISING, AxisState.RELEASED, AxisState.ENABLED, AxisState.READY, AxisState.FOLLOWING]
+    assert states == [AxisPhase.RISING, AxisPhase.RELEASED, AxisPhase.ENABLED, AxisPhase.READY, AxisPhase.FOLLOWING]
     assert power.following
 
 
-@pytest.mark.parametrize("state", AxisState)
+@pytest.mark.parametrize("state", AxisPhase)
 def test_only_an_enable_leads_up_and_never_straight_to_motion(state):
     for trigger, row in TABLE[state].items():
         if row.state in UP and state not in UP:
-            assert trigger is Trigger.ENABLE
-        if trigger is Trigger.ENABLE and state is not AxisState.HOMING:  # which no command moves
+            assert trigger is PhaseTrigger.ENABLE
+        if trigger is PhaseTrigger.ENABLE and state is not AxisPhase.HOMING:  # which no command moves
             assert row.state not in MOVING
-        if {Order.PREPARE, Order.RELEASE, Order.RESUME} & set(row.orders):
-            assert trigger in (Trigger.ENABLE, Trigger.GROUP_MAY_RISE, Trigger.DRIVE_ENABLED)
+        if {DriveCommand.PREPARE, DriveCommand.RELEASE, DriveCommand.RESUME} & set(row.orders):
+            assert trigger in (PhaseTrigger.ENABLE, PhaseTrigger.GROUP_MAY_RISE, PhaseTrigger.DRIVE_ENABLED)
 
 
-@pytest.mark.parametrize("state", AxisState)
+@pytest.mark.parametrize("state", AxisPhase)
 def test_a_fault_reset_changes_no_state_and_enables_nothing(state):
-    assert TABLE[state][Trigger.FAULT_RESET] == (state, (Order.RESET,))
+    assert TABLE[state][PhaseTrigger.FAULT_RESET] == (state, (DriveCommand.RESET,))
 
 
 @pytest.mark.parametrize("state", UP)
@@ -78,41 +84,41 @@ def test_a_fault_reset_changes_no_state_and_enables_nothing(state):
 def test_every_reason_to_stop_is_heard_in_every_state_of_an_enabled_axis(state, trigger):
     row = TABLE[state][trigger]
     assert row.state not in UP
-    controlled = row.state in FALLING or bool({Order.DISABLE, Order.QUICK_STOP} & set(row.orders))
+    controlled = row.state in FALLING or bool({DriveCommand.DISABLE, DriveCommand.QUICK_STOP} & set(row.orders))
     assert controlled, "by the master's ramp or the drive's own, never by taking the voltage away"
-    assert Order.CUT not in row.orders
+    assert DriveCommand.CUT not in row.orders
 
 
-@pytest.mark.parametrize("state", AxisState)
+@pytest.mark.parametrize("state", AxisPhase)
 def test_only_a_stop_that_is_overdue_cuts_the_voltage_and_never_that_of_a_load(state):
-    cuts = [trigger for trigger, row in TABLE[state].items() if Order.CUT in row.orders]
-    assert set(cuts) <= {Trigger.OVERDUE}
-    assert not cuts or state in (AxisState.ESCALATED, AxisState.QUICK_STOPPING), "after a quick stop"
+    cuts = [trigger for trigger, row in TABLE[state].items() if DriveCommand.CUT in row.orders]
+    assert set(cuts) <= {PhaseTrigger.OVERDUE}
+    assert not cuts or state in (AxisPhase.ESCALATED, AxisPhase.QUICK_STOPPING), "after a quick stop"
 
 
 @pytest.mark.parametrize("holds_load", [False, True])
 @pytest.mark.parametrize("moving", [len(REACHED), 2])
 def test_a_drive_that_does_nothing_it_is_told_is_escalated_to_the_end_in_time(holds_load, moving):
     power, now, states = make(*REACHED[:moving], holds_load=holds_load), 0, []
-    power.fire(Trigger.STOP, now)
-    while power.state is not AxisState.UNSTOPPED:
+    power.fire(PhaseTrigger.STOP, now)
+    while power.state is not AxisPhase.UNSTOPPED:
         now += 100_000_000
         assert now < STOP_TIMEOUT_NS, "within the time that a robot has to stop"
         states += [power.state] if power.overdue(now) else []
-    assert states[0] is AxisState.ESCALATED
-    assert (AxisState.VOLTAGE_OFF in states) is not holds_load
-    assert power.state is AxisState.UNSTOPPED
+    assert states[0] is AxisPhase.ESCALATED
+    assert (AxisPhase.VOLTAGE_OFF in states) is not holds_load
+    assert power.state is AxisPhase.UNSTOPPED
 
 
 def test_a_target_that_stands_gives_a_stop_no_more_time():
     power = make(*REACHED)
-    power.fire(Trigger.STOP, 5)
-    power.fire(Trigger.TARGET_STANDS, 1000)
-    assert power.deadline == 5 + LIMITS_NS[AxisState.BRAKING]
+    power.fire(PhaseTrigger.STOP, 5)
+    power.fire(PhaseTrigger.TARGET_STANDS, 1000)
+    assert power.deadline == 5 + LIMITS_NS[AxisPhase.BRAKING]
     assert power.since == 5
 
 
-@given(st.lists(st.sampled_from(list(Trigger)), max_size=60), st.booleans())
+@given(st.lists(st.sampled_from(list(PhaseTrigger)), max_size=60), st.booleans())
 def test_whatever_happens_an_axis_moves_only_after_an_enable_and_the_drive_is_told_the_same(triggers, holds_load):
     power = make(holds_load=holds_load)
     machine, command = power._machine, power._commands[0]
@@ -121,13 +127,13 @@ def test_whatever_happens_an_axis_moves_only_after_an_enable_and_the_drive_is_to
         before = power.state
         changed = power.fire(trigger, now)
         assert changed is (power.state is not before)
-        enabled = trigger is Trigger.ENABLE or (enabled and trigger not in ENDS_ENABLE)
+        enabled = trigger is PhaseTrigger.ENABLE or (enabled and trigger not in ENDS_ENABLE)
         assert enabled or power.state not in UP
-        assert power.following is command.enabled is (power.state is AxisState.FOLLOWING)
-        assert (machine.goal is Goal.ENABLED) is (power.wanted or power.falling)
-        if trigger is Trigger.ENABLE:
+        assert power.following is command.enabled is (power.state is AxisPhase.FOLLOWING)
+        assert (machine.goal is DriveGoal.ENABLED) is (power.wanted or power.falling)
+        if trigger is PhaseTrigger.ENABLE:
             assert not power.following, "a command must be newer"
-        if power.state is AxisState.RISING:
+        if power.state is AxisPhase.RISING:
             assert machine.held
         if power.following:
             assert not machine.halted
@@ -148,10 +154,10 @@ class Joint:
         return self.at_rest
 
     def stop(self, now):
-        self.power.fire(Trigger.STOP, now)
+        self.power.fire(PhaseTrigger.STOP, now)
 
 
-OF_THE_DRIVE = [each for each in Trigger if not each.name.startswith("GROUP_")]
+OF_THE_DRIVE = [each for each in PhaseTrigger if not each.name.startswith("GROUP_")]
 STEPS = st.one_of(
     st.tuples(st.integers(0, 2), st.sampled_from(OF_THE_DRIVE)),
     st.tuples(st.integers(0, 2), st.sampled_from(["may_rise", "at_rest"])),
@@ -170,20 +176,20 @@ def test_the_joints_of_a_group_are_let_up_together_and_stop_together(cycles):
                 moved = [each for each in group.joints if each.wanted]
                 assert group.stop(now) == moved
                 assert not any(each.wanted for each in group.joints)
-            elif isinstance(what, Trigger):
+            elif isinstance(what, PhaseTrigger):
                 joint.power.fire(what, now)
             else:
                 setattr(joint, what, not getattr(joint, what))
-        waiting = [each for each in group.joints if each.power.state is AxisState.RISING]
+        waiting = [each for each in group.joints if each.power.state is AxisPhase.RISING]
         braking = [each for each in group.joints if each.power.falling]
         group.coordinate(now)
         states = [each.power.state for each in group.joints]
-        if AxisState.RISING in states or AxisState.RELEASED in states:
-            assert AxisState.FOLLOWING not in states, "none moves while another one is on its way up"
-        let = [each for each in waiting if each.power.state is not AxisState.RISING]
+        if AxisPhase.RISING in states or AxisPhase.RELEASED in states:
+            assert AxisPhase.FOLLOWING not in states, "none moves while another one is on its way up"
+        let = [each for each in waiting if each.power.state is not AxisPhase.RISING]
         assert let in ([], waiting), "all of them or none"
         assert not let or all(each.may_rise for each in waiting)
-        down = [each for each in braking if each.power.state is AxisState.DISABLING]
+        down = [each for each in braking if each.power.state is AxisPhase.DISABLING]
         assert down in ([], braking)
         assert not down or all(each.at_rest for each in braking)
         assert group.busy is any(each.power.rising or each.power.falling for each in group.joints)
