@@ -72,8 +72,8 @@ def test_a_module_that_is_there_already_cannot_be_changed():
 @pytest.mark.process
 def test_a_command_runs_with_the_mutant():
     code = "from code_mutants import *; apply(BY_NAME['limits_in_velocity_modes'])\n"
-    code += "from canopen_control.hardware.axis import AxisLimits\n"
-    code += "limits = AxisLimits(); limits.velocity = 1.0; print(limits.of_velocity(5))"
+    code += "from canopen_control.hardware.axis import AxisObjectLimits\n"
+    code += "limits = AxisObjectLimits(); limits.velocity = 1.0; print(limits.of_velocity(5))"
     told = subprocess.run([sys.executable, "-c", code], cwd=ROOT / "tools", capture_output=True, text=True, check=True)
     assert told.stdout == "5\n"
 

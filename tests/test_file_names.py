@@ -1,5 +1,6 @@
 """File names are unique in the package, except in subpackages that name their files by a rule."""
 
+import ast
 from pathlib import Path
 
 from canopen_control.cli.verbs import VERBS
@@ -38,3 +39,24 @@ def test_no_name_stands_in_two_subpackages_without_a_reason():
 def test_a_verbs_file_is_the_verbs_name():
     files = {path.stem for path in (PACKAGE / "cli").glob("*.py")} - {"__init__", "main", "verbs"}
     assert files == set(VERBS)
+
+
+def public_classes(package):
+    """Return the public classes of the modules below `package`, and the modules that each is defined in."""
+    places = {}
+    for path in sorted(package.rglob("*.py")):
+        if "share" not in path.parts:
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    places.setdefault(node.name, []).append(path.relative_to(package).as_posix())
+    return places
+
+
+def test_no_two_public_classes_share_a_name():
+    assert {name: files for name, files in public_classes(PACKAGE).items() if len(files) > 1} == {}
+
+
+def test_a_second_class_of_a_name_would_be_seen(tmp_path):
+    for name in ("a.py", "b.py"):
+        (tmp_path / name).write_text("class Axis:\n    pass\n\n\nclass _Private:\n    pass\n")
+    assert public_classes(tmp_path) == {"Axis": ["a.py", "b.py"]}

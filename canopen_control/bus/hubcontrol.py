@@ -72,7 +72,7 @@ class HubControl:
         exchange, label = self._exchange, self._label
         self._does(hub.Cut, lambda asked: exchange.cut(label(asked.label)))
         self._does(hub.Uncut, lambda asked: exchange.cut(label(asked.label), mend=True))
-        self._does(hub.BusOff, lambda asked: exchange.bus_off(label(asked.label)))
+        self._does(hub.ForceBusOff, lambda asked: exchange.bus_off(label(asked.label)))
         self._does(hub.Restart, lambda asked: exchange.bus_off(label(asked.label), restart=True))
         self._does(hub.SendErrorFrame, lambda asked: exchange.report(self._anybody(asked.label), _frame(asked)))
         self._does(hub.DropFrames, self._drop)

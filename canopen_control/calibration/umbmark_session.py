@@ -12,8 +12,15 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.calibration.base_link import FACTORS
-from canopen_control.calibration.square_path import Pace, SquarePath
-from canopen_control.calibration.umbmark import Correction, Direction, SquareRun, WheelFactors, correction
+from canopen_control.calibration.umbmark import (
+    Correction,
+    Direction,
+    Pace,
+    SquarePath,
+    SquareRun,
+    WheelFactors,
+    correction,
+)
 from canopen_control.errors import CanopenError, ControlError
 
 if TYPE_CHECKING:
@@ -92,7 +99,7 @@ class CalibrationPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CalibrationResult:
     """What a calibration has come to: the first and the last squares, and the multipliers that the last had."""
 
     first: Correction
@@ -131,7 +138,7 @@ def calibrate(
     plan: CalibrationPlan,
     say: Callable[[str], object],
     corrected: Callable[[dict[str, float]], object] = lambda _: None,
-) -> Outcome:
+) -> CalibrationResult:
     """Calibrate a base; `say` is told each step, `corrected` each set of new multipliers, by parameter.
 
     Raises ControlError, RemoteError or ImplausibleEnds where it cannot go on; the robot then has its old values again.
@@ -159,7 +166,7 @@ def calibrate(
             with contextlib.suppress(CanopenError):  # a robot that is gone has forgotten them anyway
                 base.set_factors(original)
         raise
-    return Outcome(first, last, dict(zip(FACTORS, wheels.factors, strict=True)))
+    return CalibrationResult(first, last, dict(zip(FACTORS, wheels.factors, strict=True)))
 
 
 def _round(

@@ -19,7 +19,7 @@ from canopen_control.cia402.state import Command, State
 from canopen_control.errors import CanopenError
 from canopen_control.master.cycle import CYCLIC_SYNCHRONOUS
 from canopen_control.master.plan import CONSUMER, GUARD_TIME, LIFE_TIME
-from canopen_control.runtime.cyclic_axes import axis_number, node_of
+from canopen_control.runtime.sync_choice import axis_number, node_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

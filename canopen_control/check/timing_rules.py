@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402 import objects
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.od.issues import Severity
-from canopen_control.runtime.cyclic_axes import CyclicAxis, cyclic_axes, joint_words
+from canopen_control.runtime.sync_choice import CyclicAxis, cyclic_axes, joint_words
 from canopen_control.urdf.robot_model import WheelGeometry
 
 if TYPE_CHECKING:

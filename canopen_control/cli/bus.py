@@ -354,7 +354,7 @@ def _fault(args: argparse.Namespace) -> int:
 _REQUESTS: dict[str, Callable[[argparse.Namespace], Request[Done]]] = {
     "cut": lambda args: hub.Cut(args.label),
     "uncut": lambda args: hub.Uncut(args.label),
-    "bus-off": lambda args: hub.BusOff(args.label),
+    "bus-off": lambda args: hub.ForceBusOff(args.label),
     "restart": lambda args: hub.Restart(args.label),
     "drop": lambda args: hub.DropFrames(label=args.label, can_id=args.can_id, every=args.every, count=args.count),
     "delay": lambda args: hub.DelayFrames(label=args.label, ms=args.ms),

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import argparse
 
     from canopen_control.calibration.base_link import BaseLink
-    from canopen_control.calibration.umbmark_session import CalibrationPlan, Ends, Outcome
+    from canopen_control.calibration.umbmark_session import CalibrationPlan, CalibrationResult, Ends
 
 
 EXAMPLE = """canopen-control calibrate robby
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _calibrate(args: argparse.Namespace, link: BaseLink, robot: str) -> int:
-    from canopen_control.calibration.square_path import Pace
+    from canopen_control.calibration.umbmark import Pace
     from canopen_control.calibration.umbmark_session import CalibrationPlan, calibrate, fitting_pace
 
     wheels = link.wheel_values()
@@ -129,7 +129,7 @@ def _announce(plan: CalibrationPlan, controller: str, robot: str) -> None:
     _say("STOP: canopen-control stop, or Ctrl-C here")
 
 
-def _tell(outcome: Outcome, controller: str, copy: _YamlCopy) -> None:
+def _tell(outcome: CalibrationResult, controller: str, copy: _YamlCopy) -> None:
     """Print what was gained, and what to do with it."""
     if outcome.first is outcome.last:
         _say(f"nothing to correct: the largest error is {1e3 * outcome.first.largest:.1f} mm")
@@ -144,7 +144,7 @@ def _tell(outcome: Outcome, controller: str, copy: _YamlCopy) -> None:
 
 def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -> Ends:
     """Return who knows the ends; ConfigError where nobody does."""
-    from canopen_control.calibration.typed_ends import TypedEnds, read_ends
+    from canopen_control.calibration.base_link import TypedEnds, read_ends
     from canopen_control.calibration.umbmark_session import TrueEnds
     from canopen_control.errors import ConfigError
 

@@ -45,7 +45,7 @@ class IssueDocument(Document, frozen=True):
     text: str
 
 
-class CheckDocument(Document, frozen=True, kw_only=True):
+class EdsCheckDocument(Document, frozen=True, kw_only=True):
     """What a check of a file found."""
 
     file: str
@@ -117,12 +117,12 @@ class PdoDocument(Document, frozen=True, kw_only=True):
     mapped: list[MappedDocument]
 
 
-def checked(name: str, file: EdsFile) -> CheckDocument:
+def checked(name: str, file: EdsFile) -> EdsCheckDocument:
     """Return what reading a file has found."""
     count = dict.fromkeys(Severity, 0)
     for issue in file.issues:
         count[issue.severity] += 1
-    return CheckDocument(
+    return EdsCheckDocument(
         file=name,
         objects=len(file.od.objects),
         entries=len(file.od),
@@ -133,9 +133,11 @@ def checked(name: str, file: EdsFile) -> CheckDocument:
     )
 
 
-def refused(name: str, error: EdsError) -> CheckDocument:
+def refused(name: str, error: EdsError) -> EdsCheckDocument:
     """Return why a file is none."""
-    return CheckDocument(file=name, errors=1, issues=[IssueDocument(error.line, "not-canopen", "error", error.reason)])
+    return EdsCheckDocument(
+        file=name, errors=1, issues=[IssueDocument(error.line, "not-canopen", "error", error.reason)]
+    )
 
 
 def entry_document(od: ObjectDictionary, entry: Entry) -> EntryDocument:
@@ -282,7 +284,7 @@ def _read(name: str, args: argparse.Namespace) -> EdsFile:
 
 
 def _check(args: argparse.Namespace) -> int:
-    reports: list[CheckDocument] = []
+    reports: list[EdsCheckDocument] = []
     with Progress("checking", "files") as progress:
         for name in args.files:
             progress.at(len(reports), len(args.files))
@@ -296,14 +298,14 @@ def _check(args: argparse.Namespace) -> int:
     return 1 if any(report.errors for report in reports) else 0
 
 
-def _checked(name: str, args: argparse.Namespace) -> CheckDocument:
+def _checked(name: str, args: argparse.Namespace) -> EdsCheckDocument:
     try:
         return checked(name, _read(name, args))
     except EdsError as error:
         return refused(name, error)
 
 
-def _report_lines(report: CheckDocument) -> Iterator[str]:
+def _report_lines(report: EdsCheckDocument) -> Iterator[str]:
     for issue in report.issues:
         yield f"{report.file}:{issue.line}: {issue.severity}: {issue.text} [{issue.code}]"
     found = {"errors": report.errors, "warnings": report.warnings, "notes": report.notes}

@@ -73,7 +73,7 @@ def _source(args: argparse.Namespace) -> ScreenSource:
 
         return LiveRobot(select_robot(args.name))
     from canopen_control.cli.support.heard_bus import heard_bus
-    from canopen_control.monitor.tap import LABEL
+    from canopen_control.monitor.frame_tables import LABEL
     from canopen_control.trace.listen import open_listener
 
     heard = heard_bus(args, args.can)

@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class NmtResult:
     """What a node shows; `confirmed` is None where it has no heartbeat that could."""
 
     node_id: int
@@ -80,10 +80,10 @@ def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_
     for result in bus.command(command, node_id, timeout):
         who = f"node {result.node_id}"
         if isinstance(result, NmtConfirmed):
-            outcomes.append(Outcome(result.node_id, who, EXPECTED_STATE[command].name, True))
+            outcomes.append(NmtResult(result.node_id, who, EXPECTED_STATE[command].name, True))
         else:
             state = None if result.state is None else result.state.name
-            outcomes.append(Outcome(result.node_id, who, state, None if state is None else False))
+            outcomes.append(NmtResult(result.node_id, who, state, None if state is None else False))
     if not outcomes and not args.json:
         print(f"{args.command} was sent to all; no heartbeat was heard within {timeout:g} s")
     return _tell(args, outcomes, timeout)
@@ -107,11 +107,11 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
         node = nodes[each.name]
         confirmed = each not in waiting
         state = EXPECTED_STATE[command].name if confirmed else node.nmt_state
-        outcomes.append(Outcome(each.node_id, str(each), state, confirmed, node.error))
+        outcomes.append(NmtResult(each.node_id, str(each), state, confirmed, node.error))
     return _tell(args, outcomes, timeout)
 
 
-def _tell(args: argparse.Namespace, outcomes: list[Outcome], timeout: float) -> int:
+def _tell(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float) -> int:
     """Print each node's state after the command; 1 if one shows another state, or a robot's node shows none."""
     if args.json:
         keys = ("node_id", "state", "confirmed", "error")

@@ -64,7 +64,7 @@ _ERRORS: dict[tuple[int, int], str] = {(0x1001, 0): "error register", (0x603F, 0
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class PreflightStep:
     """What a step came to; `passed` is None for what is only told."""
 
     name: str
@@ -75,21 +75,21 @@ class Step:
 # -- the link
 
 
-def link_steps(channel: str, baudrate: int) -> list[Step]:
+def link_steps(channel: str, baudrate: int) -> list[PreflightStep]:
     """Compare state and bit rate of a channel to the bus.yml's (`baudrate`, kbit/s)."""
     spec = parse_channel(channel)
     if spec.kind is not ChannelKind.SOCKETCAN:
-        return [Step("link", None, f"{channel}: no interface of the kernel, its bit rate cannot be looked at")]
+        return [PreflightStep("link", None, f"{channel}: no interface of the kernel, its bit rate cannot be looked at")]
     link = find_can_interface(spec.name)
     if link is None or not link.is_up:
         what = "is not there" if link is None else "is down"
         typed = f"canopen-control bus up {spec.name} --bitrate {baudrate * 1000}"
-        return [Step("link", False, f"{channel} {what}; type: {typed}")]
-    steps = [Step("link", link.state in (None, "ERROR-ACTIVE"), f"{channel} is up{_state_of(link.state)}")]
+        return [PreflightStep("link", False, f"{channel} {what}; type: {typed}")]
+    steps = [PreflightStep("link", link.state in (None, "ERROR-ACTIVE"), f"{channel} is up{_state_of(link.state)}")]
     if link.bitrate is None:
-        return [*steps, Step("bit rate", None, f"{channel} is a {link.kind} interface and has none")]
+        return [*steps, PreflightStep("bit rate", None, f"{channel} is a {link.kind} interface and has none")]
     fits = link.bitrate == baudrate * 1000
-    return [*steps, Step("bit rate", fits, f"{link.bitrate} bit/s, bus.yml says {baudrate * 1000}")]
+    return [*steps, PreflightStep("bit rate", fits, f"{link.bitrate} bit/s, bus.yml says {baudrate * 1000}")]
 
 
 def _state_of(state: str | None) -> str:
@@ -99,7 +99,7 @@ def _state_of(state: str | None) -> str:
 # -- who is there
 
 
-def node_steps(bus: BusConfig, channel: str) -> Iterator[Step]:
+def node_steps(bus: BusConfig, channel: str) -> Iterator[PreflightStep]:
     """Ask all node ids who they are, compare to bus.yml and EDS files; read errors and limits of the robot's own."""
     with DirectBus.open(channel, label="pre-flight", timeout_s=_ANSWER_S, retries=1) as direct:
         answers = direct.read_many((node_id, 0x1000, 0) for node_id in _ALL_NODES)
@@ -111,29 +111,29 @@ def node_steps(bus: BusConfig, channel: str) -> Iterator[Step]:
                 text = (
                     f"node {node.node_id} ({node.name}) does not answer; is it powered, its node id and bit rate set?"
                 )
-                yield Step("node", False, text)
+                yield PreflightStep("node", False, text)
         for node_id in sorted(there - {node.node_id for node in bus.nodes.values()}):
-            yield Step("node", None, f"node {node_id} answers and is not in bus.yml")
+            yield PreflightStep("node", None, f"node {node_id} answers and is not in bus.yml")
 
 
-def _known_node(direct: DirectBus, bus: BusConfig, name: str, node_id: int) -> Iterator[Step]:
+def _known_node(direct: DirectBus, bus: BusConfig, name: str, node_id: int) -> Iterator[PreflightStep]:
     addresses = [*(address for address, _ in FIELDS.values()), NAME]
     answers = direct.read_many((node_id, *address) for address in addresses)
     identity = identity_of({(index, sub): answer for (_, index, sub), answer in answers.items()})
     title = f"node {node_id} ({name})"
     wrong = differences(identity, asdict(bus.plans[name].identity))
     who = f"{identity.device_name or 'a node without a name'}, serial number {identity.serial_number or 'none'}"
-    yield Step("node", not wrong, f"{title}: {'; '.join(wrong) or who}")
+    yield PreflightStep("node", not wrong, f"{title}: {'; '.join(wrong) or who}")
     known, refused = read_known([bus.eds_paths[name]])
     eds, remark = match_eds(identity, known)
     if refused or not known:
-        yield Step(
+        yield PreflightStep(
             "EDS", None, f"{title}: {bus.eds_paths[name].name} names no product, so that nothing can be compared"
         )
     elif eds is None:
-        yield Step("EDS", False, f"{title}: {bus.eds_paths[name].name} is for another product")
+        yield PreflightStep("EDS", False, f"{title}: {bus.eds_paths[name].name} is for another product")
     else:
-        yield Step(
+        yield PreflightStep(
             "EDS", None if remark else True, f"{title}: {eds.path.name}{_remark(remark, identity.revision_number)}"
         )
     yield from _readings(direct, bus.dictionaries[name], node_id, title)
@@ -143,7 +143,7 @@ def _remark(remark: str, revision: int | None) -> str:
     return f" {remark}, the drive has 0x{revision or 0:08X}" if remark else " and revision fit"
 
 
-def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str) -> Iterator[Step]:
+def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str) -> Iterator[PreflightStep]:
     """Read what tells of errors, which must be none, and of limits, which are only told."""
     wanted = [address for address in (*_ERRORS, *_STATE) if address in od]
     values: dict[tuple[int, int], int] = {}
@@ -155,15 +155,17 @@ def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str)
         entry = od[address]
         if (whole := fitted(data, entry.data_type)) is None:
             where = f"0x{address[0]:04X}:{address[1]:02X} {entry.name}"
-            yield Step("EDS", False, f"{title}: {where} answered {len(data)} bytes, which is no {entry.data_type.name}")
+            yield PreflightStep(
+                "EDS", False, f"{title}: {where} answered {len(data)} bytes, which is no {entry.data_type.name}"
+            )
             continue
         values[address] = int.from_bytes(whole, "little", signed=entry.data_type.signed)
     errors = {_ERRORS[address]: value for address, value in values.items() if address in _ERRORS}
     told = ", ".join(f"{name} 0x{value:02X}" for name, value in errors.items())
-    yield Step("errors", not any(errors.values()), f"{title}: {told or 'tells of none'}")
+    yield PreflightStep("errors", not any(errors.values()), f"{title}: {told or 'tells of none'}")
     limits = ", ".join(f"{_STATE[address]} {value}" for address, value in values.items() if address in _STATE)
     if limits:
-        yield Step("limits", None, f"{title}: {limits} (device units)")
+        yield PreflightStep("limits", None, f"{title}: {limits} (device units)")
 
 
 # The jog of a pre-flight: each joint turned slowly, all of them stopped, and what was seen held against what was told.
@@ -241,14 +243,14 @@ class Jog:
             return None
         return f"it is at {here:.3f}, {room:.3f} before its limit, and a jog at {self.speed:g} rad/s needs {needed:.3f}"
 
-    def turn(self, joint: str) -> Step:
+    def turn(self, joint: str) -> PreflightStep:
         """Turn one joint at the speed, and compare what it shows of velocity and of position."""
         low, high = self.speed * (1 - TOLERANCE), self.speed * (1 + TOLERANCE)
         speeds, start = {joint: self.speed}, self._positions()
         if not self._until(speeds, lambda: self._is_fast(joint, start)):
             seen = self._of(joint)["velocity"]
             self._rest()
-            return Step("jog", False, f"{joint}: {seen:.3f} rad/s at a command of {self.speed:g}{_hint(seen)}")
+            return PreflightStep("jog", False, f"{joint}: {seen:.3f} rad/s at a command of {self.speed:g}{_hint(seen)}")
         begin, since = self._positions(), time.monotonic()
         self._until(speeds, lambda: time.monotonic() - since >= self._hold_s)
         end, took = self._positions(), time.monotonic() - since
@@ -261,9 +263,9 @@ class Jog:
             text += f"; {', '.join(others)} turned as well"
         passed = low <= ways[joint] / took <= high and not others
         self.turned += [joint] if passed else []
-        return Step("jog", passed, text)
+        return PreflightStep("jog", passed, text)
 
-    def stop(self) -> Step:
+    def stop(self) -> PreflightStep:
         """Turn all joints that turned, press STOP, and see how long it takes until nothing moves under power.
 
         Those that are led by their position go back where they came from.
@@ -271,17 +273,17 @@ class Jog:
         speeds = {joint: self.speed * (-1 if joint in self._targets else 1) for joint in self.turned}
         start = self._positions()
         if not self._until(speeds, lambda: all(self._is_fast(joint, start) for joint in speeds)):
-            return Step("STOP", False, "the joints do not turn, so that nothing can be stopped")
+            return PreflightStep("STOP", False, "the joints do not turn, so that nothing can be stopped")
         since = time.monotonic()
         try:
             self._robot.stop()
         except CanopenError as error:
-            return Step("STOP", False, str(error))
+            return PreflightStep("STOP", False, str(error))
         took = time.monotonic() - since
         left = {joint: self._of(joint)["velocity"] for joint in self.joints}
         still = all(abs(velocity) <= STANDSTILL for velocity in left.values())
         told = ", ".join(f"{joint} {velocity:.3f} rad/s" for joint, velocity in left.items())
-        return Step("STOP", still and took <= _STOP_S, f"drives disabled {took:.2f} s after STOP: {told}")
+        return PreflightStep("STOP", still and took <= _STOP_S, f"drives disabled {took:.2f} s after STOP: {told}")
 
     def _is_fast(self, joint: str, start: Mapping[str, float]) -> bool:
         """Whether a joint has the speed of the jog; one that is led by its position, whether it is well under way."""
@@ -388,10 +390,10 @@ class Preflight:
     say: Callable[[str], None]
     ask: Callable[[str], bool]
     speed: float
-    steps: list[Step] = field(default_factory=list)
+    steps: list[PreflightStep] = field(default_factory=list)
     covered: list[str] = field(default_factory=list)  # the joints that turned as they should
 
-    def note(self, steps: Iterable[Step]) -> bool:
+    def note(self, steps: Iterable[PreflightStep]) -> bool:
         """Tell steps as they come; return whether all of them passed."""
         good = True
         for step in steps:
@@ -413,31 +415,33 @@ class Preflight:
         """Jog and stop; True if all did what was expected, False as soon as something or somebody said no."""
         for joint, interface in jog_interfaces(self.setup).items():
             if interface is None:
-                self.note([Step("jog", None, f"{joint} has neither velocity nor position to command{_NOT_TURNED}")])
+                self.note(
+                    [PreflightStep("jog", None, f"{joint} has neither velocity nor position to command{_NOT_TURNED}")]
+                )
         if not any(jog_interfaces(self.setup).values()):
             verdict = None if self.setup.files.bus_alone else False  # its drives are turned by their targets alone
-            return self.note([Step("jog", verdict, "no joint has a velocity or a position to command")])
+            return self.note([PreflightStep("jog", verdict, "no joint has a velocity or a position to command")])
         self.say(_WARNING)
         if not self.ask("Go on?"):
-            return self.note([Step("jog", False, "not wanted")])
+            return self.note([PreflightStep("jog", False, "not wanted")])
         with Jog(self.setup, self.speed) as jog:
             if not all(self._turn(jog, joint) for joint in jog.joints):
                 return False
             if not jog.turned:
-                return self.note([Step("jog", False, "no joint could be turned")])
+                return self.note([PreflightStep("jog", False, "no joint could be turned")])
             self.covered += jog.turned
             return self.note([jog.stop()])
 
     def _turn(self, jog: Jog, joint: str) -> bool:
         if (why := jog.no_room(joint)) is not None:
-            return self.note([Step("jog", None, f"{joint}: {why}{_NOT_TURNED}")])
+            return self.note([PreflightStep("jog", None, f"{joint}: {why}{_NOT_TURNED}")])
         if not self.ask(f"Turn {joint} forward at {self.speed:g} rad/s?"):
-            return self.note([Step("jog", False, f"{joint}: not wanted")])
+            return self.note([PreflightStep("jog", False, f"{joint}: not wanted")])
         if not self.note([jog.turn(joint)]):
             return False
         if self.ask(f"Did {joint}, and nothing else, turn forward?"):
             return True
-        return self.note([Step("jog", False, f"{joint}: turned the wrong way, or something else turned")])
+        return self.note([PreflightStep("jog", False, f"{joint}: turned the wrong way, or something else turned")])
 
 
 def run(args: argparse.Namespace) -> int:

@@ -93,7 +93,7 @@ def _list(args: argparse.Namespace) -> int:
     """Print when, which robot, and what went wrong first, of every flight recording; one that is damaged is named."""
     from canopen_control.cli.support.output import json_text
     from canopen_control.trace.flight_file import read_meta
-    from canopen_control.trace.report_words import clock
+    from canopen_control.trace.report_facts import clock
 
     listed = []
     for path in _flights(args.name):

@@ -19,7 +19,7 @@ from canopen_control.cli.support.arguments import timeout_seconds
 from canopen_control.cli.support.identity import (
     FIELDS,
     NAME,
-    NodeIdentity,
+    ScannedDevice,
     differences,
     identity_of,
     match_eds,
@@ -54,7 +54,7 @@ class FoundNode:
     """One line of the result; `identity` is None for a node that answers no SDO."""
 
     node_id: int
-    identity: NodeIdentity | None = None
+    identity: ScannedDevice | None = None
     nmt_state: str | None = None
     name: str = ""
     eds: str | None = None
@@ -231,7 +231,7 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
     return survey
 
 
-def _through_robot(robot: RobotTarget, node_id: int) -> NodeIdentity | None:
+def _through_robot(robot: RobotTarget, node_id: int) -> ScannedDevice | None:
     """Ask a node of the robot; None if it does not answer."""
     node, data = robot.node(str(node_id)), dict[tuple[int, int], object]()
     for address in _OBJECTS:
@@ -284,7 +284,7 @@ def _report(survey: ScanResult, *, as_json: bool) -> None:
 
 
 def _row(survey: ScanResult, found: FoundNode) -> tuple[str, ...]:
-    identity = found.identity or NodeIdentity()
+    identity = found.identity or ScannedDevice()
     numbers = [getattr(identity, each) for each in FIELDS]
     eds = "-" if found.eds is None else Path(found.eds).name + (f" ({found.remark})" if found.remark else "")
     row = (
@@ -311,7 +311,7 @@ def _document(survey: ScanResult) -> ScanDocument:
 
 
 def _node_document(found: FoundNode, expected: ExpectedNode | None) -> NodeDocument:
-    identity = found.identity or NodeIdentity()
+    identity = found.identity or ScannedDevice()
     return NodeDocument(
         node_id=found.node_id,
         answers=found.identity is not None,

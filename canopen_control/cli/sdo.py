@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
-    from canopen_control.cli.support.target import Target, TargetNode
+    from canopen_control.cli.support.target import SdoTarget, TargetNode
     from canopen_control.od.address import ObjectAddress
     from canopen_control.od.model import DataType, ObjectDictionary
 
@@ -103,7 +103,11 @@ def _type_of(args: argparse.Namespace, address: ObjectAddress) -> DataType | Non
 
 
 def _read(
-    args: argparse.Namespace, target: Target, node: TargetNode, parts: list[ObjectAddress], od: ObjectDictionary | None
+    args: argparse.Namespace,
+    target: SdoTarget,
+    node: TargetNode,
+    parts: list[ObjectAddress],
+    od: ObjectDictionary | None,
 ) -> int:
     """Read an object, or all subindices of one: what a node refuses of many is told, and the others are read."""
     words = NodeWords(NodeDescription(node.name, node.node_id, od))
@@ -167,7 +171,7 @@ def _document(data: bytes, data_type: DataType | None, node: TargetNode, address
     )
 
 
-def _write(args: argparse.Namespace, target: Target, node: TargetNode, address: ObjectAddress) -> None:
+def _write(args: argparse.Namespace, target: SdoTarget, node: TargetNode, address: ObjectAddress) -> None:
     data_type = _type_of(args, address)
     if data_type is None:
         known = "the EDS does not have it" if node.eds is not None else "there is no EDS"
@@ -178,7 +182,7 @@ def _write(args: argparse.Namespace, target: Target, node: TargetNode, address: 
     print_result(args, _document(data, data_type, node, address), text)
 
 
-def _upload(args: argparse.Namespace, target: Target, node: TargetNode, address: ObjectAddress) -> None:
+def _upload(args: argparse.Namespace, target: SdoTarget, node: TargetNode, address: ObjectAddress) -> None:
     path = None if args.file == STREAM else Path(args.file).expanduser()
     if path is None and args.json:
         raise ConfigError("--json reports about a file, and standard output is for the data here; give a FILE")
@@ -197,7 +201,7 @@ def _upload(args: argparse.Namespace, target: Target, node: TargetNode, address:
     _tell_transfer(args, node, address, f"{len(data)} bytes to {args.file}", len(data))
 
 
-def _download(args: argparse.Namespace, target: Target, node: TargetNode, address: ObjectAddress) -> None:
+def _download(args: argparse.Namespace, target: SdoTarget, node: TargetNode, address: ObjectAddress) -> None:
     try:
         data = sys.stdin.buffer.read() if args.file == STREAM else Path(args.file).expanduser().read_bytes()
     except OSError as error:
@@ -212,12 +216,12 @@ def _tell_transfer(args: argparse.Namespace, node: TargetNode, address: ObjectAd
     print_result(args, {**where, "file": args.file, "bytes": length}, f"{node}: {address.label}: {text}")
 
 
-def _told(what: str, target: Target, node: TargetNode) -> AbstractContextManager[None]:
+def _told(what: str, target: SdoTarget, node: TargetNode) -> AbstractContextManager[None]:
     """Tell how far a transfer is, while it takes long."""
     return watched(Progress(what, "bytes"), lambda: target.progress(node))
 
 
-_ACTIONS: dict[str, Callable[[argparse.Namespace, Target, TargetNode, ObjectAddress], None]] = {
+_ACTIONS: dict[str, Callable[[argparse.Namespace, SdoTarget, TargetNode, ObjectAddress], None]] = {
     "write": _write,
     "upload": _upload,
     "download": _download,

@@ -44,7 +44,7 @@ _BASE_SPEEDS: Final = (0.5, 1.0)  # m/s and rad/s
 _WHEEL_SPEEDS: Final = (5.0, 5.0)  # rad/s of the wheels
 
 
-class Target(Protocol):
+class TeleopTarget(Protocol):
     """Whoever takes velocities, `sideways` too if it can; `title` says who, `units` are those of linear and angular."""
 
     title: str
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
         begin_ros()  # it may start this process anew, which the terminal must not notice
     with contextlib.ExitStack() as stack:
         keyboard = stack.enter_context(Keyboard())
-        target: Target = RobotTarget(args) if args.topic is None else RosTarget(args, stack)
+        target: TeleopTarget = TeleopRobot(args) if args.topic is None else RosTarget(args, stack)
         stack.callback(target.close)
         speed, turn = target.speeds
         teleop = Teleop(
@@ -117,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _drive(keyboard: Keyboard, teleop: Teleop, target: Target, screen: Screen) -> None:
+def _drive(keyboard: Keyboard, teleop: Teleop, target: TeleopTarget, screen: Screen) -> None:
     """Take keys and send velocities until the user leaves."""
     decoder, sender = KeyDecoder(), Sender(target)
     while not (teleop.ended or keyboard.ended):
@@ -139,7 +139,7 @@ def _wait(decoder: KeyDecoder, teleop: Teleop) -> float:
     return min(PERIOD_S, max((min(due, default=now + 10**9) - now) / 1e9, 0.0))
 
 
-def _leave(target: Target, screen: Screen) -> None:
+def _leave(target: TeleopTarget, screen: Screen) -> None:
     """Send zeros, and let no terminal that is gone keep us from it."""
     with contextlib.suppress(RemoteError):  # who refuses or is gone does not move by us
         for _ in range(ZEROS):
@@ -154,7 +154,7 @@ class Sender:
     `refusal` is why the robot did not take the last ones, "" if it did.
     """
 
-    def __init__(self, target: Target) -> None:
+    def __init__(self, target: TeleopTarget) -> None:
         self.refusal = ""
         self._target = target
         self._last, self._sent_ns, self._zeros = ZERO, 0, 0
@@ -182,7 +182,7 @@ class Sender:
 class Screen:
     """One line that is written over, on a terminal; elsewhere a line for each change. News stand above it."""
 
-    def __init__(self, target: Target) -> None:
+    def __init__(self, target: TeleopTarget) -> None:
         self._before, self._after = ("\r", "\x1b[K") if sys.stdout.isatty() else ("", "\n")
         self._units, self._sideways = target.units, target.sideways
         self._shown = ""
@@ -214,7 +214,7 @@ class Screen:
         print(f"{self._before}stopped{self._after.rstrip(chr(10))}", flush=True)
 
 
-class RobotTarget:
+class TeleopRobot:
     """A controller of a running robot; its warnings are news."""
 
     def __init__(self, args: argparse.Namespace) -> None:

@@ -20,8 +20,7 @@ from canopen_control.cli.support.arguments import add_duration, whole_number
 from canopen_control.cli.support.heard_bus import add_network_arguments, heard_bus, network_for, open_frames, tell_gaps
 from canopen_control.cli.support.output import json_line
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.filters import Filter, node_ids_of, parse_ids, parse_services
-from canopen_control.trace.frame_lines import LineWriter, document_of
+from canopen_control.trace.frame_lines import Filter, LineWriter, document_of, node_ids_of, parse_ids, parse_services
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator

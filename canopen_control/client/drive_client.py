@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import Self
 
-    from canopen_control.rpc.messages.world_shape import WorldShape
+    from canopen_control.rpc.messages.drive import WorldShape
 
 
 _SHAPES_S: Final = 1.0

@@ -22,7 +22,7 @@ from canopen_control.hardware.axis_statechart import RISING, STOPPED, AxisPhase,
 from canopen_control.hardware.feedback import Feedback
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, TARGET, StateInterface
 from canopen_control.hardware.joint_events import FaultReason, JointEvent, StatusWatch, joint_event_of
-from canopen_control.hardware.joint_homing import HomePosition, Homing, HomingPhase
+from canopen_control.hardware.joint_homing import HomePosition, HomingPhase, JointHoming
 from canopen_control.hardware.joint_targets import JointTargets
 from canopen_control.hardware.mode_choice import listed_modes, unlisted_modes
 from canopen_control.hardware.motion_watch import MotionWatch
@@ -109,7 +109,7 @@ class JointParts:
         return self.power.following and self.node.ready
 
     @property
-    def homing(self) -> Homing | None:
+    def homing(self) -> JointHoming | None:
         """The homing under way."""
         return self.reference.homing
 
@@ -470,7 +470,7 @@ class JointDrive(JointParts):
         if self.axis.is_stale:
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
-    def _step_homing(self, run: Homing, now: int) -> None:
+    def _step_homing(self, run: JointHoming, now: int) -> None:
         """Advance a homing by one cycle: enable in mode HM when its method is known, go back when it is over."""
         if run.phase is HomingPhase.KNOWN:
             run.phase = HomingPhase.ENABLE
@@ -492,7 +492,7 @@ class JointDrive(JointParts):
             self.homing.abort(reason)
             self._leave_homing(self.homing)
 
-    def _leave_homing(self, run: Homing) -> None:
+    def _leave_homing(self, run: JointHoming) -> None:
         """Go back to the mode and power from before; a homed axis counts from its new zero."""
         self.reference.end(run)
         self._fire(PhaseTrigger.HOMING_ENDED)

@@ -36,7 +36,7 @@ class HomingPhase(enum.Enum):
     FAILED = "over: it came to nothing"
 
 
-class Homing:
+class JointHoming:
     """A homing under way; `result` is None until it is over, then "" or the reason why it failed.
 
     `mode_before` and `was_enabled` are what the axis goes back to. Raises DriveError for a method that is not among
@@ -136,8 +136,8 @@ class HomePosition:
     """Whether the zero of an axis is known: its homing under way and, while what it found is true, the last one."""
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine, parameters: AxisParameters) -> None:
-        self.homing: Homing | None = None
-        self._last: Homing | None = None
+        self.homing: JointHoming | None = None
+        self._last: JointHoming | None = None
         self._axis, self._machine, self._parameters = axis, machine, parameters
 
     @property
@@ -158,12 +158,12 @@ class HomePosition:
         timeout = round(node.config.motion.homing_timeout_seconds * 1e9)
         methods = self._parameters.homing_methods
         bound = self._parameters.bound_homing
-        self.homing = Homing(
+        self.homing = JointHoming(
             self._axis, self._machine, method, methods, bound, was_enabled=was_enabled, timeout_ns=timeout
         )
         self._last = None
 
-    def end(self, run: Homing) -> None:
+    def end(self, run: JointHoming) -> None:
         """Take that a homing is over."""
         self.homing, self._last = None, run
 

@@ -23,7 +23,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.host import sockets
-from canopen_control.host.lines import MAX_REQUEST, LineBuffer
+from canopen_control.host.lineclient import MAX_REQUEST, LineBuffer
 
 if TYPE_CHECKING:
     import socket

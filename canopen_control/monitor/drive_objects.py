@@ -18,8 +18,7 @@ from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.environment import clean_environment
 from canopen_control.monitor.monitor_content import Cell, Tone, plain
 from canopen_control.service.live_reader import LiveReader, NodeObjects
-from canopen_control.service.object_edit import EditHistory
-from canopen_control.service.object_rows import LiveObject, rows_of, select_objects
+from canopen_control.service.object_rows import EditHistory, LiveObject, rows_of, select_objects
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

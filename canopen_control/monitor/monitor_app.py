@@ -45,10 +45,9 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
     from canopen_control.monitor.drive_objects import DriveObjects, WorkRun
-    from canopen_control.monitor.frame_tables import FrameTable
+    from canopen_control.monitor.frame_tables import BusTap, FrameTable
     from canopen_control.monitor.monitor_content import LogLine, MonitorContent
     from canopen_control.monitor.sources import ScreenSource
-    from canopen_control.monitor.tap import BusTap
     from canopen_control.rpc.messages.declare import Request
 
 

@@ -21,7 +21,7 @@ from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, ConfigError, RemoteError
 from canopen_control.frame import CanFrame
 from canopen_control.monitor.drive_objects import DriveObjects, WorkRun, work_words
-from canopen_control.monitor.frame_tables import FrameTable, TraceLog
+from canopen_control.monitor.frame_tables import BusTap, FrameTable, TraceLog
 from canopen_control.monitor.monitor_content import (
     Cell,
     LogLine,
@@ -32,7 +32,6 @@ from canopen_control.monitor.monitor_content import (
     sdo_cell,
     state_cell,
 )
-from canopen_control.monitor.tap import BusTap
 from canopen_control.rpc.messages.robot import ROBOT, GetLayout, GetNodes, GetStatus, Subscribe
 from canopen_control.rpc.messages.state import AxisReading, RobotEvent, StateSample
 from canopen_control.trace.decoder import Mark

@@ -5,7 +5,7 @@ virtual drives of a process, `plugin_robot` one for a simulation plugin without 
 
 - files: `physics_file` (the plant file), `scene_file` (what stands on the floor, and what happens), `sdf_world` (the
   static shapes of a world of Gazebo, with the parts of its meshes)
-- a model: `urdf_repair` and `body_model` of a description, `mjcf_model` of a scene of MuJoCo's own, `shared_model` of
+- a model: `urdf_repair` of a description, `body_model` of it or of a scene of MuJoCo's own, `shared_model` of
   several robots; `ground_contact` finds the wheels, `motor_estimate` the motors, `scenery` adds ramps, boxes and walls,
   `world_sensors` what measures
 - motion: `joint_servo` (a drive's loops on one joint), `world_robot` (a robot, and where its base is), `physics_world`

@@ -77,7 +77,7 @@ def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
 
 def _of_mjcf(file: PhysicsFile, path: Path, world: WorldDescription, sensors: list[WorldSensor]) -> Body:
     """Return the body of an MJCF file, which guesses nothing."""
-    from canopen_control.physics.mjcf_model import build_mjcf
+    from canopen_control.physics.body_model import build_mjcf
 
     axes = {axis.joint: axis for axis in file.axes.values()}
     scene = path.parent / file.mjcf

@@ -17,7 +17,7 @@ import numpy as np
 from canopen_control.physics.body_model import settle
 from canopen_control.physics.joint_servo import JointPlant
 from canopen_control.physics.scenery import SOLID
-from canopen_control.rpc.messages.world_shape import WorldShape
+from canopen_control.rpc.messages.drive import WorldShape
 from canopen_control.urdf.geometry import from_yaw
 
 if TYPE_CHECKING:

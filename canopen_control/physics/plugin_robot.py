@@ -16,10 +16,9 @@ import mujoco
 import numpy as np
 
 from canopen_control.errors import ControlError, nearest
-from canopen_control.physics.body_model import alone, prepared, read_spec, settle
+from canopen_control.physics.body_model import alone, build_mjcf, prepared, read_spec, settle
 from canopen_control.physics.disturbances import Disturbances
 from canopen_control.physics.joint_servo import ServoLoop
-from canopen_control.physics.mjcf_model import build_mjcf
 from canopen_control.physics.physics_file import DENSITY, AxisSettings, FloorContact, PhysicsError
 from canopen_control.physics.scene_file import Start, WorldDescription
 from canopen_control.physics.urdf_repair import guessed_masses, repaired

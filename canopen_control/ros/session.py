@@ -37,8 +37,7 @@ from canopen_control.ros.qos import LATCHED, SYSTEM_DEFAULT
 from canopen_control.ros.rcl import ros_seconds
 from canopen_control.ros.spinner import Spinner
 from canopen_control.ros.throttle import Refusals, Throttle
-from canopen_control.ros.topic_hardware import TopicHardware
-from canopen_control.ros.world_topics import GroundTruth, LaserScans, SimulationServices
+from canopen_control.ros.world_topics import GroundTruth, LaserScans, SimulationServices, TopicHardware
 from canopen_control.rpc.client import ReactorClient
 from canopen_control.rpc.messages.parameters import MANAGER, GetParameters
 from canopen_control.rpc.messages.robot import (

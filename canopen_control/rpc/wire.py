@@ -12,7 +12,7 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
-from canopen_control.host.lines import MAX_VALUES, too_many_values
+from canopen_control.host.lineclient import MAX_VALUES, too_many_values
 from canopen_control.rpc.messages.declare import Refusal
 
 T = TypeVar("T")

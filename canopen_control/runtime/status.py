@@ -21,8 +21,8 @@ from canopen_control.rpc.messages.state import (
     Status,
     TrackingReading,
 )
-from canopen_control.runtime.cyclic_axes import linear_axes
 from canopen_control.runtime.pacer import LATE_EDGES_NS
+from canopen_control.runtime.sync_choice import linear_axes
 from canopen_control.urdf.joint_element import POSITION
 from canopen_control.version import __version__, build
 

@@ -71,7 +71,7 @@ class DownloadStep(enum.Enum):
     DONE = "done"
 
 
-class Act(enum.Enum):
+class DownloadAct(enum.Enum):
     """What is to be done by who drives the generator."""
 
     READ = "read"
@@ -81,13 +81,13 @@ class Act(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class DownloadOrder:
     """One act: an object and the `data` to write, or how many `seconds` to pause.
 
     `seconds` of an object are what each answer may take, 0: as long as ever.
     """
 
-    act: Act
+    act: DownloadAct
     index: int = 0
     subindex: int = 0
     data: bytes = b""
@@ -95,7 +95,7 @@ class Order:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class DownloadAnswer:
     """What came of an act: the bytes read, or the abort or silence that was the answer."""
 
     data: bytes = b""
@@ -155,8 +155,8 @@ class DownloadProgress:
         return self.step in (DownloadStep.ASKING, DownloadStep.DONE)
 
 
-Sequence: TypeAlias = Generator[Order, Outcome, None]
-Numbers: TypeAlias = Generator[Order, Outcome, "int | None"]
+Sequence: TypeAlias = Generator[DownloadOrder, DownloadAnswer, None]
+Numbers: TypeAlias = Generator[DownloadOrder, DownloadAnswer, "int | None"]
 
 
 def flash_text(status: int) -> str:
@@ -185,12 +185,12 @@ def program_download(image: bytes, options: ProgramOptions, progress: DownloadPr
     refuse_no_program(image)
     number = options.number
     yield from _ask(number, progress)
-    yield Order(Act.PRE_OPERATIONAL)
+    yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)
     while True:
         progress.tries += 1
         yield from _prepare(number, progress, options)
         progress.step = DownloadStep.SENDING
-        outcome = yield Order(Act.WRITE, DATA, number, image, _FLASH_S)
+        outcome = yield DownloadOrder(DownloadAct.WRITE, DATA, number, image, _FLASH_S)
         progress.step = DownloadStep.CHECKING
         if outcome.error is None:
             why = yield from _flash(number)
@@ -213,7 +213,7 @@ def program_download(image: bytes, options: ProgramOptions, progress: DownloadPr
 
 def _ask(number: int, progress: DownloadProgress) -> Sequence:
     progress.step = DownloadStep.ASKING
-    outcome = yield Order(Act.READ, CONTROL, number)
+    outcome = yield DownloadOrder(DownloadAct.READ, CONTROL, number)
     if outcome.error is not None:
         if not is_abort(outcome.error):
             raise outcome.error
@@ -231,7 +231,7 @@ def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -
     status = yield from _number(CONTROL, number)
     if status != STOP:
         yield from _command(number, STOP, _STOPPED, options.start_s, "stop")
-    yield Order(Act.PRE_OPERATIONAL)  # the boot-loader may have booted meanwhile
+    yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)  # the boot-loader may have booted meanwhile
     progress.step = DownloadStep.CLEARING
     yield from _command(number, CLEAR, (CLEAR,), options.start_s, "be cleared")
     why = yield from _flash(number)
@@ -248,11 +248,13 @@ def _command(number: int, command: int, wanted: tuple[int, ...], seconds: float,
     while seconds > 0.0:
         rounds += 1
         soon = 0.0 if command not in _RESETTING or rounds % _QUICK_ROUNDS == 0 else _QUICK_S
-        outcome = yield Order(Act.WRITE, CONTROL, number, bytes((command,)), _FLASH_S if command == CLEAR else soon)
+        outcome = yield DownloadOrder(
+            DownloadAct.WRITE, CONTROL, number, bytes((command,)), _FLASH_S if command == CLEAR else soon
+        )
         if outcome.error is not None and is_abort(outcome.error):
             refusal = reason_of(outcome.error)
-            yield Order(Act.PRE_OPERATIONAL)
-        yield Order(Act.PAUSE, seconds=_POLL_S)
+            yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)
+        yield DownloadOrder(DownloadAct.PAUSE, seconds=_POLL_S)
         status = yield from _number(CONTROL, number, soon)
         if status in wanted:
             return
@@ -267,17 +269,17 @@ def _command(number: int, command: int, wanted: tuple[int, ...], seconds: float,
     raise DriveError(f"the program does not {word} (0x1F51 <- {command}){why}")
 
 
-def _flash(number: int) -> Generator[Order, Outcome, str]:
+def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
     """Wait until the flash is not busy; return what it says is wrong. A node without 0x1F57 says nothing."""
     seconds, pause = _BUSY_S, _SOON_S
     while seconds > 0.0:
         status = yield from _number(FLASH, number)
         if status is None:
-            yield Order(Act.PAUSE, seconds=_UNTOLD_S)
+            yield DownloadOrder(DownloadAct.PAUSE, seconds=_UNTOLD_S)
             return ""
         if not status & 1:
             return flash_text(status)
-        yield Order(Act.PAUSE, seconds=pause)
+        yield DownloadOrder(DownloadAct.PAUSE, seconds=pause)
         seconds -= pause + (_SILENCE_S if status == _SILENT else 0.0)
         pause = min(2.0 * pause, _POLL_S)
     return "the flash stays busy, or the node is silent"
@@ -301,7 +303,7 @@ def _run(number: int, options: ProgramOptions, progress: DownloadProgress) -> Se
     yield from _command(number, START, (START, CONFIRM), options.start_s, "start")
     if options.confirm:
         progress.step = DownloadStep.CONFIRMING
-        yield Order(Act.PRE_OPERATIONAL)
+        yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)
         yield from _command(number, CONFIRM, (START,), options.start_s, "become permanent")
 
 
@@ -314,7 +316,7 @@ def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequenc
         raise DriveError(f"the program runs, and tells {shown} (0x1F52); expected was {wanted}")
 
 
-def _date() -> Generator[Order, Outcome, ProgramDate | None]:
+def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
     """Read 0x1F52; None for no date, or none that can be."""
     days = yield from _number(SOFTWARE_DATE, 1)
     if not days or not 0 < days <= _MOST_DAYS:
@@ -326,7 +328,7 @@ def _date() -> Generator[Order, Outcome, ProgramDate | None]:
 
 def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
     """Read a number; None where the node has no such object, _SILENT where it does not answer just now."""
-    outcome = yield Order(Act.READ, index, subindex, seconds=seconds)
+    outcome = yield DownloadOrder(DownloadAct.READ, index, subindex, seconds=seconds)
     if outcome.error is not None:
         return None if is_abort(outcome.error) else _SILENT
     return int.from_bytes(outcome.data, "little")
@@ -368,7 +370,7 @@ def download(
 ) -> None:
     """Load a program into the node and start it; errors of the bus are raised as they are, see `program_download`."""
     sequence = program_download(image, options, progress)
-    outcome: Outcome | None = None
+    outcome: DownloadAnswer | None = None
     while True:
         try:
             order = next(sequence) if outcome is None else sequence.send(outcome)
@@ -384,26 +386,26 @@ def interrupted_words(session: NodeSession, progress: DownloadProgress, error: B
     return f"{session}: {progress.step.value}: {reason}; {gone}the same command begins anew"
 
 
-def _carry_out(session: NodeSession, order: Order, pause: Callable[[float], None]) -> Outcome:
+def _carry_out(session: NodeSession, order: DownloadOrder, pause: Callable[[float], None]) -> DownloadAnswer:
     try:
-        if order.act in (Act.READ, Act.WRITE):
-            return Outcome(_transferred(session, order))
-        if order.act is Act.PAUSE:
+        if order.act in (DownloadAct.READ, DownloadAct.WRITE):
+            return DownloadAnswer(_transferred(session, order))
+        if order.act is DownloadAct.PAUSE:
             pause(order.seconds)
         elif not session.robot:  # whose robot it is has taken it out of operation
             session.transfers.command(NmtCommand.ENTER_PRE_OPERATIONAL)
     except CanopenError as error:
         if not _is_answer(error):
             raise
-        return Outcome(error=error)
-    return Outcome()
+        return DownloadAnswer(error=error)
+    return DownloadAnswer()
 
 
-def _transferred(session: NodeSession, order: Order) -> bytes:
+def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
     """Read or write, and return what was read; each answer may take the time of the order, if it has one."""
     session.transfers.be_patient(order.seconds or None)
     try:
-        if order.act is Act.READ:
+        if order.act is DownloadAct.READ:
             return session.read(order.index, order.subindex)
         session.write(order.index, order.subindex, order.data)
         return b""

@@ -44,7 +44,7 @@ class GainChange:
 
 
 def gain_values(
-    od: ObjectDictionary, objects: Mapping[LoopGain, GainObject], gains: LoopGains, units_per_rad: float
+    od: ObjectDictionary, objects: Mapping[LoopGain, GainObject], gains: CascadeGains, units_per_rad: float
 ) -> dict[Address, Value]:
     """Return what the objects are to hold; ConfigError for a gain that rounds to nothing or does not fit.
 
@@ -140,7 +140,7 @@ _POSITION_SHARE: Final = 4.0  # the position loop is so much slower
 
 
 @dataclass(frozen=True, slots=True)
-class LoopGains:
+class CascadeGains:
     """`velocity_p` in torque per rad/s, `reset` (Ti) in s, `position_p` in 1/s; crossover in rad/s, margin in rad."""
 
     velocity_p: float
@@ -155,7 +155,9 @@ class LoopGains:
         return self.velocity_p / self.reset
 
 
-def design_velocity_loop(plant: PlantModel, crossover: float, margin: float, delay: float = LOOP_DELAY_S) -> LoopGains:
+def design_velocity_loop(
+    plant: PlantModel, crossover: float, margin: float, delay: float = LOOP_DELAY_S
+) -> CascadeGains:
     """Return gains for a crossover in rad/s and a phase margin in rad; ConfigError where there are none."""
     viscous = max(0.0, plant.viscous)
     lag = -math.atan2(plant.inertia * crossover, viscous) - crossover * delay
@@ -164,7 +166,7 @@ def design_velocity_loop(plant: PlantModel, crossover: float, margin: float, del
         raise ConfigError(_impossible(needed, crossover, margin, delay))
     reset = math.tan(needed + math.pi / 2.0) / crossover
     gain = abs(complex(viscous, plant.inertia * crossover)) / math.hypot(1.0, 1.0 / (crossover * reset))
-    return LoopGains(gain, reset, crossover / _POSITION_SHARE, crossover, margin)
+    return CascadeGains(gain, reset, crossover / _POSITION_SHARE, crossover, margin)
 
 
 def _impossible(needed: float, crossover: float, margin: float, delay: float) -> str:
@@ -174,7 +176,7 @@ def _impossible(needed: float, crossover: float, margin: float, delay: float) ->
     return f"{words} needs no P at all: take a greater --phase-margin, or a higher --crossover"
 
 
-def phase_margin(plant: PlantModel, gains: LoopGains, delay: float = LOOP_DELAY_S) -> tuple[float, float]:
+def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DELAY_S) -> tuple[float, float]:
     """Return the crossover in rad/s and the phase margin in rad that gains have on a plant: of another load, say.
 
     The gain of the open loop falls all the way, so the crossover is found by halving.
@@ -368,7 +370,7 @@ class GainPlace:
     stores: bool = False
 
 
-def applied(session: NodeSession, gains: LoopGains, units_per_rad: float, place: GainPlace) -> Iterator[str]:
+def applied(session: NodeSession, gains: CascadeGains, units_per_rad: float, place: GainPlace) -> Iterator[str]:
     """Set gains; yield what changed."""
     objects = settable_gains(session, place.axis, place.named, units_per_rad)
     values = gain_values(session.dictionary, objects, gains, units_per_rad)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from canopen_control.service.frequency_response import Bode
     from canopen_control.service.jog_motion import JogScale
-    from canopen_control.service.tune_gains import LoopGains, PlantModel
+    from canopen_control.service.tune_gains import CascadeGains, PlantModel
     from canopen_control.service.tune_run import TuneRecord, TuneRequest, TuneSample
 
 
@@ -155,7 +155,7 @@ class Findings:
     lost: int
     step: StepMetrics | None = None
     plant: PlantModel | None = None
-    gains: LoopGains | None = None
+    gains: CascadeGains | None = None
     velocity_i: float | None = None
     no_gains: str | None = None
     bode: Bode | None = None
@@ -272,7 +272,7 @@ def plant_lines(plant: PlantModel) -> Iterator[str]:
     yield f"the model explains  {plant.fit:.1%} of the changes of speed"
 
 
-def proposed(plant: PlantModel, request: TuneRequest) -> LoopGains:
+def proposed(plant: PlantModel, request: TuneRequest) -> CascadeGains:
     """Return gains for what is wished."""
     return design_velocity_loop(plant, request.crossover, request.margin, request.loop_delay)
 

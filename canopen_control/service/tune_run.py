@@ -364,7 +364,7 @@ class Excitation(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class StepExcitation:
     """Nothing for `LEAD_S`, then `height` until the end."""
 
     height: float
@@ -507,7 +507,7 @@ class TuneRequest:
     def excitation(self, scale: JogScale) -> Excitation:
         """Return the signal."""
         if self.test is TuneTest.STEP:
-            return Step(self.height(scale), self.seconds + LEAD_S)
+            return StepExcitation(self.height(scale), self.seconds + LEAD_S)
         if self.test is TuneTest.IDENTIFY:
             return Prbs(self.torque / (1.0 + STEERED), _HOLD_CYCLES * self.period, self.seconds)
         if self.signal == "prbs":

@@ -12,7 +12,7 @@ import os
 import struct
 from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
 
-from canopen_control.host.lines import LineBuffer
+from canopen_control.host.lineclient import LineBuffer
 from canopen_control.rpc import wire
 from canopen_control.rpc.messages.robot import ROBOT, CommandController, GetStatus, Subscribe
 from canopen_control.runtime.api import ApiServer

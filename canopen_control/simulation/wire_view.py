@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects as o
 from canopen_control.frame import RECORD
-from canopen_control.runtime.cyclic_axes import axis_number, node_of
+from canopen_control.runtime.sync_choice import axis_number, node_of
 from canopen_control.simulation.robot_under_test import MASTER
 
 if TYPE_CHECKING:

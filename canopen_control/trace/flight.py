@@ -40,9 +40,9 @@ if TYPE_CHECKING:
 
     from canopen_control.bus.port import Port
     from canopen_control.host.timer import Timer
+    from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.rpc.messages.robot import RobotPush
     from canopen_control.rpc.messages.state import Status
-    from canopen_control.rpc.messages.world_shape import WorldShape
 
 
 SECOND: Final = 1_000_000_000

@@ -40,10 +40,10 @@ from canopen_control.errors import ConfigError
 from canopen_control.frame import RECORD_SIZE, CanFrame, frames_of
 from canopen_control.host.files import make_private, telling
 from canopen_control.rpc.messages.declare import Count, Document, UnixTime
+from canopen_control.rpc.messages.drive import WorldShape
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.robot import Asked
 from canopen_control.rpc.messages.state import RobotEvent, StateSample, Status, TimedSnapshot
-from canopen_control.rpc.messages.world_shape import WorldShape
 from canopen_control.rpc.wire import decode, text_of
 
 if TYPE_CHECKING:

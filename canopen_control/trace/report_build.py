@@ -42,8 +42,8 @@ from canopen_control.trace.report_facts import (
     ReportFacts,
     Span,
     event_at,
+    summary,
 )
-from canopen_control.trace.report_words import summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

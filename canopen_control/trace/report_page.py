@@ -10,7 +10,7 @@ import math
 from html import escape
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from canopen_control.trace.report_words import clock
+from canopen_control.trace.report_facts import clock
 from canopen_control.version import __version__
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, ConfigError, DriveError
 from canopen_control.rpc.messages.robot import MAX_OBJECT
 from canopen_control.service.live_reader import NodeObjects
-from canopen_control.service.object_edit import EditHistory
+from canopen_control.service.object_rows import EditHistory
 from canopen_control.service.parameter_set import (
     backup_file_text,
     device_identity,
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Entry
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.object_edit import Edit
+    from canopen_control.service.object_rows import Edit
     from canopen_control.service.parameter_set import ParameterSet
     from canopen_control.view.scope_run import ScopeRun
     from canopen_control.view.tune_job import TuneFound

@@ -6,8 +6,15 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError
 from canopen_control.od.model import SCALAR_CODES
-from canopen_control.service.object_edit import limit_words, why_fixed
-from canopen_control.service.object_rows import LiveObject, axis_word, bits_of, rows_of, select_objects
+from canopen_control.service.object_rows import (
+    LiveObject,
+    axis_word,
+    bits_of,
+    limit_words,
+    rows_of,
+    select_objects,
+    why_fixed,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.rpc.messages.robot import Description, NodeListing, NodePlace
     from canopen_control.rpc.messages.state import Status
-    from canopen_control.rpc.messages.world_shape import WorldShape
 
 
 # What a page begins with: what stays as it is while a robot runs.

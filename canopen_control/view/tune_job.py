@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading
     from canopen_control.service.frequency_response import Bode
     from canopen_control.service.node_session import NodeSession
-    from canopen_control.service.tune_gains import LoopGains
+    from canopen_control.service.tune_gains import CascadeGains
     from canopen_control.service.tune_run import TuneRecord
 
 
@@ -102,7 +102,7 @@ class TuneFound:
     wish: TuneForm
     curves: NamedShot | None = None
     bode: Bode | None = None
-    gains: LoopGains | None = None
+    gains: CascadeGains | None = None
     lines: list[str] = field(default_factory=list)
 
 
@@ -203,7 +203,7 @@ def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
 
 
 def apply_gains(
-    session: NodeSession, work: JobProgress, gains: LoopGains, counts: float, *, axis: int = 0, stores: bool
+    session: NodeSession, work: JobProgress, gains: CascadeGains, counts: float, *, axis: int = 0, stores: bool
 ) -> str:
     """Set proposed gains of an axis and prove them; `counts` are the user units of 0x6064 of one turn."""
     work.lines += applied(session, gains, counts / math.tau, GainPlace(axis, stores=stores))

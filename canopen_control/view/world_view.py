@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, TypedDict
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.rpc.messages.state import StateSample
-    from canopen_control.rpc.messages.world_shape import WorldShape
 
 
 class _ShapeDocument(TypedDict):

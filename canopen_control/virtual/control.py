@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.rpc.messages.declare import Request
-    from canopen_control.rpc.messages.world_shape import WorldShape
+    from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.rpc.server import Call
     from canopen_control.virtual.node_host import NodeHost
     from canopen_control.virtual.plant import Plant, World

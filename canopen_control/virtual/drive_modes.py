@@ -11,7 +11,7 @@ from canopen_control.virtual.cyclic_modes import CyclicPosition, CyclicVelocity,
 from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.mode_base import Mode
 from canopen_control.virtual.node_events import ModeChanged
-from canopen_control.virtual.profile_modes import Homing, ProfilePosition, ProfileVelocity, VelocityMode
+from canopen_control.virtual.profile_modes import HomingMode, ProfilePosition, ProfileVelocity, VelocityMode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,7 +25,7 @@ MODES: dict[int, Callable[[AxisParts], Mode]] = {
     OperationMode.VL: VelocityMode,
     OperationMode.PV: ProfileVelocity,
     OperationMode.TQ: Torque,
-    OperationMode.HM: Homing,
+    OperationMode.HM: HomingMode,
     OperationMode.IP: InterpolatedPosition,
     OperationMode.CSP: CyclicPosition,
     OperationMode.CSV: CyclicVelocity,
@@ -57,10 +57,10 @@ class DriveModes:
         self.delay_ns: InjectionPoint[int] = InjectionPoint(0)
 
     @property
-    def homing(self) -> Homing:
+    def homing(self) -> HomingMode:
         """The homing mode."""
         homing = self._all[OperationMode.HM]
-        assert isinstance(homing, Homing)
+        assert isinstance(homing, HomingMode)
         return homing
 
     @property

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, runtime_checkable
 from canopen_control.rpc.messages.drive import WorldAct, WorldState
 
 if TYPE_CHECKING:
-    from canopen_control.rpc.messages.world_shape import WorldShape
+    from canopen_control.rpc.messages.drive import WorldShape
     from canopen_control.virtual.trajectory import DemandCurve, Piece
 
 

@@ -75,7 +75,7 @@ class _Leg(NamedTuple):
     speed: int  # FAST or SLOW
 
 
-class Homing(Mode):
+class HomingMode(Mode):
     """HM of one axis: bit 4 of the controlword starts it, and interrupts it by falling. Seam: `fails`."""
 
     def __init__(self, axis: AxisParts) -> None:

@@ -5,8 +5,7 @@ from support.floor import BASE, QUICK, BenchClient, FloorBench
 from support.robots import FORWARD
 
 from canopen_control.calibration.base_link import FACTORS, BaseLink, choose_base
-from canopen_control.calibration.square_path import SquarePath
-from canopen_control.calibration.umbmark import Direction
+from canopen_control.calibration.umbmark import Direction, SquarePath
 from canopen_control.errors import ConfigError, ControlError, RemoteError
 from canopen_control.rpc.messages.parameters import ParameterReading
 from canopen_control.rpc.messages.state import ControllerReading

@@ -3,10 +3,8 @@ import math
 import pytest
 from support.floor import BASE, QUICK
 
-from canopen_control.calibration.base_link import FACTORS, Driven, WheelValues
-from canopen_control.calibration.square_path import Pace
-from canopen_control.calibration.typed_ends import FiledEnds
-from canopen_control.calibration.umbmark import Direction, ImplausibleEnds
+from canopen_control.calibration.base_link import FACTORS, Driven, FiledEnds, WheelValues
+from canopen_control.calibration.umbmark import Direction, ImplausibleEnds, Pace
 from canopen_control.calibration.umbmark_session import CalibrationPlan, TrueEnds, calibrate, fitting_pace, space
 from canopen_control.errors import ControlError
 

@@ -13,7 +13,7 @@ from support.eds import DEVIATIONS
 from canopen_control.cli import init, scan
 from canopen_control.cli.main import main
 from canopen_control.cli.scan import FoundNode, ScanResult
-from canopen_control.cli.support.identity import NodeIdentity
+from canopen_control.cli.support.identity import ScannedDevice
 from canopen_control.data_files import data_path
 from canopen_control.errors import SdoAbort
 from canopen_control.master import direct
@@ -129,7 +129,7 @@ def found(monkeypatch, *nodes):
 
 
 def who(product, vendor=0x286, **more):
-    return NodeIdentity(device_type=0x192, vendor_id=vendor, product_code=product, **more)
+    return ScannedDevice(device_type=0x192, vendor_id=vendor, product_code=product, **more)
 
 
 def without_product(path, vendor):

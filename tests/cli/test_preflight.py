@@ -15,7 +15,7 @@ from canopen_control.bus.can_interfaces import CanInterface
 from canopen_control.cli import preflight
 from canopen_control.cli import preflight as steps
 from canopen_control.cli.main import main
-from canopen_control.cli.preflight import Jog, Step, jog_interfaces, link_steps, node_steps
+from canopen_control.cli.preflight import Jog, PreflightStep, jog_interfaces, link_steps, node_steps
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 
@@ -276,10 +276,10 @@ class FakeJog:
 
     def turn(self, joint):
         self.turned.append(joint)
-        return Step("jog", True, f"{joint}: turned")
+        return PreflightStep("jog", True, f"{joint}: turned")
 
     def stop(self):
-        return Step("STOP", True, "stopped")
+        return PreflightStep("STOP", True, "stopped")
 
 
 def test_what_could_not_be_turned_is_said_and_not_covered_by_the_pass(monkeypatch):

@@ -11,7 +11,7 @@ from support.tuneplant import COULOMB, COUNTS, INERTIA, VISCOUS, loaded
 
 from canopen_control.cia402.state import State
 from canopen_control.cli.main import main
-from canopen_control.service.tune_gains import LoopGains, PlantModel, phase_margin
+from canopen_control.service.tune_gains import CascadeGains, PlantModel, phase_margin
 
 TURN = 65536
 TRUE_PLANT = PlantModel(INERTIA, VISCOUS, COULOMB, 0.0, 0.0, 1.0)  # of the motor, which `tune` is not told
@@ -33,7 +33,7 @@ def no_terminal(monkeypatch):
 def gains_in(bench):
     """Return the gains that the drive has, of the shaft in rad."""
     p, i = (bench.get(0x60F9, sub) * 1e-5 * COUNTS for sub in (1, 2))
-    return LoopGains(p, p / i, bench.get(0x60FB, 1) * 1e-3, 0.0, 0.0)
+    return CascadeGains(p, p / i, bench.get(0x60FB, 1) * 1e-3, 0.0, 0.0)
 
 
 def value_of(said, words):

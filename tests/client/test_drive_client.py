@@ -9,8 +9,7 @@ from support.onbus import TMCM, OnBus
 from canopen_control.client import drive_client
 from canopen_control.client.drive_client import DriveClient, shapes_of_world, signal_values
 from canopen_control.errors import ConfigError, RemoteError
-from canopen_control.rpc.messages.drive import GetDriveState, ListFaults, SetPlant, SwitchFault
-from canopen_control.rpc.messages.world_shape import WorldShape
+from canopen_control.rpc.messages.drive import GetDriveState, ListFaults, SetPlant, SwitchFault, WorldShape
 from canopen_control.virtual.control import NodeControl
 
 CHANNEL = "memory:client"

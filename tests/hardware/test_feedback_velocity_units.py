@@ -8,6 +8,7 @@ import pytest
 from canopen_control.cia402.units import Scale
 from canopen_control.hardware.feedback import doubt_unit
 
+pytestmark = pytest.mark.sources  # stand-ins for an axis
 TURN = 65536.0  # position counts
 
 

@@ -37,6 +37,7 @@ def make(count=2):
     return Recovery(group.joints, events.append), group.joints, events
 
 
+@pytest.mark.sources  # stand-ins for joints
 def test_all_that_wait_are_enabled_together_and_once():
     recovery, joints, events = make()
     recovery.step(0)
@@ -66,6 +67,7 @@ def stopping(joint):
     joint.power.state = AxisPhase.BRAKING
 
 
+@pytest.mark.sources  # stand-ins for joints
 @pytest.mark.parametrize("hinder", [unready, unloaded, faulted, moving, stopping])
 def test_one_that_cannot_go_keeps_all(hinder):
     recovery, joints, events = make()
@@ -75,6 +77,7 @@ def test_one_that_cannot_go_keeps_all(hinder):
     assert events == []
 
 
+@pytest.mark.sources  # stand-ins for joints
 def test_who_does_not_wait_is_left_alone():
     recovery, joints, _ = make()
     joints[1].resume = False
@@ -83,6 +86,7 @@ def test_who_does_not_wait_is_left_alone():
     assert [joint.enabled for joint in joints] == [1, 0]
 
 
+@pytest.mark.sources  # stand-ins for joints
 def test_a_drive_that_refuses_keeps_the_others_of_its_group_off():
     recovery, joints, events = make()
 
@@ -96,6 +100,7 @@ def test_a_drive_that_refuses_keeps_the_others_of_its_group_off():
     assert "joint_0 stay disabled with joint_1 (drive_1)" in events[-1].text
 
 
+@pytest.mark.sources  # stand-ins for joints
 def test_a_drive_that_refuses_is_told():
     recovery, joints, events = make(1)
 

@@ -7,8 +7,7 @@ import time
 import pytest
 
 from canopen_control.errors import LocalProtocolError, RemoteError
-from canopen_control.host.lineclient import LineClient
-from canopen_control.host.lines import MAX_LINE
+from canopen_control.host.lineclient import MAX_LINE, LineClient
 from canopen_control.host.sockets import close_listener, listen, socket_path
 
 

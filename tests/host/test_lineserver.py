@@ -13,7 +13,7 @@ from support.jsonserver import json_server, line_of, say
 from support.properties import examples
 
 from canopen_control.host import lineserver, sockets
-from canopen_control.host.lines import MAX_REQUEST
+from canopen_control.host.lineclient import MAX_REQUEST
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import SocketInUse, runtime_dir, socket_path
 from canopen_control.host.timer import ManualClock

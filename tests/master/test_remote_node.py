@@ -17,12 +17,21 @@ from canopen_control.od.model import DataType
 from canopen_control.rpc.messages.state import EventDetails
 
 
+class WithEvents:
+    """A log and the events that it reported."""
+
+    def __init__(self, log, events):
+        self.log, self.told = log, events
+
+    def __getattr__(self, name):
+        return getattr(self.log, name)
+
+
 @pytest.fixture
 def log():
     events = []
     log = NodeLog(SimpleNamespace(node_id=3, name="left", supervision=SupervisionKeys()), events.append, 100_000_000)
-    log.told = events
-    return log
+    return WithEvents(log, events)
 
 
 def hear(log, message, now):

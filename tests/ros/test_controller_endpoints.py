@@ -18,8 +18,9 @@ class Ros:
     @property
     def node(self): return self
 def names(tells, topic, *publishes):
-    return [each.__class__.__name__ for each in controller_endpoints.endpoints_for(Ros(), view(tells, topic,
-publishes))] assert names(None, "commands") == ["ForwardCommands"]
+    endpoints = controller_endpoints.endpoints_for(Ros(), view(tells, topic, publishes))
+    return [each.__class__.__name__ for each in endpoints]
+assert names(None, "commands") == ["ForwardCommands"]
 assert names("odometry", "cmd_vel") == ["TwistCommands", "OdometrySetting", "BaseOdometry"]
 broadcaster = "joint_states"
 assert names(broadcaster, None, "joint_states", "dynamic_joint_states") == ["JointStates", "DynamicJointStates"]

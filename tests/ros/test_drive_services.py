@@ -19,6 +19,7 @@ NODES = [
 NODES.append({"name": "odd", "node_id": 9, "remappings": {"~/init": "/no name"}})  # it has none, the others have
 NODES.append({"name": "terminals", "node_id": 7})
 NODES.append({"name": "arm", "node_id": 5, "channel_names": ["shoulder"]})
+NODE_STATES = {"arm": {**ros.node(5, "left"), "axes": [{"joint": "left", "axis": 0}, {"joint": "right", "axis": 1}]}}
 TRIGGER, TARGET = "std_srvs/srv/Trigger", "canopen_interfaces/srv/COTargetDouble"
 
 

@@ -4,9 +4,11 @@ import pytest
 from support import ros
 
 pytestmark = pytest.mark.ros
+NODES = [{"name": "left_drive", "node_id": 3}]
 OBJECT = "canopen_interfaces/msg/COData"
 MAPPED = [{"index": 0x60FE, "subindex": 1, "bits": 32}, {"index": 0x2001, "subindex": 0, "bits": 16}]
 SENT, COMING = {"direction": "rpdo", "objects": MAPPED}, {"direction": "tpdo", "objects": MAPPED[:1]}
+LAYOUT = {"buses": {"can": {"nodes": [{"name": "left_drive", "pdos": [SENT, COMING]}]}}}
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 pytestmark = pytest.mark.ros
+NODES = [{"name": "left_drive", "node_id": 3, "driver": "ros2_canopen::LifecycleCia402Driver"}]
 CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE, SHUTDOWN = 1, 2, 3, 4, 7
 
 

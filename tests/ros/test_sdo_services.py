@@ -88,6 +88,7 @@ def test_the_data_types_of_the_services_are_those_of_the_standard():
         of_datatype(8)
 
 
+NODES = [{"name": "left_drive", "node_id": 3}]
 ABORT = "node 3 (left_drive): 0x{index:04X}:{subindex:02X}: abort 0x06020000 (object does not exist)"
 LENGTH = "node 3 (left_drive): 0x{index:04X}:{subindex:02X}: abort 0x06070010 (length does not match)"
 

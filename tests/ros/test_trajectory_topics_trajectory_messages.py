@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.host.lines import MAX_REQUEST, MAX_VALUES
+from canopen_control.host.lineclient import MAX_REQUEST, MAX_VALUES
 from canopen_control.ros.trajectory_topics import (
     fill_point,
     goal_refusal,

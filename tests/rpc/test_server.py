@@ -8,7 +8,7 @@ from support.store import STORE, Changed, Get, Hello, Put, Value
 
 from canopen_control.errors import ControlError
 from canopen_control.host import sockets
-from canopen_control.host.lines import MAX_VALUES
+from canopen_control.host.lineclient import MAX_VALUES
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import socket_path
 from canopen_control.host.timer import ManualClock

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.host.lines import MAX_VALUES
+from canopen_control.host.lineclient import MAX_VALUES
 from canopen_control.rpc import wire
 from canopen_control.rpc.messages.robot import CommandController, SdoData
 from canopen_control.rpc.messages.state import AxisReading, JointReading

@@ -19,10 +19,10 @@ from canopen_control.errors import BusClosed, ConfigError, DriveError, SdoAbort,
 from canopen_control.service.node_session import NodeSession
 from canopen_control.service.parameter_set import DeviceIdentity, device_identity
 from canopen_control.service.program_download import (
-    Act,
+    DownloadAct,
+    DownloadAnswer,
     DownloadProgress,
     DownloadStep,
-    Outcome,
     ProgramDate,
     ProgramOptions,
     boot_check,
@@ -258,17 +258,17 @@ class Bench:
     def answer(self, order):
         store = self.device.store
         try:
-            if order.act is Act.READ:
-                return Outcome(store.upload(order.index, order.subindex))
-            if order.act is Act.WRITE:
+            if order.act is DownloadAct.READ:
+                return DownloadAnswer(store.upload(order.index, order.subindex))
+            if order.act is DownloadAct.WRITE:
                 store.download(order.index, order.subindex, order.data)
-            elif order.act is Act.PAUSE:
+            elif order.act is DownloadAct.PAUSE:
                 self.advance(round(order.seconds * 1e9))
             else:
                 self.device.command(NmtCommand.ENTER_PRE_OPERATIONAL, self.now)
         except SdoServerAbort as refusal:
-            return Outcome(error=SdoAbort(5, order.index, order.subindex, refusal.code, "refused"))
-        return Outcome()
+            return DownloadAnswer(error=SdoAbort(5, order.index, order.subindex, refusal.code, "refused"))
+        return DownloadAnswer()
 
     def power_cut(self):
         self.device.power_on(self.now)
@@ -276,11 +276,11 @@ class Bench:
 
 
 def silent(order):
-    return Outcome(error=SdoTimeout(5, order.index, order.subindex, 1.0))
+    return DownloadAnswer(error=SdoTimeout(5, order.index, order.subindex, 1.0))
 
 
 def writes(bench):
-    return [(order.index, order.data[:1]) for order in bench.orders if order.act is Act.WRITE]
+    return [(order.index, order.data[:1]) for order in bench.orders if order.act is DownloadAct.WRITE]
 
 
 def test_stop_clear_send_start_in_this_order():
@@ -295,8 +295,8 @@ def test_stop_clear_send_start_in_this_order():
 
 def test_an_identification_that_is_the_crc_of_the_file_is_told():
     def disturb(_number, order):
-        is_asked = (order.act, order.index) == (Act.READ, 0x1F56)
-        return Outcome(zlib.crc32(NEW).to_bytes(4, "little")) if is_asked else None
+        is_asked = (order.act, order.index) == (DownloadAct.READ, 0x1F56)
+        return DownloadAnswer(zlib.crc32(NEW).to_bytes(4, "little")) if is_asked else None
 
     assert Bench().run(disturb=disturb).notes == ["0x1F56 is the CRC-32 of the file"]
 
@@ -411,7 +411,7 @@ def test_a_flash_that_is_quick_is_not_waited_for():
     area.erase_ns.inject(5 * MS)
     area.write_ns = 5 * MS
     bench.run()
-    assert sum(order.seconds for order in bench.orders if order.act is Act.PAUSE) < 0.4
+    assert sum(order.seconds for order in bench.orders if order.act is DownloadAct.PAUSE) < 0.4
 
 
 def test_a_date_is_compared_as_far_as_it_is_told():
@@ -431,8 +431,8 @@ def test_any_number_is_a_date_or_none(days, milliseconds):
     parts = {1: days, 2: milliseconds}
 
     def disturb(_number, order):
-        if (order.act, order.index) == (Act.READ, 0x1F52):
-            return Outcome(parts[order.subindex].to_bytes(4, "little"))
+        if (order.act, order.index) == (DownloadAct.READ, 0x1F52):
+            return DownloadAnswer(parts[order.subindex].to_bytes(4, "little"))
         return None
 
     told = Bench().run(disturb=disturb).new_date
@@ -447,7 +447,7 @@ def test_who_erases_or_writes_before_an_answer_is_waited_for_and_who_resets_is_a
     bench.run()
     patience = {}
     for order in bench.orders:
-        if order.act is Act.WRITE:
+        if order.act is DownloadAct.WRITE:
             patience[order.index, order.data[:1]] = order.seconds
     assert patience[0x1F51, b"\3"] >= 10.0
     assert patience[0x1F50, NEW[:1]] >= 10.0
@@ -467,11 +467,11 @@ def load_into(device, image=NEW, lost=(), **how):
             order = next(sequence) if outcome is None else sequence.send(outcome)
         except StopIteration:
             return progress
-        outcome = Outcome()
+        outcome = DownloadAnswer()
         device.wait(MS)
-        if order.act is Act.PAUSE:
+        if order.act is DownloadAct.PAUSE:
             device.wait(round(order.seconds * 1e9))
-        elif order.act is Act.PRE_OPERATIONAL:
+        elif order.act is DownloadAct.PRE_OPERATIONAL:
             device.enter_pre_operational()
         else:
             if order.index == 0x1F50:
@@ -484,13 +484,13 @@ def load_into(device, image=NEW, lost=(), **how):
 
 def answered(device, order, data):
     try:
-        answer = device.read(order.index) if order.act is Act.READ else device.write(order.index, data)
+        answer = device.read(order.index) if order.act is DownloadAct.READ else device.write(order.index, data)
     except ProgramAbort as abort:
-        return Outcome(error=SdoAbort(5, order.index, order.subindex, abort.code, "refused"))
+        return DownloadAnswer(error=SdoAbort(5, order.index, order.subindex, abort.code, "refused"))
     if answer is None:
         device.wait(2 * round((order.seconds or 1.0) * 1e9))  # of two tries
         return silent(order)
-    return Outcome(answer)
+    return DownloadAnswer(answer)
 
 
 def test_zephyrs_device_takes_a_program_on_trial():

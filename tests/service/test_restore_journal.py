@@ -92,7 +92,7 @@ def test_a_refusal_that_is_undone_leaves_the_journal_of_before_alone():
     session.transfers.device.store.ceilings.inject({0x6083: 1})
     assert restore_into(session, backup(), arguments()) == 1
     (journal,) = journals()
-    session.transfers.device.store.ceilings.heal()
+    session.transfers.device.store.ceilings.clear()
     assert restore_into(session, read_backup(journal), arguments()) == 0
     assert held(session) == before
 

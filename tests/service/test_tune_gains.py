@@ -13,7 +13,7 @@ from canopen_control.errors import ConfigError, DriveError
 from canopen_control.od.eds import read_eds
 from canopen_control.service.jog_motion import JogEnd
 from canopen_control.service.tune_gains import (
-    LoopGains,
+    CascadeGains,
     PlantModel,
     design_velocity_loop,
     gain_values,
@@ -144,7 +144,7 @@ def test_gains_of_an_identified_plant_reach_the_margin_on_the_true_one_within_th
 
 OD = read_eds(data_path("eds", "generic_cia402.eds"), 5).od
 PER_RAD = 65536 / math.tau
-GAINS = LoopGains(velocity_p=5000.0, reset=0.02, position_p=15.7, crossover=60.0, margin=1.0)
+GAINS = CascadeGains(velocity_p=5000.0, reset=0.02, position_p=15.7, crossover=60.0, margin=1.0)
 P, TI, KV, FF = (0x60F9, 1), (0x60F9, 2), (0x60FB, 1), (0x60FB, 2)
 
 
@@ -181,7 +181,7 @@ def test_a_gain_at_the_shaft_is_one_of_the_drives_own_units():
 
 @pytest.mark.parametrize("gain", [1e-12, 1e12])
 def test_a_gain_that_the_object_cannot_hold_is_told(gain):
-    design = LoopGains(gain, 0.02, 15.0, 60.0, 1.0)
+    design = CascadeGains(gain, 0.02, 15.0, 60.0, 1.0)
     with pytest.raises(ConfigError, match=r"0x60F9:01 Velocity loop proportional gain would be .* it holds 1 to"):
         gain_values(OD, gain_objects(OD), design, PER_RAD)
 

@@ -13,7 +13,7 @@ from canopen_control.service.tune_run import (
     STEERED,
     Chirp,
     Prbs,
-    Step,
+    StepExcitation,
     TuneMotion,
     TuneRecord,
     TuneRequest,
@@ -68,7 +68,7 @@ LIMITS_OF_TUNE_MOTION = JogLimits(speed=6.0, travel=10.0, current=500.0)
 
 
 def motion_of_tune_motion(kind=JogKind.VELOCITY, excitation=None, **kwargs):
-    return TuneMotion(kind, excitation or Step(3.0, 2.0), LIMITS_OF_TUNE_MOTION, now=0, **kwargs)
+    return TuneMotion(kind, excitation or StepExcitation(3.0, 2.0), LIMITS_OF_TUNE_MOTION, now=0, **kwargs)
 
 
 def test_it_commands_its_excitation_and_is_over_with_it():
@@ -158,7 +158,7 @@ def test_a_record_counts_the_cycles_that_are_missing():
 
 
 def test_a_step_is_nothing_then_its_height_then_nothing():
-    step = Step(3.0, 2.0)
+    step = StepExcitation(3.0, 2.0)
     assert [step.at(t) for t in (0.0, LEAD_S - 1e-6, LEAD_S, 1.999, 2.0)] == [0.0, 0.0, 3.0, 3.0, 0.0]
     assert step.peak == 3.0
 
@@ -193,7 +193,9 @@ LIMITS = JogLimits(6.0, 10.0, 500.0)
 
 
 def tune(effort_unit=1000.0):
-    return TuneRun(DRIVE, JogKind.VELOCITY, Step(3.0, 2.0), LIMITS, deceleration=20.0, effort_unit=effort_unit)
+    return TuneRun(
+        DRIVE, JogKind.VELOCITY, StepExcitation(3.0, 2.0), LIMITS, deceleration=20.0, effort_unit=effort_unit
+    )
 
 
 def sample(cycle, effort=None, state="OPERATION_ENABLED"):
@@ -205,7 +207,7 @@ def sample(cycle, effort=None, state="OPERATION_ENABLED"):
 
 
 def motion():
-    return TuneMotion(JogKind.VELOCITY, Step(3.0, 2.0), LIMITS, now=0)
+    return TuneMotion(JogKind.VELOCITY, StepExcitation(3.0, 2.0), LIMITS, now=0)
 
 
 def test_a_sample_is_kept_with_its_cycle_and_its_torque_in_per_mille():

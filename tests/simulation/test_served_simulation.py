@@ -7,7 +7,7 @@ import pytest
 from support.simulated import FORWARD, Played, setup_of
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.host.lines import LineBuffer
+from canopen_control.host.lineclient import LineBuffer
 from canopen_control.host.sockets import list_sockets, socket_path
 from canopen_control.rpc import wire
 from canopen_control.rpc.messages.robot import ROBOT, CommandController, GetStatus, Stop, Subscribe

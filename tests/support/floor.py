@@ -8,7 +8,7 @@ from support.robots import Bench, dictionary_of
 
 from canopen_control.bus.channel import open_port
 from canopen_control.calibration.base_link import Driven, WheelValues
-from canopen_control.calibration.square_path import Pace
+from canopen_control.calibration.umbmark import Pace
 from canopen_control.errors import CanopenError, RemoteError
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.parameters import GetParameters, ParameterValue, SetParameters

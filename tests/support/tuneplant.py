@@ -32,6 +32,6 @@ def pushed(plant, excitation, period, delay=0):
         record.put(TuneSample(cycle, motion.command, plant.position / COUNTS, speed, plant.torque))
         waiting.append(motion.command)
         torque = waiting.pop(0)
-        plant.push(ramp_to(now, 0.0, torque, torque, math.inf, math.inf), now, now + step)
+        plant.apply_torque(ramp_to(now, 0.0, torque, torque, math.inf, math.inf), now, now + step)
         now, cycle = now + step, cycle + 1
     return motion.ended, record

@@ -15,8 +15,8 @@ from canopen_control.errors import BusError
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.reactor import Reactor
 from canopen_control.master.event_log import Event, Level
+from canopen_control.rpc.messages.drive import WorldShape
 from canopen_control.rpc.messages.state import RobotEvent
-from canopen_control.rpc.messages.world_shape import WorldShape
 from canopen_control.trace import flight
 from canopen_control.trace.flight import FlightRecorder, flight_folder, main
 from canopen_control.trace.flight_file import newest, read_flight

@@ -9,9 +9,9 @@ from canopen_control.host.lineclient import LineClient
 from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import socket_path
 from canopen_control.host.timer import ManualClock
+from canopen_control.rpc.messages.drive import WorldShape
 from canopen_control.rpc.messages.robot import Description
 from canopen_control.rpc.messages.state import RobotEvent
-from canopen_control.rpc.messages.world_shape import WorldShape
 from canopen_control.trace.flight_file import FlightMeta, read_samples, save
 from canopen_control.trace.replayed_robot import ReplayedRobot
 

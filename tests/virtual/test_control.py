@@ -15,8 +15,7 @@ from canopen_control.host.reactor import Reactor
 from canopen_control.host.sockets import socket_path
 from canopen_control.host.timer import ManualClock
 from canopen_control.rpc.messages.declare import PROTOCOL
-from canopen_control.rpc.messages.drive import BasePose, WorldState
-from canopen_control.rpc.messages.world_shape import WorldShape
+from canopen_control.rpc.messages.drive import BasePose, WorldShape, WorldState
 from canopen_control.version import __version__
 from canopen_control.virtual.control import NodeControl
 from canopen_control.virtual.fault_table import FAULTS

@@ -7,7 +7,7 @@ from canopen_control.cia402.modes import OperationMode
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.drive_modes import MODES, possible_modes
 from canopen_control.virtual.node_events import ModeChanged
-from canopen_control.virtual.profile_modes import Homing
+from canopen_control.virtual.profile_modes import HomingMode
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -41,5 +41,5 @@ def test_a_mode_that_comes_late_comes_once():
 def test_homing_is_the_mode_6():
     bench = Bench(servo())
     bench.write(0x6060, OperationMode.HM)
-    assert isinstance(bench.drive.modes.homing, Homing)
+    assert isinstance(bench.drive.modes.homing, HomingMode)
     assert bench.drive.modes.active is bench.drive.modes.homing

@@ -25,7 +25,7 @@ from canopen_control.virtual.axis_motion import AxisMotion
 from canopen_control.virtual.trajectory import hold, move_to, ramp_to
 
 if TYPE_CHECKING:
-    from canopen_control.calibration.square_path import SquarePath
+    from canopen_control.calibration.umbmark import SquarePath
     from canopen_control.physics.physics_world import PhysicsWorld
     from canopen_control.virtual.trajectory import DemandCurve
 

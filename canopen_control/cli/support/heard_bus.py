@@ -136,8 +136,8 @@ def config_layout(config: str, bus: str | None = None, *, units: bool = False) -
 
 def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
     """Return the prismatic joints of a robot's files; none of a bus alone, or where the description cannot be read."""
-    from canopen_control.runtime.cyclic_axes import linear_axes
     from canopen_control.runtime.robot_files import find_robot
+    from canopen_control.runtime.sync_choice import linear_axes
     from canopen_control.urdf.description import DescriptionReader
 
     try:

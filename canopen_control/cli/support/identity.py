@@ -33,7 +33,7 @@ NAME = (0x1008, 0)
 
 
 @dataclass(frozen=True, slots=True)
-class NodeIdentity:
+class ScannedDevice:
     """0x1000, 0x1018 and 0x1008; None where the node has none."""
 
     device_type: int | None = None
@@ -54,12 +54,12 @@ class KnownEds:
     revision_number: int
 
 
-def identity_of(data: Mapping[tuple[int, int], object]) -> NodeIdentity:
+def identity_of(data: Mapping[tuple[int, int], object]) -> ScannedDevice:
     """Make the identity of what was read: bytes by address, anything else where the node has refused."""
     numbers = {field: _number(data.get(address)) for field, (address, _) in FIELDS.items()}
     name = data.get(NAME)
     text = name.rstrip(b"\0").decode("latin-1") if isinstance(name, bytes) else None
-    return NodeIdentity(**numbers, device_name=text)
+    return ScannedDevice(**numbers, device_name=text)
 
 
 def _number(data: object) -> int | None:
@@ -101,7 +101,7 @@ def _default(od: ObjectDictionary, subindex: int, device: int | None) -> int:
     return entry.default if isinstance(entry.default, int) else device or 0
 
 
-def match_eds(identity: NodeIdentity, known: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
+def match_eds(identity: ScannedDevice, known: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
     """Return the file that fits best, and a remark: another revision, or other files that fit as well."""
     same = [
         eds for eds in known if (eds.vendor_id, eds.product_code) == (identity.vendor_id or 0, identity.product_code)
@@ -115,13 +115,13 @@ def match_eds(identity: NodeIdentity, known: Iterable[KnownEds]) -> tuple[KnownE
     return best, f"for revision 0x{best.revision_number:08X}"
 
 
-def _of_the_vendor(identity: NodeIdentity, known: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
+def _of_the_vendor(identity: ScannedDevice, known: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
     """Return the one file of the vendor that has no product code, as some vendors write theirs."""
     same = [eds for eds in known if not eds.product_code and eds.vendor_id and eds.vendor_id == identity.vendor_id]
     return (same[0], "without a product code, chosen by its vendor") if len(same) == 1 else (None, "")
 
 
-def differences(identity: NodeIdentity, expected: Mapping[str, int]) -> list[str]:
+def differences(identity: ScannedDevice, expected: Mapping[str, int]) -> list[str]:
     """Return what is not as expected, in words; `expected` has the fields of `FIELDS`, 0 for anything."""
     found = []
     for field, (_, label) in FIELDS.items():

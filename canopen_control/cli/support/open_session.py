@@ -20,8 +20,7 @@ from canopen_control.cli.support.target import BusTarget, RobotTarget, add_targe
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, ConfigError, DriveError
 from canopen_control.rpc.wire import plain
-from canopen_control.service.drive_faults import fault_words, why_not_free
-from canopen_control.service.driven_axis import drive_of_robot
+from canopen_control.service.driven_axis import drive_of_robot, fault_words, why_not_free
 from canopen_control.service.jog_motion import JogScale
 from canopen_control.service.node_session import NodeSession, Transfers
 from canopen_control.service.parameter_set import read_backup, read_parameters, read_same

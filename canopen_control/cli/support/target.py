@@ -47,7 +47,7 @@ class TargetNode:
         return None if self.eds is None else read_eds(self.eds, self.node_id).od
 
 
-class Target(Protocol):
+class SdoTarget(Protocol):
     """Whoever carries SDO transfers."""
 
     def node(self, word: str) -> TargetNode:
@@ -68,7 +68,7 @@ class Target(Protocol):
     def close(self) -> None:
         """Let go."""
 
-    def __enter__(self) -> Target: ...
+    def __enter__(self) -> SdoTarget: ...
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
@@ -84,7 +84,7 @@ def add_target_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--name", help="the running robot (default: the only one)")
 
 
-def open_target(args: argparse.Namespace) -> Target:
+def open_target(args: argparse.Namespace) -> SdoTarget:
     """Open what the arguments `can`, `name`, `eds` and `timeout` (seconds or None) say."""
     eds = find_eds(args.eds) if args.eds else None
     if args.can is not None:

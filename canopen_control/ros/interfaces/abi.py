@@ -73,7 +73,7 @@ class IndividualDescription(Structure):
     _fields_ = (("type_name", Bytes), ("fields", Bytes))
 
 
-class TypeDescription(Structure):
+class TypeDescriptionStruct(Structure):
     """type_description_interfaces/msg/TypeDescription."""
 
     _fields_ = (("type_description", IndividualDescription), ("referenced", Bytes))

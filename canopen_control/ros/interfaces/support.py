@@ -535,9 +535,9 @@ def _event_of(codecs: Codecs, name: str, info: abi.EventInfo) -> Any:  # noqa: A
     return event
 
 
-def _c_description(description: TypeDescription) -> abi.TypeDescription:
+def _c_description(description: TypeDescription) -> abi.TypeDescriptionStruct:
     referenced = [_c_individual(each) for each in description["referenced_type_descriptions"]]
-    return abi.TypeDescription(
+    return abi.TypeDescriptionStruct(
         _c_individual(description["type_description"]), abi.sequence(abi.IndividualDescription, referenced)
     )
 

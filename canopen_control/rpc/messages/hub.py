@@ -96,7 +96,7 @@ class Uncut(Request[Done], frozen=True):
 
 
 @HUB.method("bus_off", Effect.CHANGES)
-class BusOff(Request[Done], frozen=True):
+class ForceBusOff(Request[Done], frozen=True):
     """Send the controller of a label off the bus; an error frame tells it."""
 
     label: str

@@ -14,6 +14,7 @@ from typing import Annotated, Final
 import msgspec
 
 from canopen_control.rpc.messages.declare import Api, Count, Done, Effect, Index, Request, Subindex
+from canopen_control.rpc.messages.drive import WorldShape
 from canopen_control.rpc.messages.gripper import GRIPPER_METHODS
 from canopen_control.rpc.messages.layout import Layout
 from canopen_control.rpc.messages.parameters import PARAMETER_METHODS
@@ -22,7 +23,6 @@ from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, St
 from canopen_control.rpc.messages.trajectory import (
     TRAJECTORY_METHODS,
 )
-from canopen_control.rpc.messages.world_shape import WorldShape
 
 # What a running robot may be asked about its nodes and their objects: where they are, NMT, SDO, PDO, touch probes.
 

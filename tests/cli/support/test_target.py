@@ -8,7 +8,7 @@ from canopen_control.cli.support.target import BusTarget, RobotTarget, TargetNod
 from canopen_control.client import RobotClient
 from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.frame import CanFrame
-from canopen_control.host.lines import MAX_REQUEST
+from canopen_control.host.lineclient import MAX_REQUEST
 from canopen_control.rpc.messages.declare import Done
 from canopen_control.rpc.messages.robot import (
     BusPlace,

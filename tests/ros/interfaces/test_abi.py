@@ -14,7 +14,7 @@ from canopen_control.ros.interfaces import abi
         (abi.FieldTypeDescription, 48),
         (abi.FieldDescription, 96),
         (abi.IndividualDescription, 48),
-        (abi.TypeDescription, 72),
+        (abi.TypeDescriptionStruct, 72),
         (abi.Hash, 33),
         (abi.FastCallbacks, 56),
         (abi.MessageMember, 112),

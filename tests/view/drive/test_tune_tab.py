@@ -12,7 +12,7 @@ from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 from canopen_control.service.frequency_response import Bode, BodePoint
 from canopen_control.service.scope_capture import NamedShot, Shot
-from canopen_control.service.tune_gains import LoopGains
+from canopen_control.service.tune_gains import CascadeGains
 from canopen_control.service.tune_run import TuneTest
 from canopen_control.view.drive.drive_tab import DriveTabContext
 from canopen_control.view.drive.tune_tab import TuneTab
@@ -96,7 +96,7 @@ def test_a_page_that_only_looks_moves_and_sets_nothing():
     async def act(user, tab, page):
         tab._ask()
         tab._begin()
-        tab._desk.tuned = found(gains=LoopGains(1.0, 0.1, 2.0, 60.0, 1.0))
+        tab._desk.tuned = found(gains=CascadeGains(1.0, 0.1, 2.0, 60.0, 1.0))
         tab._begin_apply()
         tab._begin_revert()
         tab.show(page.content())
@@ -108,7 +108,7 @@ def test_a_page_that_only_looks_moves_and_sets_nothing():
 def test_what_was_found_is_shown_and_its_gains_are_set_with_the_units_of_a_turn():
     async def act(user, tab, page):
         tab._desk.tuned = found(
-            gains=LoopGains(1.0, 0.1, 2.0, 60.0, 1.0),
+            gains=CascadeGains(1.0, 0.1, 2.0, 60.0, 1.0),
             bode=Bode((BodePoint(1.0, 0.0, -5.0, 1.0), BodePoint(10.0, -3.0, -60.0, 0.99))),
         )
         tab.show(page.content())

@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from canopen_control.rpc.messages.state import RobotEvent, TrackingReading, TruePose
 from canopen_control.trace.report_build import facts_of
-from canopen_control.trace.report_words import clock, summary
+from canopen_control.trace.report_facts import clock, summary
 
 
 def test_the_first_lines_name_robot_drives_and_the_fault(lost_drive):

@@ -4,7 +4,7 @@ from support.service_node import NodeStub
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.od.eds import read_eds
-from canopen_control.service.drive_faults import error_history, fault_words, why_not_free
+from canopen_control.service.driven_axis import error_history, fault_words, why_not_free
 from canopen_control.service.node_session import NodeSession
 
 OD = read_eds(data_path("eds", "generic_cia402.eds"), 5).od

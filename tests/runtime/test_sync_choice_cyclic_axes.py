@@ -5,9 +5,9 @@ from support.arm6 import copy_arm
 from support.robots import copy_robby
 
 from canopen_control.cia402.modes import OperationMode
-from canopen_control.runtime.cyclic_axes import cyclic_axes, joint_words
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
+from canopen_control.runtime.sync_choice import cyclic_axes, joint_words
 
 
 def axes_of(config):

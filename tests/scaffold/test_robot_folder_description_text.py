@@ -8,8 +8,8 @@ from support.drive_shapes import modes, shape
 from canopen_control.data_files import data_path
 from canopen_control.od.eds import read_eds
 from canopen_control.scaffold import bases
-from canopen_control.scaffold.description_text import RADIUS, SEPARATION, WHEELBASE, description_text
 from canopen_control.scaffold.new_robot import Device, plan_robot
+from canopen_control.scaffold.robot_folder import RADIUS, SEPARATION, WHEELBASE, description_text
 from canopen_control.urdf.description import parse_description
 
 

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.calibration.base_link import Driven
-from canopen_control.calibration.typed_ends import TypedEnds, parse_end, read_ends
+from canopen_control.calibration.base_link import Driven, TypedEnds, parse_end, read_ends
 from canopen_control.errors import ConfigError, ControlError
 
 HERE = Driven((0.0, 0.0, 0.0))

@@ -7,8 +7,8 @@ import math
 import pytest
 from support.endpoints import Ros
 
-from canopen_control.ros import controller_endpoints, interfaces, state_topics
-from canopen_control.ros.state_topics import BatteryTopics, ImuTopic, PoseTopic, RangeTopic, WrenchTopic
+from canopen_control.ros import controller_endpoints, interfaces
+from canopen_control.ros.controller_endpoints import BatteryTopics, ImuTopic, PoseTopic, RangeTopic, WrenchTopic
 from canopen_control.rpc.messages.samples import (
     BatteriesSample,
     BatteryReading,
@@ -124,7 +124,7 @@ POWER = ControllerReading(name="power", type="x/Y", state="active", tells="batte
 @pytest.fixture
 def ros(monkeypatch):
     made = {"control_msgs/msg/BatteryStateArray": Array}
-    monkeypatch.setattr(state_topics, "interface", lambda name: made.get(name) or interfaces.interface(name))
+    monkeypatch.setattr(controller_endpoints, "interface", lambda name: made.get(name) or interfaces.interface(name))
     return Ros()
 
 

@@ -12,6 +12,7 @@ from support import ros
 from support.control import vectors
 
 pytestmark = pytest.mark.ros
+ARGUMENTS = ("--ros-args", "-p", "topic_hardware:=true", "-p", "rate:=100.0")
 COMMANDS, STATES, TYPE = "/robot_joint_commands", "/robot_joint_states", "sensor_msgs/msg/JointState"
 NAN = math.nan
 
@@ -71,7 +72,7 @@ def test_the_states_of_all_joints_are_there_for_best_effort_subscribers(matched,
 
 @given(st.lists(st.sampled_from(["a", "b", "c"])), st.lists(st.floats()), st.lists(st.floats()))
 def test_any_message_gives_finite_values_of_named_joints_or_a_sentence(names, one, other):
-    from canopen_control.ros.topic_hardware import commanded  # imports ROS messages
+    from canopen_control.ros.world_topics import commanded  # imports ROS messages
 
     values = {}
     with contextlib.suppress(ValueError):
@@ -89,7 +90,7 @@ def upstream_message(case):
 
 @pytest.mark.parametrize("case", vectors("joint_state_topic_hardware_interface"), ids=lambda case: case["name"])
 def test_what_upstream_publishes_commands_what_it_means(case):
-    from canopen_control.ros.topic_hardware import commanded  # imports ROS messages
+    from canopen_control.ros.world_topics import commanded  # imports ROS messages
 
     message, wheels = upstream_message(case), ["left_wheel_joint", "right_wheel_joint"]
     if message is None:

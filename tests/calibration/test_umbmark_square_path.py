@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.calibration.square_path import Pace, SquarePath
-from canopen_control.calibration.umbmark import Direction
+from canopen_control.calibration.umbmark import Direction, Pace, SquarePath
 from canopen_control.errors import ControlError
 
 DT = 0.02

@@ -3,7 +3,7 @@ from support.tracing import frame, robby_decoder, robby_network
 
 from canopen_control.errors import ConfigError
 from canopen_control.frame import EXTENDED_FLAG, REMOTE_FLAG
-from canopen_control.trace.filters import Filter, node_ids_of, parse_ids, parse_services
+from canopen_control.trace.frame_lines import Filter, node_ids_of, parse_ids, parse_services
 
 STREAM = [
     (0x183, "370603"),

@@ -9,7 +9,7 @@ from canopen_control.errors import ConfigError, DriveError, SdoAbort
 from canopen_control.od.eds import read_eds
 from canopen_control.od.model import DataType, Entry
 from canopen_control.service.node_session import NodeSession
-from canopen_control.service.object_edit import EditHistory, limits_of, parsed_value, why_fixed
+from canopen_control.service.object_rows import EditHistory, limits_of, parsed_value, why_fixed
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 5).od
 SPEED = (0x6081, 0)

@@ -4,7 +4,7 @@ from support.localbus import end_hubs
 from canopen_control.bus.channel import open_port
 from canopen_control.frame import CanFrame, pack_records
 from canopen_control.host.sockets import list_sockets
-from canopen_control.monitor.tap import BusTap
+from canopen_control.monitor.frame_tables import BusTap
 from canopen_control.trace.network_description import NetworkDescription
 
 SECOND = 1_000_000_000

@@ -1,6 +1,6 @@
 import msgspec
 
-from canopen_control.rpc.messages.world_shape import WorldShape
+from canopen_control.rpc.messages.drive import WorldShape
 from canopen_control.rpc.wire import text_of
 
 

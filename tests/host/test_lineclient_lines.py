@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.host.lines import LineBuffer, too_many_values
+from canopen_control.host.lineclient import LineBuffer, too_many_values
 
 lines = st.binary(min_size=1).map(lambda data: data.replace(b"\n", b" ").strip()).filter(bool)
 

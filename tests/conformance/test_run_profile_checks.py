@@ -2,8 +2,7 @@
 
 import pytest
 
-from canopen_control.conformance.profile_checks import PROFILE_CHECKS
-from canopen_control.conformance.run import run_checks
+from canopen_control.conformance.run import PROFILE_CHECKS, run_checks
 
 
 def verdicts(report):
