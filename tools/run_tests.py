@@ -149,7 +149,6 @@ def checks() -> list[Part]:
 
 DEALT: Final = ("-n", "2", "--dist", "worksteal")  # tests that start nothing: no processor idles while a long file ends
 SHARED: Final = ("-n", "2", "--dist", "loadfile")  # the tests of a file share its fixtures: robots that run, browsers
-WAITING: Final = ("-n", "3", "--dist", "loadfile")  # one of three waits for the programs that it has started
 
 
 def default_lanes(*, again: bool = False) -> list[list[Part]]:
@@ -158,7 +157,7 @@ def default_lanes(*, again: bool = False) -> list[list[Part]]:
     The tests without a process run in two plain pytest processes. Workers of pytest-xdist would each collect all of
     them, which takes longer than an uneven end costs: the third lane fills it.
     """
-    slow = pytest("tests with processes", "process and not rest", *WAITING, *files_with(*PROCESS_MARKS), again=again)
+    slow = pytest("tests with processes", "process and not rest", *SHARED, *files_with(*PROCESS_MARKS), again=again)
     one, two = (
         replace(
             pytest(f"tests without a process, {number} of 2", "not process and not rest", *paths, again=again),
@@ -195,7 +194,7 @@ def rest_steps() -> list[list[list[Part]]]:
     Whole robots whose reactions have a limit in time (`timed`) run two at a time, what measures (`alone`) runs alone.
     """
     compiled = Path("build/compiled").absolute()
-    long = pytest("long tests with processes", "process and rest and not alone and not timed", *WAITING,
+    long = pytest("long tests with processes", "process and rest and not alone and not timed", *SHARED,
                   *files_with(*PROCESS_MARKS), again=True)  # fmt: skip
     long_fast = pytest("long tests without a process", "not process and rest and not alone and not timed", *DEALT,
                        again=True)  # fmt: skip
