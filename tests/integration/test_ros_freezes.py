@@ -180,13 +180,12 @@ def test_controllers_are_loaded_switched_and_unloaded_again_and_again(loop, kind
     assert loop(CHURN, kind, robby.domain) >= 1
 
 
-@pytest.mark.parametrize(
-    ("hangs", "times"), [(signal.SIGSTOP, 1), (signal.SIGUSR2, 2)], ids=["stopped", "planted_deadlock"]
-)
-def test_a_bridge_that_hangs_is_killed_and_a_new_one_serves(loop, robby, hangs, times):
+@pytest.mark.parametrize("hangs", [signal.SIGSTOP, signal.SIGUSR2], ids=["stopped", "planted_deadlock"])
+def test_a_bridge_that_hangs_is_killed_and_a_new_one_serves(loop, robby, hangs):
     assert loop(CALL, "made", robby.domain, 4) > 0
+    restarts = robby.robot.out.count("process ros: it is started again")
     pid = robby.stage.pid_of("canopen_control.ros.bridge")
     os.kill(pid, hangs)
     robby.robot.until(f"process ros (pid {pid}) has not answered for")
-    assert eventually(lambda: robby.robot.out.count("process ros: it is started again") == times, 20)
+    assert eventually(lambda: robby.robot.out.count("process ros: it is started again") > restarts, 20)
     assert loop(CALL, "made", robby.domain, 4) > 0
