@@ -383,7 +383,7 @@ def test_after_any_loss_the_next_attempt_succeeds(at, kind, fails_at):
 
     with contextlib.suppress(DriveError, SdoTimeout):
         bench.run(disturb=disturb)
-    area.fails_at.heal()
+    area.fails_at.clear()
     bench.power_cut()
     bench.run()
     assert (area.runs, area.image) == (True, NEW)
