@@ -1,14 +1,12 @@
 from __future__ import annotations
 
 import json
-import time
 from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support import ros
-from support.ros import URDF, Peer, bridge, eventually
+from support.ros import URDF, eventually
 
 from canopen_control.errors import RemoteError
 from canopen_control.ros.session import Mailbox, RosTime, wants_sim_time
@@ -141,27 +139,6 @@ def test_a_controller_that_comes_anew_is_stamped_anew():
     clocks.time.state(StateSample(time=UNIX))
     clocks.ros = 2.0
     assert times(clocks.time.state(StateSample(time=UNIX, samples={"imu": imu}))) == {"imu": 2.0}
-
-
-@pytest.mark.ros
-def test_the_bridges_stamps_follow_the_clock_of_another_program(ros_folder):
-    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
-        for name, value in ros_folder.items():
-            patch.setenv(name, value)
-        with (
-            ros.FakeRobot() as robot,
-            bridge(number, "--ros-args", "-p", "use_sim_time:=true", **ros_folder),
-            Peer(number) as peer,
-        ):
-            peer.order("subscribe", topic="/joint_states", of="sensor_msgs/msg/JointState")
-            clock = {"clock": {"sec": 42, "nanosec": 500_000_000}}
-            peer.order("publish", topic="/clock", of="rosgraph_msgs/msg/Clock", data=clock, rate=50)
-            peer.message("/joint_states", lambda message: ros.stamp_of(message) == 42.5)
-            robot.switch(base="active")
-            data = {"header": {"stamp": {"sec": 42, "nanosec": 400_000_000}}, "twist": {"linear": {"x": 0.5}}}
-            peer.order("publish", topic="/base/cmd_vel", of="geometry_msgs/msg/TwistStamped", data=data, rate=20)
-            assert ros.eventually(lambda: robot.commands("twist"))
-            assert robot.commands("twist")[-1]["stamp"] == pytest.approx(time.time() - 0.1, abs=5.0)
 
 
 @pytest.mark.ros
