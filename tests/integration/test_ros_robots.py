@@ -86,6 +86,7 @@ def test_a_command_on_a_topic_moves_the_robot_of_that_namespace_alone(scene):
 def test_a_publisher_at_ten_kilohertz_does_no_harm_and_its_newest_value_counts(scene):
     topic = "/one/robby_forward_controller/commands"
     flood = {"topic": topic, "of": ARRAY, "count": 10_000, "rate": 10_000}
+    scene.peer.order("subscribe", topic="/one/joint_states", of=JOINTS)
     assert scene.peer.order("flood", data=[5.0, 5.0], **flood)["hz"] > 5_000
     scene.peer.order("publish", topic=topic, of=ARRAY, data={"data": [2.0, 2.0]}, rate=10)
     scene.peer.message("/one/joint_states", lambda message: all(abs(2.0 - each) < 0.1 for each in message["velocity"]))
