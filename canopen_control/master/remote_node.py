@@ -86,7 +86,7 @@ class NodeLog:
 
     def heartbeat_changed(self, period_ns: int) -> None:
         """Expect the heartbeats of the node in another period."""
-        self._duplicates = DuplicateWatch(period_ns)
+        self._duplicates.set_period(period_ns)
 
     def emcy(self, message: EmcyMessage, now: int, hints: Mapping[int, str] | None = None) -> str | None:
         """Tell an emergency that `errors` heard; returns the error in words, None where one is gone.

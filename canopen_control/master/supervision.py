@@ -22,6 +22,7 @@ _FORGET_NS: Final = 10 * _SECOND
 _BOOT_UPS_APART_NS: Final = 100_000_000  # less than any device needs from one boot-up to the next
 _LONGEST_BEAT_NS: Final = 2 * _SECOND  # of boot-ups that are sent like heartbeats
 _MOST_RESETS: Final = 8
+_RESET_ANSWERED_NS: Final = 3 * _SECOND  # a gateway or an adapter may hold a boot-up up for that long
 _STUCK: Final = 3  # distances as long as the one before
 
 
@@ -137,11 +138,19 @@ class DuplicateWatch:
         self._beat = 0  # the last heartbeat
         self._held = 0  # heartbeats that a silence may have kept back
         self._resets = 0  # that were sent and are not answered by a boot-up yet
+        self._reset_at: int | None = None  # when the first frame came after the last of them
         self._gap = self._alike = 0  # between the last two boot-ups, and how many gaps in a row were as long
 
+    def set_period(self, period_ns: int) -> None:
+        """Count heartbeats of another period; resets that were sent still wait for their boot-ups."""
+        self._period = period_ns
+        self._window = self._count = self._beat = self._held = self._alike = 0
+        self.stuck = False
+
     def heartbeat(self, now: int, since: int | None = None) -> bool:
-        """Take a heartbeat; True when it is the one that gives the second device away."""
-        self.stuck, self._alike, self._resets = False, 0, 0
+        """Count a heartbeat; True when it shows that two devices share the node id."""
+        self.stuck, self._alike = False, 0
+        self._age_resets(now)
         if not self._period:
             return False
         late = (since is not None and now - since >= self._period) or self._was_held(now)
@@ -165,9 +174,18 @@ class DuplicateWatch:
     def reset(self) -> None:
         """Take that a reset is sent to the node, which answers by a boot-up, however many wait on the way."""
         self._resets = min(self._resets + 1, _MOST_RESETS)
+        self._reset_at = None
+
+    def _age_resets(self, now: int) -> None:
+        """Forget resets that were not answered in time; a heartbeat after one may have been sent before it."""
+        if self._reset_at is None:
+            self._reset_at = now
+        elif now - self._reset_at > _RESET_ANSWERED_NS:
+            self._resets = 0
 
     def boot_up(self, now: int, since: int | None = None) -> bool:
         """Take a boot-up; True when another one came too shortly before, and fewer resets were sent."""
+        self._age_resets(now)
         asked = self._resets > 0
         self._resets -= asked
         late = since is not None and now - since >= _BOOT_UPS_APART_NS

@@ -132,12 +132,30 @@ def test_what_comes_at_once_after_a_silence_was_held_up_on_the_way():
         watch.reset()  # of a master whose frames were held up as well
     stalled = 20 * PERIOD + 2000 * MS
     assert not any(watch.heartbeat(stalled + number) for number in range(20))
-    assert not any(watch.heartbeat(stalled + number * PERIOD) for number in range(1, 20))
+    assert not any(watch.heartbeat(stalled + number * PERIOD) for number in range(1, 40))
     for _ in range(3):
         watch.reset()
-    later = stalled + 30 * PERIOD
+    later = stalled + 50 * PERIOD
     assert not any(watch.boot_up(later + number) for number in range(3))
     assert watch.boot_up(later + 4), "one more than resets"
+
+
+def test_heartbeats_from_before_a_reset_do_not_count_as_its_answer():
+    watch = DuplicateWatch(PERIOD)
+    for number in range(3):  # a gateway keeps frames of either direction back and delivers them at once
+        watch.reset()
+        watch.set_period(PERIOD)  # a new boot
+        watch.heartbeat(number * PERIOD)
+    assert not any(watch.boot_up(3 * PERIOD + number) for number in range(3))
+
+
+def test_a_reset_that_is_never_answered_does_not_hide_a_second_device():
+    watch = DuplicateWatch(PERIOD)
+    watch.reset()
+    assert not any(watch.heartbeat(number * PERIOD) for number in range(11_000 * MS // PERIOD))
+    later = 11_000 * MS
+    assert not watch.boot_up(later)
+    assert watch.boot_up(later + MS)
 
 
 def test_a_second_device_is_found_behind_a_hub_that_stood_still():
