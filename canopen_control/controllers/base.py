@@ -21,12 +21,12 @@ from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.command_timeout import MOVING, CommandTimeout
 from canopen_control.controllers.params import CommonParams
-from canopen_control.errors import ControlError
+from canopen_control.errors import ControlError, NotEnabled
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.urdf.joint_element import POSITION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from canopen_control.controllers.gripper_goal import GripperGoal
     from canopen_control.controllers.params import Params
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
     from canopen_control.rpc.messages.trajectory import TrajectoryAt
     from canopen_control.urdf.joint_element import Joint
+
+    Ends = tuple[CommandInterface, ...]
 
 
 # A copy of chosen states as of one moment: the layout of everything that a broadcaster tells.
@@ -147,10 +149,29 @@ def is_moving(commands: Sequence[CommandInterface]) -> bool:
     return any(each.value != 0.0 and math.isfinite(each.value) for each in commands)
 
 
-def not_enabled(waiting: Sequence[CommandInterface]) -> str:
-    """Say which joints take no command; who knows their drives says more."""
-    names = ", ".join(dict.fromkeys(each.joint for each in waiting))
-    return f"{names}: not enabled; enable it"
+@mypyc_attr(allow_interpreted_subclasses=True)
+class EnableStatus:
+    """Which interfaces follow commands together and why some do not, for interfaces without drives.
+
+    `runtime.enable_status.DriveEnableStatus` is that of drives.
+    """
+
+    def error(self, waiting: Sequence[CommandInterface]) -> NotEnabled:
+        """Return what is raised for a command to interfaces that do not follow it."""
+        return NotEnabled(f"{joint_names(waiting)}: not enabled, so no command is taken")
+
+    def reason(self, waiting: Sequence[CommandInterface]) -> str:
+        """Return which joints follow no command, and what to do."""
+        return f"{joint_names(waiting)}: not enabled; enable it"
+
+    def stop_groups(self, ends: Ends) -> Sequence[Ends]:
+        """Return interfaces in parts that stop together."""
+        return (ends,)
+
+
+def joint_names(interfaces: Sequence[CommandInterface]) -> str:
+    """Return the joints of interfaces, each once, separated by commas."""
+    return ", ".join(dict.fromkeys(each.joint for each in interfaces))
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,8 +233,8 @@ class Controller:
         """The wheels of the robot's description, set by the manager; None if there is no description."""
         self.description: Mapping[str, Joint] = {}
         """The joints of the robot's description by name, set by the manager."""
-        self.explain: Callable[[Sequence[CommandInterface]], str] = not_enabled
-        """Says why interfaces follow no commands and what to do, set by the manager."""
+        self.enable_status = EnableStatus()
+        """Which interfaces follow commands and why others do not, set by the manager."""
         self.cycle_rate = 100
         """How often the cycle runs, in Hz, set by the manager."""
         self.notices: list[ControllerEvent] = []

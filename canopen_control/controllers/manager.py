@@ -13,13 +13,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
-from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, not_enabled, twist_axes_of
+from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, EnableStatus, twist_axes_of
 from canopen_control.controllers.declared import checked, declared_by, given_in
 from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.params import Params
 from canopen_control.controllers.switcher import Switched, Switcher, UpdateLoop, joints_of
 from canopen_control.controllers.types import make_controller
-from canopen_control.errors import CanopenError, ControlError, NotEnabled, NotYetEnabled, UnknownName, nearest
+from canopen_control.errors import CanopenError, ControlError, NotYetEnabled, UnknownName, nearest
 from canopen_control.rpc.messages.samples import kind_of
 from canopen_control.rpc.messages.state import ControllerReading
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.controllers.base import WheelGeometrySource
+    from canopen_control.controllers.switcher import SwitchObserver
     from canopen_control.controllers.trajectory.goal import TrajectoryGoal
     from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import (
-        CommandInterface,
         HardwareComponent,
         InterfaceRegistry,
     )
@@ -48,12 +48,6 @@ Bases = dict[str, tuple[str, ...]]
 Parameters = tuple["ParameterReading", ...]
 
 
-def _why_waiting(ends: Sequence[CommandInterface]) -> NotEnabled:
-    """Say which joints take no command; who knows their drives says more."""
-    names = ", ".join(dict.fromkeys(each.joint for each in ends))
-    return NotEnabled(f"{names}: not enabled, so no command is taken")
-
-
 class Limiter(Protocol):
     """Keeps the commands within the limits of the description (enforce_command_limits)."""
 
@@ -66,7 +60,8 @@ class ControllerManager:
     """Owns the controllers of one robot; `update_rate` in Hz, `cycle` in s where the cycle has another period.
 
     `running` are those that are active. `joints` are the movable ones of the description, `geometry` its wheels and
-    `description` all its joints; `limiter` may be set at any time. `happened` is what `events` returns next.
+    `description` all its joints. `enable_status` is that of its drives; `limiter` may be set at any time. `happened` is
+    what `events` returns next.
     """
 
     def __init__(
@@ -78,6 +73,7 @@ class ControllerManager:
         joints: Sequence[str] | None = None,
         geometry: WheelGeometrySource | None = None,
         description: Mapping[str, Joint] | None = None,
+        enable_status: EnableStatus | None = None,
     ) -> None:
         if update_rate <= 0:
             raise ControlError(f"controller_manager: update_rate is {update_rate}; it is a number of Hz above 0")
@@ -86,15 +82,14 @@ class ControllerManager:
         self._geometry = geometry
         self._description = description or {}
         self.limiter: Limiter | None = None
-        self.why_waiting: Callable[[Sequence[CommandInterface]], NotEnabled] = _why_waiting
-        self.explain: Callable[[Sequence[CommandInterface]], str] = not_enabled
+        self.enable_status = enable_status or EnableStatus()
         self._told_refusal: set[str] = set()
         self._controllers: dict[str, Controller] = {}
         self._params: dict[str, Params] = {}
         self._fallbacks: dict[str, tuple[str, ...]] = {}
         self._node_options: dict[str, tuple[str, ...]] = {}
         self.happened: list[ControllerEvent] = []
-        self.running = UpdateLoop(update_rate, cycle or 1.0 / update_rate, self.happened)
+        self.running = UpdateLoop(update_rate, cycle or 1.0 / update_rate, self.happened, self.enable_status)
         self._switcher = Switcher(registry, self._controllers, self.running, self.happened)
 
     # ------------------------------------------------------------------------------------------------- lifecycle
@@ -117,7 +112,7 @@ class ControllerManager:
         controller = make_controller(name, type_name)
         controller.description_joints, controller.geometry = self._joints, self._geometry
         controller.description, controller.cycle_rate = self._description, self.update_rate
-        controller.explain = self._explain
+        controller.enable_status = self.enable_status
         self.happened += controller.notices
         controller.notices = self.happened
         self._fallbacks[name], self._node_options[name] = tuple(fallbacks), tuple(node_options)
@@ -165,9 +160,9 @@ class ControllerManager:
             raise UnknownName(f"no controller {name!r} is loaded{nearest(name, self._controllers)}")
         return controller
 
-    def on_switch(self, call: Callable[[], None]) -> None:
-        """Have something called whenever other controllers are active than before."""
-        self._switcher.on_switched = call
+    def observe(self, observer: SwitchObserver) -> None:
+        """Have an observer called whenever other controllers are active than before."""
+        self._switcher.observer = observer
 
     def list(self) -> list[ControllerReading]:
         """Return all controllers in the order they were loaded."""
@@ -326,7 +321,7 @@ class ControllerManager:
         slot = self.running.slot_of(controller)
         if slot is not None and not slot.follows:
             controller.rejected += 1
-            raise self.why_waiting(slot.disabled)
+            raise self.enable_status.error(slot.disabled)
 
     # ------------------------------------------------------------------------------------------------------ inside
 
@@ -348,9 +343,6 @@ class ControllerManager:
             self._tell("error", failed, f"{failed}: its fallbacks cannot take over: {error}")
         else:
             self._tell("fallback", failed, f"{', '.join(names)} took over from {failed}")
-
-    def _explain(self, waiting: Sequence[CommandInterface]) -> str:
-        return self.explain(waiting)
 
     def _withdraw(self, controller: Controller) -> None:
         self.registry.withdraw(controller.reference_interfaces(), controller.exported_states())

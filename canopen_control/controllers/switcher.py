@@ -9,14 +9,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
-from canopen_control.controllers.base import ALL_STATES, ControllerEvent, ControllerState, is_moving, zero_targets
+from canopen_control.controllers.base import (
+    ALL_STATES,
+    ControllerEvent,
+    ControllerState,
+    EnableStatus,
+    is_moving,
+    zero_targets,
+)
 from canopen_control.errors import ControlError, InterfaceConflict, UnknownName, nearest
 from canopen_control.hardware.interfaces import OK, LifecycleState
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
     from canopen_control.controllers.base import Controller
     from canopen_control.hardware.interfaces import (
@@ -342,13 +349,16 @@ Samples = dict[str, "ControllerSample"]
 class UpdateLoop:
     """The active controllers in running order; `update_rate` in Hz is the most they run at, `cycle` in s the cycle's.
 
-    What happens is added to `events`; `divide` parts what an independent controller moves into what stops together.
+    What happens is added to `events`; `enable_status` says which of the interfaces of an independent controller stop
+    together.
     """
 
-    def __init__(self, update_rate: int, cycle: float, events: list[ControllerEvent]) -> None:
+    def __init__(
+        self, update_rate: int, cycle: float, events: list[ControllerEvent], enable_status: EnableStatus | None = None
+    ) -> None:
         self.update_rate = update_rate
+        self._enable_status = enable_status or EnableStatus()
         self.failed: Failures = []
-        self.divide: Callable[[Ends], Sequence[Ends]] = lambda ends: (ends,)
         self.now = 0
         self._events = events
         every = 0 if update_rate * cycle >= _EVERY_CYCLE else update_rate
@@ -366,7 +376,8 @@ class UpdateLoop:
         for controller in in_order(active):
             rate = controller.update_rate if controller.update_rate < self.update_rate else 0
             ends = ends_of(controller, controllers)
-            slot = ActiveController(controller, rate, self.divide(ends) if controller.independent else (ends,))
+            parts = self._enable_status.stop_groups(ends) if controller.independent else (ends,)
+            slot = ActiveController(controller, rate, parts)
             if controller.name in before:
                 slot.take_over(before[controller.name], were_enabled)
             self._order.append(slot)
@@ -437,7 +448,7 @@ class UpdateLoop:
         """Forget a command in the cycle in which one of the drives that it moves is no longer enabled."""
         if part.enabled:
             off = [each for each in part.ends if not each.enabled]
-            self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, slot.controller.explain(off))
+            self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, self._enable_status.reason(off))
         part.enabled = not part.enabled
 
     # ------------------------------------------------------------------------------------------------ their commands
@@ -499,8 +510,16 @@ class Switched:
     deactivated: tuple[str, ...] = ()
 
 
+class SwitchObserver(Protocol):
+    """What depends on which controllers are active."""
+
+    def controllers_switched(self) -> None:
+        """Take that other controllers are active than before."""
+        ...
+
+
 class Switcher:
-    """Starts and stops the `controllers` of one manager; `on_switched` is called when others are active than before."""
+    """Starts and stops the `controllers` of one manager; `observer` is called when others are active than before."""
 
     def __init__(
         self,
@@ -509,7 +528,7 @@ class Switcher:
         running: UpdateLoop,
         events: list[ControllerEvent],
     ) -> None:
-        self.on_switched: Callable[[], None] = lambda: None
+        self.observer: SwitchObserver | None = None
         self._registry, self._controllers, self._running, self._events = registry, controllers, running, events
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], now: int, *, strict: bool) -> Switched:
@@ -586,7 +605,8 @@ class Switcher:
     def _arrange(self) -> None:
         active = [each for each in self._controllers.values() if each.state is ControllerState.ACTIVE]
         self._running.arrange(self._controllers.values(), active)
-        self.on_switched()
+        if self.observer is not None:
+            self.observer.controllers_switched()
 
     def _tell(self, kind: str, controller: str, text: str) -> None:
         self._events.append(ControllerEvent(kind, controller, text))

@@ -8,7 +8,6 @@ zero, the drives' own ramps, disable, and only then the bus.
 from __future__ import annotations
 
 import enum
-from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.controllers.manager import ControllerManager
@@ -29,15 +28,13 @@ from canopen_control.runtime.axis_request import (
     whole_bases,
 )
 from canopen_control.runtime.enable_status import (
+    DriveEnableStatus,
     MandatoryNodes,
     StopLatch,
     claimed_off,
     cost_of_skipping,
-    disabled_reason,
     enable_hint,
     in_fault,
-    not_enabled_error,
-    split_by_stop_group,
     startup_complete,
     stop_summary,
     why_not_started,
@@ -246,10 +243,8 @@ class RobotCore:
             joints=setup.description.movable_joints,
             geometry=WheelGeometry(setup.description.model),
             description=setup.description.joints,
+            enable_status=DriveEnableStatus(self.joints),
         )
-        self.manager.why_waiting = partial(not_enabled_error, self.joints)
-        self.manager.explain = partial(disabled_reason, self.joints)
-        self.manager.running.divide = partial(split_by_stop_group, self.joints)
         self.cycle = RobotCycle(self.pacer, made, self.manager, reactor, self._advance_start, self._after)
         self.pacer.on_edge = self.cycle.step
         self._phase = RobotState.STARTING
@@ -259,7 +254,7 @@ class RobotCore:
         if setup.controllers.manager.enforce_command_limits:
             self.manager.limiter = CommandLimits(setup.description, self.registry)
         prepare_controllers(setup, self.manager, self.registry)
-        self.manager.on_switch(self._regroup)
+        self.manager.observe(self)
         self.node_readings = NodeReadings(self.nodes, self._bus_by_node, self.joints.values(), self.systems)
         self.needed = MandatoryNodes(made, self.latch, self.manager.running.forget, self.report, self.after_cycle)
 
@@ -560,7 +555,7 @@ class RobotCore:
         self.report(Event(self.reactor.now(), "failed", "", text, Level.ERROR))
         self.shutdown("the run failed")
 
-    def _regroup(self) -> None:
+    def controllers_switched(self) -> None:
         """Put together what the base controllers that are active now hold; one that would move in part is stopped."""
         regroup(self.joints.values(), self.manager.bases, self.reactor.now())
         for system in self.systems:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.objects import CONTROLWORD, axis_of
 from canopen_control.cia402.state import POWERED_STATES
-from canopen_control.controllers.base import not_enabled
+from canopen_control.controllers.base import EnableStatus
 from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.interfaces import TARGET
@@ -72,21 +72,42 @@ def enable_hint(joints: Sequence[JointDrive]) -> str | None:
     return f"{_names(waiting)} {_are(waiting)} {_what(waiting)} and will not move: {_remedy(waiting)}"
 
 
-def split_by_stop_group(joints: Mapping[str, JointDrive], ends: Sequence[CommandInterface]) -> list[Ends]:
-    """Return interfaces in parts that stop together; what has no drive is a part by its name."""
-    groups: dict[int | str, list[CommandInterface]] = {}
-    for each in ends:
-        joint = joints.get(each.joint)
-        groups.setdefault(each.joint if joint is None else id(joint.group), []).append(each)
-    return [tuple(part) for part in groups.values()]
+class DriveEnableStatus(EnableStatus):
+    """The enable status of the drives of `joints`, by the names of their joints."""
 
+    def __init__(self, joints: Mapping[str, JointDrive]) -> None:
+        self._joints = joints
 
-def not_enabled_error(joints: Mapping[str, JointDrive], waiting: Sequence[CommandInterface]) -> NotEnabled:
-    """Return what is raised for a command to joints that do not follow it."""
-    drives = [joints[name] for name in dict.fromkeys(each.joint for each in waiting) if name in joints]
-    text = enable_hint(drives) or ", ".join(each.name for each in waiting)
-    kind = NotYetEnabled if all(map(is_rising, drives)) else NotEnabled
-    return kind(f"{text}; a command that comes before is refused and not kept")
+    def error(self, waiting: Sequence[CommandInterface]) -> NotEnabled:
+        """Return what is raised for a command to joints that do not follow it."""
+        joints = self._joints
+        drives = [joints[name] for name in dict.fromkeys(each.joint for each in waiting) if name in joints]
+        text = enable_hint(drives) or ", ".join(each.name for each in waiting)
+        kind = NotYetEnabled if all(map(is_rising, drives)) else NotEnabled
+        return kind(f"{text}; a command that comes before is refused and not kept")
+
+    def reason(self, waiting: Sequence[CommandInterface]) -> str:
+        """Return which joints follow no command, and what to call: the lost alone, else the faulty, the halted, all."""
+        drives = {each.joint: self._joints[each.joint] for each in waiting if each.joint in self._joints}
+        causes = {
+            "lost": [name for name, each in drives.items() if each.state is None or each.axis.statusword.pdo.overdue],
+            "in fault": [name for name, each in drives.items() if each.machine.fault],
+            "halted": [name for name, each in drives.items() if each.machine.halted and each.wanted],
+            "not enabled": list(drives),
+        }
+        for cause, names in causes.items():
+            if names:
+                text = ", ".join(f"{name} ({drives[name].node.name})" for name in names)
+                return f"{text}: {cause}; {_remedy(list(drives.values()))}"
+        return super().reason(waiting)
+
+    def stop_groups(self, ends: Ends) -> list[Ends]:
+        """Return interfaces in parts that stop together; what has no drive is a part by its name."""
+        groups: dict[int | str, list[CommandInterface]] = {}
+        for each in ends:
+            joint = self._joints.get(each.joint)
+            groups.setdefault(each.joint if joint is None else id(joint.group), []).append(each)
+        return [tuple(part) for part in groups.values()]
 
 
 def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
@@ -131,22 +152,6 @@ def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
     seconds = bus.config.master.boot_time / 1000
     reason = node.error or f"not operational within {seconds:g} s; its boot got as far as {node.boot_step!r}"
     return f"{node.who}: {reason}"
-
-
-def disabled_reason(joints: Mapping[str, JointDrive], waiting: Sequence[CommandInterface]) -> str:
-    """Say which joints follow no command, and what to call: the lost alone, else the faulty, the halted, all."""
-    drives = {each.joint: joints[each.joint] for each in waiting if each.joint in joints}
-    found = {
-        "lost": [name for name, each in drives.items() if each.state is None or each.axis.statusword.pdo.overdue],
-        "in fault": [name for name, each in drives.items() if each.machine.fault],
-        "halted": [name for name, each in drives.items() if each.machine.halted and each.wanted],
-        "not enabled": list(drives),
-    }
-    for what, names in found.items():
-        if names:
-            who = ", ".join(f"{name} ({drives[name].node.name})" for name in names)
-            return f"{who}: {what}; {_remedy(list(drives.values()))}"
-    return not_enabled(waiting)
 
 
 def stop_summary(joints: Iterable[JointDrive]) -> str:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 
 import pytest
 from hypothesis import given
@@ -9,7 +8,7 @@ from hypothesis import strategies as st
 from support.control import Hardware, S, add, manager
 
 from canopen_control.errors import ControlError, UnknownInterface
-from canopen_control.runtime.enable_status import split_by_stop_group
+from canopen_control.runtime.enable_status import DriveEnableStatus
 
 GPIO = "gpio_controllers/GpioCommandController"
 OUTPUTS = ("io/lamp", "io/horn", "valve/open")
@@ -161,8 +160,7 @@ def test_an_output_that_nobody_has_commanded_is_left_as_it_is():
 
 def test_outputs_of_a_node_that_is_lost_end_alone():
     hardware = Hardware(*OUTPUTS, states=STATES)
-    control = manager(hardware)
-    control.running.divide = partial(split_by_stop_group, {})
+    control = manager(hardware, enable_status=DriveEnableStatus({}))
     add(control, "outputs", GPIO, gpios=["io", "valve"], command_interfaces=BOTH)
     control.switch(["outputs"], now=0)
     control.command("outputs", [1.0, 1.0, 1.0], 0)

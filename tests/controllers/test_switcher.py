@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -378,7 +379,7 @@ def test_a_restart_of_an_active_controller_is_one_request(robot):
 def test_others_are_told_of_every_switch_and_of_every_failure(robot):
     _, control = robot
     seen = []
-    control.on_switch(lambda: seen.append(control.active))
+    control.observe(SimpleNamespace(controllers_switched=lambda: seen.append(control.active)))
     control.switch(["left"], now=0)
     control.switch(["right"], ["left"])
     control.deactivate_using(robot[0], "gone")

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from canopen_control.controllers.base import Controller
+from canopen_control.controllers.base import Controller, EnableStatus
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.controllers.params import Params
 from canopen_control.hardware.interfaces import (
@@ -75,13 +75,17 @@ class Hardware:
 
 
 def manager(
-    *hardware: Hardware, rate: int = 100, joints: tuple[str, ...] | None = None, cycle: float | None = None
+    *hardware: Hardware,
+    rate: int = 100,
+    joints: tuple[str, ...] | None = None,
+    cycle: float | None = None,
+    enable_status: EnableStatus | None = None,
 ) -> ControllerManager:
     """Return a manager over components."""
     registry = InterfaceRegistry()
     for each in hardware:
         registry.register(each)
-    return ControllerManager(registry, rate, joints=joints, cycle=cycle)
+    return ControllerManager(registry, rate, joints=joints, cycle=cycle, enable_status=enable_status)
 
 
 class Scripted(Controller):

@@ -708,7 +708,9 @@ class JointTrajectoryController(Controller):
     def _why(self, joint: str) -> str:
         """Say why a joint does not follow, and what to do."""
         waiting = [each for each in self.commands if not each.enabled]
-        return self.explain(waiting) if waiting else f"{joint}: nobody knows its position; wait for its feedback"
+        if waiting:
+            return self.enable_status.reason(waiting)
+        return f"{joint}: nobody knows its position; wait for its feedback"
 
     def _brake(self) -> None:
         """Come to rest: with the deceleration of each joint where all have one, else at once; then stay."""
