@@ -170,7 +170,7 @@ def _title(plan: NodePlan) -> str:
 
 
 def _lines(plan: NodePlan, writes: Iterable[PlannedWrite], none: str = "nothing is written") -> Iterator[str]:
-    writes = list(writes)
+    writes = [write for write in writes if not write.fixed]
     width = max((len(_name(plan, write)) for write in writes), default=0)
     asked = sum(not write.reason for write in writes)
     added = len(writes) - asked
@@ -206,4 +206,5 @@ def _written(writes: Iterable[PlannedWrite]) -> list[WriteDocument]:
     return [
         WriteDocument(each.index, each.subindex, each.name, each.data.hex(), _value(each), each.reason or None)
         for each in writes
+        if not each.fixed
     ]

@@ -137,7 +137,7 @@ def _is_needed(
     """Whether one write of a PDO is needed: invalid first unless it is, then what differs, then valid."""
     if write.index != communication:
         return remap  # a mapping is written as a whole: count 0, entries, count
-    if write.subindex != _COB_ID:
+    if write.subindex != _COB_ID or write.fixed:
         return write.address in different
     if write.data[-1] & INVALID_BIT >> 24:
         present = held.get(write.address)
@@ -210,7 +210,7 @@ def configure_pdo(
         lacking = [write for write in group if write.optional and not is_cob_id(write) and held[write.address] is None]
         wanted = [_with_rtr_bit(write, held) for write in group if write not in lacking]
         writes = needed(wanted, held)
-        refusal = yield from _write_all(writes, transfers)
+        refusal = yield from _write_pdo(writes, wanted, held, transfers)
         if refusal is None and writes:
             refusal = yield from _verify(wanted, held, transfers)
         if refusal is not None:
@@ -225,13 +225,47 @@ def _with_rtr_bit(write: PlannedWrite, held: Held) -> PlannedWrite:
     return replace(write, data=keep_rtr_bit(write.data, held.get(write.address))) if is_cob_id(write) else write
 
 
-def _write_all(writes: Sequence[PlannedWrite], transfers: BootTransfers) -> Generator[Request, Answer, str | None]:
-    """Write in order; return why the node refused, None if it did not."""
+_Refusal = tuple["PlannedWrite", str]
+
+
+def _write_pdo(
+    writes: Sequence[PlannedWrite], wanted: Sequence[PlannedWrite], held: Held, transfers: BootTransfers
+) -> Generator[Request, Answer, str | None]:
+    """Write what a PDO needs; return why the node refused, None if it did not.
+
+    Drives whose COB-IDs cannot be written take their mapping while the PDO is valid: count 0, mapping, count (Elmo;
+    ros-industrial/ros_canopen, issue 151). Others need it invalid although their EDS says that it cannot be made so.
+    """
+    refused = yield from _write_all(writes, transfers)
+    final = next((write for write in reversed(wanted) if is_cob_id(write)), None)
+    if refused is None or final is None:
+        return None if refused is None else refused[1]
+    others, present = [write for write in writes if not is_cob_id(write)], held.get(final.address)
+    if is_cob_id(refused[0]) and matches(final, present):
+        refused = yield from _write_all(others, transfers)
+    elif is_cob_id(refused[0]) and present and not present[-1] & INVALID_BIT >> 24 and not _is_off(final):
+        kind, number = final.pdo or ("", 0)
+        own = int.from_bytes(present, "little") & 0x7FF
+        return f"{refused[1]}; it has 0x{own:03X}: give {kind}.{number} `cob_id: 0x{own:03X}` in bus.yml"
+    elif final.fixed:
+        off = replace(final, data=(int.from_bytes(final.data, "little") | INVALID_BIT).to_bytes(4, "little"))
+        again = yield from _write_all([off, *others, final], transfers)
+        refused = None if again is None else refused
+    return None if refused is None else refused[1]
+
+
+def _is_off(write: PlannedWrite) -> bool:
+    """Whether a COB-ID is that of a PDO that does not exist."""
+    return bool(write.data[-1] & INVALID_BIT >> 24)
+
+
+def _write_all(writes: Sequence[PlannedWrite], transfers: BootTransfers) -> Generator[Request, Answer, _Refusal | None]:
+    """Write in order; return what the node refused and why, None if nothing."""
     for write in writes:
         try:
             yield from transfers.write(*write.address, write.data)
         except SdoAbort as error:
-            return f"it refuses {write.name} 0x{write.index:04X}:{write.subindex:02X}: {reason_of(error)}"
+            return write, f"it refuses {write.name} 0x{write.index:04X}:{write.subindex:02X}: {reason_of(error)}"
     return None
 
 
@@ -256,9 +290,12 @@ def _refused(
     pdo = wanted[0].pdo or ("", 0)
     layout = _layout(plan, pdo)
     if layout is None:
-        if not any(write.optional for write in wanted):
+        if any(write.optional for write in wanted):
+            transfers.warnings.append(f"{_name(wanted)}, which bus.yml does not list, stays live: {refusal}")
+        elif (yield from _empty(pdo, transfers)):
+            transfers.warnings.append(f"{_name(wanted)} is off by an empty mapping: {refusal}")
+        else:
             raise boot_error(plan, "J", f"{_name(wanted)} cannot be made invalid: {refusal}")
-        transfers.warnings.append(f"{_name(wanted)}, which nobody configured, stays live: {refusal}")
         return
     own = yield from _own(pdo, held, transfers)
     if own.cob_id & EXTENDED_BIT or is_restricted(own.cob_id & 0x7FF):
@@ -268,7 +305,9 @@ def _refused(
     if missing or sum(bits for _, _, bits in own.objects) > MAX_BITS:
         yield from _try(transfers, cob_id_of(pdo), 1, (own.cob_id | INVALID_BIT).to_bytes(4, "little"))
         lacks = ", ".join(f"0x{mapped.index:04X}:{mapped.subindex:02X}" for mapped in missing)
-        raise boot_error(plan, "J", f"{_name(wanted)}: {refusal}; its own mapping ({own}) lacks {lacks}; left invalid")
+        present = yield from transfers.number(cob_id_of(pdo), 1)
+        end = "left invalid" if present is None or present & INVALID_BIT else "it stays as it was"
+        raise boot_error(plan, "J", f"{_name(wanted)}: {refusal}; its own mapping ({own}) lacks {lacks}; {end}")
     own = yield from _enable(plan, wanted, own, refusal, transfers)
     known = {_address(mapped): mapped for each in (*plan.rpdos, *plan.tpdos) for mapped in each.objects}
     adopted = _adopted(layout, own, known)
@@ -277,6 +316,13 @@ def _refused(
         if _address(mapped) not in known and (value := (yield from transfers.number(*_address(mapped)))) is not None:
             transfers.presets[_address(mapped)] = value
     transfers.warnings.append(f"{_name(wanted)} is used as the node has it ({own}): {refusal}")
+
+
+def _empty(pdo: tuple[str, int], transfers: BootTransfers) -> Generator[Request, Answer, bool]:
+    """Let a PDO carry nothing; return whether the node holds an empty mapping then."""
+    mapping = MAPPING[pdo[0]] + pdo[1] - 1
+    yield from _try(transfers, mapping, 0, b"\0")
+    return (yield from transfers.number(mapping)) == 0
 
 
 def _own(pdo: tuple[str, int], held: Held, transfers: BootTransfers) -> Generator[Request, Answer, _Own]:

@@ -17,7 +17,7 @@ from canopen_control.cia402.objects import INTERPOLATION_TIME_PERIOD, TARGET_POS
 from canopen_control.master.keys import PdoConfig, PdoObjectKeys
 from canopen_control.od.codec import encode, outside_limits
 from canopen_control.od.model import DataType
-from canopen_control.od.pdos import pdo_of
+from canopen_control.od.pdos import COMMUNICATION, pdo_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -197,7 +197,8 @@ _BYTES = frozenset((DataType.OCTET_STRING, DataType.DOMAIN))
 class PlannedWrite:
     """One SDO download; `reason` is empty for what bus.yml asks for, `optional` ones may be refused by the node.
 
-    `pdo` names the PDO whose records the write belongs to; `compare`: it can be read back.
+    `pdo` names the PDO whose records the write belongs to; `compare`: it can be read back. `fixed`: a COB-ID that the
+    EDS does not let be written and that has this value: it is written only where the node holds another one.
     """
 
     index: int
@@ -209,6 +210,7 @@ class PlannedWrite:
     pdo: tuple[str, int] | None = None
     compare: bool = True
     data_type: DataType | None = None
+    fixed: bool = False
 
     @property
     def address(self) -> tuple[int, int]:
@@ -320,6 +322,12 @@ class PlanBuilder:
         entry = self.od.get(index, subindex)
         return entry is not None and entry.writable
 
+    def is_fixed_cob_id(self, index: int, subindex: int, value: int) -> bool:
+        """Whether an object is the COB-ID of a PDO, has this value, and cannot be written by its EDS."""
+        pdo = pdo_of(index)
+        is_cob_id = pdo is not None and index == COMMUNICATION[pdo[0]] + pdo[1] - 1 and subindex == 1
+        return is_cob_id and not self.can_write(index, subindex) and self.default(index, subindex) == value
+
     def _cannot(self, key: str, reason: str, text: str) -> None:
         if reason:
             self.warn(key, f"{text}; done without ({reason})")
@@ -429,7 +437,9 @@ class PlanBuilder:
         compare = index not in _PROCEDURES and (entry is None or entry.readable)
         name = "not in the EDS" if entry is None else entry.name
         data_type = None if entry is None else entry.data_type
-        self.writes.append(PlannedWrite(index, subindex, data, name, reason, optional, pdo, compare, data_type))
+        fixed = pdo is not None and self.is_fixed_cob_id(index, subindex, int.from_bytes(data, "little"))
+        planned = PlannedWrite(index, subindex, data, name, reason, optional, pdo, compare, data_type, fixed)
+        self.writes.append(planned)
 
 
 def _bytes_of(value: object, data_type: DataType) -> Value:

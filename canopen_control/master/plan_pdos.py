@@ -401,7 +401,9 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
     off = not pdo.enabled and (builder.default(index, 1) or 0) & INVALID_BIT
     settings = _settings(builder, kind, number, pdo)
     wanted = _Wanted(kind, number, key, _cob_id(builder, kind, number, pdo), settings, reason)
-    _write(builder, wanted, 1, wanted.cob_id | INVALID_BIT, STORED if off else reason)
+    if not builder.is_fixed_cob_id(index, 1, wanted.cob_id) or not pdo.enabled:
+        _check_fixed(builder, wanted, pdo)
+        _write(builder, wanted, 1, wanted.cob_id | INVALID_BIT, STORED if off else reason)
     if not pdo.enabled:
         return
     objects = _mapped(builder, kind, number, pdo)
@@ -409,10 +411,49 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
         builder.warn(key, f"{kind.upper()} {number} has no mapping here and none in {builder.file}: it is left off")
         return
     _plan_live(builder, wanted, objects, stored_mapping=pdo.mapping is None)
+    if not reason:
+        _check_fixed_mapping(builder, wanted, objects)
     transmission = pdo.transmission if pdo.transmission is not None else builder.default(index, 2)
     timer = wanted.settings[_EVENT_TIMER][1]
     timer = builder.default(index, 5) or 0 if timer is None else timer
     builder.layouts[kind].append(PlannedPdo(number, wanted.cob_id & 0x7FF, _or_255(transmission), objects, timer))
+
+
+def _check_fixed(builder: PlanBuilder, wanted: _Wanted, pdo: PdoConfig) -> None:
+    """Warn of a COB-ID that the EDS does not let be written and that is not the wanted one.
+
+    It is tried all the same: EDS files say `ro` or `const` of COB-IDs that can be written.
+    """
+    entry, held = builder.od.get(wanted.communication, 1), builder.default(wanted.communication, 1)
+    if entry is None or entry.writable or held is None or (held & INVALID_BIT and not pdo.enabled):
+        return
+    name = f"{wanted.kind.upper()} {wanted.number}"
+    what = f"0x{wanted.communication:04X}:01 is {entry.access} in {builder.file}, so the COB-ID of {name} "
+    if not pdo.enabled:
+        builder.remark(wanted.key, f"{what}may not be made invalid; its mapping is emptied then")
+    elif held & INVALID_BIT:
+        builder.warn(wanted.key, f"{what}may not be made valid; use another {wanted.kind.upper()}")
+    else:
+        text = f"{what}may stay 0x{held & 0x7FF:03X}, and 0x{wanted.cob_id & 0x7FF:03X} is asked for"
+        builder.warn(f"{wanted.key}.cob_id", f"{text}; give `cob_id: 0x{held & 0x7FF:03X}`")
+
+
+def _check_fixed_mapping(builder: PlanBuilder, wanted: _Wanted, objects: tuple[MappedObject, ...]) -> None:
+    """Warn of a mapping, and of a transmission type, that the EDS does not let be written and that is another one."""
+    asked = {0: len(objects), **{slot: mapping_entry(each) for slot, each in enumerate(objects, 1)}}
+    for subindex, value in asked.items():
+        entry, held = builder.od.get(wanted.mapping, subindex), builder.default(wanted.mapping, subindex)
+        if entry is not None and not entry.writable and held not in (None, value):
+            default = _default_mapping(builder, wanted.kind, wanted.number)
+            own = ", ".join(f"0x{index:04X}:{sub:02X}" for index, sub, _ in default) or "which is empty"
+            text = f"0x{wanted.mapping:04X}:{subindex:02X} is {entry.access} in {builder.file}"
+            builder.warn(f"{wanted.key}.mapping", f"{text}: the drive may keep its own mapping, {own}; give that")
+            break
+    (_, transmission), *_ = wanted.settings
+    entry, held = builder.od.get(wanted.communication, 2), builder.default(wanted.communication, 2)
+    if entry is not None and not entry.writable and None not in (transmission, held) and transmission != held:
+        text = f"0x{wanted.communication:04X}:02 is {entry.access} in {builder.file}: the drive may keep transmission"
+        builder.warn(f"{wanted.key}.transmission", f"{text} {held}; give that")
 
 
 def _plan_live(

@@ -178,7 +178,8 @@ def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
         planned = int.from_bytes(write.data, "little", signed=entry.data_type.signed)
         if write.index in _RECORDS and write.subindex == 1:
             planned, value = planned & ~NO_RTR_BIT, value & ~NO_RTR_BIT
-            return planned == value or bool(planned & value & INVALID_BIT)
+            empty = not device.store.number(write.index + 0x200)  # a PDO that cannot be made invalid carries nothing
+            return planned == value or bool(planned & INVALID_BIT and (value & INVALID_BIT or empty))
         lowered = axis_of(write.index)[0] in _LOWERED and 0 < value < planned
         return planned == value or lowered
     return encode(value, entry.data_type) == write.data

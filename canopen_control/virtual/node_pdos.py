@@ -204,8 +204,13 @@ class PdoRecords:
         return judge
 
     def _mapping_guard(self, rules: PdoRules, communication: int) -> Guard:
+        cob_id = self._store.od.get(communication, 1)
+        fixed = cob_id is not None and not cob_id.writable  # its mapping can be written while it is valid, as Elmo's
+
         def judge(entry: Entry, value: Value) -> Value:
             present, count = self.parameters(communication), self._store.number(entry.index)
+            if fixed:
+                present = replace(present, enabled=False)
             if entry.subindex:
                 refuse(rules.check_mapping_entry(entry.subindex, int(value), present, count))
             else:

@@ -293,7 +293,50 @@ def test_an_unlisted_pdo_that_stays_live_is_told_and_a_listed_one_that_does_is_a
     assert "stays live" in run(device(0x60400010, refuse=stubborn), UNLISTED, rpdos=()).warnings[0]
     asked = [write(0x1400, 1, 0x80000203)]
     with pytest.raises(BootError, match="RPDO 1 cannot be made invalid"):
-        run(device(0x60400010, refuse=stubborn), asked, rpdos=())
+        run(device(0x60400010, refuse={**stubborn, (0x1600, 0): READ_ONLY}), asked, rpdos=())
+
+
+def test_a_listed_pdo_that_cannot_be_made_invalid_is_off_by_an_empty_mapping():
+    node = device(0x60400010, refuse={(0x1400, 1): READ_ONLY})
+    assert "off by an empty mapping" in run(node, [write(0x1400, 1, 0x80000203)], rpdos=()).warnings[0]
+    assert held(node)[0x1600, 0] == 0
+
+
+@pytest.mark.parametrize("code", [READ_ONLY, 0x06040041, 0x06090030])
+def test_a_cob_id_that_is_right_and_cannot_be_written_stays_and_the_mapping_is_written(code):
+    node = device(0x60410010, refuse={(0x1400, 1): code})
+    assert run(node).adopted == []
+    assert [(index, subindex, int.from_bytes(data, "little")) for index, subindex, data in node.written] == [
+        (0x1600, 0, 0),
+        (0x1600, 1, 0x60400010),
+        (0x1600, 2, 0x60600008),
+        (0x1600, 0, 2),
+    ]
+
+
+def test_a_cob_id_that_is_another_one_and_cannot_be_written_is_named_with_its_key():
+    node = device(0x60410010, cob_id=0x40000277, refuse={(0x1400, 1): READ_ONLY})
+    with pytest.raises(BootError, match=r"give rpdo.1 `cob_id: 0x277` in bus.yml.*; it stays as it was"):
+        run(node)
+
+
+FIXED = [*GROUP[1:5], write(0x1400, 1, 0x203, fixed=True)]
+
+
+def test_a_cob_id_that_the_eds_has_as_read_only_is_not_written():
+    node = device(0x60410010, refuse={(0x1400, 1): READ_ONLY})
+    run(node, FIXED)
+    assert [address[:2] for address in node.written] == [(0x1600, 0), (0x1600, 1), (0x1600, 2), (0x1600, 0)]
+
+
+def test_a_drive_whose_eds_has_its_cob_id_as_read_only_and_that_needs_it_invalid_is_served_too():
+    def valid(node, _data):
+        return 0 if held(node)[0x1400, 1] & 0x80000000 else WRONG_STATE
+
+    node = device(0x60410010, refuse={(0x1600, slot): valid for slot in range(9)})
+    assert run(node, FIXED).warnings == []
+    assert held(node)[0x1400, 1] & 0x80000000 == 0
+    assert held(node)[0x1600, 2] == 0x60600008
 
 
 def test_silence_names_the_pdo_and_the_object():

@@ -1,0 +1,73 @@
+"""PDO records that the EDS does not let be written: what is planned, and what `check` says of them."""
+
+import re
+
+import pytest
+from support.makers import folder
+from support.makers import robot as make_robot
+
+from canopen_control.master.config import inspect_bus
+
+
+def fixed(index, subindex):
+    """Return an edit of an EDS that makes a PDO record read-only."""
+
+    def edit(text):
+        head = rf"\[{index:X}sub{subindex}\]"
+        return re.sub(rf"({head}.*?AccessType=)\w+", r"\1ro", text, count=1, flags=re.DOTALL | re.IGNORECASE)
+
+    return edit
+
+
+def _inspected(path, edit, change=lambda text: text):
+    bus = folder(path, "csv", edit=edit) / "bus.yml"
+    bus.write_text(change(bus.read_text()))
+    config, problems = inspect_bus(bus)
+    return config.plans["pan_drive"], [str(each) for each in problems.warnings], config.notes
+
+
+def test_a_cob_id_that_is_right_and_read_only_is_not_planned_to_be_written(tmp_path):
+    plan, warnings, _ = _inspected(tmp_path, fixed(0x1400, 1))
+    assert [write.fixed for write in plan.writes if write.address == (0x1400, 1)] == [True]
+    assert warnings == []
+
+
+def test_a_cob_id_that_is_another_one_and_read_only_is_named_with_the_one_to_give(tmp_path):
+    def other(text):
+        return text.replace("rpdo:\n    1: {enabled: true, cob_id: auto", "rpdo:\n    1: {enabled: true, cob_id: 0x311")
+
+    _, warnings, _ = _inspected(tmp_path, fixed(0x1400, 1), other)
+    assert "0x1400:01 is ro in device.eds" in warnings[0]
+    assert "give `cob_id: 0x202`" in warnings[0]
+
+
+def test_a_pdo_that_cannot_be_switched_off_is_noted(tmp_path):
+    def off(text):
+        return text.replace("  rpdo:\n    1: {enabled: true", "  rpdo:\n    1: {enabled: false")
+
+    _, _, notes = _inspected(tmp_path, fixed(0x1400, 1), off)
+    assert any("RPDO 1 may not be made invalid; its mapping is emptied then" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("index", "subindex", "key", "advice"),
+    [
+        (0x1601, 1, "mapping", "the drive may keep its own mapping, 0x6040:00"),
+        (0x1401, 2, "transmission", "the drive may keep transmission 255; give that"),
+    ],
+)
+def test_a_record_that_is_read_only_and_another_one_is_named(tmp_path, index, subindex, key, advice):
+    _, warnings, _ = _inspected(tmp_path, fixed(index, subindex))
+    assert any(f"rpdo.2.{key}: 0x{index:04X}:{subindex:02X} is ro in device.eds" in each for each in warnings)
+    assert any(advice in each for each in warnings)
+
+
+def test_a_drive_whose_cob_ids_are_read_only_runs(tmp_path):
+    def edit(text):
+        for index in (*range(0x1400, 0x1404), *range(0x1800, 0x1804)):
+            text = fixed(index, 1)(text)
+        return text
+
+    robot = make_robot(tmp_path, "csv", edit=edit)
+    assert robot.state == "running"
+    robot.close()
