@@ -200,6 +200,8 @@ def _run_one(args: argparse.Namespace) -> int:
     acts, seed, duration_ns = _schedule(args, setup)
     speed = 1.0 if args.speed is None and bridge is not None else _at_most(args.speed)
     simulation = SimulationRun(setup, seed, acts, speed=speed, robot=RobotUnderTest(setup, seed, world=setup.world))
+    for note in () if simulation.robot.floor is None else simulation.robot.floor.notes:
+        print(f"canopen-control: {note}", file=sys.stderr)
     try:
         if bridge is not None:
             _serve(simulation, bridge if args.ros else None)

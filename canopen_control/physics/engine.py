@@ -5,7 +5,7 @@ Mistakes are told before anything runs, each in a sentence; what was guessed of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import nearest
@@ -158,6 +158,8 @@ def _prepared(
     from canopen_control.physics.urdf_repair import guessed_masses, repaired
 
     description = read_description(path.parent / file.urdf, mappings=file.arguments)
+    if file.urdf_source:
+        description = replace(description, path=file.urdf_source)
     urdf = repaired(description)
     robot = prepared(
         read_spec(urdf, description.path),

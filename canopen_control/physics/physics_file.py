@@ -118,6 +118,7 @@ class PhysicsFile:
     axes: dict[str, AxisSettings]
     engine: str = "mujoco"
     urdf: str = ""
+    urdf_source: str = ""  # the file that `urdf` is a copy of; messages name it
     mjcf: str = ""
     arguments: dict[str, str] = setting(factory=dict)
     step_ms: float = setting(1.0, low=0.1, high=4.0)

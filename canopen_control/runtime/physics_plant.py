@@ -6,8 +6,10 @@ it can be read, changed and given to `drive --plant`.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import may_host_virtual_drives, parse_channel
@@ -20,11 +22,11 @@ from canopen_control.urdf.robot_model import WheelGeometry
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
-    from pathlib import Path
 
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.physics.physics_file import SensorSettings
     from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
@@ -140,6 +142,7 @@ def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | No
     rollers = _rollers(setup)
     ratios = {each.joint: each.reduction for tag in setup.description.hardware for each in tag.transmissions}
     lines = [f"# of {setup.description.path} and bus.yml", "engine: mujoco", f"urdf: {_URDF}"]
+    lines += [f"urdf_source: {json.dumps(source)}" for source in _copied_from(setup.description)]
     lines += [] if world is None else [f"world: {json.dumps(str(world))}"]
     lines += [*_sensor_lines(setup), "axes:"]
     for joint in joints:
@@ -151,6 +154,14 @@ def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | No
     if encoders := list(_encoders(setup)):
         lines += ["encoders:", *encoders]
     return "\n".join(lines) + "\n"
+
+
+def _copied_from(description: UrdfDescription) -> Iterator[str]:
+    """Yield the path of the description where its lines are those of the copy; the lines of a xacro are not."""
+    path = Path(description.path)
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        if path.read_text(encoding="utf-8") == description.urdf_xml:
+            yield str(path.absolute())
 
 
 def _sensor_lines(setup: RobotSetup) -> list[str]:

@@ -56,6 +56,7 @@ class SharedSimulation:
         robots = [RobotUnderTest(setup, seed + number, time=self.time) for number, setup in enumerate(setups)]
         joints = (robot.core.joints for robot in robots)
         floor = open_shared_floor(zip(setups, joints, strict=True), world)
+        self.notes = floor.notes
         self.runs: dict[str, SimulationRun] = {}
         for robot in robots:
             setup = robot.setup

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.runtime.physics_plant import write_buses, write_plant
 from canopen_control.virtual.bus_group import open_world, read_group
-from canopen_control.virtual.plant import AcceptsEvents
+from canopen_control.virtual.plant import AcceptsEvents, ReportsAssumptions
 from canopen_control.virtual.plant_file import read_world
 
 if TYPE_CHECKING:
@@ -54,6 +54,11 @@ class SimulatedFloor:
         self._world = world
         self._time, self._devices = time, awake
         time.later(_AWAKE_NS, self._keep_up)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed of the robot's description, as sentences."""
+        return self._world.notes if isinstance(self._world, ReportsAssumptions) else ()
 
     def plants_of(self, node_id: int) -> Callable[[int], Plant]:
         """Return what makes the plants of a node's axes."""

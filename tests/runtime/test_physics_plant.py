@@ -1,6 +1,6 @@
-import dataclasses
 import math
 import statistics
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -141,13 +141,21 @@ def test_it_is_written_with_the_description_beside_the_logs(robot, tmp_path, mon
     assert (path.parent / "physics.urdf").read_text() == robot.setup.description.urdf_xml
 
 
+def test_messages_name_the_users_description_where_the_copy_has_its_lines(robot, tmp_path):
+    description = replace(robot.setup.description, path=str(tmp_path / "robot.urdf"))
+    setup = replace(robot.setup, description=description)
+    joints = robot.robot.joints.values()
+    (tmp_path / "robot.urdf").write_text(description.urdf_xml)
+    assert f'urdf_source: "{tmp_path}/robot.urdf"' in plant_text(setup, joints).splitlines()
+    (tmp_path / "robot.urdf").write_text("<robot>${xacro}</robot>")
+    assert "urdf_source" not in plant_text(setup, joints)
+
+
 def test_the_axes_of_a_second_bus_are_named_with_it_and_so_is_the_bus(robot, tmp_path):
     main = robot.setup.bus
-    right = dataclasses.replace(main, nodes={"right_drive": main.nodes["right_drive"]})
-    left = dataclasses.replace(main, nodes={"left_drive": main.nodes["left_drive"]})
-    setup = dataclasses.replace(
-        robot.setup, buses={"can": left, "second": right}, channels={"can": "local:a", "second": "local:b"}
-    )
+    right = replace(main, nodes={"right_drive": main.nodes["right_drive"]})
+    left = replace(main, nodes={"left_drive": main.nodes["left_drive"]})
+    setup = replace(robot.setup, buses={"can": left, "second": right}, channels={"can": "local:a", "second": "local:b"})
     check_physics(setup)
     axes = [line.split(":  ")[0] for line in plant_text(setup, robot.robot.joints.values()).splitlines()[4:]]
     assert [axis.strip().split(": {")[0] for axis in axes] == ['"3"', '"second:2"']
@@ -166,7 +174,7 @@ def test_without_joints_on_drives_there_is_nothing_to_move(robot):
 def test_a_simulation_plugin_gives_way_to_drives():
     setup = setup_of("diffbot_sim", "memory:gives-way", physics=True)
     assert setup.on_drives
-    assert not dataclasses.replace(setup, physics=False).on_drives
+    assert not replace(setup, physics=False).on_drives
 
 
 @pytest.mark.parametrize(
@@ -179,7 +187,7 @@ def test_a_simulation_plugin_gives_way_to_drives():
     ],
 )
 def test_what_physics_cannot_do_is_told(changes, words):
-    setup = dataclasses.replace(setup_of("robby", "local:physics-cannot"), **changes)
+    setup = replace(setup_of("robby", "local:physics-cannot"), **changes)
     with pytest.raises(RobotConfigError, match="--physics") as caught:
         check_physics(setup)
     assert words in str(caught.value)

@@ -47,6 +47,7 @@ def test_a_drive_without_supply_lets_its_wheel_go_and_is_there_again():
 def test_what_the_floor_turns_is_no_motion_of_a_drive():
     run = simulated(seconds=0.5, name="forklift")  # it settles before its drives are enabled
     assert run.breaches == ()
+    assert any(note.startswith("the robot stands on wheels") for note in run.robot.floor.notes)
     run.close()
 
 

@@ -35,6 +35,8 @@ def simulate_world(args: argparse.Namespace, duration_ns: int, faults: Sequence[
     world = Path(args.world)
     setups = [robot.setup for robot in read_shared(world)]
     simulation = SharedSimulation(setups, world, args.seed or 0, duration_ns, faults)
+    for note in simulation.notes:
+        print(f"canopen-control: {note}", file=sys.stderr)
     progress = Progress("robot time", "s", stream=sys.stderr)
     try:
         for name, run in simulation.runs.items():
