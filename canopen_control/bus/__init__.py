@@ -1,1 +1,4 @@
-"""The wire: ports to CAN channels of every kind, and the only place where operating system errors become ours."""
+"""CAN channels of every kind behind one port interface.
+
+Operating system errors become `BusError` here and nowhere else.
+"""

@@ -1,8 +1,8 @@
-"""Arbitration on an emulated CAN bus with a bit rate: one frame at a time, lowest identifier first, bus load.
+"""Arbitration and bus load of an emulated CAN bus with a bit rate.
 
-Each sender is a controller with one queue in order of sending; only the head of each takes part in arbitration, as on a
-bus whose controllers do not reorder. A frame that has begun is never interrupted (ISO 11898-1, 8.3.3). Time is an
-argument: `put` and `advance` do what would have happened until `now`.
+One frame at a time is on the wire, lowest identifier first. Each sender is a controller with one queue in sending
+order; only the head of each queue takes part in arbitration, as with controllers that do not reorder. A frame on the
+wire is never interrupted (ISO 11898-1, 8.3.3). Time is an argument: `put` and `advance` process everything until `now`.
 """
 
 from __future__ import annotations
@@ -16,13 +16,12 @@ from canopen_control.frame import EXTENDED_FLAG, RECORD, RECORD_SIZE, REMOTE_FLA
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    Waiting = tuple[int, int, int, bytes]  # priority, sender, bits, record: the lowest wins
+    Waiting = tuple[int, int, int, bytes]  # priority, sender, bits, record: the lowest one is sent first
 
 
-# How long a classic CAN frame takes on the wire, to the bit (ISO 11898-1, 10.4 and 10.5).
-#
-# Start of frame, identifier, control, data and CRC are stuffed: after five equal bits comes one of the other kind. CRC
-# delimiter, acknowledge, end of frame and the three bits of intermission are not.
+# Length of a classic CAN frame in bits (ISO 11898-1, 10.4 and 10.5). Start of frame, identifier, control, data and CRC
+# are stuffed: five equal bits are followed by an opposite one. CRC delimiter, acknowledge, end of frame and the three
+# bits of intermission are not.
 
 
 NS_PER_S = 1_000_000_000
@@ -33,7 +32,7 @@ _UNSTUFFED_TAIL = 1 + 2 + 7 + 3  # CRC delimiter, acknowledge slot and delimiter
 
 
 def _crc_table() -> list[int]:
-    """Return what eight bits that leave the register add to it."""
+    """Return the CRC contribution of each value of the eight bits that are shifted out of the register."""
     table = []
     for byte in range(256):
         crc = byte << 7
@@ -47,7 +46,7 @@ _CRC: Final = _crc_table()
 
 
 def _crc15(content: int, bits: int) -> int:
-    """Return the CRC of so many bits, zeros before them, which change nothing: the register begins with zeros."""
+    """Return the CRC of the low `bits` bits of `content`; leading zeros do not change it."""
     crc = 0
     for byte in content.to_bytes((bits + 7) // 8, "big"):
         crc = crc << 8 & 0x7FFF ^ _CRC[crc >> 7 ^ byte]
@@ -55,7 +54,7 @@ def _crc15(content: int, bits: int) -> int:
 
 
 def _header(can_id: int) -> tuple[int, int]:
-    """Return the bits up to the length, and how many they are."""
+    """Return the bits before the length field, and their number."""
     remote = 1 if can_id & REMOTE_FLAG else 0
     if can_id & EXTENDED_FLAG:
         identifier = can_id & 0x1FFFFFFF
@@ -65,7 +64,10 @@ def _header(can_id: int) -> tuple[int, int]:
 
 @lru_cache(maxsize=4096)
 def _stuffed(state: int, content: int, bits: int) -> tuple[int, int]:
-    """Return how many bits so many bits are stuffed with, and the state after them; it is 2 * equal bits + last bit."""
+    """Return the number of stuff bits in the low `bits` bits of `content`, and the state after them.
+
+    The state is 2 * (number of equal bits) + last bit.
+    """
     run, last, count = state >> 1, state & 1, 0
     for at in range(bits - 1, -1, -1):
         bit = content >> at & 1
@@ -79,7 +81,7 @@ def _stuffed(state: int, content: int, bits: int) -> tuple[int, int]:
 
 @cache
 def _stuffed_bytes() -> list[int]:
-    """Return what a byte does in each state, at state << 8 | byte: how many bits are stuffed << 4 | the state after."""
+    """Return a table for each byte in each state, at state << 8 | byte: number of stuff bits << 4 | next state."""
     table = []
     for at in range(2 * _STUFF_AFTER << 8):
         upper, state = _stuffed(at >> 8, at >> 4 & 15, 4)
@@ -90,7 +92,7 @@ def _stuffed_bytes() -> list[int]:
 
 @lru_cache(maxsize=4096)
 def _head(can_id: int, length: int) -> tuple[int, int, int, int]:
-    """Return what comes before the data: its bits, its CRC, how many bits are stuffed into it, and the state then."""
+    """Return the bits before the data, their CRC, their number of stuff bits, and the stuffing state after them."""
     content, bits = _header(can_id)
     content, bits = content << 4 | length, bits + 4
     count, state = _stuffed(0, content, bits)
@@ -98,7 +100,7 @@ def _head(can_id: int, length: int) -> tuple[int, int, int, int]:
 
 
 def frame_bits(can_id: int, data: bytes) -> int:
-    """Return the bits from start of frame to the end of intermission, stuffing included."""
+    """Return the number of bits from start of frame to the end of intermission, with stuff bits."""
     bits, crc, count, state = _head(can_id, len(data))
     stuffed = _stuffed_bytes()
     if not can_id & REMOTE_FLAG:
@@ -113,7 +115,7 @@ def frame_bits(can_id: int, data: bytes) -> int:
 
 
 def worst_case_bits(length: int, *, extended: bool = False) -> int:
-    """Return the most bits that a data frame with `length` bytes can take."""
+    """Return the maximum number of bits of a data frame with `length` bytes."""
     stuffed = (54 if extended else 34) + 8 * length
     return stuffed + (stuffed - 1) // 4 + _UNSTUFFED_TAIL
 
@@ -127,7 +129,7 @@ LOAD_WINDOW_NS = NS_PER_S
 
 
 def priority(can_id: int) -> int:
-    """Return a number that is lower for what wins arbitration: base identifier, RTR or SRR, IDE, extension, RTR."""
+    """Return the arbitration priority; a lower number wins: base identifier, RTR or SRR, IDE, extension, RTR."""
     remote = bool(can_id & REMOTE_FLAG)
     if can_id & EXTENDED_FLAG:
         base, extension = can_id >> 18 & 0x7FF, can_id & 0x3FFFF
@@ -137,7 +139,7 @@ def priority(can_id: int) -> int:
 
 @lru_cache(maxsize=4096)
 def _on_wire(record: bytes) -> tuple[int, int]:
-    """Return the priority of a record and its bits."""
+    """Return priority and number of bits of a record."""
     can_id, length, data = RECORD.unpack(record)
     return priority(can_id), frame_bits(can_id, data[:length])
 
@@ -147,11 +149,11 @@ def _never(_sender: int, _record: bytes) -> bool:
 
 
 class PacedWire:
-    """The wire at `bitrate` bit/s; senders are numbers, and the lower one wins between equal identifiers.
+    """Paced wire at `bitrate` bit/s; senders are numbers, and the lower number wins between equal identifiers.
 
-    `queues` are the frames of those who have something to send.
-    `disturbed(sender, record)` says whether a frame was, at its last bit: it is sent again. `due_ns` is when the frame
-    on the wire ends, None for none.
+    `queues` contains the waiting frames of each sender. `disturbed(sender, record)` is called at the last bit of a
+    frame; if it returns True the frame is sent again. `due_ns` is the end of the frame on the wire, None if the wire is
+    idle.
     """
 
     def __init__(self, bitrate: int) -> None:
@@ -167,12 +169,12 @@ class PacedWire:
         self._last_load = 0.0
 
     def backlog(self, sender: int) -> int:
-        """Return how many frames of `sender` wait."""
+        """Return the number of waiting frames of `sender`."""
         queue = self.queues.get(sender)
         return len(queue) if queue else 0
 
     def put(self, sender: int, records: bytes, now: int) -> None:
-        """Queue records of `sender`; call `advance` first, so that what was due until now is done."""
+        """Queue records of `sender`; call `advance` first, so that all frames due until now have been processed."""
         queue = self.queues.get(sender)
         if queue is None:
             queue = self.queues[sender] = deque()
@@ -188,20 +190,20 @@ class PacedWire:
             self._begin(now if now > self._done_ns else self._done_ns)
 
     def forget(self, sender: int) -> int:
-        """Drop what `sender` has waiting and return the number of frames; one on the wire is finished."""
+        """Discard the waiting frames of `sender` and return their number; a frame on the wire is completed."""
         return len(self.queues.pop(sender, ()))
 
     def drain(self) -> Iterator[tuple[int, bytes]]:
-        """Yield sender and record of everything that waits, in the order of arbitration, without its time."""
+        """Yield sender and record of all waiting frames in the order of arbitration, without delay."""
         while self._on_wire is not None:
             _, sender, _, record = self._on_wire
             yield sender, record
             self._begin(self._done_ns)
 
     def finish(self) -> Waiting | None:
-        """End the frame on the wire and begin the next; return priority, sender, bits and record.
+        """Complete the frame on the wire and start the next; return priority, sender, bits and record.
 
-        It is None where it was disturbed, or none was there.
+        The result is None if the frame was disturbed or the wire was idle.
         """
         done = self._on_wire
         if done is not None and self.disturbed is not _never and self.disturbed(done[1], done[3]):
@@ -211,24 +213,24 @@ class PacedWire:
         return self.end()
 
     def end(self) -> Waiting | None:
-        """End the frame on the wire, which nobody has disturbed, and begin the next; as `finish`."""
+        """Complete an undisturbed frame on the wire and start the next; returns the same as `finish`."""
         done = self._on_wire
         if done is not None:
             self._begin(self._done_ns)
         return done
 
     def advance(self, now: int) -> Iterator[tuple[int, bytes]]:
-        """Yield sender and record of each frame whose last bit passed until `now`."""
+        """Yield sender and record of each frame whose last bit was sent until `now`."""
         while self._on_wire is not None and self._done_ns <= now:
             if (passed := self.finish()) is not None:
                 yield passed[1], passed[3]
 
     def next_deadline(self) -> int | None:
-        """Return when the frame on the wire ends."""
+        """Return the end of the frame on the wire."""
         return self.due_ns
 
     def load(self, now: int) -> float:
-        """Return the busy share, 0 to 1, of the last full second."""
+        """Return the bus load of the last full second, 0 to 1."""
         self._roll(now)
         return self._last_load
 

@@ -1,8 +1,8 @@
-"""Reading Vector's BLF recordings within bounds: python-can's reader, which believes every length that a file claims.
+"""Bounded reader of Vector's BLF recordings, built on python-can's reader.
 
-A header may claim gigabytes, an object may claim to be shorter than its own header (and would be
-read again for ever), and a container may unpack to a thousand times its size. What is read is what is there, and what
-is unpacked is bounded; anything else is said as what is wrong with the file.
+python-can trusts every length in the file: a header may claim gigabytes, an object may claim to be shorter than its
+header (which would be read again for ever), and a container may unpack to a thousand times its size. This reader bounds
+what is read and unpacked, and reports errors of the file.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-LARGEST_CONTAINER: Final = 64 << 20  # bytes; who writes makes them of 128 KiB
-_SIZE_AT: Final = 8  # of an object's length in its header
+LARGEST_CONTAINER: Final = 64 << 20  # bytes; common writers use 128 KiB
+_SIZE_AT: Final = 8  # offset of the object length in its header
 _SIZE: Final = struct.Struct("<L")
 _SIGNATURE: Final = b"LOBJ"
-_PADDING: Final = 8  # bytes in which the next object must begin
+_PADDING: Final = 8  # maximum padding in bytes before the next object
 
 
 class BlfReader(can.BLFReader):
-    """Yields the messages of an open BLF file; EOFError where it ends too early, ValueError where it is none."""
+    """Messages of an open BLF file; EOFError if the file is truncated, ValueError if it is not a BLF file."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._size = os.fstat(file.fileno()).st_size
@@ -40,7 +40,7 @@ class BlfReader(can.BLFReader):
             if signature != _SIGNATURE or length < header.size:
                 raise ValueError("an object without its signature or its length is in it")
             if length - header.size > self._size - self.file.tell():
-                self.file.read(self._size)  # nothing is left: who asks sees that it was cut
+                self.file.read(self._size)  # all is read: the caller detects the truncation
                 raise EOFError
             data = self.file.read(length - header.size)
             self.file.read(length % 4)  # padding
@@ -54,19 +54,19 @@ class BlfReader(can.BLFReader):
 
 
 class _Within:
-    """An open file whose `read` never makes room for more than there is."""
+    """Wrapper of an open file whose `read` never allocates more than the file contains."""
 
     def __init__(self, file: BinaryIO, size: int) -> None:
         self._file, self._size = file, size
         self.tell, self.close = file.tell, file.close
 
     def read(self, count: int) -> bytes:
-        """Return up to `count` bytes; none of a negative count."""
+        """Return up to `count` bytes; none for a negative count."""
         return self._file.read(max(0, min(count, self._size - self._file.tell())))
 
 
 def _unpacked(data: bytes) -> bytes | None:
-    """Return what is in a container; None for a compression that nobody knows."""
+    """Return the content of a container; None for an unknown compression."""
     method, _ = blf.LOG_CONTAINER_STRUCT.unpack_from(data)
     packed = data[blf.LOG_CONTAINER_STRUCT.size :]
     if method == blf.NO_COMPRESSION:
@@ -81,7 +81,7 @@ def _unpacked(data: bytes) -> bytes | None:
 
 
 def _refuse_standstill(data: bytes) -> None:
-    """Raise ValueError for an object that ends before its header does: a reader would stay there for ever."""
+    """Raise ValueError for an object that ends before its header does, which would stop the progress of a reader."""
     at = 0
     while (at := data.find(_SIGNATURE, at, at + _PADDING)) >= 0 and at + _SIZE_AT + _SIZE.size <= len(data):
         (length,) = _SIZE.unpack_from(data, at + _SIZE_AT)

@@ -1,7 +1,8 @@
-"""CAN interfaces of the kernel, seen and set through iproute2's JSON (``ip -json``), never through text for people.
+"""CAN interfaces of the kernel: state, settings, traffic and open sockets.
 
-Bringing one up is a list of commands, made from what is there and what is wanted, so that they can be shown, run, or
-found to be none. Changing an interface needs root; without it the error holds the commands to type.
+State and settings are read through iproute2's JSON (``ip -json``). Bringing an interface up is a list of commands,
+computed from its state and the requested settings, so that they can be shown, run, or omitted if nothing differs.
+Changing an interface needs root; without it the error contains the commands to type.
 """
 
 from __future__ import annotations
@@ -32,32 +33,37 @@ if TYPE_CHECKING:
     """Runs a command to its end; OSError if it cannot be started."""
 
 
-# Who has CAN sockets open on an interface: which processes, what they hear, what the kernel sends for them.
-#
-# The kernel has no table of raw CAN sockets with their owners; it is put together of what it does tell. A socket says
-# its protocol (``system.sockprotoname`` of its descriptor in /proc) and, borrowed with pidfd_getfd, its interface and
-# its filters; tasks of the broadcast manager are in /proc/net/can-bcm by the socket's inode; the receive lists in
-# /proc/net/can say how many sockets there are that hear something, and so how many nobody but root could name.
+# Open CAN sockets of an interface: processes, identifiers and cyclic transmissions. The kernel has no table of raw CAN
+# sockets with their owners. The protocol comes from the socket's descriptor in /proc (``system.sockprotoname``),
+# interface and filters from a copy of the descriptor (pidfd_getfd), tasks of the broadcast manager from
+# /proc/net/can-bcm by the socket's inode. The receive lists in /proc/net/can give the number of sockets with filters,
+# and thus how many only root can identify.
 
 
 PROC = Path("/proc")
-_PIDFD_GETFD = 438  # on every architecture
+_PIDFD_GETFD = 438  # system call number on all architectures
 _INODE = re.compile(r"socket:\[(\d+)\]")
 _BOUND = re.compile(r"bound (\S+)")
 _TASK = re.compile(r"^tx_op: ([0-9A-Fa-f]+)\S* .*\bt2=(\d+)", re.MULTILINE)
-_MOST_SHOWN = 128  # filters; Python fetches options of 1 KiB at most
-_VERB = ("-m", "canopen_control")  # options of the interpreter may come before it
+_MOST_SHOWN = 128  # number of filters: Python reads socket options of up to 1 KiB
+_VERB = ("-m", "canopen_control")  # interpreter options may precede it
 _RAW, _BCM = "CAN_RAW", "CAN_BCM"
-_RECEIVE_LISTS = ("all", "fil", "inv", "sff", "eff")  # that of error frames names sockets that may hear nothing else
+_RECEIVE_LISTS = (
+    "all",
+    "fil",
+    "inv",
+    "sff",
+    "eff",
+)  # the list of error frames also has sockets that receive no frames
 
 
 @dataclass(frozen=True, slots=True)
 class Listener:
-    """One socket. `protocol` is the kernel's name, such as ``CAN_RAW``; `interface` is empty for all of them.
+    """Open CAN socket of a process.
 
-    Of a socket that cannot be borrowed `interface` is None, and of one with too many or unknown filters `identifiers`.
-    Otherwise these are how many it hears, -1 for all, 0 for one that only sends. `tasks` are (identifier, period in us)
-    of what the kernel sends for it.
+    `protocol` is the kernel's name, such as ``CAN_RAW``; `interface` is empty for all interfaces, None if the
+    descriptor cannot be copied. `identifiers` is the number of received identifiers, -1 for all, 0 for none, None if
+    unknown. `tasks` are (identifier, period in us) of the frames that the kernel sends for the socket.
     """
 
     pid: int
@@ -69,20 +75,20 @@ class Listener:
 
 
 def find_listeners(interface: str, proc: Path = PROC) -> list[Listener]:
-    """Return the CAN sockets of an interface, and those of which this user may not know the interface, by process."""
+    """Return the CAN sockets of an interface by process, and those whose interface this user may not read."""
     found = (each for pid in _processes(proc) for each in _sockets_of(pid, proc))
     return [each for each in found if each.interface in (interface, "", None)]
 
 
 def count_hearing(interface: str, proc: Path = PROC) -> int:
-    """Return how many sockets there are that hear something of an interface."""
+    """Return the number of sockets that receive frames of an interface."""
     hearing = set()
     for path in (proc / "net" / "can" / f"rcvlist_{name}" for name in _RECEIVE_LISTS):
         with contextlib.suppress(OSError):
             for line in path.read_text().splitlines():
                 words = line.split()
                 if len(words) == 7 and words[0] in (interface, "any"):
-                    hearing.add((words[4], words[6]))  # userdata, which is the socket or the task; ident
+                    hearing.add((words[4], words[6]))  # userdata (the socket or the task); ident
     return len(hearing)
 
 
@@ -96,7 +102,7 @@ def _sockets_of(pid: int, proc: Path) -> Iterator[Listener]:
     try:
         descriptors = sorted(folder.iterdir(), key=lambda entry: int(entry.name))
     except OSError:
-        return  # ended, or another user's
+        return  # the process ended, or belongs to another user
     for entry in descriptors:
         with contextlib.suppress(OSError):
             match = _INODE.fullmatch(os.readlink(entry))
@@ -121,7 +127,7 @@ def _listener(pid: int, descriptor: int, inode: str, protocol: str, proc: Path) 
 
 
 def _command(pid: int, proc: Path) -> str:
-    """Return what a process was started as, without the interpreter of our own verbs."""
+    """Return the command line of a process; for this package's own verbs without the interpreter."""
     words = (proc / str(pid) / "cmdline").read_bytes().decode(errors="replace").split("\0")
     words = [word for word in words if word]
     if _VERB in itertools.pairwise(words[1:4]):
@@ -142,7 +148,7 @@ def _bcm(inode: str, proc: Path) -> tuple[str | None, tuple[tuple[int, int], ...
 
 
 def _borrowed(pid: int, descriptor: int, protocol: str) -> tuple[str, int | None]:
-    """Return interface and number of identifiers of a socket of another process; raise OSError where it may not be."""
+    """Return interface and number of identifiers of a socket of another process; OSError if access is denied."""
     process = os.pidfd_open(pid)
     try:
         number = _pidfd_getfd(process, descriptor)
@@ -165,15 +171,14 @@ def _pidfd_getfd(process: int, descriptor: int) -> int:
 def _identifiers(sock: socket.socket) -> int | None:
     try:
         filters = sock.getsockopt(SOL_CAN_RAW, CAN_RAW_FILTER, _MOST_SHOWN * FILTER_SIZE)
-    except OSError:  # there are more
+    except OSError:  # there are more filters
         return None
     return -1 if filters == EVERYTHING else len(filters) // FILTER_SIZE
 
 
-# Frame rates and bus load of the kernel's CAN interfaces, from their own counters.
-#
-# A virtual interface hears what it sends and counts it both ways, so that one way is all there is. The load is that of
-# frames without stuff bits, as `runtime.robot_bus` works it out; the real one is up to a fifth higher.
+# Frame rates and bus load from the counters of the kernel's interfaces. A virtual interface counts its frames in both
+# directions, so that only one direction is used. The load is computed without stuff bits, as in `runtime.robot_bus`;
+# the true load is up to a fifth higher.
 
 
 _LOOPED = ("vcan",)
@@ -182,7 +187,7 @@ _COUNTERS = ("packets", "bytes")
 
 @dataclass(frozen=True, slots=True)
 class Traffic:
-    """What went over an interface; `load` is the share of its bit rate, None for one without."""
+    """Traffic of an interface; `load` is the bus load, None if the interface has no bit rate."""
 
     frames_per_second: float
     load: float | None
@@ -196,7 +201,7 @@ def measure(
     clock: Callable[[], float] = time.monotonic,
     network_class: Path = NETWORK_CLASS,
 ) -> dict[str, Traffic]:
-    """Return the traffic of interfaces by name, over `seconds`; one that goes away meanwhile is left out."""
+    """Return the traffic of interfaces by name, over `seconds`; interfaces removed meanwhile are omitted."""
     before = {link.name: (link, _counted(link, network_class)) for link in links if link.is_up}
     since = clock()
     if before:
@@ -215,7 +220,7 @@ def _traffic(link: CanInterface, frames: int, size: int, seconds: float) -> Traf
 
 
 def _counted(link: CanInterface, network_class: Path) -> tuple[int, int] | None:
-    """Return frames and bytes of data since the interface is there."""
+    """Return the number of frames and data bytes since the interface was created."""
     folder = network_class / link.name / "statistics"
     ways = ("tx",) if link.kind in _LOOPED else ("rx", "tx")
     try:
@@ -232,7 +237,7 @@ _TIMEOUT_S = 15.0
 
 @dataclass(frozen=True, slots=True)
 class CanInterface:
-    """A CAN interface; None where the kernel does not say, as with virtual ones.
+    """CAN interface; attributes are None if the kernel does not report them, as for virtual interfaces.
 
     `bitrate` in bit/s, `restart_ms` 0 for no automatic restart after bus-off, `state` such as ``ERROR-ACTIVE``.
     """
@@ -246,12 +251,12 @@ class CanInterface:
     sample_point: float | None = None
     restart_ms: int | None = None
     error_counters: tuple[int, int] | None = None  # transmit, receive
-    counters: Mapping[str, int] = field(default_factory=dict)  # what the controller counted: bus_error, bus_off, ...
+    counters: Mapping[str, int] = field(default_factory=dict)  # counters of the controller: bus_error, bus_off, ...
     traffic: Mapping[str, int] = field(default_factory=dict)  # rx_packets, rx_dropped, tx_packets, ...
 
 
 class CommandResult(NamedTuple):
-    """How a command ended."""
+    """Exit status and output of a command."""
 
     returncode: int
     output: str
@@ -259,7 +264,10 @@ class CommandResult(NamedTuple):
 
 
 class InterfaceCommand(NamedTuple):
-    """One step, with why in a word or two; an `optional` one may fail, because a later one would tell."""
+    """Command that changes an interface, with its reason.
+
+    An `optional` one may fail, because a later one would fail too.
+    """
 
     argv: tuple[str, ...]
     purpose: str
@@ -275,12 +283,12 @@ def run_command(argv: Sequence[str]) -> CommandResult:
     return CommandResult(done.returncode, done.stdout, done.stderr.strip())
 
 
-# Seeing ------------------------------------------------------------------------------------------------------------
+# -- state
 
 
 class _Timing(TypedDict, total=False):
     bitrate: int
-    sample_point: float | str  # a text in some versions
+    sample_point: float | str  # text in some versions of iproute2
 
 
 class _Counters(TypedDict, total=False):
@@ -303,14 +311,14 @@ class _LinkInfo(TypedDict, total=False):
 
 
 class _Entry(TypedDict, total=False):
-    """An interface as ``ip -json`` tells it, as far as it is used here."""
+    """Interface in the output of ``ip -json``, with the keys used here."""
 
     ifname: Required[str]
     link_type: str
     flags: list[str]
     txqlen: int
     linkinfo: _LinkInfo
-    stats64: dict[str, dict[str, int]]  # by way, rx and tx
+    stats64: dict[str, dict[str, int]]  # by direction, rx and tx
 
 
 def parse_can_interfaces(text: str) -> list[CanInterface]:
@@ -341,7 +349,7 @@ def _link(entry: _Entry) -> CanInterface:
 
 
 def list_can_interfaces(run: Run = run_command) -> list[CanInterface]:
-    """Return all CAN interfaces; raise `ConfigError` where iproute2 is missing or fails."""
+    """Return all CAN interfaces; ConfigError if iproute2 is missing or fails."""
     try:
         result = run(("ip", "-json", "-details", "-statistics", "link", "show"))
     except OSError as error:
@@ -356,7 +364,7 @@ def find_can_interface(name: str, run: Run = run_command) -> CanInterface | None
     return next((link for link in list_can_interfaces(run) if link.name == name), None)
 
 
-# Setting -----------------------------------------------------------------------------------------------------------
+# -- settings
 
 
 def _ip(purpose: str, *words: str) -> InterfaceCommand:
@@ -367,7 +375,7 @@ def _up_virtual(name: str, kind: str, link: CanInterface | None) -> list[Interfa
     commands = []
     if link is None:
         commands = [
-            InterfaceCommand(("modprobe", kind), f"load the {kind} module", optional=True),  # it may be built in
+            InterfaceCommand(("modprobe", kind), f"load the {kind} module", optional=True),  # or built in
             _ip("make the interface", "add", "dev", name, "type", kind),
         ]
     if link is None or link.queue_length != QUEUE_LENGTH:
@@ -389,9 +397,9 @@ def _up_real(
     changed = {key: value for key, value in wanted.items() if value is not None and value != present[key]}
     rate = bitrate or link.bitrate
     if rate is not None and "sample-point" in changed:
-        changed["bitrate"] = rate  # the kernel computes the timing from both
+        changed["bitrate"] = rate  # the kernel computes the bit timing from both
     commands = []
-    if link.is_up and link.state == "BUS-OFF" and not changed and not link.restart_ms:  # else the kernel does it
+    if link.is_up and link.state == "BUS-OFF" and not changed and not link.restart_ms:  # else the kernel does
         commands.append(_ip("restart it after bus-off", "set", link.name, "type", "can", "restart"))
     if changed and link.is_up:
         commands.append(_ip("take it down to change it", "set", link.name, "down"))
@@ -413,7 +421,10 @@ def up_commands(
     restart_ms: int | None = None,
     sample_point: float | None = None,
 ) -> list[InterfaceCommand]:
-    """Return what has to be done to bring an interface up as wanted, nothing if it is; `link` is what is there."""
+    """Return the commands that bring an interface up with these settings, none if it already is.
+
+    `link` is its state.
+    """
     kind = link.kind if link is not None else next((kind for kind in _VIRTUAL if name.startswith(kind)), "can")
     if kind in _VIRTUAL:
         if bitrate is not None or sample_point is not None:
@@ -437,9 +448,9 @@ def bring_up(
     sample_point: float | None = None,
     run: Run = run_command,
 ) -> None:
-    """Bring an interface up as wanted, and say each step; nothing to do is said too.
+    """Bring an interface up with these settings and report each step, or that nothing was to do.
 
-    Raise `ConfigError` with the commands to type where rights are missing, or with what is missing or refused.
+    ConfigError with the commands to type if rights are missing, or with the missing or refused setting.
     """
     link = find_can_interface(name, run)
     commands = up_commands(name, link, bitrate=bitrate, restart_ms=restart_ms, sample_point=sample_point)
@@ -449,7 +460,7 @@ def bring_up(
 
 
 def bring_down(name: str, say: Callable[[str], None], *, run: Run = run_command) -> None:
-    """Bring an interface down; a virtual one stays and can be brought up again. Errors as with `bring_up`."""
+    """Bring an interface down; a virtual one remains and can be brought up again. ConfigError as for `bring_up`."""
     link = find_can_interface(name, run)
     if link is None:
         raise ConfigError(f"no CAN interface {name!r}; what there is: canopen-control bus list")
@@ -470,7 +481,7 @@ def _run_all(name: str, commands: Sequence[InterfaceCommand], say: Callable[[str
 
 
 def _problem(command: InterfaceCommand, run: Run) -> str:
-    """Run a command and return what went wrong, with advice; empty if nothing did."""
+    """Run a command; return a message with advice if it failed, else empty."""
     try:
         result = run(command.argv)
     except OSError as error:
@@ -482,7 +493,7 @@ def _problem(command: InterfaceCommand, run: Run) -> str:
 
 
 def _privilege(name: str, commands: Sequence[InterfaceCommand], run: Run) -> tuple[str, ...]:
-    """Return the words before a command that make it run as root; raise `ConfigError` where there is no way."""
+    """Return the words that make a command run as root; ConfigError if there is no way."""
     if os.geteuid() == 0:
         return ()
     if shutil.which("sudo") and run(("sudo", "-n", "true")).returncode == 0:

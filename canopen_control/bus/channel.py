@@ -1,4 +1,4 @@
-"""Names of channels, and opening them.
+"""Channel names, and opening of channels.
 
 ``local:NAME``      our bus between processes, without kernel CAN
 ``memory:NAME``     inside one process, for tests
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _LIKE_SOCKETCAN = re.compile(r"(can|vcan|vxcan|slcan)\d+")
-_INTERFACE = re.compile(r"[^\s/:\0]{1,15}")  # what Linux allows: IFNAMSIZ without the zero
+_INTERFACE = re.compile(r"[^\s/:\0]{1,15}")  # Linux: IFNAMSIZ without the terminating zero
 NETWORK_CLASS = Path("/sys/class/net")
 _ARPHRD_CAN = "280"  # linux/if_arp.h
-_OPTION = re.compile(r",(?=[A-Za-z_]\w*=)")  # before each keyword of python-can
+_OPTION = re.compile(r",(?=[A-Za-z_]\w*=)")  # start of a keyword of python-can
 _TAKEN = {"channel": "before the comma", "interface": "before the colon", "bitrate": "after an @"}
 _SOCKETCAND = "socketcand"
 _SERVED = re.compile(r"(?P<host>[^\s:/]+)(?::(?P<port>\d{1,5}))?/(?P<channel>[^\s/]+)")
@@ -42,7 +42,7 @@ SERVED: Final = frozenset({"remote", _SOCKETCAND, "udp_multicast"})
 
 
 class ChannelKind(enum.Enum):
-    """Who carries the frames."""
+    """Kind of a channel."""
 
     LOCAL = "local"
     MEMORY = "memory"
@@ -52,7 +52,7 @@ class ChannelKind(enum.Enum):
 
     @property
     def in_process(self) -> bool:
-        """Whether the bus is inside one process, where no other one hears it."""
+        """Whether the bus exists only inside one process."""
         return self in (ChannelKind.MEMORY, ChannelKind.VIRTUAL)
 
     @property
@@ -63,7 +63,7 @@ class ChannelKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class ChannelSpec:
-    """A channel taken apart; `interface`, `bitrate` (bit/s) and `options` are python-can's, empty and None elsewhere.
+    """Parts of a channel name; `interface`, `bitrate` (bit/s) and `options` are for python-can, else empty and None.
 
     `options` are keyword and value as text.
     """
@@ -84,7 +84,7 @@ class ChannelSpec:
 
 
 def parse_channel(text: str) -> ChannelSpec:
-    """Take a channel's name apart; raise `ConfigError` with what to write instead."""
+    """Return the parts of a channel name; ConfigError with the valid forms if it is invalid."""
     prefix, colon, name = text.partition(":")
     if not colon:
         return _network_interface(text)
@@ -139,7 +139,7 @@ def _python_can(text: str, interface: str, name: str) -> ChannelSpec:
 
 
 def _check_socketcand(spec: ChannelSpec, text: str) -> None:
-    """Raise ConfigError unless a server is named, either way."""
+    """Raise ConfigError unless a server is given, in one of the two forms."""
     keys = {key for key, _ in spec.options}
     if not _SERVED.fullmatch(spec.name) and not {"host", "port"} <= keys:
         raise ConfigError(
@@ -148,7 +148,7 @@ def _check_socketcand(spec: ChannelSpec, text: str) -> None:
 
 
 def _for_python_can(spec: ChannelSpec) -> ChannelSpec:
-    """Return a channel as python-can is given it: where socketcand's server is, are keywords there."""
+    """Return the channel with python-can's keywords for a socketcand server."""
     served = _SERVED.fullmatch(spec.name) if spec.interface == _SOCKETCAND else None
     if served is None:
         return spec
@@ -157,13 +157,13 @@ def _for_python_can(spec: ChannelSpec) -> ChannelSpec:
 
 
 def name_and_channel(text: str) -> tuple[str, str]:
-    """Part ``[BUS=]CHANNEL``; the name is empty where none is given. The channel may have ``=`` in its keywords."""
+    """Split ``[BUS=]CHANNEL``; the name is empty without BUS=. The channel may contain ``=`` in its keywords."""
     name, equals, channel = text.partition("=")
     return (name, channel) if equals and name and not any(sign in name for sign in ":,/@") else ("", text)
 
 
 def may_host_virtual_drives(channel: str) -> bool:
-    """Whether no real drive can be there: ``local:``, ``memory:``, ``virtual:`` and ``vcan*``."""
+    """Whether the channel cannot have real drives: ``local:``, ``memory:``, ``virtual:`` and ``vcan*``."""
     spec = parse_channel(channel)
     if spec.kind is ChannelKind.SOCKETCAN:
         return spec.name.startswith("vcan")
@@ -171,10 +171,10 @@ def may_host_virtual_drives(channel: str) -> bool:
 
 
 def open_port(channel: str, *, label: str = "", join: bool = False) -> Port:
-    """Open a channel; `label` is what others see of this end on ``local:`` and ``memory:``.
+    """Open a channel; `label` is its name for the other ports of ``local:`` and ``memory:``.
 
-    Who only listens or asks joins: a ``local:`` bus that nobody has open is `BusNotOpen` then, instead of made.
-    Raise `ConfigError` for a name that is none, `InterfaceNotFound`, `InterfaceDown` or another `BusError`.
+    With `join` a ``local:`` bus that is not open raises `BusNotOpen` instead of being created, for callers that only
+    listen or query. ConfigError for an invalid name; `InterfaceNotFound`, `InterfaceDown` or another `BusError`.
     """
     spec = parse_channel(channel)
     if join and spec.kind is ChannelKind.LOCAL:

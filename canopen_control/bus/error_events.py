@@ -1,4 +1,4 @@
-"""What error frames tell: events with a sentence for people, and all of it as text for a trace.
+"""Events of error frames, with a sentence for users, and the complete text of an error frame for a trace.
 
 Classes and details are those of linux/can/error.h.
 """
@@ -51,9 +51,10 @@ def _controller_events(detail: int, counters: str) -> Iterator[BusEvent]:
 
 
 def events_of(frame: CanFrame) -> list[BusEvent]:
-    """Return what an error frame tells; a lone bus error tells nothing but itself and is only counted.
+    """Return the events of an error frame; a single bus error has no event and is only counted.
 
-    Bus-off is the whole news of its frame: some adapters tell in the same one how passive the controller was before.
+    Bus-off hides the other events of its frame: some adapters report in the same frame that the controller was
+    error-passive before.
     """
     if frame.can_id & BUS_OFF:
         return [BusEvent(BusEventKind.BUS_OFF, "bus-off; check the cable, the terminators and the bit rate")]
@@ -73,7 +74,7 @@ def events_of(frame: CanFrame) -> list[BusEvent]:
 
 
 def note_errors(records: Records, stats: PortStats) -> list[BusEvent]:
-    """Count the error frames among received records, and return what they tell."""
+    """Count the error frames among received records, and return their events."""
     events: list[BusEvent] = []
     for frame in error_frames(records):
         stats.errors += 1
@@ -82,7 +83,7 @@ def note_errors(records: Records, stats: PortStats) -> list[BusEvent]:
     return events
 
 
-# All that an error frame says -------------------------------------------------------------------------------------
+# -- text of an error frame
 
 _FULL_LENGTH: Final = 8
 _CLASSES: Final = 0x1FFFFFFF
@@ -102,7 +103,7 @@ _VIOLATIONS: Final = {  # data[2]
     0x20: "overload",
     0x40: "active error flag",
 }
-_PLACES: Final = {  # data[3], as an SJA1000 tells it
+_PLACES: Final = {  # data[3], with the codes of an SJA1000
     0x02: "identifier bits 28 to 21",
     0x03: "start of frame",
     0x04: "SRR or RTR bit",
@@ -154,7 +155,7 @@ _EVERY_CLASS: Final = (
 
 
 def error_text(frame: CanFrame) -> str:
-    """Return all that an error frame says, by its classes; never empty. One that is cut is read as if with zeros."""
+    """Return the complete text of an error frame by its classes, never empty; missing bytes are read as zero."""
     frame = CanFrame(frame.can_id, frame.data[:_FULL_LENGTH].ljust(_FULL_LENGTH, b"\0"))
     text = "; ".join(_parts(frame))
     if frame.can_id & COUNTERS and not lost_frames(frame):
@@ -187,7 +188,7 @@ def _parts(frame: CanFrame) -> Iterator[str]:
 
 
 def _disturbance(classes: int, data: bytes) -> str:
-    """Return what disturbed a frame, and where in it, as far as the controller says it."""
+    """Return the kind of a bus error and its position in the frame, as far as the controller reports them."""
     text = "bus error: a frame was disturbed"
     if not classes & PROTOCOL:
         return text

@@ -1,8 +1,8 @@
-"""Error frames: how a CAN controller tells its own state, in the layout of linux/can/error.h.
+"""Error frames of a CAN controller, in the layout of linux/can/error.h.
 
-They are records with `ERROR_FLAG`; the identifier holds classes, the data details. The same layout serves on every
-channel, so that bus-off on ``local:`` and on a real controller look the same to the owner of a port. What they mean in
-words is in `error_events`; the hub, which starts fast, has no use for words.
+They are records with `ERROR_FLAG`; the identifier contains classes, the data contain details. All channels use the same
+layout, so that bus-off on ``local:`` and on a real controller are identical for the owner of a port. The texts are in
+`error_events`, because the hub, which must start quickly, does not need them.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ ACTIVE_AGAIN = 0x40
 
 _WITH_NUMBER = 0xFF
 _U32 = struct.Struct("<I")
-_FLAG_BYTE = 3 if sys.byteorder == "little" else 0  # of the record: the identifier's highest byte, with the flags
+_FLAG_BYTE = 3 if sys.byteorder == "little" else 0  # highest byte of the identifier in a record, with the flags
 _ALL_PLAIN = bytes(65536)
 
 
@@ -50,34 +50,34 @@ def _frame(error_class: int, detail: int = 0, counters: bytes = bytes(2)) -> Can
 
 
 def bus_off_frame() -> CanFrame:
-    """Make the report that the controller left the bus."""
+    """Return the error frame of a controller that entered bus-off."""
     return _frame(BUS_OFF)
 
 
 def restarted_frame() -> CanFrame:
-    """Make the report that the controller is back after bus-off."""
+    """Return the error frame of a controller that restarted after bus-off."""
     return _frame(RESTARTED)
 
 
 def passive_frame() -> CanFrame:
-    """Make the report of an error-passive controller, both counters at 128."""
+    """Return the error frame of an error-passive controller, both counters at 128."""
     return _frame(CONTROLLER | COUNTERS, PASSIVE, bytes((128, 128)))
 
 
 def active_frame() -> CanFrame:
-    """Make the report that the controller is error-active again."""
+    """Return the error frame of a controller that is error-active again."""
     return _frame(CONTROLLER, ACTIVE_AGAIN)
 
 
 def protocol_error_frame() -> CanFrame:
-    """Make the report of one disturbed frame on the wire."""
+    """Return the error frame of one disturbed frame on the wire."""
     return _frame(PROTOCOL)
 
 
 def overrun_frame(lost: int) -> CanFrame:
-    """Make the report that this reader lost `lost` frames; the number travels in the last four bytes.
+    """Return the report that this reader lost `lost` frames; the number is in the last four bytes.
 
-    The first byte, which has no meaning in this class, tells it from the report of a controller, which knows no number.
+    The first byte, unused in this class, distinguishes it from an overrun of a controller, which has no number.
     """
     data = bytes((_WITH_NUMBER, RX_OVERFLOW, 0, 0)) + _U32.pack(min(lost, 0xFFFFFFFF))
     return CanFrame(ERROR_FLAG | CONTROLLER, data)
@@ -92,7 +92,7 @@ def lost_frames(frame: CanFrame) -> int:
 
 
 def has_error_frames(records: bytes) -> bool:
-    """Whether a record may be an error frame; exact for 11-bit frames, and no work per frame."""
+    """Whether a record may be an error frame; exact for 11-bit frames, without work per frame."""
     flags = records[_FLAG_BYTE::RECORD_SIZE]
     return flags != _ALL_PLAIN[: len(flags)]
 

@@ -1,11 +1,14 @@
-"""The routing core of a ``local:`` bus's hub: members, and which bytes go to whom. No sockets, no clock.
+"""Routing of frames between the members of a ``local:`` bus, without sockets and without a clock.
 
-Rule 1: a frame reaches everybody but its sender, and frames of one sender stay in order. Rule 2: nobody waits for
-anybody: a reader whose queue is full loses its own frames, and finds an error frame with their number where they are
-missing. Rule 3: bytes come in any split; only whole records go out. Rule 4: without faults and bit rate there is no
-work per frame, only per chunk: who has said what he wants to hear is left in peace by chunks that hold nothing of that,
-and gets any other as a whole. Rule 5: a chunk has one time, that of its arrival or of its last bit on a paced wire; who
-has asked for stamps gets it before the chunk, the same as everybody else, and none is as early as the one before.
+Rules:
+- A frame reaches every member but its sender; the frames of one sender stay in order.
+- A slow reader delays nobody: if its queue is full, its frames are lost and replaced by one error frame with their
+  number.
+- Bytes may arrive in any pieces; only whole records are forwarded.
+- Without faults and bit rate the work is per chunk, not per frame: a member with a subscription gets a chunk as a whole
+  if it contains one of its identifiers, otherwise not at all.
+- A chunk has one time: its arrival, or its last bit on a paced wire. Members that requested stamps receive it before
+  the chunk. Stamps are equal for all members and strictly increasing.
 """
 
 from __future__ import annotations
@@ -32,14 +35,14 @@ DELAY_LIMIT = 65536
 
 
 class RouterPort:
-    """One opened end; counters are in frames and from its own point of view."""
+    """Member of the bus: one opened port; counters are in frames, as seen by this member."""
 
     __slots__ = ("label", "lost", "missed", "number", "outbox", "partial", "pid", "rx", "silent", "subscription", "tx")
 
     def __init__(self, number: int, label: str, pid: int) -> None:
         self.number, self.label, self.pid = number, label, pid
         self.rx = self.tx = self.lost = 0
-        self.missed = 0  # lost and not told yet
+        self.missed = 0  # number of lost frames not yet reported to the member
         self.silent = False
         self.partial = b""
         self.outbox = bytearray()
@@ -47,7 +50,10 @@ class RouterPort:
 
 
 class FrameRouter:
-    """One bus. The owner writes the `outbox` of each member in `dirty` and says with `sent` how much went."""
+    """Router of one bus.
+
+    The owner writes the `outbox` of each member in `dirty` to its socket and reports the written size with `sent`.
+    """
 
     def __init__(self, *, limit: int = QUEUE_LIMIT) -> None:
         self.members: dict[int, RouterPort] = {}
@@ -61,14 +67,14 @@ class FrameRouter:
         self._delayed: list[tuple[int, int, int, bytes]] = []  # due, serial, sender's number, records
         self._last_due: dict[int, int] = {}
         self._serial = 0
-        self._now = 0  # of the last chunk or tick
-        self._stamping = False  # whether anybody has asked for stamps
+        self._now = 0  # time of the last chunk or tick
+        self._stamping = False  # whether a member requested stamps
         self._next_stamp = 0
 
-    # Members -------------------------------------------------------------------------------------------------------
+    # -- members
 
     def join(self, label: str, pid: int) -> RouterPort:
-        """Add an end; its label is made unique."""
+        """Add a member; its label is made unique."""
         number, self._next_number = self._next_number, self._next_number + 1
         member = RouterPort(number, self._unique(label or f"pid-{pid}"), pid)
         member.silent = self.faults.silences(member.label)
@@ -84,7 +90,7 @@ class FrameRouter:
         return name
 
     def leave(self, member: RouterPort) -> None:
-        """Remove an end; what it sent before still travels, except what waits for the wire."""
+        """Remove a member; its frames are still delivered, except those that wait for the wire."""
         self.members.pop(member.number, None)
         self._stamping = any(each.subscription.stamps for each in self.members.values())
         self._last_due.pop(member.number, None)
@@ -92,13 +98,13 @@ class FrameRouter:
             self.wire.forget(member.number)
 
     def labelled(self, label: str) -> list[RouterPort]:
-        """Return the ends with this label, all of them for ""."""
+        """Return the members with this label, all for ""."""
         return [member for member in self.members.values() if label in ("", member.label)]
 
-    # Frames --------------------------------------------------------------------------------------------------------
+    # -- frames
 
     def receive(self, member: RouterPort, data: bytes, now: int) -> None:
-        """Take bytes from an end, in any split."""
+        """Receive bytes of a member, in any pieces."""
         self._now = now
         if member.partial:
             data = member.partial + data
@@ -127,7 +133,7 @@ class FrameRouter:
     def _with_faults(self, member: RouterPort, records: bytes, now: int) -> None:
         kept = self.faults.survivors(member.label, records)
         self.dropped += (len(records) - len(kept)) // RECORD_SIZE
-        # Never before what is under way already: one sender's frames stay in order when its delay shrinks.
+        # never before frames already under way: the frames of one sender stay in order when its delay is reduced
         due = max(now + self.faults.delay_of(member.label), self._last_due.get(member.number, 0))
         if not kept:
             return
@@ -172,7 +178,7 @@ class FrameRouter:
             self._put(member, records, stamp)
 
     def _stamp(self, records: bytes, at: int) -> bytes:
-        """Return the stamp of a chunk, which is later than the last frame of the chunk before."""
+        """Return the stamp of a chunk, later than the last frame of the previous chunk."""
         if at < self._next_stamp:
             at = self._next_stamp
         self._next_stamp = at + len(records) // RECORD_SIZE * STAMP_STEP_NS
@@ -192,7 +198,10 @@ class FrameRouter:
         member.rx += len(records) // RECORD_SIZE
 
     def _squeeze(self, member: RouterPort, records: bytes) -> bytes:
-        """Return the records that still fit; the rest is lost and counted. Once one is lost, so is all that follows."""
+        """Return the records that fit into the outbox.
+
+        After the first lost record all others are lost too, and counted.
+        """
         room = 0 if member.missed else max(0, self._limit - len(member.outbox)) // RECORD_SIZE * RECORD_SIZE
         lost = (len(records) - room) // RECORD_SIZE
         member.missed += lost
@@ -200,7 +209,10 @@ class FrameRouter:
         return records[:room]
 
     def sent(self, member: RouterPort, size: int) -> None:
-        """Note that the first `size` bytes of the outbox are written; a reader that catches up learns what it lost."""
+        """Remove the first `size` bytes of the outbox, which were written.
+
+        Report lost frames once the outbox is empty.
+        """
         outbox = member.outbox
         if size == len(outbox):
             outbox.clear()
@@ -219,14 +231,14 @@ class FrameRouter:
         member.outbox += record
 
     def take_dirty(self) -> list[RouterPort]:
-        """Return the ends whose outbox was empty and is not now, each once."""
+        """Return the members whose outbox became non-empty, each once."""
         dirty, self.dirty = self.dirty, []
         return dirty
 
-    # Time ----------------------------------------------------------------------------------------------------------
+    # -- time
 
     def tick(self, now: int) -> None:
-        """Deliver what is due."""
+        """Deliver the frames that are due."""
         self._now = now
         while self._delayed and self._delayed[0][0] <= now:
             due, _serial, sender, records = heapq.heappop(self._delayed)
@@ -241,46 +253,46 @@ class FrameRouter:
                 self._deliver(sender, record, due)
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
+        """Return the time of the next delivery."""
         due = [self._delayed[0][0]] if self._delayed else []
         wire = self.wire.next_deadline() if self.wire is not None else None
         return min([*due, wire] if wire is not None else due, default=None)
 
     def may_read(self, member: RouterPort) -> bool:
-        """Whether to read from this end: a paced wire that is behind pushes back on its senders."""
+        """Whether to read from this member; False while it has too many frames waiting for a paced wire."""
         return self.wire is None or self.wire.backlog(member.number) < BACKLOG_LIMIT
 
-    # Control -------------------------------------------------------------------------------------------------------
+    # -- control
 
     def pace(self, bitrate: int | None, now: int) -> None:
-        """Set the bit rate in bit/s; None or 0 ends pacing, and what waits goes out at once."""
+        """Set the bit rate in bit/s; None or 0 ends pacing and delivers waiting frames at once."""
         old, self.wire = self.wire, PacedWire(bitrate) if bitrate else None
         if old is not None:
             for sender, record in old.drain():
                 self._transmit(sender, record, now)
 
     def load(self, now: int) -> float | None:
-        """Return the busy share of the wire in the last second; None without a bit rate."""
+        """Return the bus load of the last second; None without a bit rate."""
         return None if self.wire is None else self.wire.load(now)
 
     def cut(self, label: str, *, mend: bool = False) -> None:
-        """Cut, or mend, the cable of a label: nothing comes from it or gets there, and nobody is told."""
+        """Cut or repair the cable of a label: frames in both directions are lost without an error report."""
         (self.faults.cut.discard if mend else self.faults.cut.add)(label)
         self._refresh()
 
     def bus_off(self, label: str, *, restart: bool = False) -> None:
-        """Send the controllers of a label off the bus, or restart them; an error frame tells them."""
+        """Set the controllers of a label to bus-off, or restart them; they receive an error frame."""
         (self.faults.bus_off.discard if restart else self.faults.bus_off.add)(label)
         self._refresh()
         self.report(label, restarted_frame() if restart else bus_off_frame())
 
     def report(self, label: str, frame: CanFrame) -> None:
-        """Hand a frame, such as an error frame, to the ends of one label ("" for all)."""
+        """Deliver an error frame to the members with a label, to all for ""."""
         for member in self.labelled(label):
             self._append(member, frame)
 
     def clear_faults(self) -> None:
-        """Mend everything; those that were bus-off are told of the restart."""
+        """Clear all faults; members in bus-off receive the error frame of a restart."""
         restarted = self.faults.bus_off
         self.faults = WireFaults()
         self._refresh()
@@ -293,12 +305,15 @@ class FrameRouter:
 
 
 def _plain_ids(records: bytes) -> list[int]:
-    """Return the identifiers of records; none where one has a flag: it may be an error frame, which everybody gets."""
+    """Return the identifiers of records, an empty list if one has a flag.
+
+    It may then be an error frame, which every member receives.
+    """
     return [] if has_error_frames(records) else memoryview(records).cast("I")[:: RECORD_SIZE // 4].tolist()
 
 
 def _split_reports(records: bytes) -> tuple[bytes, bytes]:
-    """Part error frames, which never are on a wire, from the frames."""
+    """Separate error frames, which are not on the wire, from the other frames."""
     parts: Iterable[bytes] = (records[at : at + RECORD_SIZE] for at in range(0, len(records), RECORD_SIZE))
     reports, frames = b"", b""
     for record in parts:

@@ -1,12 +1,12 @@
-"""The hub process of a ``local:`` bus: sockets around `exchange.Exchange`, and the control socket.
+"""Hub process of a ``local:`` bus: sockets around a `FrameRouter`, and the control socket.
 
-``python -m canopen_control.bus.hub NAME`` serves two sockets. On the first, each end greets (`hello`), then sends and
-receives records; one read and one write a turn for each end, however many frames, and none of them can make the hub
-wait. On the second it is asked and told what `rpc.messages.hub` declares (`hubcontrol`). Two seconds after the last end
-has left, the hub is gone.
+``python -m canopen_control.bus.hub NAME`` serves two sockets. On the first, each port sends a greeting and then
+exchanges records: one read and one write per port and turn, however many frames, and no port can block the hub. The
+second serves the requests of `rpc.messages.hub` (see `hubcontrol`). The hub ends two seconds after the last port was
+closed.
 
-It imports little, so that it is there at once: what the control socket needs (msgspec: a third as long again) comes
-right after the first end was greeted, while that one prepares what it will send, or when somebody asks before.
+To start quickly it imports little: the control socket (msgspec takes a third of the time) is loaded right after the
+first greeting, or at the first control request.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _BUFFER_SIZE: Final = 1 << 20
 
 
 class _End:
-    """The connection of a member of the exchange."""
+    """Connection of one member."""
 
     __slots__ = ("member", "reading", "socket", "writing")
 
@@ -48,7 +48,7 @@ class _End:
 
 
 class Hub:
-    """Serves one bus from a reactor; `close` ends it, and `on_end` is called when it has ended by itself."""
+    """Server of one bus on a reactor; `close` ends it, and `on_end` is called when it ended by itself."""
 
     def __init__(self, reactor: Reactor, name: str) -> None:
         self.name = name
@@ -58,7 +58,7 @@ class Hub:
         self._started = reactor.now()
         self._path = socket_path("bus", name)
         self._hello_server = HelloServer(reactor, listen(self._path), self._admit)
-        self._ends: dict[int, _End] = {}  # by the member's number
+        self._ends: dict[int, _End] = {}  # by the number of the member
         self._flush_planned = False
         self._timer: Timer | None = None
         self._linger: Timer | None = None
@@ -67,12 +67,12 @@ class Hub:
         reactor.add_reader(self._asked, self._serve_control)
         self._wait_for_ends()
 
-    # Coming and going ----------------------------------------------------------------------------------------------
+    # -- members
 
     def _serve_control(self) -> None:
-        """Serve the control socket from now on; who has connected to it waits in the kernel."""
+        """Serve the control socket from now on; earlier connections waited in the kernel."""
         if self._control is None and self._asked.fileno() >= 0:
-            self._reactor.remove_reader(self._asked)  # should the import fail, it fails once
+            self._reactor.remove_reader(self._asked)  # a failed import is not repeated
             from canopen_control.rpc.quick_import import import_msgspec
 
             import_msgspec()
@@ -83,10 +83,10 @@ class Hub:
             )
 
     def _admit(self, sock: socket.socket, hello: Hello) -> None:
-        """Make a member of who has greeted."""
+        """Add the sender of a greeting as a member."""
         member = self.router.join(hello.label, hello.pid)
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
-            sock.setsockopt(socket.SOL_SOCKET, option, _BUFFER_SIZE)  # the kernel takes what it allows
+            sock.setsockopt(socket.SOL_SOCKET, option, _BUFFER_SIZE)  # the kernel limits the size
         end = self._ends[member.number] = _End(sock, member)
         member.outbox += pack_hello(os.getpid(), member.label, abilities=TAKES_SUBSCRIPTION | GIVES_STAMPS)
         self._reactor.add_reader(sock, functools.partial(self._read, end))
@@ -110,14 +110,14 @@ class Hub:
             self._linger = self._reactor.call_later(LINGER_NS, self._expire)
 
     def _expire(self) -> None:
-        """End, unless somebody is about to join: the lock is the one that openers hold while they start a hub."""
+        """End the hub, unless a port is about to be opened: openers hold the lock while they start a hub."""
         try:
             with lock(self._path, 0):
                 self._hello_server.accept()
                 if not self._hello_server.busy and not self._ends:
                     self._end()
                     return
-        except ConfigError:  # the folder is gone, or the lock is none: nobody finds this hub any more
+        except ConfigError:  # the folder was removed, or the lock is invalid: no opener can find this hub
             self._end()
             return
         except CanopenError:
@@ -130,7 +130,7 @@ class Hub:
         self.on_end()
 
     def close(self) -> None:
-        """Leave nothing behind; a second call does nothing."""
+        """Close all sockets and remove their files; a second call does nothing."""
         self._hello_server.close()
         if self._control is not None:
             self._control.close()
@@ -146,7 +146,7 @@ class Hub:
             if timer is not None:
                 timer.cancel()
 
-    # Frames --------------------------------------------------------------------------------------------------------
+    # -- frames
 
     def _read(self, end: _End) -> None:
         try:
@@ -162,7 +162,7 @@ class Hub:
         self._after()
 
     def _after(self) -> None:
-        """See to what the exchange wants next: writing at the end of this turn, a timer, less or more reading."""
+        """Update writers, readers and the timer after the router has changed."""
         if self.router.dirty and not self._flush_planned:
             self._flush_planned = True
             self._reactor.call_soon(self._flush)
@@ -219,7 +219,7 @@ class Hub:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Serve the bus named on the command line until the last end has left."""
+    """Serve the bus named on the command line until the last port is closed."""
     (name,) = sys.argv[1:] if arguments is None else arguments
     reactor = Reactor()
     try:

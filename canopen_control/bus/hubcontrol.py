@@ -1,6 +1,6 @@
-"""The control socket of a hub: answers the requests of `rpc.messages.hub` about one `FrameRouter`.
+"""Control socket of a hub, which serves the requests of `rpc.messages.hub` for one `FrameRouter`.
 
-Its import costs more than all else of a hub, msgspec first of all: the hub does it when nobody waits for frames.
+Its import takes longer than the rest of a hub, because of msgspec, so the hub imports it when no port waits for frames.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ ERROR_FRAMES: Final[Mapping[hub.ErrorKind, Callable[[], CanFrame]]] = {
 
 
 class HubControl:
-    """Serves the bus `name` on the socket that `listener` is of.
+    """Control server of the bus `name`; `listener` is its socket.
 
-    `started` is the reactor's time when the hub was; `after` is called when the exchange may have something to send.
+    `started` is the reactor's time of the start of the hub; `after` is called when the router may have frames to send.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class HubControl:
 
     def _does(self, kind: type[R], do: Callable[[R], object]) -> None:
         def handle(call: Call[R]) -> None:
-            self._exchange.tick(self._now())  # what was due before is done before
+            self._exchange.tick(self._now())  # first process what was due before
             do(call.request)
             self._after()
             call.reply(Done())
@@ -90,7 +90,7 @@ class HubControl:
         self._server.answers(kind, handle)
 
     def _label(self, label: str) -> str:
-        """Return a label that somebody has or whose wires are faulty; ConfigError for any other."""
+        """Return a label of a member or of a fault; ConfigError for any other."""
         faults = self._exchange.faults
         known = [member.label for member in self._exchange.members.values()]
         if label in known or faults.silences(label) or label in faults.delays:

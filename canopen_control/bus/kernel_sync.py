@@ -1,9 +1,9 @@
-"""SYNC by the kernel: a periodic task of its broadcast manager (BCM), on the wire whatever this process is doing.
+"""Cyclic SYNC by the kernel's broadcast manager (BCM), independent of this process (linux/can/bcm.h).
 
-Law: linux/can/bcm.h. One TX_SETUP gives the period and the frames, which the kernel sends in turn, the first at once:
-with a SYNC counter (0x1019) these are one for each count. A second TX_SETUP changes the period. The task lives as long
-as its socket: it ends with `close` and with the process, however that ends. It survives an interface that goes down,
-not one that is removed. Nothing but SYNC is ever sent this way: a heartbeat has to end with what it stands for.
+One TX_SETUP sets the period and the frames, which the kernel sends in turn, the first at once; with a SYNC counter
+(0x1019) there is one frame for each count. A second TX_SETUP changes the period. The task ends with its socket: on
+`close` or when the process ends. It survives an interface that is set down, not one that is removed. Only SYNC is sent
+this way: a heartbeat must end with its process.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _US = 1_000_000
 
 
 class BcmSocket(Protocol):
-    """What is needed of a socket."""
+    """Socket of the broadcast manager, with the methods used here."""
 
     def connect(self, address: tuple[str], /) -> None:
         """Connect to an interface."""
@@ -40,11 +40,11 @@ class BcmSocket(Protocol):
         """Send a message to the broadcast manager."""
 
     def close(self) -> None:
-        """Close it, and end the task."""
+        """Close the socket and end the task."""
 
 
 class KernelSync:
-    """The task for one interface; `frames` are sent in turn, one each period."""
+    """Cyclic SYNC task on one interface; `frames` are sent in turn, one per period."""
 
     sender = "the kernel"
     correction = "it is set up again"
@@ -57,7 +57,7 @@ class KernelSync:
         self._socket: BcmSocket | None = None
 
     def why_not(self) -> str | None:
-        """Return why the kernel cannot send on this interface, None where it can; sends nothing."""
+        """Return the reason why the kernel cannot send on this interface, None if it can; sends nothing."""
         try:
             self._connected()
         except OSError as error:
@@ -66,7 +66,7 @@ class KernelSync:
         return None
 
     def start(self, period_us: int) -> None:
-        """Send from now on every `period_us`, the first frame at once; again: with another period. Raise BusError."""
+        """Send every `period_us` from now on, the first frame at once; BusError if the kernel refuses."""
         self._set_up(period_us, _SET_TIMER | _START_TIMER | _FROM_THE_FIRST)
 
     def _set_up(self, period_us: int, flags: int) -> None:
@@ -79,7 +79,7 @@ class KernelSync:
             raise _explained(self.interface, error) from error
 
     def adjust(self, period_us: int) -> None:
-        """Send with another period from the next frame but one on, without a frame in between; raise BusError."""
+        """Change the period after the next frame, without an additional frame; BusError if the kernel refuses."""
         self._set_up(period_us, _SET_TIMER)
 
     def close(self) -> None:

@@ -1,8 +1,8 @@
-"""The port of a ``local:`` bus: a Unix stream to the hub, one system call for a whole cycle's frames each way.
+"""Port of a ``local:`` bus: a Unix stream to the hub, one system call per direction for all frames of a cycle.
 
-The first opener starts the hub and is not its parent; who opens first is decided under a lock. When the hub is gone,
-`receive` and `send` raise `BusClosed`, and the next opening starts a new one. `ask_hub` is for who wants to know who is
-there, or to break and mend wires.
+The first opener starts the hub, decided under a lock; the hub is not its child process. After the hub has ended,
+`receive` and `send` raise `BusClosed`, and the next opening starts a new hub. `ask_hub` sends control requests, for the
+members and faults of a bus.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ A = TypeVar("A")
 _RECEIVE_SIZE: Final = 65536
 _BUFFER_SIZE: Final = 1 << 20
 _GREETING_TIMEOUT_S: Final = 5.0
-_STARTING_S: Final = 15.0  # a busy machine needs seconds for a hub
+_STARTING_S: Final = 15.0  # a loaded machine needs seconds to start a hub
 _ANSWER_S: Final = 5.0
 _UNANSWERED: Final = ("BusClosed", "Timeout", "RemoteProtocolError")
 _CLOSED_HERE: Final = "closed on this side"
@@ -52,9 +52,9 @@ _HUB_GONE: Final = "the hub process is gone; open the channel again, which start
 
 
 class LocalPort:
-    """One end of a ``local:`` bus; see `canopen_control.bus.port.Port`.
+    """Port of a ``local:`` bus; see `canopen_control.bus.port.Port`.
 
-    `label` is the one that the hub gave, `abilities` what it can do.
+    `label` was assigned by the hub, `abilities` are those of the hub.
     """
 
     def __init__(self, name: str, sock: socket.socket, label: str, abilities: int = 0) -> None:
@@ -64,7 +64,7 @@ class LocalPort:
         self._socket = sock
         self._abilities = abilities
         self._partial = b""
-        self._chunks: list[Chunk] | None = None  # of the last reading, once stamps are asked for
+        self._chunks: list[Chunk] | None = None  # chunks of the last read, if stamps were requested
         self._queue = SendQueue()
         self._events = BusEventLog()
         self.events = self._events.drain
@@ -73,11 +73,11 @@ class LocalPort:
         self._gone = ""
         sock.setblocking(False)
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
-            sock.setsockopt(socket.SOL_SOCKET, option, _BUFFER_SIZE)  # the kernel takes what it allows
+            sock.setsockopt(socket.SOL_SOCKET, option, _BUFFER_SIZE)  # the kernel limits the size
 
     @property
     def wants_write(self) -> bool:
-        """Whether frames wait for the kernel."""
+        """Whether frames wait for the socket."""
         return bool(self._queue.data)
 
     def fileno(self) -> int:
@@ -85,7 +85,7 @@ class LocalPort:
         return self._socket.fileno()
 
     def receive(self) -> bytes:
-        """Return the whole records that wait, or ``b""``; raise `BusClosed` when the hub is gone."""
+        """Return the received whole records, or ``b""``; BusClosed after the hub has ended."""
         try:
             data = self._socket.recv(_RECEIVE_SIZE)
         except BlockingIOError:
@@ -113,9 +113,9 @@ class LocalPort:
         return data[:whole]
 
     def ask_stamps(self, *, echo: bool = False) -> None:
-        """Ask the hub for the time of all that comes from now on, with `echo` for the own frames too, in their order.
+        """Request the time of each chunk from now on; with `echo` also the own frames, in their order.
 
-        A second call does nothing. A hub of an earlier version cannot do it; `gives_stamps` tells.
+        A second call does nothing. Hubs of earlier versions do not support it; see `gives_stamps`.
         """
         if self.gives_stamps and self._chunks is None:
             self._chunks = [_NOTHING]
@@ -123,11 +123,11 @@ class LocalPort:
 
     @property
     def gives_stamps(self) -> bool:
-        """Whether the hub can tell when frames came."""
+        """Whether the hub supports time stamps."""
         return bool(self._abilities & GIVES_STAMPS)
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
-        """Return what `receive` does, and when the hub had each record, in monotonic ns; 0 where it does not tell."""
+        """Return the records of `receive` and the time of each in the hub, in monotonic ns; 0 if unknown."""
         records = self.receive()
         if self._chunks is None:
             return records, [0] * (len(records) // RECORD_SIZE)
@@ -136,14 +136,14 @@ class LocalPort:
         return records, [stamp for chunk in self._chunks for stamp in chunk.stamps] if records else []
 
     def receive_chunks(self) -> list[Chunk]:
-        """Return what `receive` does, in the chunks in which it came."""
+        """Return the records of `receive` in chunks with their times."""
         records = self.receive()
         if not records:
             return []
         return [Chunk(0, own=False, records=records)] if self._chunks is None else self._chunks
 
     def send(self, records: Records) -> None:
-        """Send whole records; what the kernel does not take is queued. Raise `BusClosed` when the hub is gone."""
+        """Send whole records; queue those that the kernel does not accept. BusClosed after the hub has ended."""
         count = whole_records(records)
         if self._queue.data:
             self._enqueue(records)
@@ -169,18 +169,18 @@ class LocalPort:
         self._dropping = dropped > 0
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
-        """Ask the hub for these identifiers only: it leaves out what holds none of them, and others may come too."""
+        """Subscribe to these identifiers: the hub omits chunks without any of them; others may still arrive."""
         if self._abilities & TAKES_SUBSCRIPTION:
             self._tell(pack_subscription(can_ids))
 
     def _tell(self, asked: bytes) -> None:
-        """Send records that are for the hub and no frames."""
-        with contextlib.suppress(BusClosed):  # who receives or sends next is told
+        """Send control records, which are not frames."""
+        with contextlib.suppress(BusClosed):  # the next receive or send reports it
             self.send(asked)
             self.stats.tx -= len(asked) // RECORD_SIZE
 
     def flush(self) -> None:
-        """Hand queued records to the kernel as far as it takes them; raise `BusClosed` when the hub is gone."""
+        """Write queued records to the socket as far as it accepts them; BusClosed after the hub has ended."""
         if self._queue.data:
             self._queue.taken(self._write(self._queue.data))
             self.stats.queued = len(self._queue)
@@ -194,7 +194,7 @@ class LocalPort:
         raise BusClosed(self.channel, self._gone)
 
     def close(self) -> None:
-        """Leave the bus; a second call does nothing. What the kernel takes of the queue still goes out."""
+        """Leave the bus; a second call does nothing. Queued records are sent as far as the socket accepts them."""
         if self._gone == _CLOSED_HERE:
             return
         if not self._gone:
@@ -205,9 +205,9 @@ class LocalPort:
 
 
 def greet(sock: socket.socket, name: str, label: str) -> LocalPort | None:
-    """Greet the hub at the other end of a fresh connection; None if it went away instead of answering.
+    """Exchange greetings with the hub on a new connection; return None if the hub closed it instead.
 
-    Raise `BusError` if it answers with another version or not at all. The socket is closed unless a port is returned.
+    BusError if the hub has another version or does not answer. The socket is closed unless a port is returned.
     """
     try:
         sock.settimeout(_GREETING_TIMEOUT_S)
@@ -241,7 +241,7 @@ def _read_hello(sock: socket.socket) -> Hello | None:
 
 
 def open_local(name: str, label: str = "") -> LocalPort:
-    """Open a ``local:`` bus, and start its hub if there is none; raise `BusError` if that fails."""
+    """Open a ``local:`` bus and start its hub if there is none; BusError if that fails."""
     path = socket_path("bus", name)
     port = _join(path, name, label)
     if port is not None:
@@ -257,7 +257,7 @@ def open_local(name: str, label: str = "") -> LocalPort:
 
 
 def join_local(name: str, label: str = "") -> LocalPort:
-    """Open a ``local:`` bus that somebody has open already; raise `BusNotOpen` where nobody has, else as above."""
+    """Open a ``local:`` bus that is already open; BusNotOpen if it is not, otherwise as `open_local`."""
     port = _join(socket_path("bus", name), name, label)
     if port is None:
         raise _not_open(name)
@@ -265,12 +265,12 @@ def join_local(name: str, label: str = "") -> LocalPort:
 
 
 def _not_open(name: str) -> BusNotOpen:
-    """Return what to raise for a ``local:`` bus that nobody has open: it names those that somebody has."""
+    """Return the error for a ``local:`` bus that is not open; it lists the open ones."""
     return BusNotOpen(f"local:{name}", [f"local:{other}" for other in list_sockets("bus")])
 
 
 def _start_hub(name: str) -> None:
-    """Start the hub as nobody's child and wait until it listens."""
+    """Start the hub as a detached process and wait until it listens."""
     from canopen_control.host.environment import lean_python
     from canopen_control.host.spawn import spawn_detached
 
@@ -293,9 +293,9 @@ def _join(path: Path, name: str, label: str) -> LocalPort | None:
 
 
 def ask_hub(name: str, request: Request[A]) -> A:
-    """Ask the hub of a ``local:`` bus; `canopen_control.rpc.messages.hub` has the requests and their answers.
+    """Send a control request of `canopen_control.rpc.messages.hub` to the hub of a ``local:`` bus; return its answer.
 
-    Raise `BusNotOpen` if nobody has the bus open, `BusError` if its hub does not answer, `ConfigError` if it refuses.
+    BusNotOpen if the bus is not open, BusError if its hub does not answer, ConfigError if it refuses the request.
     """
     from canopen_control.host.lineclient import LineClient
     from canopen_control.rpc.client import Client

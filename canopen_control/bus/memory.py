@@ -1,7 +1,7 @@
-"""A CAN bus inside one process, with knobs for every way in which a bus misbehaves.
+"""CAN bus inside one process, with every bus fault on request.
 
-Nothing happens by itself: a frame is in every other port's queue when `send` returns, in the order of sending. Delay
-is a verb (`hold`, `release`) and not a time, so that tests stay exact under a manual clock.
+Nothing happens by itself: when `send` returns, the frame is in the queues of all other ports, in the order of sending.
+A delay has no duration but ends by a call (`hold`, `release`), so that tests with a manual clock are exact.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 
 
 QUEUE_LIMIT = 65536 * RECORD_SIZE  # bytes that wait for one reader
-HISTORY_LIMIT = 65536  # calls of send that are remembered
+HISTORY_LIMIT = 65536  # number of recorded calls of send
 
 
 class InProcessBus(Protocol):
-    """A bus inside this process that ports can be opened on."""
+    """Bus inside this process that can open ports."""
 
     def open(self, label: str) -> Port:
-        """Join it."""
+        """Open a port."""
 
 
 _PROVIDED: dict[str, InProcessBus] = {}
@@ -51,7 +51,7 @@ _PROVIDED: dict[str, InProcessBus] = {}
 
 @contextlib.contextmanager
 def provide(name: str, bus: InProcessBus) -> Iterator[None]:
-    """Let who opens ``memory:NAME`` meanwhile join `bus`, a simulated wire for instance."""
+    """Use `bus` for ``memory:NAME`` in this context, for example a simulated wire."""
     _PROVIDED[name] = bus
     try:
         yield
@@ -60,12 +60,15 @@ def provide(name: str, bus: InProcessBus) -> Iterator[None]:
 
 
 def bus_of_channel(name: str) -> InProcessBus:
-    """Return the bus that ``memory:NAME`` means."""
+    """Return the bus of ``memory:NAME``."""
     return _PROVIDED.get(name) or MemoryBus.get(name)
 
 
 class MemoryBus:
-    """One bus; `get` finds it by name, and it lives as long as anyone holds it or a port of it."""
+    """Bus inside one process.
+
+    `get` finds it by name, and it exists while a reference to it or one of its ports exists.
+    """
 
     _registry: ClassVar[WeakValueDictionary[str, MemoryBus]] = WeakValueDictionary()
     _registry_lock: ClassVar[threading.Lock] = threading.Lock()
@@ -85,7 +88,7 @@ class MemoryBus:
 
     @classmethod
     def get(cls, name: str) -> MemoryBus:
-        """Return the bus of this name, the same one for everybody in this process."""
+        """Return the bus with this name, the same one for every caller in this process."""
         with cls._registry_lock:
             bus = cls._registry.get(name)
             if bus is None:
@@ -94,12 +97,12 @@ class MemoryBus:
 
     @property
     def channel(self) -> str:
-        """The channel's name, ``memory:NAME``."""
+        """Name of the channel, ``memory:NAME``."""
         return f"memory:{self.name}"
 
     @property
     def history(self) -> list[tuple[str, CanFrame]]:
-        """Label of the sender and frame of everything that went onto the wire, oldest first (bounded)."""
+        """Sender's label and frame of everything sent, oldest first (bounded)."""
         with self.lock:
             log = list(self._log)
         return [(label, frame) for label, records in log for frame in frames_of(records)]
@@ -110,29 +113,32 @@ class MemoryBus:
             self._log.clear()
 
     def open(self, label: str = "") -> MemoryPort:
-        """Join the bus; an empty label becomes ``port-N``."""
+        """Open a port; an empty label becomes ``port-N``."""
         with self.lock:
             self._opened += 1
             port = MemoryPort(self, label or f"port-{self._opened}")
             self.ports.append(port)
             return port
 
-    # Knobs ---------------------------------------------------------------------------------------------------------
+    # -- faults
 
     def drop(self, predicate: Predicate | None) -> None:
-        """Lose each frame that `predicate` takes, for all readers; None ends it. Counted in `dropped`."""
+        """Lose each frame selected by `predicate`, for all readers; None ends it.
+
+        Lost frames are counted in `dropped`.
+        """
         self._drop = predicate
 
     def duplicate(self, predicate: Predicate | None) -> None:
-        """Deliver twice each frame that `predicate` takes, as a bus does that lost the acknowledge; None ends it."""
+        """Deliver each frame selected by `predicate` twice, as after a lost acknowledge; None ends it."""
         self._duplicate = predicate
 
     def hold(self, predicate: Predicate | None) -> None:
-        """Keep back each frame that `predicate` takes until `release`; None ends it (what is held stays held)."""
+        """Hold back each frame selected by `predicate` until `release`; None ends it, and held frames stay held."""
         self._hold = predicate
 
     def release(self) -> int:
-        """Deliver the frames held back, in their order, and return their number."""
+        """Deliver the held frames in order and return their number."""
         with self.lock:
             held, self._held = self._held, []
             for label, frame in held:
@@ -140,45 +146,45 @@ class MemoryBus:
             return len(held)
 
     def cut(self, label: str) -> None:
-        """Cut the cable of the ports of this label: nothing from them, nothing to them, and nobody is told."""
+        """Cut the cable of the ports with this label: no frame passes in either direction, and no error is reported."""
         self._silent.add(label)
 
     def uncut(self, label: str) -> None:
-        """Mend the cable."""
+        """Repair the cable."""
         self._silent.discard(label)
 
     def bus_off(self, label: str) -> None:
-        """Send the controllers of this label off the bus: they are told by an error frame."""
+        """Set the controllers with this label to bus-off; their ports receive an error frame."""
         self._silent.add(label)
         self.report(label, error_frames.bus_off_frame())
 
     def restart(self, label: str) -> None:
-        """Restart the controllers of this label after bus-off."""
+        """Restart the controllers with this label after bus-off."""
         self._silent.discard(label)
         self.report(label, error_frames.restarted_frame())
 
     def report(self, label: str, frame: CanFrame) -> None:
-        """Hand a frame, such as an error frame, to the ports of one label alone."""
+        """Deliver an error frame to the ports with one label."""
         with self.lock:
             for port in self.ports:
                 if port.label == label:
                     port.put(pack_records([frame]))
 
     def inject(self, frame: CanFrame, label: str = "injected") -> None:
-        """Put a frame onto the wire as if from `label`; everybody else receives it, and no knob takes it."""
+        """Send a frame as if from `label` to all other ports, unaffected by faults."""
         with self.lock:
             self._deliver(label, pack_records([frame]))
 
     def close(self) -> None:
-        """End the bus under its ports: their next verb raises `BusClosed`."""
+        """Close the bus; all further calls of its ports raise `BusClosed`."""
         with self.lock:
             for port in list(self.ports):
                 port.lose("the bus was closed")
 
-    # Wire ----------------------------------------------------------------------------------------------------------
+    # -- wire
 
     def transmit(self, sender: MemoryPort, records: bytes) -> None:
-        """Carry what a port sends (called by the port, under the lock)."""
+        """Deliver the records of a port (called by the port, under the lock)."""
         if self._silent and sender.label in self._silent:
             self._count(sender, len(records) // RECORD_SIZE)
             return
@@ -210,14 +216,14 @@ class MemoryBus:
                 port.put(records)
 
     def leave(self, port: MemoryPort) -> None:
-        """Forget a port (called by the port)."""
+        """Remove a port (called by the port)."""
         with self.lock:
             if port in self.ports:
                 self.ports.remove(port)
 
 
 class MemoryPort:
-    """One end of a `MemoryBus`; see `canopen_control.bus.port.Port`."""
+    """Port of a `MemoryBus`; see `canopen_control.bus.port.Port`."""
 
     def __init__(self, bus: MemoryBus, label: str) -> None:
         self.bus = bus
@@ -232,11 +238,11 @@ class MemoryPort:
 
     @property
     def channel(self) -> str:
-        """The channel's name, ``memory:NAME``."""
+        """Name of the channel, ``memory:NAME``."""
         return self.bus.channel
 
     def fileno(self) -> int:
-        """Return a descriptor, made at the first call, that is readable while something waits."""
+        """Return a descriptor, created at the first call, that is readable while records wait."""
         with self.bus.lock:
             if self._wake is None:
                 self._wake = WakeDescriptor()
@@ -245,7 +251,10 @@ class MemoryPort:
             return self._wake.fileno()
 
     def put(self, records: bytes) -> None:
-        """Queue records for this reader (called by the bus, under its lock); a full queue loses them, counted."""
+        """Queue records for this reader (called by the bus, under its lock).
+
+        If the queue is full they are lost and counted.
+        """
         if len(self._queue) + len(records) > QUEUE_LIMIT:
             self._lost += len(records) // RECORD_SIZE
             return
@@ -254,7 +263,7 @@ class MemoryPort:
         self._queue += records
 
     def receive(self) -> bytes:
-        """Return the whole records that wait, or ``b""``; raise `BusClosed` when the bus is gone."""
+        """Return the waiting whole records, or ``b""``; BusClosed after the bus was closed."""
         with self.bus.lock:
             queue = self._queue
             if not queue:
@@ -276,7 +285,7 @@ class MemoryPort:
         return pack_records([error_frames.overrun_frame(lost)])
 
     def send(self, records: Records) -> None:
-        """Deliver whole records to every other port; raise `BusClosed` when the bus is gone."""
+        """Deliver whole records to all other ports; BusClosed after the bus was closed."""
         count = whole_records(records)
         with self.bus.lock:
             if self._gone:
@@ -285,14 +294,14 @@ class MemoryPort:
             self.bus.transmit(self, bytes(records))
 
     def flush(self) -> None:
-        """Do nothing: memory takes everything at once."""
+        """Do nothing: all records are delivered at once."""
 
     def events(self) -> list[BusEvent]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         return self._events.drain()
 
     def lose(self, reason: str) -> None:
-        """End this port from the other side (called by the bus): its next verb raises `BusClosed`."""
+        """Close this port from the bus; its next call raises `BusClosed`."""
         if not self._gone:
             self._gone = reason
             self._events.add(BusEventKind.CLOSED, f"bus {self.channel}: {reason}")

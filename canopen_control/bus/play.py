@@ -1,7 +1,7 @@
-"""Replays a recording onto a bus with its original timing.
+"""Replay of a recording onto a bus with its original timing.
 
-Deadlines are absolute, so that a late frame does not delay the next; and only frames that a node
-could have sent go out, never a controller's report of errors.
+Deadlines are absolute, so that a late frame does not delay the next one. Error frames are skipped, because nodes cannot
+send them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _TRY_S = 0.1
 
 @dataclass(slots=True)
 class PlayReport:
-    """What was played; `errors` are error frames, which nobody can send, `late_max` in seconds."""
+    """Result of a replay; `errors` is the number of skipped error frames, `late_max` the largest delay in s."""
 
     frames: int = 0
     errors: int = 0
@@ -43,9 +43,9 @@ def play(
     clock: Callable[[], int] = time.monotonic_ns,
     sleep: Callable[[float], None] = time.sleep,
 ) -> None:
-    """Send `frames` as they were heard, `speed` times as fast, and count in `played`, also when it is broken off.
+    """Send `frames` at `speed` times their recorded rate and count them in `played`, even if it is interrupted.
 
-    Times that go back (a clock that was set) count as no time. Raises `BusClosed` when the bus is gone.
+    Times that go back (a clock that was set) count as no time. BusClosed when the bus is gone.
     """
     begin, newest = clock(), 0
     first: int | None = None
@@ -61,7 +61,7 @@ def play(
             sleep(-late / _NS)
             late = clock() - due
         played.late_max = max(played.late_max, late / _NS)
-        port.receive()  # what the others say is not ours to keep
+        port.receive()  # received frames are discarded
         port.send(pack_records([each.frame]))
         _flush(port, 0.0)
         played.frames += 1
@@ -69,7 +69,7 @@ def play(
 
 
 def _flush(port: Port, seconds: float) -> None:
-    """Hand on what waits, for at most `seconds`."""
+    """Send the queued records for at most `seconds`."""
     end = time.monotonic() + seconds
     while port.wants_write:
         port.flush()

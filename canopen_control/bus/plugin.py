@@ -1,7 +1,7 @@
 """``local:`` buses for python-can: ``can.Bus(interface="canopen_control", channel="robby")``.
 
-So python-can's logger and viewer, and whatever is built on python-can, such as the `canopen` package, can join a bus
-while a robot runs on it. The entry point ``can.interface`` makes it known; nothing has to be imported.
+Programs built on python-can, such as its logger and viewer and the `canopen` package, can thus join a bus while a robot
+runs on it. The entry point ``can.interface`` registers it; no import is needed.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
 
 class LocalBus(can.BusABC):
-    """One end of a ``local:`` bus, as python-can wants it; one thread may send while another receives.
+    """Port of a ``local:`` bus as a python-can bus; one thread may send while another receives.
 
-    `channel` is the bus' name, with or without ``local:``; `label` is what others see of this end. Error frames are
-    delivered, with `is_error_frame` set. With `receive_own_messages` what was sent comes back in its place among the
-    others' frames, with `is_rx` False. Time stamps are those of the hub, strictly increasing. The bus has no bit rate
-    of its own: a `bitrate` is accepted and ignored.
+    `channel` is the name of the bus, with or without ``local:``; `label` is its name for the other ports. Error frames
+    are delivered with `is_error_frame` set. With `receive_own_messages` sent messages are received in their order among
+    the others, with `is_rx` False. Time stamps are those of the hub, strictly increasing. The bus has no bit rate of
+    its own: `bitrate` is accepted and ignored.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class LocalBus(can.BusABC):
         super().__init__(channel=name, can_filters=can_filters, **kwargs)
 
     def fileno(self) -> int:
-        """Return a descriptor that is readable as long as a message waits, -1 once shut down."""
+        """Return a descriptor that is readable while a message waits, -1 after shutdown."""
         if self._is_shutdown:
             return -1
         if self._readable is None:
@@ -82,7 +82,7 @@ class LocalBus(can.BusABC):
         return found
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a message; CanOperationError if the bus is gone or does not take it within `timeout` seconds."""
+        """Send a message; CanOperationError if the bus is gone or does not accept it within `timeout` s."""
         record = record_of(msg)
         if record is None:
             raise can.CanOperationError("CAN FD frames have no place on a CANopen bus")
@@ -98,7 +98,7 @@ class LocalBus(can.BusABC):
             self._echo(msg)
 
     def _echo(self, msg: can.Message) -> None:
-        """Give an own message back where the hub, of an earlier version, does not."""
+        """Receive a sent message locally, for hubs of earlier versions that do not return it."""
         own = copy.copy(msg)
         own.is_rx, own.timestamp, own.channel = False, time.time(), self._port.channel
         self._woken = True
@@ -146,7 +146,7 @@ class LocalBus(can.BusABC):
                 yield message
 
     def _tell_waiting(self) -> None:
-        """Keep the descriptor readable while messages wait here, of which the port knows nothing any more."""
+        """Keep the descriptor readable while messages wait here, after they were read from the port."""
         if self._readable is not None and bool(self._waiting) is not self._woken:
             self._woken = not self._woken
             (self._wake.set if self._woken else self._wake.clear)()
@@ -156,7 +156,7 @@ class LocalBus(can.BusABC):
             raise can.CanOperationError(f"{self.channel_info}: cannot operate on a closed bus")
 
     def shutdown(self) -> None:
-        """Leave the bus, also under a thread that receives; a second call does nothing."""
+        """Leave the bus, even while a thread receives; a second call does nothing."""
         if self._is_shutdown:
             return
         super().shutdown()

@@ -1,9 +1,10 @@
-"""The port: what every CAN channel offers to its owner.
+"""Interface of all ports, and the parts they share: an event log, a send queue, a wake descriptor.
 
-Rule 1: frames cross it as whole 16-byte records (`canopen_control.frame`), many at once. Rule 2: no verb waits; the
-owner's reactor does, on `fileno()`, and on its writability while `wants_write`. Rule 3: what does not fit is dropped,
-counted in `stats` and told as an event; nothing is lost silently. Rule 4: the only errors are `BusClosed`, and
-`LocalProtocolError` for what is no record.
+Rules:
+- Frames pass a port as whole 16-byte records (`canopen_control.frame`), many at once.
+- No method waits; the owner's reactor waits on `fileno()`, and for writability while `wants_write`.
+- Frames that do not fit a queue are dropped, counted in `stats` and reported as an event.
+- Ports raise only `BusClosed`, and `LocalProtocolError` for malformed records.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ Records = bytes | bytearray | memoryview
 
 
 class BusEventKind(enum.Enum):
-    """What may happen to a channel; the controller's states are those of ISO 11898-1."""
+    """Kind of a channel event; the states of the controller are those of ISO 11898-1."""
 
     BUS_OFF = "bus-off"
     ERROR_PASSIVE = "error-passive"
@@ -40,7 +41,7 @@ class BusEventKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class BusEvent:
-    """Something happened to the channel; `text` is one sentence for people."""
+    """Channel event; `text` is one sentence for users."""
 
     kind: BusEventKind
     text: str
@@ -48,9 +49,10 @@ class BusEvent:
 
 @dataclass(slots=True)
 class PortStats:
-    """Counters of a port since it was opened, in frames; `queued` is how many wait for the kernel now.
+    """Counters of a port since it was opened, in frames; `queued` is the current number of frames waiting to be sent.
 
-    `rx` includes error frames, which `errors` counts too. `tx` is what `send` was given. `lost` counts both directions.
+    `rx` includes error frames, which `errors` counts too. `tx` counts the frames given to `send`. `lost` counts both
+    directions.
     """
 
     rx: int = 0
@@ -61,62 +63,59 @@ class PortStats:
 
 
 class Port(Protocol):
-    """One opened CAN channel, of whatever kind. A sender never receives its own frames."""
+    """Open CAN channel of any kind. A sender does not receive its own frames."""
 
     @property
     def channel(self) -> str:
-        """The channel as the user wrote it, such as ``local:robby``."""
+        """Channel as the user wrote it, such as ``local:robby``."""
 
     @property
     def stats(self) -> PortStats:
-        """The live counters."""
+        """Counters, updated continuously."""
 
     @property
     def wants_write(self) -> bool:
-        """Whether frames wait for the kernel: call `flush` when the file descriptor is writable."""
+        """Whether frames wait to be sent: call `flush` when the file descriptor is writable."""
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when `receive` or `events` may return something."""
 
     def receive(self) -> bytes:
-        """Return the whole records that wait, or ``b""``; raise `BusClosed` when the channel is gone."""
+        """Return the received whole records, or ``b""``; BusClosed when the channel is gone."""
 
     def send(self, records: Records) -> None:
-        """Send whole records, in order; what the kernel does not take now is queued, the oldest dropped when full.
+        """Send whole records, in order; queue those that the channel does not accept, dropping the oldest when full.
 
-        Raise `BusClosed` when the channel is gone.
+        BusClosed when the channel is gone.
         """
 
     def flush(self) -> None:
-        """Hand queued records to the kernel as far as it takes them; raise `BusClosed` when the channel is gone."""
+        """Send queued records as far as the channel accepts them; BusClosed when the channel is gone."""
 
     def events(self) -> list[BusEvent]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
 
     def close(self) -> None:
-        """Leave the channel; a second call does nothing."""
+        """Close the channel; a second call does nothing."""
 
 
 def whole_records(records: Records) -> int:
-    """Return how many records there are; raise `LocalProtocolError` if the last one is cut."""
+    """Return the number of records; LocalProtocolError if the last one is incomplete."""
     size = len(records)
     if size % RECORD_SIZE:
         raise LocalProtocolError(f"{size} bytes are no whole number of {RECORD_SIZE}-byte records")
     return size // RECORD_SIZE
 
 
-# What ports are built of: a log of events, a queue for what the kernel does not take, a descriptor that wakes.
-
-
 EVENT_LIMIT: Final = 1000
-_ONE: Final = (1).to_bytes(8, sys.byteorder)  # what an eventfd counts by
+_ONE: Final = (1).to_bytes(8, sys.byteorder)  # increment written to an eventfd
 _MOST: Final = 4096
 SEND_LIMIT: Final = 4096
 """Frames that may wait: most of a second at 1 Mbit/s; what is older would only confuse."""
 
 
 class BusEventLog:
-    """What happened to a port and was not fetched yet: bounded, since an owner may never ask; the oldest go first."""
+    """Bounded log of port events that were not fetched yet; the oldest are dropped."""
 
     __slots__ = ("_events",)
 
@@ -124,15 +123,15 @@ class BusEventLog:
         self._events: deque[BusEvent] = deque(maxlen=EVENT_LIMIT)
 
     def add(self, kind: BusEventKind, text: str) -> None:
-        """Note an event."""
+        """Append an event."""
         self._events.append(BusEvent(kind, text))
 
     def extend(self, events: Iterable[BusEvent]) -> None:
-        """Note several."""
+        """Append several events."""
         self._events.extend(events)
 
     def drain(self) -> list[BusEvent]:
-        """Return them, oldest first, and forget them."""
+        """Return and clear the events, oldest first."""
         if not self._events:
             return []
         events = list(self._events)
@@ -141,9 +140,9 @@ class BusEventLog:
 
 
 class SendQueue:
-    """Frames that wait to be sent: bounded, the oldest dropped first, and a half-sent one never cut.
+    """Bounded queue of frames to send; the oldest frame is dropped first, but never one that was sent in part.
 
-    `data` begins with the rest of a half-sent record, if there is one.
+    `data` begins with the rest of a partly sent record, if there is one.
     """
 
     __slots__ = ("data", "limit")
@@ -153,11 +152,11 @@ class SendQueue:
         self.limit = limit
 
     def __len__(self) -> int:
-        """Frames that wait, a half-sent one included."""
+        """Return the number of waiting frames, including one that was sent in part."""
         return (len(self.data) + RECORD_SIZE - 1) // RECORD_SIZE
 
     def put(self, records: Records) -> int:
-        """Append the rest of some records (only the first may be half sent); return how many were dropped for it."""
+        """Append records, of which the first may be partly sent; return the number of frames dropped."""
         self.data += records
         excess = len(self) - self.limit
         if excess <= 0:
@@ -167,18 +166,18 @@ class SendQueue:
         return excess
 
     def taken(self, size: int) -> None:
-        """Forget the first `size` bytes: the kernel has them."""
+        """Remove the first `size` bytes, which were sent."""
         del self.data[:size]
 
     def clear(self) -> int:
-        """Forget everything; return how many frames that were."""
+        """Clear the queue and return the number of frames it had."""
         count = len(self)
         self.data.clear()
         return count
 
 
 class WakeDescriptor:
-    """A descriptor for ports that have none: `set` makes it readable, `clear` ends that. Any thread may."""
+    """Descriptor for ports without one: `set` makes it readable, `clear` ends that. All methods are thread-safe."""
 
     def __init__(self) -> None:
         self._reader, self._writer = _open_wake()
@@ -191,7 +190,7 @@ class WakeDescriptor:
         """Make the descriptor readable."""
         try:
             os.write(self._writer, _ONE)
-        except OSError:  # full: it is readable already; closed: nobody waits
+        except OSError:  # full: it is readable already; closed: no reader
             return
 
     def clear(self) -> None:
@@ -199,18 +198,18 @@ class WakeDescriptor:
         try:
             while len(os.read(self._reader, _MOST)) == _MOST:
                 pass
-        except OSError:  # nothing there
+        except OSError:  # nothing to read
             return
 
     def close(self) -> None:
-        """Give the descriptors back."""
+        """Close the descriptors."""
         descriptors, self._reader, self._writer = {self._reader, self._writer} - {-1}, -1, -1
         for each in descriptors:
             os.close(each)
 
 
 def _open_wake() -> tuple[int, int]:
-    """Return descriptors to read from and to write to: eventfd(2), which takes a third of the time, or a pipe."""
+    """Return descriptors to read and to write: an eventfd(2), which takes a third of the time, or a pipe."""
     if sys.platform == "linux":
         event = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         return event, event

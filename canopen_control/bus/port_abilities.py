@@ -1,8 +1,8 @@
-"""What some ports can do beside `Port`: filter identifiers in the kernel, and say when each frame came.
+"""Optional abilities of ports: filtering of identifiers, and time stamps of received frames.
 
-Both are asked for in a way that serves every port: one that cannot filter gives everything, and its owner ignores
-what is not his; one that has no stamps gets the time of reading. A file of its own, since mypyc, which compiles
-`port`, makes no protocols that can be asked for at run time.
+Callers need not distinguish: a port without a filter delivers all frames, and a port without time stamps uses the time
+of reading. This module is separate from `port` because mypyc, which compiles `port`, does not support runtime-checkable
+protocols.
 """
 
 from __future__ import annotations
@@ -24,36 +24,39 @@ _READINGS = 4
 
 @runtime_checkable
 class Filtering(Protocol):
-    """A port that can leave frames out, so that its owner is not woken for them; error frames come always."""
+    """Port that can filter frames, so that its owner wakes less often; error frames are always delivered."""
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
-        """Give these identifiers only, with the flags of linux/can.h; a later call replaces an earlier one."""
+        """Deliver only these identifiers, with the flags of linux/can.h; a later call replaces the filter."""
 
 
 def set_filter(port: Port, can_ids: Iterable[int]) -> None:
-    """Tell a port which identifiers its owner wants; nothing happens where it cannot filter."""
+    """Set the filter of a port that supports it."""
     if isinstance(port, Filtering):
         port.set_filter(can_ids)
 
 
 @runtime_checkable
 class Stamping(Protocol):
-    """A port that learns when its frames came: from the kernel, the hub or the adapter.
+    """Port with time stamps of received frames from the kernel, the hub or the adapter.
 
-    The cycle never asks: each stamp is work for each frame.
+    The cycle does not use them, because each stamp costs time per frame.
     """
 
     def ask_stamps(self) -> None:
-        """Have what comes from now on stamped; a second call does nothing."""
+        """Record time stamps from now on; a second call does nothing."""
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
-        """Return what `receive` does, and when each record came in monotonic ns, 0: unknown; raise `BusClosed`."""
+        """Return the records of `receive` and the monotonic time of each in ns, 0 if unknown.
+
+        BusClosed when the channel is gone.
+        """
 
 
 class UnixOffset:
-    """What makes Unix time of monotonic time, steady though a program may pause between reading the two clocks.
+    """Offset from monotonic time to Unix time, stable even if the program pauses between reading the two clocks.
 
-    The truth lies between what a reading before and one after give; it changes when somebody sets the clock.
+    The true offset lies between two readings around it; it changes when the system clock is set.
     """
 
     def __init__(
@@ -69,18 +72,18 @@ class UnixOffset:
         return unix - self._monotonic(), unix - before
 
     def ns(self) -> int:
-        """Return the offset as it is now."""
+        """Return the current offset in ns."""
         low, high = self._bounds()
         self._offset = min(max(self._offset, low), high)
         return self._offset
 
 
 class Arrivals:
-    """Receives from a port, each record with the time at which it came; make it before the frames come that matter.
+    """Reception from a port with the time of each record; create it before the frames of interest arrive.
 
-    Times are strictly increasing, by a microsecond at least, so that recordings keep every one apart. A port that knows
-    none gives the time of reading. They are monotonic; `unix_offset_ns`, which is fixed, makes Unix time of them, so
-    that a clock which is set meanwhile leaves no gap and no frame before an earlier one.
+    Times are strictly increasing, by at least 1 us, so that recordings can distinguish them. A port without time stamps
+    gives the time of reading. Times are monotonic; the constant `unix_offset_ns` converts them to Unix time, so that
+    setting the clock causes neither a gap nor a step back.
     """
 
     def __init__(self, port: Port, clock: Callable[[], int] = time.monotonic_ns) -> None:
@@ -93,7 +96,7 @@ class Arrivals:
             self._stamping.ask_stamps()
 
     def receive(self) -> tuple[bytes, list[int]]:
-        """Return the records that wait and the time of each in monotonic ns; raise `BusClosed`."""
+        """Return the waiting records and the monotonic time of each in ns; BusClosed when the channel is gone."""
         if self._stamping is not None:
             records, stamps = self._stamping.receive_stamped()
         else:
@@ -104,10 +107,10 @@ class Arrivals:
         return records, stamps
 
     def order(self, stamps: list[int]) -> None:
-        """Give a time to records without one, and make each later than the one before; for one who reads himself."""
+        """Set missing stamps and make each later than the one before, for callers that read the port themselves."""
         now, earliest = self._clock(), self._earliest
         for number, stamp in enumerate(stamps):
-            if stamp < earliest:  # 0 too
+            if stamp < earliest:  # or 0
                 stamps[number] = max(stamp or now, earliest)
             earliest = stamps[number] + STAMP_STEP_NS
         self._earliest = earliest

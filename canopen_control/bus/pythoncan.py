@@ -1,14 +1,13 @@
-"""The port of any python-can adapter, ``virtual:`` included.
+"""Port for any python-can adapter, including ``virtual:``.
 
-python-can's adapters may block in both directions and most have no descriptor, so that a thread reads and, except on
-``virtual:``, where sending is a matter of queues, another one writes. What they hand over waits in memory behind a
-wake-up descriptor.
+python-can's adapters may block in both directions and most have no descriptor. One thread therefore reads and another
+one writes, except on ``virtual:``, which only uses queues. Received frames wait in memory behind a wake-up descriptor.
 
-An adapter that fails is not given up, whatever it raises: python-can's own errors, those of the operating system and
-of a driver's library come from the same calls (`can.exceptions` promises CanError, and python-can-remote 0.3, pyserial
-and pyusb raise others). It is told as DOWN once and tried again; one that stays broken is closed and opened anew, until
-that works; then it is told as UP. What was to be sent meanwhile is lost and counted: an old command must not arrive
-later. A call of a driver that never returns keeps nobody: its thread is left behind, and the port closes without it.
+Any exception of an adapter is handled: `can.exceptions` promises CanError, but python-can-remote 0.3, pyserial and
+pyusb raise others. A failing adapter is reported as DOWN once and used again; if it keeps failing it is closed and
+reopened until that succeeds, and then reported as UP. Frames to be sent meanwhile are lost and counted, because old
+commands must not arrive later. If a call of a driver never returns, its thread is abandoned and the port closes without
+it.
 """
 
 from __future__ import annotations
@@ -43,22 +42,23 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
 
-_POLL_S: Final = 0.05  # how soon the reader notices that the port was closed
+_POLL_S: Final = 0.05  # maximum delay until the reader notices that the port was closed
 _RETRY_S: Final = 0.1
 _RECEIVE: Final = "receive"
 _SEND: Final = "send"
-_BROKEN_S: Final = {_RECEIVE: 1.0, _SEND: 5.0}  # of nothing but failures (of a bus without nodes, too): opened anew
-_REOPEN_S: Final = (0.5, 1.0, 2.0)  # from one try to the next; the last one goes on
-_SHUTDOWN_S: Final = 2.0  # for a driver to close its device, or to return from a call
+# time of failures only (even on a bus without nodes) after which the adapter is reopened
+_BROKEN_S: Final = {_RECEIVE: 1.0, _SEND: 5.0}
+_REOPEN_S: Final = (0.5, 1.0, 2.0)  # pauses between attempts; the last one repeats
+_SHUTDOWN_S: Final = 2.0  # time for a driver to close its device, or to return from a call
 _QUEUE_LIMIT = 65536 * RECORD_SIZE
 _CLOSED_HERE = "closed on this side"
 _IDENTIFIER = 0x1FFFFFFF
 _NS = 1_000_000_000
-_DRIFT = 1e-4  # of an adapter's clock against ours, at most
+_DRIFT = 1e-4  # maximum drift of an adapter's clock
 
 
 def message_of(frame: CanFrame, timestamp: float, channel: str | None = None) -> can.Message:
-    """Return a received frame as a message; `timestamp` is unix seconds."""
+    """Return a received frame as a message; `timestamp` is Unix time in s."""
     remote = frame.is_remote
     return can.Message(
         timestamp=timestamp,
@@ -73,7 +73,7 @@ def message_of(frame: CanFrame, timestamp: float, channel: str | None = None) ->
 
 
 def record_of(message: can.Message) -> bytes | None:
-    """Return a message as a record; None for a CAN FD frame, which CANopen does not know."""
+    """Return a message as a record; None for a CAN FD frame, which is not CANopen."""
     if message.is_fd:
         return None
     can_id = message.arbitration_id & _IDENTIFIER
@@ -87,11 +87,11 @@ def record_of(message: can.Message) -> bytes | None:
 
 
 class AdapterClock:
-    """Makes our monotonic time of an adapter's time stamps, whatever they count from.
+    """Conversion of an adapter's time stamps, with any origin, to monotonic time.
 
-    One that has no clock says 0: that is now. Unix time is taken as it is. A clock of the adapter's own, or of another
-    machine, is laid so that no frame comes later than it was read, and follows its drift; one that begins anew, or
-    leaps by more than a second, is laid anew.
+    Stamp 0 means an adapter without a clock; the result is the current time. Unix time is converted directly. The
+    offset of any other clock is chosen so that no frame is later than its reading, and follows the drift; after a
+    restart or a step of more than one second it is determined again.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class AdapterClock:
         self._seen: int | None = None
 
     def stamp(self, seconds: float) -> int:
-        """Return when a frame came, which is handed over now."""
+        """Return the time of a frame that is being read now."""
         now = self._monotonic()
         if not seconds:
             return now
@@ -116,7 +116,7 @@ class AdapterClock:
         return min(now, told + self._lag_of(now - told, now))
 
     def _lag_of(self, lag: int, now: int) -> int:
-        """Return the least by which frames were read later than stamped, of late."""
+        """Return the minimum recent delay from stamp to reading."""
         grown = self._lag + (0 if self._seen is None else (now - self._seen) * _DRIFT)
         begins_anew = self._seen is None or lag - self._lag > _NS
         self._lag, self._seen = (lag if begins_anew else min(lag, grown)), now
@@ -124,9 +124,9 @@ class AdapterClock:
 
 
 class PythonCanPort:
-    """A python-can bus as a port; see `canopen_control.bus.port.Port`. It owns the bus and shuts it down.
+    """Port around a python-can bus, which it owns and shuts down; see `canopen_control.bus.port.Port`.
 
-    `reopen` opens the adapter once more, None for one that is not opened anew. With a `writer` a thread sends.
+    `reopen` opens the adapter again, None if it cannot. With `writer` a thread sends.
     """
 
     def __init__(
@@ -134,20 +134,20 @@ class PythonCanPort:
     ) -> None:
         self.channel = channel
         self.stats = PortStats()
-        self.wants_write = False  # the writer thread sees to what waits
+        self.wants_write = False  # the writer thread sends queued frames
         self._bus: can.BusABC | None = bus
         self._reopen = reopen
-        self._lock = threading.Lock()  # guards all that follows
+        self._lock = threading.Lock()  # protects all attributes below
         self._wake = WakeDescriptor()
         self._received = bytearray()
         self._stamps: list[int] = []
         self._taken_stamps: list[int] = []
-        self._adapter_clock: AdapterClock | None = None  # once stamps are asked for
+        self._adapter_clock: AdapterClock | None = None  # set once stamps are requested
         self._events = BusEventLog()
         self._outgoing = SendQueue(SEND_LIMIT)
-        self._lost = 0  # by the threads, not yet in stats
+        self._lost = 0  # counted by the threads, not yet in `stats`
         self._down = False
-        self._failing_since: dict[str, float] = {}  # verb -> when it first failed, since it last worked
+        self._failing_since: dict[str, float] = {}  # verb: time of the first failure since it last succeeded
         self._closing = threading.Event()
         self._work = threading.Event()
         self._writes = writer
@@ -163,7 +163,7 @@ class PythonCanPort:
         return self._wake.fileno()
 
     def receive(self) -> bytes:
-        """Return the whole records that wait, or ``b""``; raise `BusClosed` on a closed port."""
+        """Return the received whole records, or ``b""``; BusClosed on a closed port."""
         self._check_open()
         with self._lock:
             self._wake.clear()
@@ -188,12 +188,12 @@ class PythonCanPort:
                 self._stamps = [0] * (len(self._received) // RECORD_SIZE)
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
-        """Return what `receive` does, and when each record came by the adapter, in monotonic ns; 0: not known."""
+        """Return the records of `receive` and the adapter's time of each, in monotonic ns; 0 if unknown."""
         records = self.receive()
         return records, self._taken_stamps
 
     def send(self, records: Records) -> None:
-        """Send whole records, or queue them for the writer; raise `BusClosed` on a closed port."""
+        """Send whole records, or queue them for the writer; BusClosed on a closed port."""
         count = whole_records(records)
         self._check_open()
         self.stats.tx += count
@@ -214,15 +214,15 @@ class PythonCanPort:
                     self.stats.lost += 1
 
     def flush(self) -> None:
-        """Do nothing: the writer thread sends as soon as the adapter takes it."""
+        """Do nothing: the writer thread sends as soon as the adapter accepts frames."""
 
     def events(self) -> list[BusEvent]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         with self._lock:
             return self._events.drain()
 
     def close(self) -> None:
-        """Shut the adapter down; a second call does nothing. A driver that hangs is left behind after a moment."""
+        """Shut the adapter down; a second call does nothing. A driver that does not return in time is abandoned."""
         if self._closing.is_set():
             return
         self._closing.set()
@@ -237,7 +237,7 @@ class PythonCanPort:
         if self._closing.is_set():
             raise BusClosed(self.channel, _CLOSED_HERE)
 
-    # Threads -------------------------------------------------------------------------------------------------------
+    # -- threads
 
     def _read_all(self) -> None:
         while not self._closing.is_set():
@@ -282,7 +282,7 @@ class PythonCanPort:
         return record
 
     def _write(self, record: bytes) -> None:
-        """Send one frame, and try again while the adapter refuses it, for a second at most: all is old by then."""
+        """Send one frame, with retries for at most one second while the adapter refuses it; then it is too old."""
         (frame,) = frames_of(record)
         message = message_of(frame, 0.0)
         for _ in range(int(1 / _RETRY_S)):
@@ -302,10 +302,10 @@ class PythonCanPort:
             self._lost += 1 + self._outgoing.clear()
             self.stats.queued = 0
 
-    # Down and up ---------------------------------------------------------------------------------------------------
+    # -- failure and recovery
 
     def _fail(self, verb: str, error: Exception) -> None:
-        """Note that receiving or sending failed: told once, until it works again."""
+        """Record that receiving or sending failed; it is reported once until it succeeds again."""
         with self._lock:
             self._failing_since.setdefault(verb, time.monotonic())
             if verb == _RECEIVE:
@@ -328,14 +328,14 @@ class PythonCanPort:
                 self._wake.set()
 
     def _is_broken(self) -> bool:
-        """Whether the adapter has done nothing but fail for so long that opening it anew is what may help."""
+        """Whether the adapter has only failed for so long that it should be reopened."""
         if self._reopen is None or not self._failing_since:
             return False
         now = time.monotonic()
         return any(now - self._failing_since.get(verb, now) >= limit for verb, limit in _BROKEN_S.items())
 
     def _open_anew(self) -> None:
-        """Close the adapter and open it until that works, or the port is closed; on the reader's thread."""
+        """Close the adapter and reopen it until that succeeds or the port is closed; runs on the reader's thread."""
         self._drop_bus()
         tries = 0
         while self._reopen is not None and not self._closing.is_set():
@@ -352,7 +352,7 @@ class PythonCanPort:
             return
 
     def _take_bus(self, bus: can.BusABC) -> None:
-        """Go on with an adapter that was opened anew: what could not send has to send before it counts as working."""
+        """Use a reopened adapter; if sending failed before, it counts as failing until a frame was sent."""
         with self._lock:
             self._bus = bus
             if _SEND in self._failing_since:
@@ -379,14 +379,14 @@ class PythonCanPort:
 
 
 def _reason(error: Exception) -> str:
-    """Return what an exception says, which of some drivers is nothing but its class."""
+    """Return the text of an exception, or its class if the driver gave none."""
     return str(error).strip() or type(error).__name__
 
 
 def _shut_down(bus: can.BusABC) -> None:
-    """Shut an adapter down, and go on without it if that hangs: python-can-remote 0.3 waits for a server that is gone.
+    """Shut an adapter down, and abandon it if that blocks: python-can-remote 0.3 waits for a server that is gone.
 
-    One that is left behind counts as shut down, or its destructor would begin once more as the interpreter ends.
+    An abandoned adapter is marked as shut down, or its destructor would try again when the interpreter ends.
     """
 
     def work() -> None:
@@ -400,7 +400,7 @@ def _shut_down(bus: can.BusABC) -> None:
 
 
 def known_interfaces() -> list[str]:
-    """Return the names of python-can's interfaces, sorted, without those that have a better way in here."""
+    """Return the names of python-can's interfaces, sorted, without those that this package opens itself."""
     return sorted(set(can.VALID_INTERFACES) - {"canopen_control", "socketcan"})
 
 
@@ -434,12 +434,10 @@ def open_python_can(
     *,
     served: bool = False,
 ) -> PythonCanPort:
-    """Open `name` of a python-can `interface`, which is `channel` to us; `options` are its other keywords.
+    """Open `name` of a python-can `interface` as `channel`; `options` are its other keywords.
 
-    One that is `served` has no device here but a server somewhere.
-
-    Raise `InterfaceNotFound`, `BusError` with python-can's own reason, or `ConfigError` where a package is missing that
-    the adapter needs.
+    `served` means that the adapter connects to a server instead of a local device. `InterfaceNotFound`, `BusError` with
+    the message of python-can, or `ConfigError` if a package is missing that the adapter needs.
     """
     if interface not in can.VALID_INTERFACES:
         raise InterfaceNotFound(channel, f"python-can knows no {interface!r}, but: {', '.join(known_interfaces())}")
@@ -451,7 +449,7 @@ def open_python_can(
         bus_of = functools.partial(bus_of, bitrate=bitrate)
     try:
         bus = bus_of()
-    except Exception as error:  # drivers that lack a library or a device raise nearly anything
+    except Exception as error:  # drivers without their library or device raise exceptions of any class
         advice = "does its server run there?" if served else "is its driver installed, the device plugged in?"
         raise BusError(f"bus {channel}: python-can cannot open it: {_reason(error)}; {advice}") from error
     virtual = interface == "virtual"

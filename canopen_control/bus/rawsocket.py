@@ -1,8 +1,8 @@
-"""A raw AF_CAN socket: opened with everything a port needs, or refused with what to type.
+"""Raw AF_CAN sockets: opening with all options of a port, or an error with the command to type.
 
-Law: linux/can.h, linux/can/raw.h. The receive buffer is at least 1 MiB (the default holds 278 frames); error frames are
-on; what overflows is counted by the kernel (SO_RXQ_OVFL) and comes beside a frame, as does the time at which the kernel
-took it, once that is asked for (SO_TIMESTAMPNS). Python names these constants only where it was built with the headers.
+See linux/can.h and linux/can/raw.h. The receive buffer is at least 1 MiB (the default holds 278 frames), error frames
+are enabled, and the kernel reports overflows (SO_RXQ_OVFL) and on request time stamps (SO_TIMESTAMPNS) as ancillary
+data. Python defines these constants only if it was built with the headers.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ CAN_RAW_FILTER = 1
 _CAN_RAW_ERR_FILTER = 2
 _ALL_ERRORS = struct.pack("=I", 0x1FFFFFFF)
 _SO_RCVBUFFORCE = 33
-_SO_TIMESTAMPNS = 35  # also the kind of what comes beside a frame then
+_SO_TIMESTAMPNS = 35  # also the type of the ancillary data
 _SO_RXQ_OVFL = 40
 
 _RECEIVE_BUFFER = 4 << 20
-_FRAME_MEMORY = 768  # what a queued frame costs of SO_SNDBUF
+_FRAME_MEMORY = 768  # memory of a queued frame in SO_SNDBUF
 _SHORT_QUEUE = 100
 _U32 = struct.Struct("=I")
 _TIMESPEC = struct.Struct("@ll")
 _FILTER = struct.Struct("=II")  # identifier, mask
 FILTER_SIZE = _FILTER.size
 _MOST_FILTERS = 512  # CAN_RAW_FILTER_MAX
-_STANDARD_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x7FF  # this very mask has a fast path in the kernel
+_STANDARD_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x7FF  # the kernel has a fast path for this mask
 _EXTENDED_MASK = EXTENDED_FLAG | REMOTE_FLAG | 0x1FFFFFFF
 EVERYTHING = _FILTER.pack(0, 0)
 _ALL_STANDARD = _FILTER.pack(0, EXTENDED_FLAG)
@@ -52,7 +52,7 @@ ALL_INTERFACES = ""
 
 
 class CanSocket(Protocol):
-    """What the port needs of a socket."""
+    """Socket methods that the port uses."""
 
     def fileno(self) -> int:
         """Return the descriptor."""
@@ -60,7 +60,7 @@ class CanSocket(Protocol):
     def recvmsg(
         self, bufsize: int, ancbufsize: int = ..., flags: int = ..., /
     ) -> tuple[bytes, list[tuple[int, int, bytes]], int, object]:
-        """Return a frame and what the kernel says beside it."""
+        """Return a frame and its ancillary data."""
 
     def send(self, data: Records, /) -> int:
         """Send a frame."""
@@ -75,11 +75,11 @@ class CanSocket(Protocol):
         """Close it."""
 
 
-# What is set and what comes back ------------------------------------------------------------------------------------
+# -- options and ancillary data
 
 
 def filters_of(can_ids: Iterable[int]) -> bytes:
-    """Return the filters for these identifiers; for more than the kernel can choose, that for all of 11 bits."""
+    """Return the kernel filters for these identifiers; if there are too many, that for all 11-bit identifiers."""
     filters = [
         _FILTER.pack(can_id, _EXTENDED_MASK if can_id & EXTENDED_FLAG else _STANDARD_MASK) for can_id in sorted(can_ids)
     ]
@@ -87,37 +87,37 @@ def filters_of(can_ids: Iterable[int]) -> bytes:
 
 
 def set_filters(sock: CanSocket, filters: bytes) -> None:
-    """Let the kernel choose by these filters, instead of any before."""
+    """Set the filters of the socket, replacing earlier ones."""
     sock.setsockopt(SOL_CAN_RAW, CAN_RAW_FILTER, filters)
 
 
 def bind_to(sock: CanSocket, name: str, filters: bytes) -> None:
-    """Bind to the interface of this name, which may be another one by now, or to `ALL_INTERFACES`; raise OSError.
+    """Bind to the interface with this name, which may be a new one, or to `ALL_INTERFACES`; may raise OSError.
 
-    With a removed interface the kernel has thrown the filters away too; without any, nothing would be heard.
+    When an interface is removed the kernel drops the filters too, so that they must be set again.
     """
     set_filters(sock, filters)
     sock.bind((name,))
 
 
 def ask_stamps(sock: CanSocket) -> None:
-    """Let the kernel say with each frame when it took it."""
+    """Request time stamps with each frame."""
     sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
 
 def interface_of(address: object) -> str:
-    """Return where a frame came from, of the address that came with it."""
+    """Return the interface of a frame from its source address."""
     return str(address[0]) if isinstance(address, tuple) and address else ""
 
 
 def overflow_of(ancillary: Ancillary) -> int | None:
-    """Return the kernel's wrapping count of frames that did not fit the receive buffer, None if it says nothing."""
+    """Return the kernel's wrapping count of frames lost in the receive buffer, None if absent."""
     data = _find(ancillary, _SO_RXQ_OVFL, _U32.size)
     return None if data is None else int(_U32.unpack_from(data)[0])
 
 
 def stamp_of(ancillary: Ancillary) -> int | None:
-    """Return when the kernel took a frame, in Unix nanoseconds, None if it says nothing."""
+    """Return the time stamp of a frame in Unix ns, None if absent."""
     data = _find(ancillary, _SO_TIMESTAMPNS, _TIMESPEC.size)
     if data is None:
         return None
@@ -132,7 +132,7 @@ def _find(ancillary: Ancillary, wanted: int, size: int) -> bytes | None:
     return None
 
 
-# Opening -----------------------------------------------------------------------------------------------------------
+# -- opening
 
 
 def open_raw(
@@ -171,11 +171,11 @@ def _set_options(sock: CanSocket, interface: Path) -> None:
     try:
         sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
     except PermissionError:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)  # as far as rmem_max allows
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)  # limited by rmem_max
     length = _number(interface / "tx_queue_len", 10)
     if 0 < length <= _SHORT_QUEUE:
-        # Less send buffer than the transmit queue holds: the kernel then says EAGAIN and when to go on, instead of
-        # ENOBUFS, of whose end it tells nobody. It doubles the value and has a minimum of its own.
+        # The send buffer is smaller than the transmit queue, so that the kernel returns EAGAIN and signals when to
+        # continue. With ENOBUFS it would not. The kernel doubles the value and has a minimum.
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, max(1, length - 2) * _FRAME_MEMORY // 2)
 
 
@@ -185,7 +185,7 @@ def _refuse_down(name: str, interface: Path) -> None:
 
 
 def _number(path: Path, base: int) -> int:
-    """Return the number in a file of sysfs, -1 if there is none: then nothing is known, and all bits are set."""
+    """Return the number in a file of sysfs, -1 if there is none: the value is unknown then, and all bits are set."""
     try:
         return int(path.read_text(), base)
     except (OSError, ValueError):

@@ -1,10 +1,10 @@
-"""Recordings of a bus in the formats that others read: .log (candump), .asc and .blf (Vector), .trc (PEAK).
+"""Recordings of a bus in common formats: .log (candump), .asc and .blf (Vector), .trc (PEAK).
 
-What is written reads back the same, frame for frame; what a format cannot hold is left out and
-counted, never bent. candump's format is written and PEAK's read here, the rest is python-can's. Its sqlite format is
-not offered: it loses frames at the end. What is text may be packed, with .gz at the end of its name.
+Written files read back identically, frame for frame; frames that a format cannot represent are omitted and counted.
+candump's format is written and PEAK's format read here, the others by python-can. Its sqlite format is not offered,
+because it loses frames at the end. Text formats may be compressed, with .gz at the end of the name.
 
-A recording that was cut (a full disk, no power) is read up to the cut, and says so.
+A truncated recording (disk full, power lost) is read up to the truncation, and this is reported.
 """
 
 from __future__ import annotations
@@ -43,18 +43,10 @@ if TYPE_CHECKING:
     import can
 
 
-# Reading Vector's BLF recordings within bounds: python-can's reader, which believes every length that a file claims.
-#
-# A header may claim gigabytes, an object may claim to be shorter than its own header (and would
-# be read again for ever), and a container may unpack to a thousand times its size. What is read is what is there, and
-# what is unpacked is bounded; anything else is said as what is wrong with the file.
-
-
-# PEAK's trace format, read line by line in its versions 1.0 to 2.1; python-can's writer makes 2.1.
-#
-# A line is a table row: the version, or the file's own ``$COLUMNS``, says which column is what. Rows of errors become
-# error frames in the layout of linux/can/error.h: PEAK gives the kind of error, direction, place (as an SJA1000 codes
-# it), receive and transmit counter; changes of the status as bits of PCAN-Basic; or the two counters alone.
+# PEAK's trace format, versions 1.0 to 2.1; python-can's writer creates 2.1. A line is a table row; the version, or the
+# file's own ``$COLUMNS``, defines the columns. Rows of errors become error frames in the layout of linux/can/error.h:
+# PEAK gives the kind of error, direction, position (with the codes of an SJA1000), receive and transmit counter; status
+# changes as bits of PCAN-Basic; or only the two counters.
 
 
 _COLUMNS: Final = {  # N number, O offset in ms, T type, B bus, I identifier, d direction, R reserved, L length, D data
@@ -68,18 +60,18 @@ _COLUMNS: Final = {  # N number, O offset in ms, T type, B bus, I identifier, d 
 _DAY_ZERO: Final = datetime.datetime(1899, 12, 30, tzinfo=datetime.UTC)
 _DATA_TYPES: Final = {"Rx", "Tx", "DT", "RR"}
 _REMOTE_TYPE: Final = "RR"
-_LONGEST_STANDARD: Final = 4  # digits of an identifier
+_LONGEST_STANDARD: Final = 4  # length of a standard identifier in digits
 _BYTE: Final = re.compile(r"[0-9A-Fa-f]{2}")
 _NS_PER_US: Final = 1000
 
-# Rows of errors
+# rows of errors
 _ERROR_TYPES: Final = {"Error", "ER"}
 _STATUS_TYPES: Final = {"Warng", "ST"}
 _COUNTER_TYPE: Final = "EC"
-_STATUS_ID: Final = "FFFFFFFF"  # of version 1.0, which has no types
-_VIOLATION: Final = {1: 0x01, 2: 0x02, 4: 0x04}  # bit, form and stuff error: PEAK's and data[2] of an error frame
+_STATUS_ID: Final = "FFFFFFFF"  # in version 1.0, which has no types
+_VIOLATION: Final = {1: 0x01, 2: 0x02, 4: 0x04}  # bit, form and stuff error: PEAK's code and data[2] of an error frame
 _SENDING: Final = 0x80
-_STATUS: Final = (  # a bit of PCAN-Basic, class, detail of the controller
+_STATUS: Final = (  # bit of PCAN-Basic, error class, controller detail
     (0x00010, BUS_OFF, 0),
     (0x40000, CONTROLLER, PASSIVE),
     (0x00008, CONTROLLER, RX_WARNING | TX_WARNING),
@@ -89,9 +81,9 @@ _STATUS: Final = (  # a bit of PCAN-Basic, class, detail of the controller
 
 
 def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
-    """Yield time in Unix ns and frame of each row, None for one that is no frame of classic CAN.
+    """Yield time in Unix ns and frame of each row, None for rows without a classic CAN frame.
 
-    EOFError for a last row that is cut. Without a start time the times count from 0.
+    EOFError for a truncated last row. Without a start time the times begin at 0.
     """
     columns, start = _COLUMNS["1.0"], 0.0
     for line in file:
@@ -112,7 +104,7 @@ def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
 
 
 def _start(days: str) -> float:
-    """Return the start in Unix seconds, 0 where it is none."""
+    """Return the start in Unix s, 0 if it is invalid."""
     try:
         return (_DAY_ZERO + datetime.timedelta(days=float(days))).timestamp()
     except (ValueError, OverflowError):
@@ -135,14 +127,14 @@ def _parsed(text: str, columns: str) -> tuple[float, CanFrame] | None:
 
 
 def _kind_of(words: list[str], columns: str) -> str:
-    """Return the type of a row of version 1.0, in the words of 1.1."""
+    """Return the type of a row of version 1.0, in the terms of 1.1."""
     if words[columns.index("I")] == _STATUS_ID:
         return "Warng"
     return "Error" if "ERROR" in words else "Rx"
 
 
 def _data_frame(row: dict[str, str], kind: str) -> CanFrame | None:
-    """Return the frame of a row; ValueError, IndexError or KeyError where it is none."""
+    """Return the frame of a row; ValueError, IndexError or KeyError if it is malformed."""
     identifier = row["I"]
     can_id = int(identifier, 16) | (EXTENDED_FLAG if len(identifier) > _LONGEST_STANDARD else 0)
     length = int(row["L"] if "L" in row else row["l"])
@@ -158,11 +150,11 @@ def _data_frame(row: dict[str, str], kind: str) -> CanFrame | None:
 
 
 def _report(kind: str, words: list[str], columns: str) -> CanFrame | None:
-    """Return the error frame of a row of errors; such rows may lack the columns of identifier and length."""
+    """Return the error frame of an error row; such rows may lack identifier and length."""
     direction = next((at for at, word in enumerate(words) if word in ("Rx", "Tx")), columns.find("L"))
     data = bytes(int(word, 16) for word in words[direction + 1 :] if _BYTE.fullmatch(word))
     if kind in _ERROR_TYPES:
-        if "d" not in columns:  # up to 1.3 the kind of error is the identifier
+        if "d" not in columns:  # up to version 1.3 the kind of error is in the identifier
             data = bytes((int(words[columns.index("I")], 16) & 0xFF,)) + data
         what, way, place, receive, transmit = data[:5]
         detail = _VIOLATION.get(what, 0) | (0 if way else _SENDING)
@@ -183,16 +175,14 @@ def _report(kind: str, words: list[str], columns: str) -> CanFrame | None:
     return None
 
 
-# candump's log format, ``(1700000000.123456) can0 183#3706``, written and read frame by frame.
-#
-# As can-utils has it: error frames keep their classes and details and remote frames their length, which python-can's
-# own writer leaves out.
+# candump's log format, ``(1700000000.123456) can0 183#3706``, as in can-utils: error frames keep their classes and
+# details and remote frames their length, which python-can's own writer omits.
 
 
 _STANDARD_DIGITS = 3
 _NS = 1_000_000_000
-_LONGEST_NAME = 15  # IFNAMSIZ without the zero
-_LONGEST_LINE = 4096  # of any that is a frame, by far
+_LONGEST_NAME = 15  # Linux: IFNAMSIZ without the terminating zero
+_LONGEST_LINE = 4096  # longer than any valid line
 _LINE = re.compile(
     r"\((?P<sign>-?)(?P<seconds>\d{1,11})\.(?P<fraction>\d{1,18})\)\s+(?P<channel>\S+)\s+"
     r"(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?P<data>[Rr]\d?|(?:[0-9A-Fa-f]{2}\.?){0,8})(?:_[9A-Fa-f])?(?P<rest>\s+[RTrt])?\s*"
@@ -200,23 +190,23 @@ _LINE = re.compile(
 
 
 def interface_name(channel: str) -> str:
-    """Return a channel as the name of a network interface, which other programs take it for."""
+    """Return a channel as a valid name of a network interface, for other programs."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", channel)[:_LONGEST_NAME] or "can0"
 
 
 def line_of(time_ns: int, channel: str, frame: CanFrame) -> str:
-    """Return the line of a frame with its end; `time_ns` in Unix time is cut to microseconds."""
+    """Return the line of a frame with its line end; `time_ns` is Unix time, truncated to us."""
     sign = "-" if time_ns < 0 else ""
     seconds, ns = divmod(abs(time_ns), _NS)
-    # of an error frame candump writes the flag too
+    # candump writes the flag of an error frame too
     text = f"{frame.can_id:08X}#{frame.data.hex().upper()}" if frame.is_error else str(frame)
     return f"({sign}{seconds:010d}.{ns // 1000:06d}) {channel} {text}\n"
 
 
 def parse_line(line: str) -> tuple[int, CanFrame] | None:
-    """Return time and frame of a line; None for what is none: CAN FD, or another format.
+    """Return time and frame of a line; None for CAN FD and for other formats.
 
-    A clock that was set can make times negative. A DLC above 8 (`_9` to `_F`, can-utils 2020 and later) means 8 bytes.
+    A clock that was set can cause negative times. A DLC above 8 (`_9` to `_F`, can-utils 2020 and later) means 8 bytes.
     """
     found = _LINE.fullmatch(line)
     if found is None:
@@ -233,7 +223,7 @@ def parse_line(line: str) -> tuple[int, CanFrame] | None:
 
 
 def read_lines(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
-    """Yield the frames of a log, None for each line that is none; empty lines do not count."""
+    """Yield the frames of a log, None for each line without a frame; empty lines are skipped."""
     while line := file.readline(_LONGEST_LINE):
         if text := line.strip():
             yield parse_line(text)
@@ -254,7 +244,7 @@ _UNREADABLE = (
 
 
 class RecordedFrame(NamedTuple):
-    """A frame and when it was heard, in Unix ns; a format may keep microseconds only."""
+    """Recorded frame and its time in Unix ns; some formats store only us."""
 
     time_ns: int
     frame: CanFrame
@@ -264,7 +254,7 @@ def _asc_writer(path: Path) -> can.io.generic.MessageWriter:
     import can
 
     class Writer(can.ASCWriter):
-        """Writes the milliseconds of its start with three digits: `.5` would be read as half a second."""
+        """ASC writer with three digits for the milliseconds of the start: readers take `.5` for half a second."""
 
         def _format_header_datetime(self, dt: Any) -> str:  # noqa: ANN401 - a datetime
             return str(dt.strftime(self.FORMAT_DATE.format(f"{dt.microsecond // 1000:03d}")))
@@ -297,10 +287,10 @@ def _blf_reader(file: Any) -> Any:  # noqa: ANN401 - as above
 
 
 class _Format(NamedTuple):
-    """How a format is opened, and what it can hold."""
+    """How a format is opened, and which frames it can represent."""
 
-    writer: Callable[[Path], can.io.generic.MessageWriter] | None  # None: ours
-    reader: Callable[[Any], Any] | None  # None: `lines` of ours
+    writer: Callable[[Path], can.io.generic.MessageWriter] | None  # None: written here
+    reader: Callable[[Any], Any] | None  # None: `lines`, read here
     holds: Callable[[CanFrame], bool]
     lines: Callable[[TextIO], Iterator[tuple[int, CanFrame] | None]] = read_lines
     is_text: bool = True
@@ -310,7 +300,7 @@ FORMATS = {
     ".log": _Format(None, None, lambda _frame: True),
     ".asc": _Format(
         _asc_writer, _asc_reader, lambda frame: not frame.is_error
-    ),  # it keeps no more than that there was one
+    ),  # it stores only that there was an error
     ".blf": _Format(_blf_writer, _blf_reader, lambda _frame: True, is_text=False),
     ".trc": _Format(_trc_writer, None, lambda frame: not frame.is_error and not frame.is_remote, read_trc),
 }
@@ -318,7 +308,7 @@ _PACKED: Final = ".gz"
 
 
 def format_of(path: str | Path, *, writing: bool = False) -> str:
-    """Return the suffix that names the format, without that of a packed one; ConfigError for one not offered."""
+    """Return the suffix of the format, without .gz; ConfigError for an unsupported one."""
     path = Path(path)
     suffix = Path(path.stem).suffix.lower() if _is_packed(path) else path.suffix.lower()
     if suffix not in FORMATS:
@@ -337,10 +327,10 @@ def _is_packed(path: Path) -> bool:
 
 
 class RecordingWriter:
-    """Writes a recording; `written` and `left_out` count frames. Close it, or the last frames are lost.
+    """Writer of a recording; `written` and `left_out` count frames. Without `close` the last frames are lost.
 
-    A file of that name is replaced; a new one is its user's alone (mode 0600). ConfigError where it cannot be written,
-    DiskFull where it cannot be finished: what was written before is kept then, and `written` counts it.
+    An existing file is replaced; a new one is accessible to its user only (mode 0600). ConfigError if it cannot be
+    written, DiskFull if it cannot be completed: the frames written before are kept then, and `written` counts them.
     """
 
     def __init__(self, path: str | Path, channel: str = "") -> None:
@@ -369,7 +359,7 @@ class RecordingWriter:
         self.close()
 
     def write(self, time_ns: int, frame: CanFrame) -> None:
-        """Append a frame heard at `time_ns` in Unix time; DiskFull where there is no room for it."""
+        """Append a frame with its Unix time in ns; DiskFull if there is no space."""
         if not self._format.holds(frame):
             self.left_out += 1
             return
@@ -379,14 +369,17 @@ class RecordingWriter:
             elif self._messages is not None:
                 from canopen_control.bus.pythoncan import message_of
 
-                # whole microseconds: what is a microsecond apart stays apart in a float of Unix time
+                # whole microseconds, so that frames 1 us apart remain apart in a float of Unix time
                 self._messages.on_message_received(message_of(frame, time_ns // 1000 / 1_000_000))
         except OSError as error:
             self._fail(error)
         self.written += 1
 
     def flush(self) -> None:
-        """Hand what was written to the operating system, as far as the format allows; DiskFull."""
+        """Pass the written frames to the operating system, as far as the format allows.
+
+        DiskFull if there is no space.
+        """
         file = self._file
         if file is not None and not file.closed:
             try:
@@ -395,7 +388,7 @@ class RecordingWriter:
                 self._fail(error)
 
     def close(self) -> None:
-        """Finish the file, DiskFull where that cannot be; a second call does nothing."""
+        """Complete the file, DiskFull if that fails; a second call does nothing."""
         try:
             if self._text is not None:
                 self._text.close()
@@ -410,7 +403,7 @@ class RecordingWriter:
         return self._text if self._text is not None else getattr(self._messages, "file", None)
 
     def _fail(self, error: OSError) -> NoReturn:
-        """Leave the file as it is, count what can be read of it, and raise."""
+        """Keep the file, count the frames that can be read from it, and raise DiskFull."""
         file = self._file
         self._text = self._messages = None
         with contextlib.suppress(OSError, AttributeError):
@@ -420,18 +413,17 @@ class RecordingWriter:
 
 
 class Recording:
-    """A recording to be read, any number of times.
+    """Recording that can be read any number of times.
 
-    After a reading `skipped` counts what is no frame of classic CAN, and `problem` says why there is not more, if there
-    should be.
-    ConfigError for a file that is not there, or whose name has another end.
+    After reading, `skipped` counts rows without a classic CAN frame, and `problem` is the reason for a truncated
+    reading, if any. ConfigError for a missing file or an unknown suffix.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.skipped = 0
         self.problem = ""
-        self._ends = False  # whether a reader that failed had come to the end of the file
+        self._ends = False  # whether a reader that failed had reached the end of the file
         self._format = FORMATS[format_of(path)]
         if self.path.is_dir():
             raise ConfigError(f"{path} is a folder, no recording; name one of its files")
@@ -451,7 +443,7 @@ class Recording:
                 self.problem = f"{self.path}: no frame is in it"
         except OSError as error:
             self.problem = f"{self.path} cannot be read: {error.strerror or error}"
-        except Exception as error:  # whatever a parser makes of a file that was cut or is none
+        except Exception as error:  # parsers raise exceptions of any class for a truncated or invalid file
             if not isinstance(error, _UNREADABLE) and "Parse" not in type(error).__name__:
                 raise
             reason = "it ends in the middle of a frame" if self._ends else str(error) or type(error).__name__
@@ -475,7 +467,7 @@ class Recording:
         from canopen_control.bus.pythoncan import record_of
 
         for name in ("can.io.asc", "can.io.blf"):
-            logging.getLogger(name).setLevel(logging.ERROR)  # what it skips is counted here
+            logging.getLogger(name).setLevel(logging.ERROR)  # the rows that it skips are counted here
         if self._format.reader is None:
             return
         binary = not self._format.is_text
@@ -490,10 +482,10 @@ class Recording:
                     else:
                         (frame,) = frames_of(record)
                         yield RecordedFrame(round(message.timestamp * 1e6) * 1000, frame)
-            except _UNREADABLE as error:  # the reader of .blf says itself when it misses something
+            except _UNREADABLE as error:  # the reader of .blf reports missing data itself
                 self._ends = isinstance(error, (EOFError, struct.error)) if binary else not file.read(1)
                 raise
-            if getattr(reader, "file_size", 0) > self.path.stat().st_size:  # a .blf says how long it was meant to be
+            if getattr(reader, "file_size", 0) > self.path.stat().st_size:  # a .blf file contains its intended size
                 self._ends = True
                 raise EOFError
 

@@ -1,11 +1,11 @@
-"""The port of a SocketCAN interface: a raw AF_CAN socket without anything in between.
+"""Port of a SocketCAN interface: a raw AF_CAN socket (linux/can.h, linux/can/raw.h.
 
-Law: linux/can.h and linux/can/raw.h (`canopen_control.bus.rawsocket`). The kernel carries one frame a call. What
-overflows the receive buffer is counted by the kernel and told in band. A full transmit queue (ENOBUFS, or EAGAIN) makes
-frames wait here, bounded. An interface that goes down or is unplugged ends nothing: what is sent meanwhile is lost and
-counted, since old commands must not arrive later. An interface that is gone is bound again when one of its name is
-back: who sends tries it twice a second, and who only listens hears all interfaces meanwhile, of which the first frame
-from that name tells. Once its owner says which identifiers he wants, the kernel keeps all others to itself.
+See `canopen_control.bus.rawsocket`). The kernel transfers one frame per call. It counts frames that overflow the
+receive buffer and reports the count with a frame. If the transmit queue is full (ENOBUFS or EAGAIN), frames wait here,
+bounded. When an interface is down or unplugged the port remains open: frames sent meanwhile are lost and counted, since
+old commands must not arrive later. A removed interface is bound again once one with its name exists: a sender tries
+this twice a second, and a receiver listens to all interfaces meanwhile, until the first frame from this name. With a
+filter the kernel drops all other identifiers.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ if TYPE_CHECKING:
 
 
 _ANCILLARY_SIZE = 64
-_BATCH = 1024  # frames a call of receive, so that a flood leaves time for others
+_BATCH = 1024  # frames per call of receive, so that a flood does not block the process
 _REBIND_NS = 500_000_000
 _CLOSED_HERE = "closed on this side"
 
 
 class SocketCanPort:
-    """A bound raw CAN socket as a port; see `canopen_control.bus.port.Port`. `now` is monotonic ns."""
+    """Port around a bound raw CAN socket; see `canopen_control.bus.port.Port`. `now` is monotonic ns."""
 
     def __init__(self, name: str, sock: CanSocket, now: Callable[[], int] = time.monotonic_ns) -> None:
         self.channel = name
@@ -56,21 +56,21 @@ class SocketCanPort:
         self._socket = sock
         self._now = now
         self._queue = SendQueue()
-        self._full = False  # by ENOBUFS, of which the kernel does not tell the end
+        self._full = False  # after ENOBUFS, of which the kernel does not signal the end
         self._events = BusEventLog()
         self._overflows = 0
         self._dropping = False
-        self._down = ""  # what was told of it, empty while it works
+        self._down = ""  # reported reason, empty while it works
         self._bus_off = False
         self._heard: frozenset[int] | None = None
         self._filters = EVERYTHING
-        self._rebind_at: int | None = None  # while the interface is gone
-        self._unix: UnixOffset | None = None  # once stamps are asked for
+        self._rebind_at: int | None = None  # while the interface is removed
+        self._unix: UnixOffset | None = None  # set once stamps are requested
         self._closed = False
 
     @property
     def wants_write(self) -> bool:
-        """Whether frames wait for the kernel and it will say when it takes them."""
+        """Whether frames wait and the kernel will signal when it accepts them."""
         return bool(self._queue.data) and not self._full
 
     def fileno(self) -> int:
@@ -78,7 +78,7 @@ class SocketCanPort:
         return -1 if self._closed else self._socket.fileno()
 
     def events(self) -> list[BusEvent]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         return self._events.drain()
 
     def close(self) -> None:
@@ -87,10 +87,10 @@ class SocketCanPort:
             self._closed = True
             self._socket.close()
 
-    # Receiving -----------------------------------------------------------------------------------------------------
+    # -- receiving
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
-        """Let the kernel give these identifiers only, and error frames; more than it can choose: all of 11 bits."""
+        """Let the kernel deliver only these identifiers and error frames; if there are too many, all 11-bit ones."""
         wanted = frozenset(can_ids)
         if wanted == self._heard or self._closed:
             return
@@ -98,19 +98,20 @@ class SocketCanPort:
         set_filters(self._socket, self._filters)
 
     def receive(self) -> bytes:
-        """Return the whole records that wait, or ``b""``; raise `BusClosed` on a closed port."""
+        """Return the received whole records, or ``b""``; BusClosed on a closed port."""
         return self._receive(None)
 
     def ask_stamps(self) -> None:
-        """Let the kernel stamp what it takes from now on; a second call does nothing."""
+        """Request time stamps from the kernel from now on; a second call does nothing."""
         if self._unix is None and not self._closed:
             ask_stamps(self._socket)
             self._unix = UnixOffset(self._now)
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
-        """Return what `receive` does, and when the kernel took each frame, in monotonic ns; 0 where it does not say.
+        """Return the records of `receive` and the kernel's time of each, in monotonic ns; 0 if unknown.
 
-        The kernel's stamps are Unix time. One in the future is from before the clock was set back: it is taken for now.
+        The kernel's stamps are Unix time. A stamp in the future was taken before the clock was set back; it is replaced
+        by the current time.
         """
         stamps: list[int] = []
         records = self._receive(stamps)
@@ -144,7 +145,7 @@ class SocketCanPort:
         return received
 
     def _overflow(self, ancillary: Ancillary) -> list[bytes]:
-        """Return the in-band report of frames that did not fit the receive buffer; the kernel's counter wraps."""
+        """Return the overrun report for frames lost in the receive buffer; the kernel's counter wraps."""
         total = overflow_of(ancillary)
         if total is None:
             return []
@@ -155,7 +156,7 @@ class SocketCanPort:
         self.stats.rx += len(records) // RECORD_SIZE
         if has_error_frames(records):
             self._follow(note_errors(records, self.stats))
-        elif self._bus_off:  # an adapter that restarted by itself may tell it by nothing but frames
+        elif self._bus_off:  # an adapter that restarts by itself may report it only by new frames
             self._bus_off = False
             self._events.add(BusEventKind.ERROR_ACTIVE, f"bus {self.channel}: frames come again after bus-off")
         self._works_again()
@@ -164,7 +165,7 @@ class SocketCanPort:
         return records
 
     def _follow(self, events: list[BusEvent]) -> None:
-        """Note what error frames say of the controller: while it is off the bus nothing may wait for it."""
+        """Apply the controller state of error frames: during bus-off no frame may wait."""
         for event in events:
             text = event.text
             if event.kind is BusEventKind.BUS_OFF:
@@ -175,10 +176,10 @@ class SocketCanPort:
                 self._bus_off = False
             self._events.add(event.kind, text)
 
-    # Sending -------------------------------------------------------------------------------------------------------
+    # -- sending
 
     def send(self, records: Records) -> None:
-        """Send whole records; what the kernel does not take is queued. Raise `BusClosed` on a closed port."""
+        """Send whole records; queue those that the kernel does not accept. BusClosed on a closed port."""
         count = whole_records(records)
         self._prepare()
         self.stats.tx += count
@@ -193,7 +194,7 @@ class SocketCanPort:
         self.flush()
 
     def flush(self) -> None:
-        """Hand queued records to the kernel as far as it takes them."""
+        """Send queued records as far as the kernel accepts them."""
         self._full = False
         taken, data = 0, memoryview(bytes(self._queue.data))
         problem: OSError | None = None
@@ -210,7 +211,10 @@ class SocketCanPort:
         self.stats.queued = len(self._queue)
 
     def _send_one(self, record: memoryview) -> int:
-        """Send a frame; one that the kernel finds wrong is lost and counted, so that it stops nobody."""
+        """Send a frame.
+
+        One that the kernel refuses as invalid is lost and counted, so that it does not block the queue.
+        """
         try:
             self._socket.send(record)
         except OSError as error:
@@ -231,7 +235,7 @@ class SocketCanPort:
         self.stats.lost += self._queue.clear()
         self.stats.queued = 0
 
-    # Down and up ---------------------------------------------------------------------------------------------------
+    # -- failure and recovery
 
     def _prepare(self) -> None:
         if self._closed:
@@ -240,7 +244,7 @@ class SocketCanPort:
             self._rebind()
 
     def _fail(self, error: OSError) -> None:
-        """Note that the interface is down, or gone: told once, until it works again."""
+        """Record that the interface is down or removed; it is reported once until it works again."""
         self._drop_queue()
         self._bus_off = False
         gone = error.errno in (errno.ENODEV, errno.ENXIO)
@@ -248,7 +252,7 @@ class SocketCanPort:
             self._rebind_at = self._now() + _REBIND_NS
             self._bind(ALL_INTERFACES)
         text = _DOWN_TEXTS.get(error.errno or 0, error.strerror or str(error))
-        if not self._down or (gone and self._down != _GONE):  # one that is removed goes down first
+        if not self._down or (gone and self._down != _GONE):  # a removed interface goes down first
             self._down = text
             self._events.add(BusEventKind.DOWN, f"bus {self.channel}: {text}")
 
@@ -263,7 +267,7 @@ class SocketCanPort:
         self._rebind_at = None if self._bind(self.channel) else self._now() + _REBIND_NS
 
     def _is_back(self, address: object) -> bool:
-        """Whether a frame came from our interface, which was removed before: it is there again, and is bound again."""
+        """Bind again if a frame came from an interface with the name of the removed one; return whether it did."""
         if interface_of(address) != self.channel:
             return False
         self._rebind()
@@ -286,5 +290,5 @@ _DOWN_TEXTS = {
 def open_socketcan(
     name: str, *, make_socket: Callable[[], CanSocket] | None = None, network_class: Path = NETWORK_CLASS
 ) -> SocketCanPort:
-    """Open the interface `name`; raise `InterfaceNotFound`, `InterfaceDown` or `BusError`, each with what to type."""
+    """Open the interface `name`; `InterfaceNotFound`, `InterfaceDown` or `BusError`, each with the command to type."""
     return SocketCanPort(name, open_raw(name, make_socket, network_class))

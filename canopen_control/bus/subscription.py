@@ -1,10 +1,10 @@
 """Handshake and control records of a ``local:`` bus: subscriptions, time stamps and echo.
 
-An end asks for identifiers, for time stamps, or for its own frames. A hub that supports this says so in its greeting.
-The records travel among the frames, so that what an end sends after a change comes after that change. The hub puts a
-stamp before each chunk of frames that came at once. Each request record holds up to two identifiers, with the flags of
-linux/can.h; its own identifier, all ones, is none that a frame can have. An end that asked for nothing receives
-everything but its own frames, without stamps.
+A port can request identifiers, time stamps, or its own frames. A hub that supports this says so in its greeting. The
+records are sent in the stream of frames, so that frames sent after a request follow it. The hub puts a stamp before
+each chunk of frames received at once. Each request record holds up to two identifiers, with the flags of linux/can.h;
+its own identifier, all ones, is invalid for frames. A port without requests receives all frames but its own, without
+stamps.
 """
 
 from __future__ import annotations
@@ -26,11 +26,9 @@ if TYPE_CHECKING:
     from canopen_control.host.timer import Timer
 
 
-# How an opener and the hub of a ``local:`` bus greet each other: 64 bytes each way, then only records.
-#
-# The opener says who it is; the hub answers with its own process, the label it gave, made unique, and what it can do. A
-# version that differs is refused with a sentence instead of garbage later. The hub's side is `HelloServer`: who
-# connects and says nothing keeps nobody waiting, and makes way for who comes.
+# Greeting of a port and the hub: 64 bytes in each direction, then only records. The port sends its process id and
+# label; the hub answers with its own process id, the label it assigned and its abilities. Another version is refused
+# with a message.
 
 
 MAGIC: Final = b"CANlocal"
@@ -44,16 +42,16 @@ _MOST_GREETING: Final = 64
 
 
 class Hello(NamedTuple):
-    """Who is at the other end."""
+    """Greeting of the other end."""
 
     version: int
     pid: int
     label: str
-    abilities: int = 0  # of a hub: those of `wanted`
+    abilities: int = 0  # of a hub: those of `Subscription`
 
 
 def pack_hello(pid: int, label: str, version: int = VERSION, abilities: int = 0) -> bytes:
-    """Make a greeting; a label longer than 48 bytes of UTF-8 is cut."""
+    """Return a greeting; a label longer than 48 bytes of UTF-8 is truncated."""
     return _HELLO.pack(MAGIC, version, abilities, pid, _cut(label))
 
 
@@ -62,7 +60,7 @@ def _cut(label: str) -> bytes:
 
 
 def parse_hello(data: bytes) -> Hello | None:
-    """Take a greeting of `HELLO_SIZE` bytes apart; None if it is none."""
+    """Return the content of a greeting of `HELLO_SIZE` bytes; None if it is invalid."""
     if len(data) != HELLO_SIZE:
         return None
     magic, version, abilities, pid, label = _HELLO.unpack(data)
@@ -72,7 +70,7 @@ def parse_hello(data: bytes) -> Hello | None:
 
 
 class _Newcomer:
-    """A connection that has not greeted yet."""
+    """Connection without a greeting so far."""
 
     __slots__ = ("data", "socket", "timer")
 
@@ -82,27 +80,31 @@ class _Newcomer:
 
 
 class HelloServer:
-    """Accepts who connects to `listener`, and hands those who greet to `admit(socket, hello)`; the rest is dropped."""
+    """Acceptor of connections on `listener`; it calls `admit(socket, hello)` after a valid greeting.
+
+    A connection without a valid greeting is dropped. One without any greeting delays no other, and is dropped when too
+    many wait.
+    """
 
     def __init__(
         self, reactor: Reactor, listener: socket.socket, admit: Callable[[socket.socket, Hello], object]
     ) -> None:
         self._reactor, self._listener, self._admit = reactor, listener, admit
-        self._newcomers: dict[socket.socket, _Newcomer] = {}  # in the order in which they came
+        self._newcomers: dict[socket.socket, _Newcomer] = {}  # in the order of connection
         self._listen()
 
     @property
     def busy(self) -> bool:
-        """Whether somebody has connected and not greeted yet."""
+        """Whether a connection without a greeting is open."""
         return bool(self._newcomers)
 
     def accept(self) -> None:
-        """Take the next who has connected, if there is one."""
+        """Accept the next connection, if there is one."""
         try:
             sock, _ = self._listener.accept()
-        except (BlockingIOError, InterruptedError, ConnectionAbortedError):  # it changed its mind
+        except (BlockingIOError, InterruptedError, ConnectionAbortedError):  # the peer closed it
             return
-        except OSError:  # no descriptor is left: looking again at once would be a loop
+        except OSError:  # no descriptor is left: trying again at once would be a busy loop
             self._reactor.remove_reader(self._listener)
             self._reactor.call_later(_RETRY_NS, self._listen)
             return
@@ -117,7 +119,7 @@ class HelloServer:
         self._reactor.add_reader(sock, functools.partial(self._hear, self._newcomers[sock]))
 
     def close(self) -> None:
-        """Listen no more and drop the newcomers; a second call does nothing."""
+        """Stop listening and drop connections without a greeting; a second call does nothing."""
         if self._listener.fileno() >= 0:
             self._reactor.remove_reader(self._listener)
         close_listener(self._listener)
@@ -159,7 +161,7 @@ class HelloServer:
 
 
 def _refuse(sock: socket.socket) -> None:
-    """Tell the other version ours, as far as the kernel takes it at once."""
+    """Send our version to a peer with another one, as far as the socket accepts it at once."""
     with contextlib.suppress(OSError):
         sock.send(pack_hello(os.getpid(), ""))
 
@@ -169,7 +171,7 @@ GIVES_STAMPS: Final = 2
 """Abilities of a hub, in its greeting: it takes identifiers; it gives stamps, and own frames back."""
 STAMP_STEP_NS: Final = 1000
 """Between the frames of one chunk, which came at the same time: the least that a recording in microseconds keeps."""
-_RECORD: Final = struct.Struct("=5sBxxII")  # mark, what it holds, identifiers
+_RECORD: Final = struct.Struct("=5sBxxII")  # mark, kind, identifiers
 _STAMP: Final = struct.Struct("=5sBxxq")  # mark, _OWN or 0, monotonic ns of the first frame
 MARK: Final = b"\xff" * 5
 """What such a record begins with."""
@@ -178,11 +180,11 @@ _STAMPS: Final = 0x10
 _ECHO: Final = 0x20
 _OWN: Final = 0x01
 _LAST: Final = 0x80
-_MOST: Final = 4096  # identifiers; an end that wants more hears everything
+_MOST: Final = 4096  # maximum number of identifiers; beyond it a port receives all frames
 
 
 def pack_subscription(can_ids: Iterable[int]) -> bytes:
-    """Return the records that ask for these identifiers only."""
+    """Return the records that request only these identifiers."""
     wanted = sorted(set(can_ids))
     pairs = [wanted[at : at + 2] for at in range(0, len(wanted), 2)] or [[]]
     last = len(pairs) - 1
@@ -193,22 +195,22 @@ def pack_subscription(can_ids: Iterable[int]) -> bytes:
 
 
 def pack_stamp_request(*, echo: bool = False) -> bytes:
-    """Return the record that asks for time stamps, and with `echo` for the own frames too."""
+    """Return the record that requests time stamps, and with `echo` also the own frames."""
     return _RECORD.pack(MARK, _STAMPS | (_ECHO if echo else 0), 0, 0)
 
 
 def pack_stamp(at_ns: int) -> bytes:
-    """Return the record before a chunk that came at `at_ns`, monotonic."""
+    """Return the record before a chunk received at `at_ns`, monotonic."""
     return _STAMP.pack(MARK, 0, at_ns)
 
 
 def own_stamp(stamp: bytes) -> bytes:
-    """Return the same for the reader who has sent the chunk."""
+    """Return the same stamp for the port that sent the chunk."""
     return MARK + bytes((_OWN,)) + stamp[len(MARK) + 1 :]
 
 
 class Chunk(NamedTuple):
-    """Whole records that came at once, the first at `at_ns`, each following one `STAMP_STEP_NS` later; 0: unknown."""
+    """Whole records received at once, the first at `at_ns`, each following one `STAMP_STEP_NS` later; 0: unknown."""
 
     at_ns: int
     own: bool
@@ -216,25 +218,25 @@ class Chunk(NamedTuple):
 
     @property
     def stamps(self) -> list[int]:
-        """The time of each record."""
+        """Time of each record."""
         count = len(self.records) // RECORD_SIZE
         return [*range(self.at_ns, self.next_ns, STAMP_STEP_NS)] if self.at_ns else [0] * count
 
     @property
     def next_ns(self) -> int:
-        """The time of what follows without a stamp of its own."""
+        """Time of the following record, if it has no stamp."""
         return self.at_ns and self.at_ns + len(self.records) // RECORD_SIZE * STAMP_STEP_NS
 
 
 def chunks_of(data: bytes, before: Chunk) -> Iterator[Chunk]:
-    """Part whole records at their stamps; what comes before the first stamp goes on where `before` ended."""
+    """Split whole records at their stamps; records before the first stamp continue the chunk `before`."""
     at_ns, own, begin, mark = before.next_ns, before.own, 0, -1
-    if data.startswith(MARK):  # nearly always
+    if data.startswith(MARK):  # the usual case
         _, kind, at_ns = _STAMP.unpack_from(data)
         own, begin, mark = bool(kind & _OWN), RECORD_SIZE, RECORD_SIZE - 1
     while True:
         mark = data.find(MARK, mark + 1)
-        while mark % RECORD_SIZE and mark > 0:  # data of a frame that look like it
+        while mark % RECORD_SIZE and mark > 0:  # data of a frame that contain the mark
             mark = data.find(MARK, mark + 1)
         end = len(data) if mark < 0 else mark
         yield Chunk(at_ns, own, data[begin:end])
@@ -245,7 +247,7 @@ def chunks_of(data: bytes, before: Chunk) -> Iterator[Chunk]:
 
 
 class Subscription:
-    """What one end has asked for: `ids` is None while it hears everything, `echoes` are its own frames."""
+    """Requests of one port: `ids` is None while it receives everything; `echoes` means its own frames too."""
 
     __slots__ = ("_coming", "echoes", "ids", "stamps")
 
@@ -255,7 +257,7 @@ class Subscription:
         self._coming: set[int] = set()
 
     def take(self, records: bytes) -> bytes:
-        """Take the records of this kind out of whole records; return the frames, which are all others."""
+        """Apply and remove the request records; return the frames, which are all others."""
         frames = []
         for at in range(0, len(records), RECORD_SIZE):
             if records.startswith(MARK, at):

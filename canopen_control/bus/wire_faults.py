@@ -1,6 +1,6 @@
 """Wire faults of a ``local:`` bus (cut cables, dropped frames), by the labels of its members.
 
-A label that is not there yet may be named: its cable stays cut when its process comes back.
+A label without a member is allowed: its cable is cut when a member with this label joins.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from canopen_control.frame import RECORD, RECORD_SIZE
 
 
 class DropRule:
-    """Loses frames of `label` ("" for anybody) with identifier `can_id` (None for any).
+    """Rule that drops frames of `label` ("" for all) with identifier `can_id` (None for any).
 
-    Each `every`-th one that fits is lost, `count` of them in all (None: for good).
+    Each `every`-th matching frame is dropped, `count` of them in all (None: no limit).
     """
 
     __slots__ = ("can_id", "count", "every", "label", "lost", "seen")
@@ -23,11 +23,11 @@ class DropRule:
 
     @property
     def spent(self) -> bool:
-        """Whether it has lost all that it was to lose."""
+        """Whether the rule has dropped its `count` frames."""
         return self.count is not None and self.lost >= self.count
 
     def takes(self, label: str, can_id: int) -> bool:
-        """Whether this frame is lost; counts it."""
+        """Whether this frame is dropped; counts it."""
         if self.spent or self.label not in ("", label) or self.can_id not in (None, can_id):
             return False
         self.seen += 1
@@ -37,7 +37,7 @@ class DropRule:
 
 
 class WireFaults:
-    """All faults of one bus; `active` is False while there is none, and then costs nothing."""
+    """Faults of one bus; `active` is False without any, so that they cost no time."""
 
     def __init__(self) -> None:
         self.cut: set[str] = set()
@@ -47,26 +47,26 @@ class WireFaults:
 
     @property
     def active(self) -> bool:
-        """Whether frames need a look before they travel."""
+        """Whether frames must be checked before delivery."""
         return bool(self.delays or self.drops)
 
     def silences(self, label: str) -> bool:
-        """Whether nothing comes from this label and nothing gets there."""
+        """Whether the cable of this label is cut."""
         return label in self.cut or label in self.bus_off
 
     def delay_of(self, label: str) -> int:
-        """Return the delay of what this label sends, in ns."""
+        """Return the delay of frames from this label, in ns."""
         return self.delays.get(label, self.delays.get("", 0))
 
     def delay(self, label: str, delay_ns: int) -> None:
-        """Delay what this label ("" for anybody) sends; 0 ends it."""
+        """Delay frames from this label ("" for all); 0 ends it."""
         if delay_ns > 0:
             self.delays[label] = delay_ns
         else:
             self.delays.pop(label, None)
 
     def survivors(self, label: str, records: bytes) -> bytes:
-        """Return the records that the drop rules leave."""
+        """Return the records that no rule drops."""
         if not self.drops:
             return records
         kept = b"".join(

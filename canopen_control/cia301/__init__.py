@@ -1,6 +1,6 @@
-"""CiA 301's services without I/O, a file each: NMT, error control, SDO, PDO, SYNC, EMCY, TIME, and CiA 305's LSS.
+"""CiA 301 services without I/O: NMT, error control, SDO, PDO, SYNC, TIME and EMCY; and LSS of CiA 305.
 
-Every core has the same verbs: `receive(frame, now)` never raises on wire data, `tick(now)` and `next_deadline()`
-serve its timers, `frames()` and `events()` drain what it wants sent and what happened. `now` is monotonic
-nanoseconds. Nothing is imported here: whoever needs one service loads that one only.
+All cores share one interface: `receive(frame, now)` never raises on data from the bus; `tick(now)` and
+`next_deadline()` serve the timers; `frames()` and `events()` return and clear the frames to send and the events that
+occurred. `now` is monotonic time in ns. Nothing is imported here, so that a program loads only the services it uses.
 """

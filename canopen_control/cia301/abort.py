@@ -1,7 +1,7 @@
-"""The abort codes of SDO transfers, and what each means (CiA 301, table 22).
+"""Abort codes of SDO transfers and their meanings (CiA 301, table 22).
 
-The table holds the codes of CiA 301 and the two that ETG.1000 added and drives send on CANopen too. A code that is not
-in the table is legal on the wire (vendors have their own): `abort_text` says so instead of failing.
+The table holds the codes of CiA 301 and two codes of ETG.1000 that drives also send on CANopen. Codes outside the
+table are legal, because manufacturers define their own; `abort_text` describes them as unknown.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ import enum
 
 
 class AbortCode(enum.IntEnum):
-    """Why a transfer ended; `text` is the meaning in words."""
+    """SDO abort code; `text` is its meaning."""
 
     text: str
 
     def __new__(cls, code: int, text: str) -> AbortCode:
-        """Make a member that is its 32-bit code and carries its meaning."""
+        """Create a member from its 32-bit code and its meaning."""
         member = int.__new__(cls, code)
         member._value_ = code
         member.text = text
@@ -68,5 +68,5 @@ _TEXTS = {int(code): code.text for code in AbortCode}
 
 
 def abort_text(code: int) -> str:
-    """Return the meaning of `code`; one that the standard does not know is said to be unknown."""
+    """Return the meaning of `code`, or a text that calls it unknown."""
     return _TEXTS.get(code, "unknown code")

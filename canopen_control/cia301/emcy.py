@@ -1,9 +1,9 @@
-"""The emergency object, producer and consumer (CiA 301, 7.2.7 and 7.5.2.2 to 4, 7.5.2.20 to 21).
+"""Emergency object, producer and consumer (CiA 301, 7.2.7, 7.5.2.2 to 7.5.2.4, 7.5.2.20 and 7.5.2.21).
 
-A producer keeps its active errors, the error register made of them (0x1001) and the history (0x1003, newest first).
-It says every new error once, and error reset (0000) for every error that goes, with the register of what remains:
-what was sent, the register and the history never say different things.
-A consumer takes 3 to 8 bytes: devices exist that leave out the manufacturer's part. Both are bounded.
+The producer keeps the active errors, the error register (0x1001) computed from them, and the history (0x1003, newest
+first). Each new error is sent once. Each error that is cleared is sent as error reset (0x0000) with the remaining
+register bits.
+The consumer accepts 3 to 8 bytes, because some devices omit the manufacturer-specific part. Both are bounded.
 """
 
 from __future__ import annotations
@@ -16,14 +16,12 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.frame import CanFrame
 
-# The codes of the emergency object in words: error codes and the bits of the error register.
-#
-# A code that is missing takes the text of its class: the first of its 16, its 256, its 4096 that has one. Sources: CiA
-# 301, tables 26 and 43; CiA 402-2 for the drive's codes. Codes of class FFxx are the manufacturer's.
+# Error codes: CiA 301, table 26; CiA 402-2 for drives. A code that is missing here takes the text of the closest class
+# (its first 12, 8 or 4 bits). Class FFxx is manufacturer-specific.
 
 
 class ErrorRegister(enum.IntFlag):
-    """0x1001 (table 43): GENERIC is set whenever another bit is."""
+    """Bits of the error register 0x1001 (CiA 301, table 43); GENERIC is set whenever another bit is set."""
 
     NONE = 0
     GENERIC = 0x01
@@ -186,7 +184,7 @@ REGISTER_TEXTS: dict[ErrorRegister, str] = {
 
 
 def error_text(code: int) -> str:
-    """Return the meaning of an error code, or of the closest class that has one."""
+    """Return the meaning of an error code, or of the closest class in the table."""
     masks = (0xFFFF, 0xFFF0, 0xFF00, 0xF000) if code >> 12 else (0xFFFF, 0xFF00)
     for mask in masks:
         if (text := ERROR_TEXTS.get(code & mask)) is not None:
@@ -195,7 +193,7 @@ def error_text(code: int) -> str:
 
 
 def register_text(register: int) -> str:
-    """Return the names of the bits of an error register, comma separated; empty for 0."""
+    """Return the names of the set bits of an error register, separated by commas; empty for 0."""
     return ", ".join(text for bit, text in REGISTER_TEXTS.items() if register & bit)
 
 
@@ -206,7 +204,7 @@ MANUFACTURER_BYTES = 5
 
 @dataclass(frozen=True, slots=True)
 class EmcyMessage:
-    """One emergency: `data` are the manufacturer's bytes, 5 on the wire, fewer from a device that sends fewer."""
+    """One emergency message; `data` are the manufacturer-specific bytes: 5 in the standard, fewer from some devices."""
 
     node_id: int
     error_code: int
@@ -215,9 +213,9 @@ class EmcyMessage:
 
     @classmethod
     def parse(cls, frame: CanFrame, node_id: int | None = None) -> EmcyMessage | None:
-        """Return the message of `frame`, or None if it is none.
+        """Return the message of `frame`, or None if the frame is not an emergency message.
 
-        Without `node_id` the COB-ID must be one of 0x081 to 0x0FF; fewer than 3 bytes are no message.
+        Without `node_id` the COB-ID must be between 0x081 and 0x0FF. Frames of fewer than 3 bytes are rejected.
         """
         if node_id is None:
             if not EMCY_COB_ID < frame.can_id <= EMCY_COB_ID + 127:
@@ -229,14 +227,14 @@ class EmcyMessage:
         return cls(node_id, data[0] | data[1] << 8, data[2], data[3:8])
 
     def encode(self, cob_id: int | None = None) -> CanFrame:
-        """Return the frame of 8 bytes, on the predefined COB-ID unless another is given."""
+        """Return the frame of 8 bytes, with the predefined COB-ID by default."""
         head = bytes((self.error_code & 0xFF, self.error_code >> 8 & 0xFF, self.error_register & 0xFF))
         data = head + self.data[:MANUFACTURER_BYTES].ljust(MANUFACTURER_BYTES, b"\0")
         return CanFrame(EMCY_COB_ID + self.node_id if cob_id is None else cob_id, data)
 
     @property
     def is_reset(self) -> bool:
-        """Whether an error went: code 00xx."""
+        """Whether the message reports an error reset or no error: code 00xx."""
         return self.error_code <= 0xFF
 
     @property
@@ -250,18 +248,18 @@ class EmcyMessage:
         return error_text(self.error_code)
 
     def __str__(self) -> str:
-        """One line for people: code, meaning, register, and the manufacturer's bytes if any is set."""
+        """Return code, meaning, register and nonzero manufacturer-specific bytes in one line."""
         extra = f", data {self.data.hex(' ')}" if any(self.data) else ""
         return f"0x{self.error_code:04X} ({self.text}), register 0x{self.error_register:02X}{extra}"
 
 
 class EmcyProducer:
-    """One node's errors: `error_register` (0x1001), `history` (0x1003), and the EMCY messages they cause.
+    """Errors of one node: `error_register` (0x1001), `history` (0x1003), and the EMCY messages that result.
 
-    `cob_id` (0x1014) may be moved, `enabled` is the inverse of its bit 31; `inhibit_ns` (0x1015) is the least time
-    between two messages. `allowed` says whether the NMT state carries EMCY: what happens while it does not reaches
-    register and history but not the bus. At most `active_limit` errors are active and `queue_limit` messages wait:
-    the oldest gives way, `lost` counts the messages.
+    `cob_id` (0x1014) can be changed; `enabled` is the inverse of its bit 31. `inhibit_ns` (0x1015) is the minimum time
+    between two messages. `allowed` says whether the NMT state permits EMCY; otherwise errors enter the register and the
+    history, but are not sent. At most `active_limit` errors are active and `queue_limit` messages wait; beyond that the
+    oldest is dropped. `lost` counts dropped messages.
     """
 
     def __init__(
@@ -282,13 +280,13 @@ class EmcyProducer:
         self._active: dict[int, int] = {}
         self._history: deque[int] = deque(maxlen=history_size)
         self._waiting: deque[EmcyMessage] = deque(maxlen=queue_limit)
-        self._ready_ns: int | None = None  # when the next message may go; None: now
+        self._ready_ns: int | None = None  # time of the next message allowed; None: now
         self.outgoing: Outbox[CanFrame] = Outbox()
         self._lost = 0
 
     @property
     def error_register(self) -> int:
-        """0x1001, made of the active errors."""
+        """Error register 0x1001, computed from the active errors."""
         register = 0
         for bits in self._active.values():
             register |= bits
@@ -296,21 +294,24 @@ class EmcyProducer:
 
     @property
     def active(self) -> tuple[int, ...]:
-        """The codes of the active errors, oldest first."""
+        """Codes of the active errors, oldest first."""
         return tuple(self._active)
 
     @property
     def history(self) -> tuple[int, ...]:
-        """0x1003 from subindex 1 on, newest first: code in the low word, first two manufacturer bytes above."""
+        """History 0x1003 from subindex 1, newest first.
+
+        The error code is in bits 0 to 15, two manufacturer-specific bytes above it.
+        """
         return tuple(self._history)
 
     @property
     def lost(self) -> int:
-        """Messages that never reached the bus because too many waited."""
+        """Number of messages dropped because too many waited."""
         return self._lost + self.outgoing.lost
 
     def raise_error(self, code: int, register: int, now: int, data: bytes = b"") -> bool:
-        """Make an error active, record and report it; return False for one that is active already."""
+        """Activate and report an error; return False if it is already active."""
         if code in self._active:
             return False
         if len(self._active) >= self.active_limit:
@@ -322,60 +323,60 @@ class EmcyProducer:
         return True
 
     def report(self, code: int, now: int, data: bytes = b"", *, register: int = 0) -> None:
-        """Record and send an error that does not last, such as 0x8110 for frames that were lost: raised, and reset.
+        """Record and send an error without duration, such as 0x8110 for lost frames: it is raised and reset at once.
 
-        So 0x1001 never lacks a bit that was sent, and nobody waits for it to be taken back.
+        The error register therefore never keeps a bit that no later message would clear.
         """
         if self.raise_error(code, register, now, data):
             self.clear_error(code, now)
 
     def clear_error(self, code: int, now: int) -> bool:
-        """Remove an active error and say error reset with the register of the others; False if it is not active."""
+        """Remove an active error and send error reset with the remaining register bits; False if it was not active."""
         if self._active.pop(code, None) is None:
             return False
         self._send(EmcyMessage(self.node_id, NO_ERROR, self.error_register), now)
         return True
 
     def reset(self) -> None:
-        """Forget errors, history and waiting messages (reset node)."""
+        """Clear errors, history and waiting messages (NMT reset node)."""
         self._active.clear()
         self._history.clear()
         self._waiting.clear()
         self._ready_ns = None
 
     def read_history(self, subindex: int) -> int | None:
-        """Return 0x1003:`subindex`, the number of entries at 0; None where there is no entry."""
+        """Return 0x1003:`subindex`; subindex 0 is the number of entries. None if the entry does not exist."""
         if subindex == 0:
             return len(self._history)
         return self._history[subindex - 1] if 1 <= subindex <= len(self._history) else None
 
     def write_history_count(self, value: int) -> AbortCode | None:
-        """Write 0x1003:00: 0 clears the history, anything else returns its abort code."""
+        """Write 0x1003:00: 0 clears the history; return the abort code for any other value (CiA 301, 7.5.2.4)."""
         if value:
             return AbortCode.INVALID_VALUE
         self._history.clear()
         return None
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Do nothing: a producer hears nobody."""
+        """Ignore the frame: an EMCY producer receives nothing."""
 
     def tick(self, now: int) -> None:
-        """Send the oldest waiting message when the inhibit time is over."""
+        """Send the oldest waiting message once the inhibit time has elapsed."""
         if not self.allowed:
             self._waiting.clear()
         while self._waiting and (self._ready_ns is None or now >= self._ready_ns):
             self._put(self._waiting.popleft(), now)
 
     def next_deadline(self) -> int | None:
-        """Return when the next message may go, None: none waits."""
+        """Return the time of the next message, None if none waits."""
         return self._ready_ns if self._waiting else None
 
     def frames(self) -> list[CanFrame]:
-        """Drain the messages to send."""
+        """Return and clear the messages to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[object]:
-        """Return nothing: the owner raises the errors itself."""
+        """Return an empty list: the owner raises the errors itself."""
         return []
 
     def _send(self, message: EmcyMessage, now: int) -> None:
@@ -394,9 +395,10 @@ class EmcyProducer:
 
 
 class EmcyConsumer:
-    """Hears the emergencies of one node and keeps the errors that last, at most `active_limit`: the oldest gives way.
+    """Emergency messages of one node and its active errors, at most `active_limit`; beyond that the oldest is dropped.
 
-    `register` is the error register last reported, 0 before any; `malformed` counts frames with fewer than 3 bytes.
+    `register` is the last reported error register, 0 before any message; `malformed` counts frames of fewer than 3
+    bytes.
     """
 
     def __init__(self, node_id: int, *, active_limit: int = 32) -> None:
@@ -405,27 +407,27 @@ class EmcyConsumer:
         self.active_limit = active_limit
         self.register = 0
         self.malformed = 0
-        self._active: dict[int, int] = {}  # code: the register bits that came with it
-        self._perhaps_gone: set[int] = set()  # those said last before an error reset
+        self._active: dict[int, int] = {}  # error code: register bits that were new with it
+        self._perhaps_gone: set[int] = set()  # errors reported before the last error reset
         self._events: Outbox[EmcyMessage] = Outbox()
 
     @property
     def active(self) -> tuple[int, ...]:
-        """The codes that the node reported and has not taken back, oldest first."""
+        """Codes that the node has reported and not reset, oldest first."""
         return tuple(self._active)
 
     @property
     def lost(self) -> int:
-        """Messages that had to give way because nobody fetched them."""
+        """Number of messages dropped before the owner fetched them."""
         return self._events.lost
 
     def forget(self) -> None:
-        """Forget the active errors: the node has restarted."""
+        """Clear the active errors after the node has restarted."""
         self._active.clear()
         self.register = 0
 
     def receive(self, frame: CanFrame, now: int) -> None:  # noqa: ARG002 - the verb of every core
-        """Take an emergency of the node."""
+        """Receive an emergency message of the node."""
         if frame.can_id != self.cob_id:
             return
         message = EmcyMessage.parse(frame, self.node_id)
@@ -442,29 +444,29 @@ class EmcyConsumer:
         """Return None: this core has no timers."""
 
     def frames(self) -> list[CanFrame]:
-        """Return nothing: a consumer does not send."""
+        """Return an empty list: a consumer does not send."""
         return []
 
     def events(self) -> list[EmcyMessage]:
-        """Drain the messages, in order."""
+        """Return and clear the received messages, in order."""
         return self._events.drain()
 
     def _note(self, message: EmcyMessage) -> None:
-        """Keep an error, and drop those whose bits have left the register, which every message shows.
+        """Add the error of `message`; remove errors whose register bits are now clear.
 
-        One that came with no bit at all, as from a device that fills in no register, stays until an error reset.
+        An error without register bits, as from a device that leaves the register at 0, remains until an error reset.
         """
         register, code = message.error_register, message.error_code
         reset = message.is_reset
         present = {each: own for each, own in self._active.items() if own & register or not (own or reset)}
         if reset:
-            self._perhaps_gone = set(present)  # which error was taken back is not said
+            self._perhaps_gone = set(present)  # CiA 301, 7.2.7: an error reset does not name the error
         else:
-            # The bits that are new with this error are its own; it stays until all of them are taken back.
+            # The bits that are new with this error belong to it. The error remains until all of them are clear.
             own = present.pop(code, 0)
             bits = register & ~ErrorRegister.GENERIC
             new = bits & ~self.register
-            if new or not own or code in self._perhaps_gone:  # else it is said once more
+            if new or not own or code in self._perhaps_gone:  # else the same error was reported again
                 own |= new or bits or register
             self._perhaps_gone.discard(code)
             if len(present) >= self.active_limit:

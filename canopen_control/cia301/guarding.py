@@ -1,9 +1,10 @@
-"""Node guarding and life guarding, both sides (CiA 301, 7.2.8.3.1).
+"""Node guarding and life guarding, master and slave (CiA 301, 7.2.8.3.1).
 
-The master asks each node by a remote frame on its error control COB-ID every guard time; the answer is the state with
-a toggle bit that starts at 0 after a reset (a node that was running before begins with either) and alternates. A node
-without an answer for guard time times life time factor is lost; a node that is not asked for that time knows that its
-master is. Both start with the first answer, or question.
+Every guard time the master sends a remote frame on the error control COB-ID of each node. The node answers with its
+state and a toggle bit that alternates and is 0 after a reset; a node that was already running may begin with either.
+A node that does not answer within guard time x life time factor is lost; a node that is not polled within this time
+has lost its master. Monitoring starts with the first answer on the master, and with the first remote frame on the
+slave.
 """
 
 from __future__ import annotations
@@ -19,19 +20,19 @@ from canopen_control.frame import MAX_NODE_ID, REMOTE_FLAG, CanFrame, remote_fra
 
 
 class GuardingEventKind(enum.Enum):
-    """What guarding tells; a slave tells MISSED and RESOLVED of its master."""
+    """Kind of a guarding event; in a slave MISSED and RESOLVED refer to the master."""
 
     STARTED = "started"
     CHANGED = "changed"
     MISSED = "missed"
     RESOLVED = "resolved"
-    TOGGLE_ERROR = "toggle error"  # the answer is dropped: a second node with this id, or a lost answer
+    TOGGLE_ERROR = "toggle error"  # the answer is dropped: two nodes share this id, or an answer was lost
     BOOT_UP = "boot-up"
 
 
 @dataclass(frozen=True, slots=True)
 class GuardingEvent:
-    """`kind` at `node_id`; `state` is the last one shown, None: none or unknown."""
+    """Guarding event `kind` of `node_id`; `state` is the last one received, None if none or unknown."""
 
     kind: GuardingEventKind
     node_id: int
@@ -51,7 +52,7 @@ class _Guarded:
 
 
 class GuardingMaster:
-    """Guards nodes; `malformed` counts answers whose length is not 1."""
+    """Guarding of any number of nodes; `malformed` counts answers whose length is not 1."""
 
     def __init__(self) -> None:
         self.malformed = 0
@@ -60,7 +61,7 @@ class GuardingMaster:
         self._events: Outbox[GuardingEvent] = Outbox(1024)
 
     def watch(self, node_id: int, guard_time_ns: int, life_time_factor: int, now: int) -> None:
-        """Guard `node_id` from `now` on; LocalProtocolError for a time or factor of 0."""
+        """Start to guard `node_id`; LocalProtocolError for a time or factor of 0."""
         if not 1 <= node_id <= MAX_NODE_ID or guard_time_ns <= 0 or life_time_factor <= 0:
             msg = f"cannot guard node {node_id} every {guard_time_ns} ns with factor {life_time_factor}"
             raise LocalProtocolError(msg)
@@ -68,16 +69,19 @@ class GuardingMaster:
         self._nodes[node_id] = _Guarded(guard_time_ns, life, now, deadline_ns=now + life)
 
     def unwatch(self, node_id: int) -> None:
-        """Stop guarding; no-op for a node that is not guarded."""
+        """Stop guarding `node_id`; no-op if it is not guarded."""
         self._nodes.pop(node_id, None)
 
     def state_of(self, node_id: int) -> NmtState | None:
-        """Return the state last shown, None: none, unknown, or not guarded."""
+        """Return the last state received, None if none, unknown, or not guarded."""
         node = self._nodes.get(node_id)
         return None if node is None else node.state
 
     def receive(self, frame: CanFrame, now: int, since: int | None = None) -> None:
-        """Take an answer or boot-up of a guarded node; it came between `since`, when none waited, and `now`."""
+        """Receive an answer or boot-up of a guarded node.
+
+        The frame arrived between `since`, when the receive queue was last empty, and `now`.
+        """
         node_id = frame.can_id - ERROR_CONTROL_COB_ID
         node = self._nodes.get(node_id)
         if node is None:
@@ -96,7 +100,7 @@ class GuardingMaster:
             self._answered(node_id, node, value >> 7, state_of_byte(value), now)
 
     def tick(self, now: int) -> None:
-        """Ask the nodes that are due and tell those that are lost."""
+        """Send the remote frames that are due and report nodes that did not answer in time."""
         for node_id, node in self._nodes.items():
             self._check(node_id, node, now)
             if now >= node.poll_ns:
@@ -104,22 +108,22 @@ class GuardingMaster:
                 node.poll_ns = next_on_grid(node.poll_ns, node.guard_ns, now)
 
     def postpone(self, nanoseconds: int) -> None:
-        """Wait so much longer for every answer: for so long nobody was asked."""
+        """Extend all deadlines by `nanoseconds`, during which no remote frame was sent."""
         for node in self._nodes.values():
             node.deadline_ns += nanoseconds
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
+        """Return the time of the next remote frame or timeout."""
         times = [node.poll_ns for node in self._nodes.values()]
         times += [node.deadline_ns for node in self._nodes.values() if not node.missed]
         return min(times, default=None)
 
     def frames(self) -> list[CanFrame]:
-        """Drain the remote frames to send."""
+        """Return and clear the remote frames to send."""
         return self._frames.drain()
 
     def events(self) -> list[GuardingEvent]:
-        """Drain what happened, in order."""
+        """Return and clear the events, in order."""
         return self._events.drain()
 
     def _check(self, node_id: int, node: _Guarded, now: int) -> None:
@@ -144,10 +148,11 @@ class GuardingMaster:
 
 
 class GuardingSlave:
-    """Answers guarding and guards its master; the owner keeps `state` up to date.
+    """Guarding of one slave: it answers remote frames and monitors its master; the owner keeps `state` up to date.
 
-    `enabled` is False where a heartbeat producer time is set: the two exclude each other, and the heartbeat wins.
-    `guard_time_ns` times `life_time_factor` (0x100C, 0x100D) is the life time, 0: the master is not guarded.
+    `enabled` is False while a heartbeat producer time is set: only one of the two protocols runs, and heartbeat takes
+    precedence (CiA 301, 7.2.8.3.1). `guard_time_ns` x `life_time_factor` (0x100C, 0x100D) is the life time; at 0 the
+    master is not monitored.
     """
 
     def __init__(self, node_id: int, *, guard_time_ns: int = 0, life_time_factor: int = 0) -> None:
@@ -164,15 +169,15 @@ class GuardingSlave:
 
     @property
     def life_time_ns(self) -> int:
-        """How long the master may be silent, 0: for ever."""
+        """Life time in ns: maximum silence of the master; 0: no limit."""
         return self.guard_time_ns * self.life_time_factor
 
     def reset(self) -> None:
-        """Start anew: toggle bit 0, the master not yet heard (reset communication)."""
+        """Reset the toggle bit to 0 and wait for the master again (NMT reset communication)."""
         self._toggle, self._asked_ns, self._missed = 0, None, False
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Answer the master's remote frame; other frames are ignored."""
+        """Answer a remote frame of the master; ignore other frames."""
         if frame.can_id != ERROR_CONTROL_COB_ID + self.node_id | REMOTE_FLAG:
             return
         if not self.enabled or self.state is NmtState.INITIALISING:
@@ -187,22 +192,22 @@ class GuardingSlave:
         self.outgoing.put(CanFrame(ERROR_CONTROL_COB_ID + self.node_id, answer))
 
     def tick(self, now: int) -> None:
-        """Tell that the master is silent for the life time, once (EMCY 0x8130)."""
+        """Report once that the master was silent for the life time (EMCY 0x8130)."""
         deadline = self.next_deadline()
         if deadline is not None and now >= deadline:
             self._missed = True
             self.happened.put(GuardingEvent(GuardingEventKind.MISSED, self.node_id, self.state))
 
     def next_deadline(self) -> int | None:
-        """Return when the master is lost."""
+        """Return the time at which the life time expires."""
         if self._asked_ns is None or self._missed or not self.enabled or not self.life_time_ns:
             return None
         return self._asked_ns + self.life_time_ns
 
     def frames(self) -> list[CanFrame]:
-        """Drain the answers to send."""
+        """Return and clear the answers to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[GuardingEvent]:
-        """Drain what happened, in order."""
+        """Return and clear the events, in order."""
         return self.happened.drain()

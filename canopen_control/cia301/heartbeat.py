@@ -1,9 +1,9 @@
-"""The heartbeat protocol, producer and consumer (CiA 301, 7.2.8.3.2).
+"""Heartbeat protocol, producer and consumer (CiA 301, 7.2.8.3.2).
 
-Monitoring of a node starts with its first heartbeat, not with `watch` and not with its boot-up. A boot-up ends it
-until the next heartbeat: the node lost what was not stored, perhaps its producer time too. A byte whose low seven
-bits are no state is a sign of life of unknown state; the toggle bit, which heartbeats keep 0, is masked and counted,
-except on 0x80, which is neither a boot-up nor a heartbeat.
+Monitoring of a node starts with its first heartbeat, not with `watch` or its boot-up. A boot-up suspends monitoring
+until the next heartbeat, because the node may have lost its producer time. A byte whose low seven bits are not a state
+counts as a sign of life with unknown state. The toggle bit, 0 in heartbeats, is masked and counted; only 0x80 is
+neither a boot-up nor a heartbeat.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from canopen_control.frame import MAX_NODE_ID, CanFrame
 
 
 def consumer_entry(node_id: int, ms: int) -> int:
-    """Return the 0x1016 value that watches `node_id` with `ms` (both 0: unused); LocalProtocolError if too large."""
+    """Return the 0x1016 value that monitors `node_id` with `ms` (both 0: unused); LocalProtocolError if too large."""
     if not 0 <= node_id <= MAX_NODE_ID or not 0 <= ms <= 0xFFFF:
         msg = f"0x1016: node {node_id} with {ms} ms; node ids end at 127, times at 65535 ms"
         raise LocalProtocolError(msg)
@@ -26,21 +26,24 @@ def consumer_entry(node_id: int, ms: int) -> int:
 
 
 def parse_consumer_entry(value: int) -> tuple[int, int]:
-    """Return node id and time in ms of a 0x1016 value; a node id of 0 or above 127, or 0 ms, means unused."""
+    """Return node id and time in ms of a 0x1016 value.
+
+    A node id of 0 or above 127, or a time of 0 ms, means an unused entry (CiA 301, 7.5.2.19).
+    """
     return value >> 16 & 0xFF, value & 0xFFFF
 
 
 def next_on_grid(deadline_ns: int, period_ns: int, now: int) -> int:
-    """Return the first time after `now` on the grid of `deadline_ns`: a late tick shifts nothing, bursts nothing."""
+    """Return the first time after `now` on the grid through `deadline_ns`; missed periods are skipped."""
     if deadline_ns > now:
         return deadline_ns
     return deadline_ns + ((now - deadline_ns) // period_ns + 1) * period_ns
 
 
 class HeartbeatProducer:
-    """Sends the own `state` every `period_ns` (0x1017; 0: off); the owner keeps `state` up to date.
+    """Producer of the node's heartbeat every `period_ns` (0x1017; 0: off); the owner keeps `state` up to date.
 
-    Silent while INITIALISING. A period set later starts with a heartbeat at the next tick.
+    It is silent while INITIALISING. When a period is set, the first heartbeat is due at the next tick.
     """
 
     def __init__(self, node_id: int, period_ns: int = 0) -> None:
@@ -52,7 +55,7 @@ class HeartbeatProducer:
 
     @property
     def period_ns(self) -> int:
-        """The producer time in ns, 0: off."""
+        """Producer time in ns, 0: off."""
         return self._period_ns
 
     @period_ns.setter
@@ -62,20 +65,20 @@ class HeartbeatProducer:
             self._deadline_ns = None
 
     def boot_up(self, now: int) -> None:
-        """Send the boot-up frame and become PRE_OPERATIONAL; the first heartbeat follows one period later."""
+        """Send the boot-up frame and enter PRE_OPERATIONAL; the first heartbeat follows one period later."""
         self.outgoing.put(boot_up_frame(self.node_id))
         self.state = NmtState.PRE_OPERATIONAL
         self.started(now)
 
     def started(self, now: int) -> None:
-        """Count the period from `now`, when somebody else sent the boot-up."""
+        """Restart the period at `now`, after the owner has sent the boot-up."""
         self._deadline_ns = now + self._period_ns
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Do nothing: a producer hears nobody."""
+        """Ignore the frame: a heartbeat producer receives nothing."""
 
     def tick(self, now: int) -> None:
-        """Send the heartbeat when due; missed periods are skipped, the grid is kept."""
+        """Send the heartbeat when due; missed periods are skipped and the grid is kept."""
         if self._period_ns <= 0 or self.state is NmtState.INITIALISING:
             return
         deadline = now if self._deadline_ns is None else self._deadline_ns
@@ -85,22 +88,22 @@ class HeartbeatProducer:
         self._deadline_ns = deadline
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do; 0 means at once."""
+        """Return the time of the next heartbeat; 0 means at once."""
         if self._period_ns <= 0 or self.state is NmtState.INITIALISING:
             return None
         return self._deadline_ns or 0
 
     def frames(self) -> list[CanFrame]:
-        """Drain the frames to send."""
+        """Return and clear the frames to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[object]:
-        """Return nothing: nothing happens to a producer."""
+        """Return an empty list: a producer has no events."""
         return []
 
 
 class HeartbeatEventKind(enum.Enum):
-    """What happened to a watched node; BOOT_UP is told of every node."""
+    """Kind of a heartbeat event; BOOT_UP is reported for every node, the others for monitored ones."""
 
     STARTED = "started"
     CHANGED = "changed"
@@ -111,9 +114,10 @@ class HeartbeatEventKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class HeartbeatEvent:
-    """`kind` at `node_id`; `state` None: unknown; `age_ns` since its last sign of life before this (0: the first).
+    """Heartbeat event `kind` of `node_id`.
 
-    `monitored`: monitoring was running. A BOOT_UP with it is a remote reset, without it a node that came.
+    `state` is None if unknown. `age_ns` is the time since the previous sign of life, 0 for the first. `monitored` says
+    whether monitoring was running: a BOOT_UP is then a restart of the node, otherwise its first start.
     """
 
     kind: HeartbeatEventKind
@@ -137,10 +141,11 @@ class _Node:
 
 
 class HeartbeatConsumer:
-    """Watches nodes for their heartbeats; knows the last state of every node it ever heard.
+    """Heartbeat monitoring of nodes; keeps the last state of every node that was received.
 
-    `malformed` counts error control frames whose length is not 1,
-    `unknown` those whose state the standard does not know. At most 127 nodes are kept.
+    `malformed` counts error control frames whose length is not 1, `unknown` those whose state is not in CiA 301. At
+    most
+    127 nodes are kept.
     """
 
     def __init__(self) -> None:
@@ -150,7 +155,7 @@ class HeartbeatConsumer:
         self.happened: Outbox[HeartbeatEvent] = Outbox(1024)
 
     def watch(self, node_id: int, timeout_ns: int) -> None:
-        """Watch `node_id` (0x1016); watching anew starts with its next heartbeat; a time of 0 ends it."""
+        """Monitor `node_id` with `timeout_ns` (0x1016), starting with its next heartbeat; 0 ends monitoring."""
         if not 1 <= node_id <= MAX_NODE_ID or timeout_ns < 0:
             msg = f"cannot watch node {node_id} with {timeout_ns} ns; node ids are 1 to {MAX_NODE_ID}"
             raise LocalProtocolError(msg)
@@ -158,33 +163,35 @@ class HeartbeatConsumer:
         node.timeout_ns, node.deadline_ns, node.missed = timeout_ns, None, False
 
     def unwatch(self, node_id: int) -> None:
-        """Stop watching; no-op for a node that is not watched."""
+        """Stop monitoring `node_id`; no-op if it is not monitored."""
         if node_id in self._nodes:
             self.watch(node_id, 0)
 
     def watched(self) -> dict[int, int]:
-        """Return the time in ns of each watched node."""
+        """Return the timeout in ns of each monitored node."""
         return {node_id: node.timeout_ns for node_id, node in self._nodes.items() if node.timeout_ns}
 
     def state_of(self, node_id: int) -> NmtState | None:
-        """Return the state last shown (INITIALISING after a boot-up), or None: never heard or unknown."""
+        """Return the last state received (INITIALISING after a boot-up), None if none or unknown."""
         node = self._nodes.get(node_id)
         return None if node is None else node.state
 
     def age_ns(self, node_id: int, now: int) -> int | None:
-        """Return the time since the last sign of life, None: never heard."""
+        """Return the time in ns since the last sign of life, None if there was none."""
         node = self._nodes.get(node_id)
         return None if node is None or node.last_ns is None else now - node.last_ns
 
     def is_missed(self, node_id: int) -> bool:
-        """Whether a watched node is silent for longer than its time."""
+        """Whether a monitored node has been silent for longer than its timeout."""
         node = self._nodes.get(node_id)
         return node is not None and node.missed
 
     def goes_on(self, node_id: int, state: NmtState, now: int, since: int | None = None) -> bool:
-        """Take a heartbeat of a watched node, in time and of the state that it had; False: `receive` has to look at it.
+        """Record a heartbeat that changes nothing; False if `receive` must process it.
 
-        It came between `since`, when none waited, and `now`.
+        True if the node is monitored, the heartbeat is in time, and the state is the previous one. The frame arrived
+        between
+        `since`, when the receive queue was last empty, and `now`.
         """
         node = self._nodes.get(node_id)
         if node is None or node.state is not state or node.deadline_ns is None:
@@ -195,7 +202,10 @@ class HeartbeatConsumer:
         return True
 
     def receive(self, frame: CanFrame, now: int, since: int | None = None) -> None:
-        """Take a heartbeat or boot-up of any node; it came between `since`, when none waited, and `now`."""
+        """Receive a heartbeat or boot-up of any node.
+
+        The frame arrived between `since`, when the receive queue was last empty, and `now`.
+        """
         node_id = frame.can_id - ERROR_CONTROL_COB_ID
         if not 1 <= node_id <= MAX_NODE_ID:
             return
@@ -207,7 +217,8 @@ class HeartbeatConsumer:
             self.unknown += 1
             return
         node = self._nodes.setdefault(node_id, _Node())
-        # a frame behind its deadline resolves a miss, it does not hide it; one that waited for a late reader is none
+        # a heartbeat after its deadline resolves a timeout instead of hiding it; one that waited in the queue was not
+        # late
         self._check(node_id, node, now if since is None else since)
         age = 0 if node.last_ns is None else now - node.last_ns
         node.last_ns = now
@@ -218,12 +229,12 @@ class HeartbeatConsumer:
             node.missed, node.deadline_ns = False, now + node.timeout_ns if node.timeout_ns else None
 
     def tick(self, now: int) -> None:
-        """Report nodes whose time is over; a node is silent too long when its whole time has passed."""
+        """Report monitored nodes whose timeout has elapsed."""
         for node_id, node in self._nodes.items():
             self._check(node_id, node, now)
 
     def next_deadline(self) -> int | None:
-        """Return when the next node is missed."""
+        """Return the time of the next timeout."""
         first: int | None = None
         for node in self._nodes.values():
             deadline = node.deadline_ns
@@ -232,11 +243,11 @@ class HeartbeatConsumer:
         return first
 
     def frames(self) -> list[CanFrame]:
-        """Return nothing: a consumer does not send."""
+        """Return an empty list: a consumer does not send."""
         return []
 
     def events(self) -> list[HeartbeatEvent]:
-        """Drain what happened, in order."""
+        """Return and clear the events, in order."""
         return self.happened.drain()
 
     def _check(self, node_id: int, node: _Node, now: int) -> None:
@@ -259,6 +270,6 @@ class HeartbeatConsumer:
             self.happened.put(HeartbeatEvent(HeartbeatEventKind.RESOLVED, node_id, state, age))
         elif node.deadline_ns is None:
             self.happened.put(HeartbeatEvent(HeartbeatEventKind.STARTED, node_id, state, age))
-            previous = state  # STARTED told the state
+            previous = state  # STARTED already reported the state
         if previous is not state:
             self.happened.put(HeartbeatEvent(HeartbeatEventKind.CHANGED, node_id, state, age))

@@ -1,8 +1,8 @@
-"""Layer setting services: the frames and tables that LSS master and LSS slave share (CiA 305).
+"""Layer setting services, master and slave (CiA 305).
 
 Every LSS frame has 8 bytes: command specifier, then parameters, little-endian, the rest zero. The master sends on
-0x7E5, all slaves answer on 0x7E4 without saying who they are: services either address one slave by its identity
-(0x1018) or have answers that may collide because they are equal.
+0x7E5, all slaves answer on 0x7E4 without identification: a service addresses either one slave by its identity
+(0x1018), or several slaves whose answers are identical, so that they may collide.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 MASTER_COB_ID = 0x7E5
 SLAVE_COB_ID = 0x7E4
-UNCONFIGURED = 0xFF  # the node id of a node that has none
-FAST_SCAN_START = 0x80  # in place of the bit number
+UNCONFIGURED = 0xFF  # value for "no node id" (CiA 305)
+FAST_SCAN_START = 0x80  # bit number of the first fast scan request
 
-# Table 0 of bit timings: index to bit/s; index 5 is reserved.
+# Bit timing table 0 (CiA 305): index to bit/s; index 5 is reserved.
 BIT_TIMINGS: dict[int, int] = {
     0: 1_000_000,
     1: 800_000,
@@ -42,14 +42,14 @@ AUTOMATIC_BIT_TIMING = 9
 
 
 class LssMode(enum.IntEnum):
-    """The two states of a slave, as switch state global writes them."""
+    """States of an LSS slave, with the values of switch state global."""
 
     WAITING = 0
     CONFIGURATION = 1
 
 
 class LssCommand(enum.IntEnum):
-    """Command specifiers; those of one group follow each other in the order of the identity's parts."""
+    """Command specifiers; those of one group follow the order of the identity's parts."""
 
     SWITCH_GLOBAL = 0x04
     CONFIGURE_NODE_ID = 0x11
@@ -68,7 +68,7 @@ class LssCommand(enum.IntEnum):
 
 
 class LssIdentity(NamedTuple):
-    """The LSS address: 0x1018:01 to 04."""
+    """LSS address: the identity object 0x1018:01 to 0x1018:04."""
 
     vendor: int
     product: int
@@ -77,21 +77,14 @@ class LssIdentity(NamedTuple):
 
 
 def lss_frame(command: int, value: int = 0, *, tail: bytes = b"", cob_id: int = MASTER_COB_ID) -> CanFrame:
-    """Make a frame of a command, a 32-bit value and up to three more bytes."""
+    """Return the frame of a command, a 32-bit value and up to three more bytes."""
     head = bytes((command,)) + value.to_bytes(4, "little")
     return CanFrame(cob_id, (head + tail).ljust(8, b"\0"))
 
 
 def bit_timing_index(bitrate: int) -> int | None:
-    """Return the index in table 0 of `bitrate` in bit/s, or None."""
+    """Return the index of `bitrate` (bit/s) in bit timing table 0, None if it is not in the table."""
     return next((index for index, known in BIT_TIMINGS.items() if known == bitrate), None)
-
-
-# The LSS master: a queue of services, one at a time on the bus (CiA 305, 3.9).
-#
-# A service is a generator that asks (frames out, then an answer or silence) and returns its result. Silence is an error
-# where one slave must answer, and a result where the question was whether there is one. While scanning every question
-# waits its whole time, because the answers of several slaves are equal and a late one would answer the next question.
 
 
 LssResult: TypeAlias = int | LssIdentity | None
@@ -100,7 +93,12 @@ _REFUSALS = {1: "not supported or out of range", 2: "storing failed"}
 
 
 class _Ask(NamedTuple):
-    """Send `frames`, then wait for the command `answer` (None: for nothing); `scan`: to the end of the scan time."""
+    """One request of a service: send `frames`, then wait for the command `answer` (None: for nothing).
+
+    With `scan` it waits for the whole scan time, because the answers of several slaves are identical and a late one
+    would
+    be taken for the answer to the next request.
+    """
 
     frames: list[CanFrame]
     answer: int | None
@@ -109,7 +107,7 @@ class _Ask(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class LssRequest:
-    """One service: `result` when `done` without `error`; `context` is free for the owner."""
+    """One LSS service call: `result` is valid when `done` without `error`; `context` is free for the owner."""
 
     name: str
     result: LssResult = None
@@ -128,11 +126,13 @@ class _Job:
 
 
 class LssMaster:
-    """Runs LSS services in the order of the calls; each call returns its `LssRequest`, `events` tells finished ones.
+    """Queue of LSS services, of which one at a time uses the bus; each call returns its `LssRequest` (CiA 305).
 
-    `timeout_ns` is what a slave has for an answer, `scan_timeout_ns` what all slaves have for each question of a scan.
-    Questions are asked at the next `tick`. LocalProtocolError for arguments the protocol cannot carry and when
-    `queue_limit` services wait. `stray` counts answers nobody waits for.
+    A service is a generator that yields its requests and returns its result. A missing answer is an error if one slave
+    must answer, and a result if the service asks whether a slave exists. `timeout_ns` is the time for an answer,
+    `scan_timeout_ns` the time that all slaves have for each request of a scan. Requests are sent at the next `tick`;
+    `events` returns finished ones. LocalProtocolError for invalid arguments and if `queue_limit` services wait. `stray`
+    counts answers without a request.
     """
 
     def __init__(
@@ -147,16 +147,16 @@ class LssMaster:
         self._events: Outbox[LssRequest] = Outbox()
 
     def switch_global(self, mode: LssMode) -> LssRequest:
-        """Switch all slaves; unconfirmed."""
+        """Switch all slaves to `mode`; unconfirmed."""
         return self._submit(f"switch all to {mode.name}", _tell(lss_frame(LssCommand.SWITCH_GLOBAL, mode)))
 
     def switch_selective(self, identity: LssIdentity) -> LssRequest:
-        """Switch the slave of this identity to configuration."""
+        """Switch the slave with this identity to configuration."""
         frames = [lss_frame(LssCommand.SWITCH_SELECTIVE + part, value) for part, value in enumerate(identity)]
         return self._submit("switch one slave", _switch_selective("switch one slave", frames))
 
     def configure_node_id(self, node_id: int) -> LssRequest:
-        """Give the slave in configuration a node id, 1 to 127, or 255: none."""
+        """Set the node id of the slave in configuration, 1 to 127, or 255: none."""
         if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
             msg = f"LSS: node id {node_id} is not 1 to {MAX_NODE_ID} or {UNCONFIGURED}"
             raise LocalProtocolError(msg)
@@ -170,18 +170,21 @@ class LssMaster:
         return self._coded(f"configure bit timing {index}", LssCommand.CONFIGURE_BIT_TIMING, table | index << 8)
 
     def activate_bit_timing(self, delay_ms: int) -> LssRequest:
-        """Let all slaves in configuration switch after `delay_ms` and be silent as long again; unconfirmed."""
+        """Switch the bit timing of all slaves in configuration; unconfirmed.
+
+        Each slave waits for `delay_ms`, switches, and stays silent for another `delay_ms`.
+        """
         if not 0 <= delay_ms <= 0xFFFF:
             msg = f"LSS: a delay of {delay_ms} ms is not 0 to 65535"
             raise LocalProtocolError(msg)
         return self._submit("activate bit timing", _tell(lss_frame(LssCommand.ACTIVATE_BIT_TIMING, delay_ms)))
 
     def store(self) -> LssRequest:
-        """Let the slave in configuration keep node id and bit timing."""
+        """Store node id and bit timing in the slave in configuration."""
         return self._coded("store", LssCommand.STORE, 0)
 
     def inquire(self, part: str) -> LssRequest:
-        """Ask the slave in configuration for ``vendor``, ``product``, ``revision``, ``serial`` or ``node_id``."""
+        """Read ``vendor``, ``product``, ``revision``, ``serial`` or ``node_id`` of the slave in configuration."""
         commands = {name: LssCommand.INQUIRE + number for number, name in enumerate(PART_NAMES)}
         command = {**commands, "node_id": int(LssCommand.INQUIRE_NODE_ID)}.get(part)
         if command is None:
@@ -190,13 +193,16 @@ class LssMaster:
         return self._submit(f"inquire {part}", _inquire(f"inquire {part}", command))
 
     def identify(self, low: LssIdentity, high: LssIdentity) -> LssRequest:
-        """Ask whether there are slaves of `low`'s vendor and product, revision and serial number from low to high."""
+        """Check whether slaves exist in a range of identities.
+
+        Vendor and product are those of `low`; revision and serial number lie between those of `low` and `high`.
+        """
         values = (low.vendor, low.product, low.revision, high.revision, low.serial, high.serial)
         frames = [lss_frame(LssCommand.IDENTIFY + step, value) for step, value in enumerate(values)]
         return self._submit("identify", _exists(frames, LssCommand.IDENTIFIED))
 
     def identify_non_configured(self) -> LssRequest:
-        """Ask whether there are slaves without a node id."""
+        """Check whether slaves without a node id exist."""
         frames = [lss_frame(LssCommand.IDENTIFY_NON_CONFIGURED)]
         return self._submit("identify non-configured", _exists(frames, LssCommand.IDENTIFIED_NON_CONFIGURED))
 
@@ -208,14 +214,14 @@ class LssMaster:
         revision: int | None = None,
         serial: int | None = None,
     ) -> LssRequest:
-        """Find one slave without a node id and switch it to configuration; the result is its identity, None: none.
+        """Find one slave without a node id and switch it to configuration; the result is its identity, None if none.
 
-        Parts given are only confirmed, which saves 32 questions each.
+        Given parts are only confirmed, which saves 32 requests each.
         """
         return self._submit("fast scan", _fast_scan((vendor, product, revision, serial)))
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Take an answer; other frames are ignored."""
+        """Receive an answer; ignore other frames."""
         if frame.can_id != SLAVE_COB_ID:
             return
         job = self._jobs[0] if self._jobs else None
@@ -228,7 +234,7 @@ class LssMaster:
             self._advance(job, now)
 
     def tick(self, now: int) -> None:
-        """Ask the next question, or take silence for the answer."""
+        """Send the next request, or finish the current one whose time has elapsed."""
         if not self._jobs:
             return
         job = self._jobs[0]
@@ -236,18 +242,18 @@ class LssMaster:
             self._advance(job, now)
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do; 0 means at once."""
+        """Return the time of the next request or timeout; 0 means at once."""
         if not self._jobs:
             return None
         job = self._jobs[0]
         return 0 if job.ask is None else job.deadline_ns
 
     def frames(self) -> list[CanFrame]:
-        """Drain the questions to send."""
+        """Return and clear the frames to send."""
         return self._frames.drain()
 
     def events(self) -> list[LssRequest]:
-        """Drain the finished requests."""
+        """Return and clear the finished requests."""
         return self._events.drain()
 
     def _coded(self, name: str, command: int, value: int) -> LssRequest:
@@ -336,7 +342,7 @@ def _fast_scan(known: tuple[int | None, ...]) -> _Service:
         number = given or 0
         for bit in range(31, -1, -1) if given is None else ():
             if (yield _question(number, bit, part, part)) is None:
-                number |= 1 << bit  # nobody has a 0 there
+                number |= 1 << bit  # no slave has a 0 at this bit
         if (yield _question(number, 0, part, (part + 1) % 4)) is None:
             name = PART_NAMES[part]
             raise RemoteProtocolError(0, f"LSS fast scan: no slave confirms {name} 0x{number:08X}; scan again")
@@ -344,37 +350,37 @@ def _fast_scan(known: tuple[int | None, ...]) -> _Service:
     return LssIdentity(*found)
 
 
-# The LSS slave: node id and bit timing of one node, set over the bus (CiA 305, 3.9).
-#
-# The law: waiting until the master switches all slaves, or this one by its identity, or this one was found by fast
-# scan; configuring then until switched back. A new node id becomes active when an unconfigured node goes back to
-# waiting, and for any other node at its next reset communication. Frames that are not 8 bytes, or that do not fit the
-# state, are ignored and counted.
-
-
 OK, REFUSED, STORE_FAILED = 0, 1, 2
 
 
 @dataclass(frozen=True, slots=True)
 class LssNodeIdAssigned:
-    """An unconfigured node has its node id: initialise with it and send the boot-up."""
+    """Assignment of a node id to an unconfigured node, which must now initialise with it and send its boot-up."""
 
     node_id: int
 
 
 @dataclass(frozen=True, slots=True)
 class LssActivateBitTiming:
-    """Switch to `bitrate` (bit/s, 0: detect) `delay_ms` from now, and be silent for `delay_ms` after that."""
+    """Activation of a bit timing: the node switches to `bitrate` after `delay_ms`, then is silent for `delay_ms`.
+
+    `bitrate` is in bit/s; 0: automatic detection.
+    """
 
     bitrate: int
     delay_ms: int
 
 
 class LssSlave:
-    """One node's LSS; `node_id` is the active one (255: none), `pending_node_id` the one to come.
+    """LSS of one node; `node_id` is the active one (255: none), `pending_node_id` the one to activate (CiA 305).
 
-    `store` keeps node id and bit rate (None: unchanged) and returns whether that worked; without it storing is
-    refused as not supported. `bit_timings` are the indices of table 0 that the node can do.
+    The slave is in the waiting state until the master switches all slaves, selects this one by its identity, or finds
+    it
+    by fast scan; then it is in the configuration state. An unconfigured node activates a new node id when it returns to
+    waiting, any other node at its next reset communication. Frames that are not 8 bytes long, or that are not valid in
+    the state, are ignored and counted.
+    `store` stores node id and bit rate (None: unchanged) and returns whether it succeeded; without it the store service
+    is refused as not supported. `bit_timings` are the supported indices of table 0.
     """
 
     def __init__(
@@ -394,21 +400,21 @@ class LssSlave:
         self.mode = LssMode.WAITING
         self.malformed = 0
         self.ignored = 0
-        self._selected = 0  # parts of the identity matched by switch selective
-        self._identified = 0  # by identify remote slave
-        self._scanned = 0  # the part that fast scan looks at
+        self._selected = 0  # number of identity parts matched by switch state selective
+        self._identified = 0  # number of parts matched by identify remote slave
+        self._scanned = 0  # part that fast scan compares next
         self.outgoing: Outbox[CanFrame] = Outbox()
         self._events: Outbox[LssNodeIdAssigned | LssActivateBitTiming] = Outbox()
         self._services: dict[int, Callable[[bytes], None]] = self._table()
 
     def reset(self) -> None:
-        """Take the pending node id and wait (reset communication)."""
+        """Activate the pending node id and return to waiting (NMT reset communication)."""
         self.node_id = self.pending_node_id
         self.mode = LssMode.WAITING
         self._selected = self._identified = self._scanned = 0
 
     def receive(self, frame: CanFrame, now: int) -> None:  # noqa: ARG002 - the verb of every core
-        """Serve a frame of the LSS master; other frames are ignored."""
+        """Process a frame of the LSS master; ignore other frames."""
         if frame.can_id != MASTER_COB_ID:
             return
         service = self._services.get(frame.data[0]) if len(frame.data) == 8 else None
@@ -424,11 +430,11 @@ class LssSlave:
         """Return None: this core has no timers."""
 
     def frames(self) -> list[CanFrame]:
-        """Drain the answers to send."""
+        """Return and clear the answers to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[LssNodeIdAssigned | LssActivateBitTiming]:
-        """Drain what happened, in order."""
+        """Return and clear the events, in order."""
         return self._events.drain()
 
     def _table(self) -> dict[int, Callable[[bytes], None]]:

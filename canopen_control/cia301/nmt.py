@@ -1,12 +1,11 @@
-"""Network management, both sides (CiA 301, 7.2.8.2 and 7.3.2).
+"""Network management, master and slave (CiA 301, 7.2.8.2 and 7.3.2).
 
-The law of the slave is `TRANSITIONS`: state and command give the next state, a missing pair is ignored. A node that
-initialises hears nothing; it leaves that state only by `NmtSlave.boot`, whose boot-up frame is the last act of its
-initialisation. `SERVICES_BY_STATE` says which services exist in which state (table 38).
+`TRANSITIONS` is the slave's state machine: state and command give the next state, and a missing pair is ignored. A
+slave ignores all commands while INITIALISING and leaves this state only through `NmtSlave.boot`, which sends the
+boot-up frame. `SERVICES_BY_STATE` lists the services of each state (table 38).
 
-NMT commands are unconfirmed on the wire. The master's side takes the next heartbeat that shows the wanted state as
-the confirmation and repeats a command that got none; a reset is never repeated, because the repetition would reset a
-node that is still booting.
+NMT commands are unconfirmed. `NmtMaster` takes the next heartbeat with the requested state as confirmation and
+repeats an unconfirmed command. A reset is never repeated, because that would reset a node that is still booting.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ ERROR_CONTROL_COB_ID: Final = cob_id(Service.HEARTBEAT)  # plus node id
 
 
 class NmtState(enum.IntEnum):
-    """The states as boot-up, heartbeat and guarding show them."""
+    """NMT states as transmitted in boot-up, heartbeat and guarding frames."""
 
     INITIALISING = 0
     STOPPED = 4
@@ -38,12 +37,12 @@ class NmtState(enum.IntEnum):
 
     @property
     def text(self) -> str:
-        """The name as the standard writes it, PRE-OPERATIONAL."""
+        """Name as CiA 301 writes it, such as PRE-OPERATIONAL."""
         return self.name.replace("_", "-")
 
 
 class NmtCommand(enum.IntEnum):
-    """The command specifiers."""
+    """NMT command specifiers (CiA 301, 7.2.8)."""
 
     START = 1
     STOP = 2
@@ -63,7 +62,7 @@ COMMAND_NAMES: Final[Mapping[str, NmtCommand]] = {
 
 
 class CommunicationService(enum.Enum):
-    """What `SERVICES_BY_STATE` allows."""
+    """Communication services that `SERVICES_BY_STATE` permits."""
 
     BOOT_UP = "boot-up"
     NMT = "NMT"
@@ -85,7 +84,7 @@ _CONFIGURABLE = _ALWAYS | {
 }
 
 SERVICES_BY_STATE: dict[NmtState, frozenset[CommunicationService]] = {
-    # A node without a node id waits here for LSS (CiA 305).
+    # A node without a node id stays here until LSS assigns one (CiA 305).
     NmtState.INITIALISING: frozenset({CommunicationService.BOOT_UP, CommunicationService.LSS}),
     NmtState.PRE_OPERATIONAL: frozenset(_CONFIGURABLE),
     NmtState.OPERATIONAL: frozenset(_CONFIGURABLE | {CommunicationService.PDO}),
@@ -101,7 +100,7 @@ EXPECTED_STATE: dict[NmtCommand, NmtState] = {
 }
 RESETS = frozenset({NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION})
 
-# Figure 49: the three communicating states have the same five ways out.
+# CiA 301, figure 49: the three communicating states have the same five exits.
 TRANSITIONS: dict[tuple[NmtState, NmtCommand], NmtState] = {
     (state, command): target
     for state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL, NmtState.STOPPED)
@@ -113,12 +112,12 @@ _COMMANDS = {int(command): command for command in NmtCommand}
 
 
 def state_of_byte(value: int) -> NmtState | None:
-    """Return the state that the low seven bits of an error control byte show, or None."""
+    """Return the state in the low seven bits of an error control byte, None if they are not a state."""
     return _STATES.get(value & 0x7F)
 
 
 def nmt_frame(command: NmtCommand, node_id: int = BROADCAST) -> CanFrame:
-    """Make the command frame for one node, or for all with node id 0; LocalProtocolError on a node id above 127."""
+    """Return the command frame for `node_id`, 0: all nodes; LocalProtocolError for a node id above 127."""
     if not 0 <= node_id <= MAX_NODE_ID:
         msg = f"NMT {command.name}: node id {node_id} is not 0 to {MAX_NODE_ID}"
         raise LocalProtocolError(msg)
@@ -126,7 +125,7 @@ def nmt_frame(command: NmtCommand, node_id: int = BROADCAST) -> CanFrame:
 
 
 def parse_nmt(frame: CanFrame) -> tuple[NmtCommand, int] | None:
-    """Return command and node id (0: all), or None when `frame` is no NMT command of the standard."""
+    """Return command and node id (0: all nodes), or None if `frame` is not an NMT command of CiA 301."""
     if frame.can_id != NMT_COB_ID or len(frame.data) != 2 or frame.data[1] > MAX_NODE_ID:
         return None
     command = _COMMANDS.get(frame.data[0])
@@ -134,13 +133,13 @@ def parse_nmt(frame: CanFrame) -> tuple[NmtCommand, int] | None:
 
 
 def boot_up_frame(node_id: int) -> CanFrame:
-    """Make the boot-up frame of `node_id`."""
+    """Return the boot-up frame of `node_id`."""
     return CanFrame(ERROR_CONTROL_COB_ID + node_id, b"\0")
 
 
 @dataclass(frozen=True, slots=True)
 class NmtStateChanged:
-    """The slave moved from `previous` to `state`."""
+    """Change of the slave's state from `previous` to `state`."""
 
     previous: NmtState
     state: NmtState
@@ -148,20 +147,20 @@ class NmtStateChanged:
 
 @dataclass(frozen=True, slots=True)
 class NmtResetRequested:
-    """The slave must restore its power-on values, all or 0x1000 to 0x1FFF, and then call `NmtSlave.boot`."""
+    """Request to restore the power-on values of all objects or of 0x1000 to 0x1FFF, then to call `NmtSlave.boot`."""
 
     command: NmtCommand
 
 
 class NmtSlave:
-    """One node's NMT state machine; `node_id` may change while it initialises (LSS).
+    """NMT state machine of one node; `node_id` may change while it is INITIALISING (LSS).
 
-    `malformed` counts frames on COB-ID 0 that are no command, `ignored` commands the table does not know.
+    `malformed` counts frames with COB-ID 0 that are not commands, `ignored` commands without a transition.
     """
 
     def __init__(self, node_id: int, *, self_starting: bool = False) -> None:
         self.node_id = node_id
-        self.self_starting = self_starting  # 0x1F80 bit 2 = 0: goes OPERATIONAL without a command
+        self.self_starting = self_starting  # 0x1F80 bit 2 = 0: enters OPERATIONAL without a command (CiA 302-2)
         self.state = NmtState.INITIALISING
         self.malformed = 0
         self.ignored = 0
@@ -169,7 +168,10 @@ class NmtSlave:
         self.happened: Outbox[NmtStateChanged | NmtResetRequested] = Outbox()
 
     def boot(self) -> None:
-        """End the initialisation: boot-up frame, PRE_OPERATIONAL, and on when self-starting. No-op elsewhere."""
+        """Leave INITIALISING: send the boot-up frame and enter PRE_OPERATIONAL, or OPERATIONAL if self-starting.
+
+        No-op in other states.
+        """
         if self.state is not NmtState.INITIALISING:
             return
         self.outgoing.put(boot_up_frame(self.node_id))
@@ -178,7 +180,7 @@ class NmtSlave:
             self._enter(NmtState.OPERATIONAL)
 
     def command(self, command: NmtCommand) -> bool:
-        """Obey a command, from the wire or the node's own; return whether the table knows it here."""
+        """Execute a command from the bus or from the node itself; return whether a transition exists."""
         target = TRANSITIONS.get((self.state, command))
         if target is None:
             self.ignored += 1
@@ -189,11 +191,11 @@ class NmtSlave:
         return True
 
     def allows(self, service: CommunicationService) -> bool:
-        """Whether `service` exists in the present state."""
+        """Whether the current state permits `service`."""
         return service in SERVICES_BY_STATE[self.state]
 
     def receive(self, frame: CanFrame, now: int) -> None:  # noqa: ARG002 - the verb of every core
-        """Obey a command frame to this node or to all."""
+        """Receive a command frame for this node or for all nodes."""
         if frame.can_id != NMT_COB_ID:
             return
         parsed = parse_nmt(frame)
@@ -209,11 +211,11 @@ class NmtSlave:
         """Return None: this core has no timers."""
 
     def frames(self) -> list[CanFrame]:
-        """Drain the frames to send: the boot-up."""
+        """Return and clear the frames to send: the boot-up."""
         return self.outgoing.drain()
 
     def events(self) -> list[NmtStateChanged | NmtResetRequested]:
-        """Drain what happened, in order."""
+        """Return and clear the events, in order."""
         return self.happened.drain()
 
     def _enter(self, state: NmtState) -> None:
@@ -224,7 +226,7 @@ class NmtSlave:
 
 @dataclass(frozen=True, slots=True)
 class NmtConfirmed:
-    """`node_id` shows the state that `command` asked for, `tries` commands and `elapsed_ns` later."""
+    """Confirmation of `command`: `node_id` entered the requested state after `tries` commands and `elapsed_ns`."""
 
     node_id: int
     command: NmtCommand
@@ -234,7 +236,7 @@ class NmtConfirmed:
 
 @dataclass(frozen=True, slots=True)
 class NmtUnconfirmed:
-    """`node_id` did not show the wanted state after `tries` commands; `state` is what it showed last."""
+    """Missing confirmation: `node_id` did not enter the requested state after `tries` commands; it is in `state`."""
 
     node_id: int
     command: NmtCommand
@@ -252,9 +254,9 @@ class _Pending:
 
 
 class NmtMaster:
-    """Sends commands and watches heartbeats for their confirmation; at most one command pends per node.
+    """NMT commands and their confirmation by heartbeats; at most one command per node is pending.
 
-    `retry_ns` should be 1.5 heartbeat periods or more, `reset_timeout_ns` what a node may need to boot.
+    `retry_ns` should be at least 1.5 heartbeat periods; `reset_timeout_ns` is the time allowed for a node to boot.
     """
 
     def __init__(self, *, retry_ns: int = 1_500_000_000, tries: int = 3, reset_timeout_ns: int = 5_000_000_000) -> None:
@@ -266,7 +268,7 @@ class NmtMaster:
         self._events: Outbox[NmtConfirmed | NmtUnconfirmed] = Outbox()
 
     def command(self, command: NmtCommand, node_id: int, now: int, *, confirm_by: Iterable[int] | None = None) -> None:
-        """Send `command`; wait for the confirmation of `confirm_by` (default: the node; with 0, nobody)."""
+        """Send `command` and wait for confirmation by node `confirm_by` (default: `node_id`; none if that is 0)."""
         nodes = (node_id,) if confirm_by is None else confirm_by
         self._frames.put(nmt_frame(command, node_id))
         for node in nodes:
@@ -274,16 +276,16 @@ class NmtMaster:
                 self._pending[node] = _Pending(command, now, now + self._timeout(command))
 
     def pending(self, node_id: int) -> NmtCommand | None:
-        """Return the command of `node_id` that awaits its confirmation."""
+        """Return the command of `node_id` that awaits confirmation."""
         entry = self._pending.get(node_id)
         return None if entry is None else entry.command
 
     def cancel(self, node_id: int) -> None:
-        """Stop waiting for `node_id`."""
+        """Stop waiting for the confirmation of `node_id`."""
         self._pending.pop(node_id, None)
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Take a boot-up, heartbeat or guarding answer as confirmation."""
+        """Receive a boot-up, heartbeat or guarding answer as confirmation."""
         node_id = frame.can_id - ERROR_CONTROL_COB_ID
         entry = self._pending.get(node_id)
         if entry is None or len(frame.data) != 1:
@@ -294,7 +296,7 @@ class NmtMaster:
             self._events.put(NmtConfirmed(node_id, entry.command, entry.tries, now - entry.since_ns))
 
     def tick(self, now: int) -> None:
-        """Repeat or give up what is due."""
+        """Repeat commands that are due; report those without confirmation after the last try."""
         for node_id, entry in list(self._pending.items()):
             if now < entry.deadline_ns:
                 continue
@@ -307,35 +309,34 @@ class NmtMaster:
                 self._frames.put(nmt_frame(entry.command, node_id))
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
+        """Return the time of the next repetition or timeout."""
         return min((entry.deadline_ns for entry in self._pending.values()), default=None)
 
     def frames(self) -> list[CanFrame]:
-        """Drain the commands to send."""
+        """Return and clear the commands to send."""
         return self._frames.drain()
 
     def events(self) -> list[NmtConfirmed | NmtUnconfirmed]:
-        """Drain what happened."""
+        """Return and clear the confirmations and timeouts."""
         return self._events.drain()
 
     def _timeout(self, command: NmtCommand) -> int:
         return self.reset_timeout_ns if command in RESETS else self.retry_ns
 
 
-# What a device does to its NMT state after an error: object 0x1029 as a table (CiA 301, 7.5.2.29).
-#
-# Subindex 1 is for communication errors: bus-off, life guard, heartbeat, RPDO timeout. Later ones are the profile's.
+# Error behaviour object 0x1029 (CiA 301, 7.5.2.29). Subindex 1 is for communication errors: bus-off, life guarding,
+# heartbeat, RPDO timeout. The device profile defines the others.
 
 
 class ErrorReaction(enum.IntEnum):
-    """The values of 0x1029."""
+    """Values of 0x1029."""
 
-    PRE_OPERATIONAL = 0  # only from OPERATIONAL
+    PRE_OPERATIONAL = 0  # only if the node is OPERATIONAL
     NO_CHANGE = 1
     STOPPED = 2
 
 
-# What the node does to itself; a missing pair is: nothing.
+# Command that the node executes itself; none for a missing pair.
 REACTIONS: dict[tuple[ErrorReaction, NmtState], NmtCommand] = {
     (ErrorReaction.PRE_OPERATIONAL, NmtState.OPERATIONAL): NmtCommand.ENTER_PRE_OPERATIONAL,
     (ErrorReaction.STOPPED, NmtState.PRE_OPERATIONAL): NmtCommand.STOP,
@@ -346,11 +347,11 @@ _REACTIONS = {int(value): value for value in ErrorReaction}
 
 
 def reaction(value: int, state: NmtState) -> NmtCommand | None:
-    """Return the command a node gives itself, None: nothing; a manufacturer's value means nothing here."""
+    """Return the command that a node gives itself after an error, None for none or a manufacturer-specific value."""
     known = _REACTIONS.get(value)
     return None if known is None else REACTIONS.get((known, state))
 
 
 def check_reaction(value: int) -> AbortCode | None:
-    """Return the abort code of a write to 0x1029, or None: accepted."""
+    """Return the abort code of a write to 0x1029, None if accepted."""
     return None if value in _REACTIONS else AbortCode.INVALID_VALUE

@@ -1,6 +1,6 @@
-"""A bounded queue for what a core wants sent or told until its owner takes it.
+"""Bounded queue of frames or events until the owner of a core fetches them.
 
-A core must not grow when a bus floods it or its owner forgets it. The oldest item gives way and is counted.
+A core must not grow when the bus is flooded or its owner stops fetching: the oldest item is dropped and counted.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ T = TypeVar("T")
 
 
 class Outbox(Generic[T]):
-    """At most `limit` items, oldest first; `lost` counts those that had to give way.
+    """Queue of at most `limit` items, oldest first; `lost` counts dropped items.
 
-    `waiting` is for whoever only asks whether there are any, which in most cycles there are not.
+    `waiting` tells without a call whether there are any, which in most cycles there are not.
     """
 
     __slots__ = ("lost", "waiting")
@@ -28,14 +28,14 @@ class Outbox(Generic[T]):
         self.lost = 0
 
     def put(self, item: T) -> None:
-        """Append `item`; when full the oldest is lost."""
+        """Append `item`; drop the oldest one if the queue is full."""
         waiting = self.waiting
         if len(waiting) == waiting.maxlen:
             self.lost += 1
         waiting.append(item)
 
     def drain(self) -> list[T]:
-        """Return all items, oldest first, and forget them."""
+        """Return and clear all items, oldest first."""
         waiting = self.waiting
         if not waiting:
             return []
@@ -44,7 +44,7 @@ class Outbox(Generic[T]):
         return items
 
     def clear(self) -> None:
-        """Forget all items without counting them."""
+        """Clear all items without counting them."""
         self.waiting.clear()
 
     def __len__(self) -> int:
@@ -52,7 +52,7 @@ class Outbox(Generic[T]):
 
 
 def drain_all(queues: Iterable[deque[T]]) -> list[T]:
-    """Return the items of what waits in several outboxes, those of the first one first, and forget them."""
+    """Return and clear the items of several queues, those of the first queue first."""
     items: list[T] = []
     for waiting in queues:
         if waiting:

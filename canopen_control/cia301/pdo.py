@@ -1,10 +1,10 @@
-"""Process data: mapped objects, their codec, and the communication parameters (CiA 301, 7.2.2 and 7.5.2.35 to 38).
+"""Process data objects: mapping, codec and transmission (CiA 301, 7.2.2 and 7.5.2.35 to 7.5.2.38).
 
-A mapping is a row of objects, packed without gaps from bit 0 of byte 0, little-endian. Byte-aligned integers of 8,
-16, 32 or 64 bits and reals become one compiled `struct.Struct`, made once, so that the cycle does no work per object;
-any other mapping goes through one big integer. Both refuse a value that its width cannot hold. Signedness is the data
-type's, the width is the mapping's: an INTEGER8 mapped with 4 bits holds -8 to 7. BOOLEAN and the two times are
-numbers, strings and domains are bytes of the mapped length.
+A mapping is a sequence of objects, packed without gaps from bit 0 of byte 0, little-endian. Byte-aligned integers of 8,
+16, 32 or 64 bits and reals are compiled into one `struct.Struct`, so that the cycle does no work per object; any other
+mapping is packed through one large integer. Both refuse a value that does not fit. The data type gives the sign, the
+mapping gives the width: an INTEGER8 mapped with 4 bits holds -8 to 7. BOOLEAN and the two time types are numbers;
+strings and domains are bytes of the mapped length.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Value
 
 
-MAX_BITS = 64  # a classic CAN frame
-INVALID_BIT = 1 << 31  # of a COB-ID entry
+MAX_BITS = 64  # length of a classic CAN frame
+INVALID_BIT = 1 << 31  # in a COB-ID entry
 NO_RTR_BIT = 1 << 30
 
-# Transmission types (table 69); 1 to 240 are cyclic synchronous, 241 to 251 reserved.
+# Transmission types (CiA 301, table 69); 1 to 240 are cyclic synchronous, 241 to 251 reserved.
 ACYCLIC_SYNCHRONOUS = 0
 LAST_CYCLIC = 240
 RTR_SYNCHRONOUS = 252
@@ -37,7 +37,7 @@ RTR_EVENT = 253
 EVENT_MANUFACTURER = 254
 EVENT_PROFILE = 255
 
-# Dummy entries fill gaps in an RPDO: the index is that of the type (7.4.1.2).
+# Dummy entries fill gaps in an RPDO: the index is the number of the data type (CiA 301, 7.4.1.2).
 DUMMY_TYPES: dict[int, DataType] = {
     int(data_type): data_type
     for data_type in (
@@ -53,7 +53,7 @@ DUMMY_TYPES: dict[int, DataType] = {
 
 
 class MappedObject(NamedTuple):
-    """One object of a mapping: `bits` is its width in the PDO, `data_type` how the bits are read."""
+    """Mapped object: `bits` is its width in the PDO, `data_type` the interpretation of the bits."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index, which means nothing here
     subindex: int
@@ -62,17 +62,17 @@ class MappedObject(NamedTuple):
 
 
 def mapping_entry(mapped: MappedObject) -> int:
-    """Return the mapping parameter of `mapped`: index, subindex, bits."""
+    """Return the mapping entry of `mapped`: index in bits 16-31, subindex in bits 8-15, width in bits 0-7."""
     return mapped.index << 16 | mapped.subindex << 8 | mapped.bits
 
 
 def parse_mapping_entry(value: int) -> tuple[int, int, int]:
-    """Return index, subindex and bits of a mapping parameter."""
+    """Return index, subindex and width in bits of a mapping entry."""
     return value >> 16 & 0xFFFF, value >> 8 & 0xFF, value & 0xFF
 
 
 def dummy(data_type: DataType) -> MappedObject:
-    """Make the entry that skips a value of `data_type`; LocalProtocolError unless it is one of `DUMMY_TYPES`."""
+    """Return the entry that skips a value of `data_type`; LocalProtocolError if the type is not in `DUMMY_TYPES`."""
     if data_type not in DUMMY_TYPES:
         msg = f"{data_type.name} cannot fill a gap in a PDO; take one of the types 1 to 7"
         raise LocalProtocolError(msg)
@@ -80,26 +80,26 @@ def dummy(data_type: DataType) -> MappedObject:
 
 
 def is_cyclic(transmission_type: int) -> bool:
-    """Whether the PDO is sent every nth SYNC: 1 to 240."""
+    """Whether the PDO is sent at every nth SYNC: types 1 to 240."""
     return ACYCLIC_SYNCHRONOUS < transmission_type <= LAST_CYCLIC
 
 
 def is_event_driven(transmission_type: int) -> bool:
-    """Whether the PDO is sent on events: 254 and 255."""
+    """Whether the PDO is sent on events: types 254 and 255."""
     return transmission_type in (EVENT_MANUFACTURER, EVENT_PROFILE)
 
 
 def is_reserved(transmission_type: int) -> bool:
-    """Whether the standard gives the value no meaning: 241 to 251, and what no UNSIGNED8 holds."""
+    """Whether the type is reserved: 241 to 251, and values outside UNSIGNED8."""
     return not (0 <= transmission_type <= LAST_CYCLIC or RTR_SYNCHRONOUS <= transmission_type <= EVENT_PROFILE)
 
 
 @dataclass(frozen=True, slots=True)
 class PdoParameters:
-    """The communication record, 0x1400 or 0x1800 and following, of one PDO.
+    """Communication parameter of one PDO, 0x1400 or 0x1800 and above.
 
     `cob_id` is the CAN identifier alone; `enabled` and `rtr_allowed` are the inverse of bits 31 and 30 of the entry. A
-    PDO whose identifier is 0, or another one that the standard keeps for itself, is not enabled.
+    PDO whose identifier is 0 or restricted (CiA 301, table 40) is not enabled.
     """
 
     cob_id: int
@@ -113,12 +113,12 @@ class PdoParameters:
 
     @property
     def inhibit_ns(self) -> int:
-        """The least time between two transmissions."""
+        """Inhibit time in ns: minimum time between two transmissions."""
         return self.inhibit_time_100us * 100_000
 
     @property
     def event_ns(self) -> int:
-        """The event timer of a TPDO, the deadline of an RPDO; 0: none."""
+        """Event timer of a TPDO or timeout of an RPDO in ns; 0: none."""
         return self.event_timer_ms * 1_000_000
 
     @classmethod
@@ -131,7 +131,7 @@ class PdoParameters:
         event_timer_ms: int = 0,
         sync_start: int = 0,
     ) -> PdoParameters:
-        """Make the parameters of an entry of subindex 1, and of the values of the other subindices."""
+        """Return the parameters from the COB-ID entry (subindex 1) and the values of the other subindices."""
         extended = bool(value & EXTENDED_BIT)
         identifier = value & (0x1FFFFFFF if extended else 0x7FF)
         return cls(
@@ -146,19 +146,19 @@ class PdoParameters:
         )
 
 
-# struct's letters by width: unsigned, signed
+# struct format characters by width: unsigned, signed
 _INTEGERS = {8: "Bb", 16: "Hh", 32: "Ii", 64: "Qq"}
 _REALS = {(DataType.REAL32, 32): "f", (DataType.REAL64, 64): "d"}
 
 
 class _Field(NamedTuple):
-    """Where an object lies in the big integer of a PDO."""
+    """Position of an object in the integer of a PDO."""
 
     name: str
     shift: int
     bits: int
     mask: int
-    sign: int  # the value of the sign bit; 0: unsigned
+    sign: int  # value of the sign bit; 0: unsigned
     real: struct.Struct | None
     is_bytes: bool
 
@@ -173,7 +173,7 @@ def _letter(mapped: MappedObject) -> str | None:
 
 def _compile(objects: Sequence[MappedObject]) -> struct.Struct | None:
     letters: list[str] = []
-    for mapped in objects:  # a width that struct knows keeps the next object on a byte
+    for mapped in objects:  # with these widths every object starts at a byte boundary
         letter = _letter(mapped)
         if letter is None:
             return None
@@ -217,10 +217,11 @@ def _value_of(field: _Field, raw: int) -> Value:
 
 
 class PdoCodec:
-    """Packs and unpacks the values of a mapping; `length` is its data in bytes, the last one perhaps in part.
+    """Packing and unpacking of the values of a mapping; `length` is the number of bytes, the last one possibly partial.
 
-    `struct` is the compiled form, None where the mapping needs the bit path. LocalProtocolError for a mapping of more
-    than 64 bits or of an impossible width.
+    `struct` is the compiled form, None if the mapping needs the slower bit form. LocalProtocolError for a mapping of
+    more
+    than 64 bits or of an invalid width.
     """
 
     __slots__ = ("_fields", "bits", "length", "objects", "struct")
@@ -240,7 +241,7 @@ class PdoCodec:
         self.struct = _compile(self.objects)
 
     def pack(self, values: Sequence[Value]) -> bytes:
-        """Return the `length` bytes of one value per object; LocalProtocolError for a value that does not fit."""
+        """Return the packed bytes of one value per object; LocalProtocolError for a value that does not fit."""
         if self.struct is None:
             return self._image(values).to_bytes(self.length, "little")
         try:
@@ -249,7 +250,7 @@ class PdoCodec:
             raise self._misfit(values, error) from None
 
     def unpack(self, data: bytes | bytearray | memoryview) -> tuple[Value, ...]:
-        """Return one value per object from the first `length` bytes; LocalProtocolError when there are fewer."""
+        """Return one value per object from the first `length` bytes; LocalProtocolError if there are fewer."""
         if len(data) < self.length:
             msg = f"{len(data)} bytes are too few for a mapping of {self.length}; check the length first"
             raise LocalProtocolError(msg)
@@ -276,21 +277,14 @@ class PdoCodec:
         return LocalProtocolError(f"{list(values)!r} cannot be packed as {names}: {error}")
 
 
-# An RPDO on the device's side: when its data count (CiA 301, 7.2.2.2 and 7.5.2.35).
-#
-# Types 0 to 240 hold the newest data until the next SYNC; 254 and 255 apply it at once. Other types are no RPDO's.
-# Data shorter than the mapping are dropped and told (EMCY 0x8210); of longer data the mapped part counts and the rest
-# is told (0x8220). The event timer, where set, is a deadline: it starts with the first reception (0x8250).
-
-
 class RpdoEventKind(enum.Enum):
-    """What an RPDO tells."""
+    """Kind of an RPDO event."""
 
-    APPLY = "apply"  # write `data` to the mapped objects now
+    APPLY = "apply"  # write `data` to the mapped objects
     TOO_SHORT = "too short"
     TOO_LONG = "too long"
     TIMEOUT = "timeout"
-    RESOLVED = "resolved"  # the first data after a timeout
+    RESOLVED = "resolved"  # first data after a timeout
 
 
 EMCY_OF: dict[RpdoEventKind, int] = {
@@ -301,7 +295,7 @@ EMCY_OF: dict[RpdoEventKind, int] = {
 
 
 class RpdoEvent(NamedTuple):
-    """`kind`; `data` are exactly the mapped bytes for APPLY, empty otherwise; `length` is the frame's."""
+    """RPDO event `kind`; `data` are the mapped bytes for APPLY, else empty; `length` is the length of the frame."""
 
     kind: RpdoEventKind
     data: bytes = b""
@@ -309,11 +303,15 @@ class RpdoEvent(NamedTuple):
 
 
 class RpdoConsumer:
-    """One RPDO whose mapping has `length` bytes.
+    """Reception of one RPDO whose mapping has `length` bytes (CiA 301, 7.2.2.2 and 7.5.2.35).
 
-    Deaf before `start` (OPERATIONAL) and after `stop`. `received` counts accepted frames, `short` and `long` length
-    errors, `late` synchronous data that came outside the window `window_ns` after the SYNC (0x1007; 0: no window).
-    `length_error` is what was wrong with the length of the last frame, None for nothing.
+    With transmission types 0 to 240 the newest data are applied at the next SYNC, with 254 and 255 at once. Data
+    shorter
+    than the mapping are dropped and reported (EMCY 0x8210); of longer data the mapped part is applied and the excess
+    reported (0x8220). The event timer, if set, is a timeout that starts with the first reception (0x8250).
+    The RPDO is received only between `start` (OPERATIONAL) and `stop`. `received` counts accepted frames, `short` and
+    `long` length errors, `late` synchronous data outside the window `window_ns` after SYNC (0x1007; 0: no window).
+    `length_error` is the length error of the last frame, None if its length was right.
     """
 
     def __init__(self, parameters: PdoParameters, length: int, *, window_ns: int = 0) -> None:
@@ -336,31 +334,31 @@ class RpdoConsumer:
 
     @property
     def parameters(self) -> PdoParameters:
-        """The communication record."""
+        """Communication parameter of the PDO."""
         return self._parameters
 
     def configure(self, parameters: PdoParameters, length: int) -> None:
-        """Take a new communication record and mapping length; held data are forgotten."""
+        """Set the communication parameter and mapping length; waiting data are discarded."""
         self.length = length
         self._clear()
         self._adopt(parameters)
 
     def start(self) -> None:
-        """Begin: the node became OPERATIONAL."""
+        """Start reception when the node enters OPERATIONAL."""
         self._clear()
         self.running = True
 
     def stop(self) -> None:
-        """End: the node left OPERATIONAL; held data are forgotten. No-op when stopped."""
+        """Stop reception when the node leaves OPERATIONAL; waiting data are discarded. No-op if stopped."""
         self._clear()
         self.running = False
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Take the PDO; other frames are ignored."""
+        """Receive the PDO; ignore other frames."""
         if frame.can_id != self._can_id or not self.running:
             return
         if self._deadline_ns is not None:
-            self.tick(now)  # data behind the deadline resolve a timeout, they do not hide it
+            self.tick(now)  # data after the deadline resolve a timeout instead of hiding it
         data = self._checked(frame.data)
         if data is None:
             return
@@ -376,7 +374,7 @@ class RpdoConsumer:
             self._held = data
 
     def hold(self, data: bytes) -> bool:
-        """Take data that do nothing but wait for the next SYNC; False: `receive` has to look at them."""
+        """Store data that only wait for the next SYNC; False if `receive` must process them."""
         usual = self._waits and self.running and len(data) == self.length
         if not usual or self.window_ns or self._timed_out or self.length_error is not None:
             return False
@@ -385,28 +383,28 @@ class RpdoConsumer:
         return True
 
     def sync(self, now: int) -> None:
-        """Take a SYNC: held data count now."""
+        """Process a SYNC: apply the waiting data."""
         self._sync_ns = now
         if self._held is not None:
             self.happened.put(RpdoEvent(RpdoEventKind.APPLY, self._held, len(self._held)))
             self._held = None
 
     def tick(self, now: int) -> None:
-        """Tell that the deadline passed, once."""
+        """Report an RPDO timeout, once."""
         if self._deadline_ns is not None and now >= self._deadline_ns:
             self._deadline_ns, self._timed_out = None, True
             self.happened.put(RpdoEvent(RpdoEventKind.TIMEOUT))
 
     def next_deadline(self) -> int | None:
-        """Return when the data are too old."""
+        """Return the time of the RPDO timeout."""
         return self._deadline_ns
 
     def frames(self) -> list[CanFrame]:
-        """Return nothing: a consumer does not send."""
+        """Return an empty list: an RPDO does not send."""
         return []
 
     def events(self) -> list[RpdoEvent]:
-        """Drain what happened, in order."""
+        """Return and clear the events, in order."""
         return self.happened.drain()
 
     def _adopt(self, parameters: PdoParameters) -> None:
@@ -445,24 +443,20 @@ class RpdoConsumer:
             self._deadline_ns = now + self._event_ns
 
 
-# A TPDO on the device's side: when it is sent (CiA 301, 7.2.2.1 to 4 and 7.5.2.37).
-#
-# The law, by transmission type:
-#   0         at the next SYNC after `changed`
-#   1 to 240  at every nth SYNC; with a start value the SYNC whose counter equals it is number 1
-#   252       sampled at SYNC, sent on a remote frame
-#   253       sampled and sent on a remote frame
-#   254, 255  on `changed`, on the event timer, and once when process data starts; never closer than the inhibit time
-# The event timer runs from one transmission to the next. What changes within the inhibit time is sent once, with the
-# newest values, when it is over. The phase of types 1 to 240 is not portable: without a start value the nth SYNC is
-# the first one that sends here, others send at half of it.
-
-
 class TpdoProducer:
-    """One TPDO; `sample` returns the packed present values of its objects whenever it is asked.
+    """Transmission of one TPDO (CiA 301, 7.2.2 and 7.5.2.37).
 
-    Nothing is sent before `start` (the node became OPERATIONAL) and after `stop`. `sent` counts transmissions,
-    `unanswered` remote frames that found no sample or a type that does not answer.
+    `sample` returns the packed current values of its objects. It is sent, by transmission type:
+    - 0: at the next SYNC after `changed`;
+    - 1 to 240: at every nth SYNC; with a SYNC start value, counting begins at the SYNC with this counter;
+    - 252: on a remote frame, with the values sampled at the last SYNC;
+    - 253: on a remote frame;
+    - 254, 255: after `changed`, on the event timer, and once at `start`; never within the inhibit time.
+
+    The event timer restarts at each transmission. Changes within the inhibit time are sent once, with the newest
+    values, when it has elapsed. The phase of types 1 to 240 is not portable: without a start value this producer first
+    sends at the nth SYNC, others send earlier. Nothing is sent before `start` (OPERATIONAL) and after `stop`. `sent`
+    counts transmissions, `unanswered` remote frames without a sample or for a type that does not answer.
     """
 
     def __init__(self, parameters: PdoParameters, sample: Callable[[], bytes]) -> None:
@@ -474,18 +468,18 @@ class TpdoProducer:
         self._pending = False
         self._sampled: bytes | None = None
         self._count = 0
-        self._started = False  # whether the SYNC of the start value was seen
+        self._started = False  # whether the SYNC with the start value was received
         self._inhibited_until: int | None = None
         self._event_at: int | None = None
         self._adopt(parameters)
 
     @property
     def parameters(self) -> PdoParameters:
-        """The communication record."""
+        """Communication parameter of the PDO."""
         return self._parameters
 
     def configure(self, parameters: PdoParameters, now: int) -> None:
-        """Take a new communication record; a running PDO starts anew with it."""
+        """Set the communication parameter; a running PDO restarts with it."""
         self._adopt(parameters)
         if not self._valid:
             self.outgoing.clear()
@@ -493,9 +487,9 @@ class TpdoProducer:
             self.start(now)
 
     def start(self, now: int, *, shows: bool = True) -> None:
-        """Begin: the node became OPERATIONAL, or the PDO valid. Event-driven ones show their first values.
+        """Start transmission when the node enters OPERATIONAL or the PDO becomes valid.
 
-        With `shows` False they do not, as those of a profile that is to be asked for events first.
+        Event-driven PDOs send their first values, unless `shows` is False: some profiles send only after a request.
         """
         self._clear()
         self.running = True
@@ -507,13 +501,13 @@ class TpdoProducer:
             self._event_at = now + self._event_ns
 
     def stop(self) -> None:
-        """End: the node left OPERATIONAL. No-op when stopped."""
+        """Stop transmission when the node leaves OPERATIONAL. No-op if stopped."""
         self._clear()
         self.running = False
         self.outgoing.clear()
 
     def changed(self, now: int) -> None:
-        """Note that a mapped value changed (or a profile event happened); types that do not care ignore it."""
+        """Record a changed value or profile event; types that are not triggered by changes ignore it."""
         if not self._active:
             return
         transmission_type = self._type
@@ -524,7 +518,7 @@ class TpdoProducer:
             self.tick(now)
 
     def sync(self, now: int, counter: int | None = None) -> None:
-        """Take a SYNC, with its counter if it has one."""
+        """Process a SYNC, with its counter if it has one."""
         if not (self.running and self._valid):
             return
         if self._cyclic:
@@ -537,7 +531,7 @@ class TpdoProducer:
             self._sampled = self.sample()
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Answer a remote frame on the own COB-ID; other frames are ignored."""
+        """Answer a remote frame with the PDO's COB-ID; ignore other frames."""
         if frame.can_id != self._can_id | REMOTE_FLAG or not self._active:
             return
         transmission_type = self._type
@@ -549,13 +543,13 @@ class TpdoProducer:
             self.unanswered += 1
 
     def tick(self, now: int) -> None:
-        """Send what the event timer or the end of the inhibit time makes due."""
+        """Send the PDO if the event timer or the inhibit time has elapsed."""
         deadline = self.next_deadline()
         if deadline is not None and now >= deadline:
             self._send(now)
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
+        """Return the time of the next transmission that a timer triggers."""
         if not (self._driven_by_events and self.running and self._valid):
             return None
         if self._pending:
@@ -565,11 +559,11 @@ class TpdoProducer:
         return max(self._event_at, self._inhibited_until or 0)
 
     def frames(self) -> list[CanFrame]:
-        """Drain the frames to send."""
+        """Return and clear the frames to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[object]:
-        """Return nothing: nothing happens to a producer."""
+        """Return an empty list: a producer has no events."""
         return []
 
     @property

@@ -1,7 +1,8 @@
-"""The device's rules for changing a PDO by SDO, and what it refuses (CiA 301, 7.5.2.36 and 7.5.2.38).
+"""Rules of a device for changing a PDO by SDO (CiA 301, 7.5.2.36 and 7.5.2.38).
 
-The law: a mapping and the times are changed while the PDO is invalid, in this order: invalidate the COB-ID, set the
-count to 0, write the entries, set the count, write the times, validate the COB-ID. Any other order is refused.
+Mapping and times can be changed only while the PDO is invalid, in this order: set bit 31 of the COB-ID, set the
+number of mapped objects to 0, write the mapping entries, set the number, write the times, clear bit 31. A write out of
+this order is refused.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ COB_ID, TRANSMISSION_TYPE, INHIBIT_TIME, COMPATIBILITY, EVENT_TIMER, SYNC_START 
 
 
 class MappingTarget(NamedTuple):
-    """What the object dictionary says of an object that a mapping names."""
+    """Attributes of an object that a mapping entry refers to."""
 
     bits: int
     rpdo_mappable: bool
@@ -40,16 +41,19 @@ class MappingTarget(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PdoRules:
-    """What a device accepts for one PDO; every check returns the abort code of a write, or None: accepted.
+    """Write checks of one PDO; every check returns the abort code of the write, None if accepted.
 
-    `rtr_supported` is about bit 30 of a TPDO's COB-ID, "no RTR allowed" (CiA 301, 7.5.2.37): a device that answers no
-    remote frames may insist on it. In that of an RPDO the bit is reserved, "do not care" (7.5.2.35): it is taken and
-    kept as written, and means nothing.
+    `rtr_supported` concerns bit 30 of a TPDO's COB-ID, "no RTR allowed" (CiA 301, 7.5.2.37): a device that does not
+    answer remote frames may require it. In an RPDO the bit is reserved, "do not care" (7.5.2.35): it is stored as
+    written
+    and ignored.
 
-    `lookup` finds an object, or says why not (NO_OBJECT, NO_SUBINDEX). `partial`: objects may be mapped in part, as
-    bit-granular devices allow. `in_use`: whether another service or PDO of the device has a CAN identifier; some
-    devices do not look. `wrong_state` is the refusal of mapping changes while the PDO is valid or its count is
-    not 0; devices differ there.
+    `lookup` returns the attributes of an object or the reason why it cannot be mapped (NO_OBJECT, NO_SUBINDEX).
+    `partial` permits the mapping of single bits of an object. `in_use` says whether another service of the device uses
+    a
+    CAN identifier; some devices do not check. `wrong_state` is the abort code of a mapping change while the PDO is
+    valid
+    or its number of objects is not 0; it differs between devices.
     """
 
     is_tpdo: bool
@@ -63,7 +67,7 @@ class PdoRules:
     wrong_state: AbortCode = AbortCode.INVALID_VALUE
 
     def check_communication(self, subindex: int, value: int, present: PdoParameters) -> AbortCode | None:
-        """Judge a write to the communication record while it holds `present`."""
+        """Check a write to the communication parameter while it holds `present`."""
         if subindex == 0:
             return AbortCode.READ_ONLY
         if subindex == COB_ID:
@@ -77,7 +81,7 @@ class PdoRules:
         return None if subindex == EVENT_TIMER else AbortCode.NO_SUBINDEX
 
     def check_mapping_entry(self, subindex: int, value: int, present: PdoParameters, count: int) -> AbortCode | None:
-        """Judge a write to subindex 1 and following of the mapping record while its count is `count`."""
+        """Check a write to a mapping entry (subindex 1 and above) while the number of mapped objects is `count`."""
         if not 1 <= subindex <= self.max_entries:
             return AbortCode.NO_SUBINDEX
         if present.enabled or count:
@@ -85,11 +89,11 @@ class PdoRules:
         return self._check_target(value) if value else None
 
     def check_mapping_count(self, value: int, entries: Sequence[int], present: PdoParameters) -> AbortCode | None:
-        """Judge a write to subindex 0 of the mapping record whose subindices 1 and following hold `entries`."""
+        """Check a write to the number of mapped objects while the mapping holds `entries`."""
         if present.enabled:
             return self.wrong_state
         if value > MAX_ENTRIES:
-            return AbortCode.INVALID_VALUE  # 254 and 255 would make it a multiplexed PDO
+            return AbortCode.INVALID_VALUE  # 254 and 255 would make it a multiplexed PDO (CiA 301, 7.5.2.36)
         if value > min(self.max_entries, len(entries)):
             return AbortCode.MAPPING_TOO_LONG
         mapped = entries[:value]

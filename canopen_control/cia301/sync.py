@@ -1,8 +1,8 @@
-"""The SYNC object, producer and consumer (CiA 301, 7.2.5 and 7.5.2.5 to 7, 7.5.2.17).
+"""SYNC object, producer and consumer, and TIME object (CiA 301, 7.2.5, 7.2.6, 7.5.2.5 to 7.5.2.7, 7.5.2.17).
 
-Without a counter (0x1019 = 0) a SYNC has no data; with an overflow value n of 2 to 240 it carries one byte that
-counts 1 to n and starts again at 1. A SYNC of the wrong length is reported for EMCY 0x8240 and still counts as a
-SYNC, without a counter, as other stacks do: the rhythm is right where the length is not.
+Without a counter (0x1019 = 0) a SYNC has no data. With an overflow value n of 2 to 240 it carries one byte that
+counts from 1 to n and starts again at 1. A SYNC of the wrong length is reported for EMCY 0x8240 and still counts as a
+SYNC without counter, as in other stacks, because its timing is valid.
 """
 
 from __future__ import annotations
@@ -17,23 +17,21 @@ from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError
 from canopen_control.frame import EXTENDED_BIT, CanFrame, can_id_of, is_restricted
 
-# The TIME object (CiA 301, 7.2.6 and 7.5.2.18): milliseconds after midnight and days since 1984-01-01.
-#
-# It is read where a bus is listened to; neither master nor virtual devices send or take it.
-
-
 _WIRE = struct.Struct("<IH")
 
 
 class TimeOfDay(NamedTuple):
-    """`ms` after midnight, 0 to 86399999; `days` since 1984-01-01."""
+    """Time of the TIME object: `ms` after midnight, 0 to 86399999; `days` since 1984-01-01 (CiA 301, 7.2.6).
+
+    It is only decoded from a received bus; neither the master nor virtual devices produce or consume it.
+    """
 
     days: int
     ms: int
 
 
 def parse_time(data: bytes) -> TimeOfDay | None:
-    """Return the time of 6 bytes, None for another length; the upper four bits of the milliseconds are reserved."""
+    """Return the time in 6 bytes, None for another length; the upper four bits of the milliseconds are reserved."""
     if len(data) != _WIRE.size:
         return None
     ms, days = _WIRE.unpack(data)
@@ -45,39 +43,38 @@ PRODUCER_BIT = 1 << 30  # of 0x1005
 
 
 def parse_cob_id_sync(value: int) -> tuple[int, bool]:
-    """Return the can_id (with the flag of a 29-bit one) and whether the node produces SYNC, of a 0x1005 value."""
+    """Return the CAN identifier (with the flag of a 29-bit one) and the producer bit of a 0x1005 value."""
     return can_id_of(value), bool(value & PRODUCER_BIT)
 
 
 def is_valid_overflow(overflow: int) -> bool:
-    """Whether 0x1019 may hold the value: 0 (no counter) or 2 to 240."""
+    """Whether the value is valid for 0x1019: 0 (no counter) or 2 to 240 (CiA 301, 7.5.2.17)."""
     return overflow == 0 or 2 <= overflow <= 240
 
 
 def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
-    """Return the abort code of a write to 0x1019 while 0x1006 is `period_us`, or None: accepted."""
+    """Return the abort code of a write to 0x1019 while 0x1006 is `period_us`, None if accepted."""
     if period_us:
         return AbortCode.DEVICE_STATE
     return None if is_valid_overflow(overflow) else AbortCode.INVALID_VALUE
 
 
 def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> AbortCode | None:
-    """Return the abort code of a write to 0x1005 that holds `present`, or None: accepted."""
+    """Return the abort code of a write to 0x1005 while it holds `present`, None if accepted."""
     if value & PRODUCER_BIT and not can_produce:
         return AbortCode.INVALID_VALUE
     if not value & EXTENDED_BIT and is_restricted(value & 0x7FF):
         return AbortCode.INVALID_VALUE
     changed = (value ^ present) & (PRODUCER_BIT - 1)
     if changed and value & PRODUCER_BIT and present & PRODUCER_BIT:
-        return AbortCode.INVALID_VALUE  # the identifier is fixed while the node produces
+        return AbortCode.INVALID_VALUE  # the identifier must not change while the node produces SYNC (CiA 301, 7.5.2.5)
     return None
 
 
 class SyncProducer:
-    """Makes the SYNC frames of a master, one per call of `frame`, or by its own timer when `period_ns` is set.
+    """SYNC frames of a producer, one per call of `frame`, or sent by its timer if `period_ns` is set.
 
-    The frames are made once: the cycle allocates nothing. LocalProtocolError for an overflow value the standard
-    reserves.
+    The frames are created once, so that the cycle allocates nothing. LocalProtocolError for a reserved overflow value.
     """
 
     def __init__(self, cob_id: int = SYNC_COB_ID, overflow: int = 0, *, period_ns: int = 0) -> None:
@@ -87,7 +84,7 @@ class SyncProducer:
         self.cob_id = cob_id
         self.overflow = overflow
         self.period_ns = period_ns
-        self.counter = 0  # of the last SYNC; 0: none yet, or no counter
+        self.counter = 0  # counter of the last SYNC; 0: none sent, or no counter
         payloads = [bytes((count,)) for count in range(1, overflow + 1)] or [b""]
         self._ring = [CanFrame(cob_id, payload) for payload in payloads]
         self._next = 0
@@ -105,7 +102,7 @@ class SyncProducer:
         return sync
 
     def reset(self) -> None:
-        """Start the counter again: the next SYNC carries 1 (after reset communication, on leaving STOPPED)."""
+        """Reset the counter: the next SYNC carries 1 (after reset communication and on leaving STOPPED)."""
         self._next = self.counter = 0
 
     def start(self, now: int) -> None:
@@ -117,38 +114,38 @@ class SyncProducer:
         self._deadline_ns = None
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Do nothing: a producer hears nobody."""
+        """Ignore the frame: a SYNC producer receives nothing."""
 
     def tick(self, now: int) -> None:
-        """Send a SYNC when due; missed periods are skipped, the grid is kept."""
+        """Send a SYNC when due; missed periods are skipped and the grid is kept."""
         if self.period_ns and self._deadline_ns is not None and now >= self._deadline_ns:
             self._frames.put(self.frame())
             self._deadline_ns = next_on_grid(self._deadline_ns, self.period_ns, now)
 
     def next_deadline(self) -> int | None:
-        """Return when the next SYNC is due, None: the timer is off."""
+        """Return the time of the next SYNC, None if the timer is off."""
         return self._deadline_ns if self.period_ns else None
 
     def frames(self) -> list[CanFrame]:
-        """Drain the SYNCs that the timer made."""
+        """Return and clear the SYNC frames of the timer."""
         return self._frames.drain()
 
     def events(self) -> list[object]:
-        """Return nothing: nothing happens to a producer."""
+        """Return an empty list: a producer has no events."""
         return []
 
 
 class SyncEventKind(enum.Enum):
-    """What a consumer tells."""
+    """Kind of a consumer's SYNC event."""
 
     SYNC = "sync"
     LENGTH_ERROR = "length error"  # report EMCY 0x8240; a SYNC event follows
-    MISSED = "missed"  # no SYNC for 1.5 periods
-    RESOLVED = "resolved"  # the first SYNC after that; a SYNC event follows
+    MISSED = "missed"  # no SYNC within 1.5 periods
+    RESOLVED = "resolved"  # the first SYNC after MISSED; a SYNC event follows
 
 
 class SyncEvent(NamedTuple):
-    """`kind` at `now`; `counter` is the SYNC's, None without one."""
+    """SYNC event `kind` at `now`; `counter` is None without one."""
 
     kind: SyncEventKind
     now: int
@@ -156,7 +153,7 @@ class SyncEvent(NamedTuple):
 
 
 class SyncConsumer:
-    """Hears SYNC; `period_ns` (0x1006) watches it.
+    """Reception of SYNC, monitored if `period_ns` (0x1006) is set.
 
     `count` counts SYNCs, `skipped` those whose counter is not the expected one.
     """
@@ -172,17 +169,17 @@ class SyncConsumer:
         self.happened: Outbox[SyncEvent] = Outbox()
 
     def reset(self) -> None:
-        """Forget the counter and stop watching until the next SYNC (reset communication, entering STOPPED)."""
+        """Clear the counter and stop monitoring until the next SYNC (reset communication, entering STOPPED)."""
         self._counter = self._deadline_ns = None
         self._missed = False
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Take a SYNC; other frames are ignored."""
+        """Receive a SYNC; ignore other frames."""
         if frame.can_id != self.cob_id:
             return
         counter = self._counter_of(frame.data, now) if frame.data or self.overflow else None
         if self._deadline_ns is not None:
-            self.tick(now)  # a SYNC behind its deadline resolves a miss, it does not hide it
+            self.tick(now)  # a SYNC after its deadline resolves a timeout instead of hiding it
         if self._missed:
             self._missed = False
             self.happened.put(SyncEvent(SyncEventKind.RESOLVED, now))
@@ -191,21 +188,21 @@ class SyncConsumer:
         self.happened.put(SyncEvent(SyncEventKind.SYNC, now, counter))
 
     def tick(self, now: int) -> None:
-        """Report a SYNC that did not come within 1.5 periods, once."""
+        """Report once that no SYNC arrived within 1.5 periods."""
         if self._deadline_ns is not None and now >= self._deadline_ns:
             self._deadline_ns, self._missed = None, True
             self.happened.put(SyncEvent(SyncEventKind.MISSED, now))
 
     def next_deadline(self) -> int | None:
-        """Return when the SYNC is missed."""
+        """Return the time at which the SYNC is missing."""
         return self._deadline_ns
 
     def frames(self) -> list[CanFrame]:
-        """Return nothing: a consumer does not send."""
+        """Return an empty list: a consumer does not send."""
         return []
 
     def events(self) -> list[SyncEvent]:
-        """Drain what happened, in order."""
+        """Return and clear the events, in order."""
         return self.happened.drain()
 
     def _counter_of(self, data: bytes, now: int) -> int | None:

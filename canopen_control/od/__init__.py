@@ -1,1 +1,1 @@
-"""CiA 306: object dictionaries, their values, and the files that describe them."""
+"""Object dictionaries, their values, and EDS and DCF files (CiA 306)."""

@@ -1,7 +1,8 @@
-"""Parses an object's address as users write it: INDEX[:SUB] in hexadecimal, or a name of the EDS.
+"""Parser of object addresses as users write them: INDEX[:SUB] in hexadecimal, or a name of the EDS.
 
-The law of this file: numbers are hexadecimal with and without 0x, as in every message of this package. A name is that
-of an entry, ``Object.Entry``, or an object's followed by ``:SUB``; one that fits several objects is refused with them.
+Numbers are hexadecimal with or without 0x, as in all messages of this package. A name is that of an entry,
+``Object.Entry``, or that of an object followed by ``:SUB``. A name that several objects share is refused, with the list
+of these objects.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ if TYPE_CHECKING:
 
 _NUMBER = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{1,4})(?::(?:0[xX])?([0-9A-Fa-f]{1,2}))?")
 _NAME_AND_SUB = re.compile(r"(.+):(?:0[xX])?([0-9A-Fa-f]{1,2})")
-_SHOWN = 5  # names offered instead of one that is none
+_SHOWN = 5  # number of similar names offered for an unknown one
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectAddress:
-    """An object, and its entry in the EDS where there is one; `whole`: it was named without a subindex."""
+    """Address of an object with its EDS entry, if there is one; `whole` if the user gave no subindex."""
 
     index: int
     subindex: int
@@ -34,7 +35,7 @@ class ObjectAddress:
 
     @property
     def label(self) -> str:
-        """The address and the name, for people."""
+        """Address and name, as shown to users."""
         name = self.entry.name if self.entry is not None else ""
         if self.object_name and self.object_name != name:
             name = f"{self.object_name}.{name}" if name else self.object_name
@@ -42,7 +43,10 @@ class ObjectAddress:
 
 
 def find_object(text: str, od: ObjectDictionary | None) -> ObjectAddress:
-    """Return what `text` means; ConfigError with what to write instead. `od` may be None: then by number only."""
+    """Return the object that `text` names; ConfigError with advice if there is none.
+
+    `od` may be None; then only numbers are valid.
+    """
     match = _NUMBER.fullmatch(text)
     if match is not None:
         return _address(int(match[1], 16), int(match[2] or "0", 16), od, whole=match[2] is None)
@@ -61,7 +65,7 @@ def find_object(text: str, od: ObjectDictionary | None) -> ObjectAddress:
 
 
 def parts_of(address: ObjectAddress, od: ObjectDictionary | None) -> list[ObjectAddress]:
-    """Return what is meant to be read: every subindex of an object named without one, else the one address."""
+    """Return the addresses to read: every subindex if the object was named without one, else this address."""
     if not address.whole or od is None:
         return [address]
     readable = [sub for sub in od.subindices(address.index) if od[address.index, sub].readable]
@@ -87,7 +91,7 @@ def _why_not(text: str, name: str, od: ObjectDictionary) -> str:
 
 
 def _alike(folded: str, od: ObjectDictionary) -> list[Entry]:
-    """Return the entries whose names are nearly that."""
+    """Return the entries with a similar name."""
     by_name = {entry.name.casefold(): entry for entry in od}
     return [by_name[name] for name in difflib.get_close_matches(folded, by_name, _SHOWN, 0.8)]
 

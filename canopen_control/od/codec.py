@@ -1,9 +1,9 @@
 """Values of the object dictionary and their bytes on the wire (CiA 301, 7.1).
 
-All numbers are little-endian. A value that its type cannot hold is refused, never cut. VISIBLE_STRING is taken as
-ISO 8859-1, since drives put umlauts and degree signs where the standard allows ISO 646 only, and written in UTF-8
-where it has other characters; the zero bytes some of
-them pad with are no part of the string. The two times are 48-bit numbers: milliseconds in the low 32 bits, days above.
+All numbers are little-endian. A value that does not fit its type is refused, never truncated. VISIBLE_STRING is decoded
+as ISO 8859-1, since drives use umlauts and degree signs although the standard allows only ISO 646, and encoded as UTF-8
+if it contains other characters. Trailing zero bytes, with which some devices pad, are removed. The two time types are
+48-bit numbers: milliseconds in the low 32 bits, days above.
 """
 
 from __future__ import annotations
@@ -17,15 +17,14 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Entry, Value
 
 
-# The limits of an entry (LowLimit, HighLimit), and which of them count.
-#
-# CiA 301 gives some objects values that are no quantities: an identifier below flag bits (COB-IDs), a node id above a
-# time (0x1016), a signature (0x1010, 0x1011). A limit that leaves no room for what every device has to take there is a
-# mistake of the file, as 65535 for 0x1016 is: it is told by the check of the file, and nobody obeys it.
+# Limits of an entry (LowLimit, HighLimit). Some values of CiA 301 are not quantities: an identifier below flag bits
+# (COB-IDs), a node id above a time (0x1016), a signature (0x1010, 0x1011). A limit that excludes a value every device
+# must accept there, such as 65535 for 0x1016, is an error of the file: the check of the file reports it, and it is not
+# applied.
 
 
 class _Required(NamedTuple):
-    """What the value range of an object has to hold, by CiA 301."""
+    """Values that an object must accept by CiA 301."""
 
     low: int
     high: int
@@ -57,7 +56,7 @@ def _required(entry: Entry) -> _Required | None:
 
 
 def forbidden_limit(entry: Entry) -> str:
-    """Return what is wrong with the limits of a communication object, empty where CiA 301 allows them."""
+    """Return what is wrong with the limits of a communication object; empty if CiA 301 allows them."""
     required = _required(entry)
     if required is None:
         return ""
@@ -69,17 +68,17 @@ def forbidden_limit(entry: Entry) -> str:
 
 
 def above_limit(entry: Entry, value: float) -> bool:
-    """Whether a value is above a HighLimit that counts."""
+    """Whether a value is above a valid HighLimit."""
     return entry.high is not None and value > entry.high and not forbidden_limit(entry)
 
 
 def below_limit(entry: Entry, value: float) -> bool:
-    """Whether a value is below a LowLimit that counts."""
+    """Whether a value is below a valid LowLimit."""
     return entry.low is not None and value < entry.low and not forbidden_limit(entry)
 
 
 def outside_limits(entry: Entry, value: float) -> bool:
-    """Whether a value is outside limits that count."""
+    """Whether a value is outside valid limits."""
     return above_limit(entry, value) or below_limit(entry, value)
 
 
@@ -88,7 +87,7 @@ _TEXT = {DataType.VISIBLE_STRING: "latin-1", DataType.UNICODE_STRING: "utf-16-le
 
 
 def encode(value: Value, data_type: DataType) -> bytes:
-    """Return the bytes of `value`; ValueError where the type cannot hold it."""
+    """Return the bytes of `value`; ValueError if it does not fit the type."""
     if data_type in _TEXT:
         return _encode_text(value, data_type)
     if data_type in REALS:
@@ -101,7 +100,7 @@ def encode(value: Value, data_type: DataType) -> bytes:
 
 
 def decode(data: bytes, data_type: DataType) -> Value:
-    """Return the value of `data`; ValueError where the length is not the type's."""
+    """Return the value of `data`; ValueError if the length is not that of the type."""
     if data_type in _TEXT:
         return _decode_text(data, data_type)
     bits = data_type.bits
@@ -119,11 +118,11 @@ def decode(data: bytes, data_type: DataType) -> Value:
 
 
 def fitted(data: bytes, data_type: DataType, *, told: bool = True) -> bytes | None:
-    """Return what an upload brought as the bytes of its type; None where they are no value of it.
+    """Return the data of an upload as the bytes of its type; None if they are not a value of this type.
 
-    Fewer bytes are never made up for. More are cut where they say nothing: zeros behind a number (all ones behind a
-    negative one), as from devices that answer everything in four bytes, or any where the server did not tell how many
-    count (`told`).
+    Missing bytes are never added. Excess bytes are cut if they carry no information: zeros after a number (0xFF after a
+    negative one), as from devices that always answer with four bytes, or any bytes if the server did not announce the
+    length (`told` False).
     """
     if (bits := data_type.bits) is None:
         return data
@@ -146,7 +145,7 @@ def zero_of(data_type: DataType) -> Value:
 
 
 def default_of(entry: Entry) -> Value:
-    """Return what a node holds there after power-on: ParameterValue, else DefaultValue, else the type's zero."""
+    """Return the value after power-on: ParameterValue, else DefaultValue, else the zero of the type."""
     value = entry.value
     return zero_of(entry.data_type) if value is None else value
 
@@ -159,7 +158,7 @@ def _encode_text(value: Value, data_type: DataType) -> bytes:
     except UnicodeEncodeError:
         pass
     try:
-        return value.encode("utf-8")  # what devices with such texts have; the standard knows ISO 646 only
+        return value.encode("utf-8")  # as devices with such strings do; CiA 301 allows only ISO 646
     except UnicodeEncodeError:
         raise ValueError(f"{value!r} has characters that {data_type.name} cannot hold") from None
 

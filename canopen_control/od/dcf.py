@@ -1,9 +1,9 @@
-"""Write an object dictionary as an EDS or DCF file (CiA 306-1).
+"""Writer of EDS and DCF files (CiA 306-1).
 
-What was read from a file is written as it was, text by text, wherever that still means what the dictionary says;
-everything else is written anew. So reading what was written gives an equal dictionary, with the keys and sections
-that this package does not know. Comment lines are the one thing that is lost. What CompactSubObj stood for is
-written out, and the three object lists and SubNumber are made from the objects that are there.
+Texts that were read from a file are written unchanged if they still have the value of the dictionary; all others are
+written from the dictionary. Reading the written file therefore gives an equal dictionary, with the keys and sections
+that this package does not know. Only comment lines are lost. Entries of CompactSubObj are written in full; the three
+object lists and SubNumber are computed.
 """
 
 from __future__ import annotations
@@ -43,19 +43,17 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, Value
 
 
-# Concise DCF: what a master downloads into a node, as one byte string (CiA 302-3; object 0x1F22).
-#
-# A 32-bit count, then for each download index (16 bit), subindex (8 bit), size (32 bit) and the data; all
-# little-endian, in the order of the downloads.
+# Concise DCF: the downloads into a node as one byte string (CiA 302-3; object 0x1F22). A 32-bit count, then for each
+# download index (16 bit), subindex (8 bit), size (32 bit) and data, all little-endian.
 
 
 _COUNT = struct.Struct("<I")
 _HEAD = struct.Struct("<HBI")
-_REFUSES_DOWNLOAD = 1  # bit of ObjFlags
+_REFUSES_DOWNLOAD = 1  # bit of ObjFlags (CiA 306-1)
 
 
 class ConciseEntry(NamedTuple):
-    """One download."""
+    """One download of a concise DCF."""
 
     index: int  # type: ignore[assignment] # hides tuple.index, which nobody needs of an address
     subindex: int
@@ -63,7 +61,7 @@ class ConciseEntry(NamedTuple):
 
 
 def encode_concise(entries: Iterable[tuple[int, int, bytes]]) -> bytes:
-    """Return the concise DCF of these downloads; ValueError for an address that has no place in it."""
+    """Return the concise DCF of the downloads; ValueError for an address out of range."""
     parts = []
     for index, subindex, data in entries:
         if not (0 <= index <= 0xFFFF and 0 <= subindex <= 0xFF):
@@ -73,7 +71,7 @@ def encode_concise(entries: Iterable[tuple[int, int, bytes]]) -> bytes:
 
 
 def decode_concise(data: bytes) -> list[ConciseEntry]:
-    """Return the downloads of a concise DCF; ValueError where it is cut short or has bytes too many."""
+    """Return the downloads of a concise DCF; ValueError if it is truncated or has excess bytes."""
     if len(data) < _COUNT.size:
         raise ValueError(f"a concise DCF begins with a 32-bit count, and there are {len(data)} bytes")
     (count,) = _COUNT.unpack_from(data)
@@ -94,10 +92,10 @@ def decode_concise(data: bytes) -> list[ConciseEntry]:
 
 
 def concise_of(od: ObjectDictionary) -> list[ConciseEntry]:
-    """Return the downloads that the ParameterValues of a DCF stand for, by rising address.
+    """Return the downloads of all ParameterValues of a DCF, by rising address.
 
-    Entries that cannot be written, and those whose ObjFlags refuse a download, are left out. The order is not yet the
-    one that PDO parameters need (COB-ID invalid, mapping, COB-ID valid).
+    Entries that cannot be written and those whose ObjFlags refuse a download are omitted. PDO parameters need another
+    order (disable the COB-ID, mapping, enable the COB-ID), which the caller must apply.
     """
     wanted = (
         entry
@@ -139,7 +137,7 @@ _MANUFACTURER = range(0x2000, 0x6000)
 
 
 def eds_text(od: ObjectDictionary) -> str:
-    """Return the text of an EDS file; $NODEID stays where the dictionary has it."""
+    """Return the text of an EDS file; values relative to $NODEID remain relative."""
     return _text(_sections(od))
 
 
@@ -152,10 +150,10 @@ def dcf_text(
     node_name: str = "",
     relative: Container[Address] = (),
 ) -> str:
-    """Return the text of the DCF of node `node_id` at `bitrate` bit/s, with `values` as its ParameterValues.
+    """Return the text of the DCF of node `node_id` at `bitrate` bit/s, with `values` as ParameterValues.
 
-    Those of the `relative` addresses are written as $NODEID plus the rest, so that the file serves another node id too.
-    Raises ValueError where a value has no entry, or does not fit its type.
+    Values at the `relative` addresses are written as $NODEID plus an offset, so that the file is valid for other node
+    ids. ValueError if a value has no entry or does not fit its type.
     """
     od = configured(od.for_node(node_id), values or {}, relative)
     commissioning = replace(od.commissioning, node_name=node_name or od.commissioning.node_name)
@@ -178,9 +176,9 @@ def write_dcf(
 def configured(
     od: ObjectDictionary, values: Mapping[Address, Value], relative: Container[Address] = ()
 ) -> ObjectDictionary:
-    """Return a copy with `values` as ParameterValues; ValueError where one has no entry or does not fit its type.
+    """Return a copy with `values` as ParameterValues; ValueError if one has no entry or does not fit its type.
 
-    `relative` says which of them follow the node id.
+    `relative` contains the addresses of values that depend on the node id.
     """
     entries = dict(od.entries)
     for (index, subindex), value in values.items():
@@ -223,12 +221,12 @@ def _sections(od: ObjectDictionary, *, is_dcf: bool = False) -> Iterator[tuple[s
 
 
 def _respelled(lines: _Lines) -> _Lines:
-    """Return the lines with their keys as CiA 306-1 spells them: there are readers that look for no other spelling."""
+    """Return the lines with their keys spelled as in CiA 306-1, because some readers are case-sensitive."""
     return {_SPELLING.get(key.lower(), key): value for key, value in lines.items()}
 
 
 def _compact_companions(od: ObjectDictionary) -> set[str]:
-    """Return the [xxxxName] and [xxxxValue] sections, whose content is in the entries written out."""
+    """Return the [xxxxName] and [xxxxValue] sections, whose content is written with the entries."""
     compact = [index for index, info in od.objects.items() if _get(info.texts, "compactsubobj")]
     return {f"{index:04x}{what}" for index in compact for what in ("name", "value")}
 
@@ -241,11 +239,11 @@ def _section(title: str, texts: Mapping[str, str]) -> Section:
     return Section(title.lower(), title, 0, {key.lower(): value for key, value in texts.items()}, dict(texts))
 
 
-# --- The device ---
+# --- Device sections ---
 
 
 def _device_sections(od: ObjectDictionary) -> dict[str, tuple[str, _Lines]]:
-    """Return those device sections that must be made anew because the dictionary says more or else than their text."""
+    """Return the device sections that differ from their text in the file and must be written from the dictionary."""
     sections = {title.lower(): _section(title, texts) for title, texts in od.sections.items()}
     told = read_device(sections, None, Report(""))
     made: dict[str, tuple[str, _Lines]] = {}
@@ -304,7 +302,7 @@ def _commissioning(od: ObjectDictionary, kept: dict[str, str], is_dcf: bool) -> 
     yield "DeviceComissioning", texts | _unknown(_section("", old) if old is not None else None, texts)
 
 
-# --- The objects ---
+# --- Object sections ---
 
 
 def _lists(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
@@ -338,7 +336,7 @@ def _objects(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
 
 
 def _is_one(info: ObjectInfo, entry: Entry) -> bool:
-    """Whether the object is its only value, so that one section tells both; a VAR may have a sub 0 of its own."""
+    """Whether the object has only one value, so that one section describes both; a VAR may have a sub 0 of its own."""
     if info.code not in SCALAR_CODES or info.name != entry.name:
         return False
     return not (info.texts and entry.texts) or info.texts == entry.texts
@@ -355,7 +353,7 @@ def _object(info: ObjectInfo, count: int, is_compact: bool) -> _Lines:
 
 
 def _code_text(info: ObjectInfo) -> str:
-    """Return the ObjectType as it was written, unless it was read as another one."""
+    """Return the text of ObjectType from the file, unless it has another meaning there."""
     text = _get(info.texts, "objecttype")
     try:
         number = parse_number(text)[0]
@@ -366,7 +364,7 @@ def _code_text(info: ObjectInfo) -> str:
 
 
 def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
-    """Return the lines of an entry: the text as it was where it still says the same, else the field."""
+    """Return the lines of an entry: the text of the file if it still has the same value, else that of the field."""
     section = _section("", entry.texts)
     reader = EntryReader(od.node_id, Report(""))
     name = section.get("parametername") or entry.name
@@ -382,7 +380,7 @@ def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
 
 
 def _entry_keys(entry: Entry, told: Entry | None, code: ObjectCode, node_id: int) -> dict[str, tuple[str, bool]]:
-    """Return by key: the text of the field, and whether the old text tells the same."""
+    """Return for each key the text of the field, and whether the text in the file has the same value."""
 
     def value_text(value: Value | None, relative: bool) -> str:
         if value is None:

@@ -1,8 +1,8 @@
-"""Read an EDS or DCF file (CiA 306-1) into an object dictionary, forgiving what real files get wrong.
+"""Reader of EDS and DCF files (CiA 306-1) that tolerates the errors of real files.
 
-Only what is no CANopen EDS at all raises `EdsError`. Everything else loads, and every doubt becomes an `Issue` with
-its line: no value is lost or replaced silently. The text of each key stays with its entry, so that a writer gives it
-back as it was. The work is proportional to the lines and entries of the file.
+`EdsError` is raised only if the file is not a CANopen EDS. Any other error becomes an `Issue` with its line, and no
+value is lost or replaced silently. The text of each key is kept with its entry, so that a writer can reproduce it. The
+run time is proportional to the number of lines and entries.
 """
 
 from __future__ import annotations
@@ -43,13 +43,12 @@ if TYPE_CHECKING:
     from canopen_control.od.pdos import Mapped, Pdo
 
 
-# Data types of the drive profile's objects (CiA 402-2 and CiA 402-3), to compare with what a file says.
-#
-# Only a table, and only for checking. Where editions or most devices differ, both types are right.
+# Data types of the objects of the drive profile (CiA 402-2 and CiA 402-3), for comparison with the file. Where editions
+# or most devices differ, both types are accepted.
 
 
-DEVICE_PROFILE = 402  # the low word of 0x1000
-AXIS_STEP = 0x800  # axis a has its objects at 0x6000 + a * 0x800
+DEVICE_PROFILE = 402  # low word of 0x1000
+AXIS_STEP = 0x800  # axis a has its objects at 0x6000 + a * 0x800 (CiA 402-1)
 
 _I8, _I16, _I32 = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32
 _U8, _U16, _U32 = DataType.UNSIGNED8, DataType.UNSIGNED16, DataType.UNSIGNED32
@@ -92,11 +91,10 @@ TYPES: dict[tuple[int, int], tuple[DataType, ...]] = {
 } | {address: types for types, addresses in _SUBS_BY_TYPE.items() for address in addresses}
 
 
-# Checks an object dictionary for contradictions in itself and with the standards; finds issues.
-#
-# Nothing is changed. PDO defaults: CiA 301, 7.5.2.35 to 7.5.2.38; number of subindices: 7.4.4 and CiA 306-1, 4.6.3.3;
-# mandatory objects: CiA 301, 7.5.1; COB-IDs: CiA 301, table 42; types of the drive profile: CiA 402-2 and -3 (the
-# file's types are used all the same: a device knows best what it sends).
+# Checks of the dictionary against itself and the standards; nothing is changed. PDO defaults: CiA 301, 7.5.2.35 to
+# 7.5.2.38; number of subindices: 7.4.4 and CiA 306-1, 4.6.3.3; mandatory objects: CiA 301, 7.5.1; COB-IDs: CiA 301,
+# table 42; types of the drive profile: CiA 402-2 and -3 (the types of the file remain in use, because the device sends
+# them).
 
 
 _MANDATORY = {0x1000: "device type", 0x1001: "error register", 0x1018: "identity"}
@@ -117,11 +115,11 @@ _CODES_OF = {
     ),
 }
 """What the standards say of objects with subindices."""
-_STRUCTURE_SUB = 0xFF  # holds the type of the object and is not counted
+_STRUCTURE_SUB = 0xFF  # describes the type of the object and is not counted (CiA 301, 7.4.4)
 
 
 def check_dictionary(od: ObjectDictionary, report: Report) -> None:
-    """Report everything that does not fit; `report` is of the file that `od` comes from."""
+    """Report everything inconsistent in `od`; `report` belongs to the file of `od`."""
     subindices: dict[int, list[int]] = {index: [] for index in od.objects}
     for entry in od:
         subindices.setdefault(entry.index, []).append(entry.subindex)
@@ -158,7 +156,7 @@ def _check_limits(entry: Entry, report: Report) -> None:
 
 
 def _check_cob_id(entry: Entry, node_id: int, report: Report) -> None:
-    """Look for a COB-ID that the file does not tell, or that no PDO, SYNC or EMCY may have; `node_id` for $NODEID."""
+    """Report a COB-ID that is missing or not allowed for a PDO, SYNC or EMCY; `node_id` replaces $NODEID."""
     value = entry.value
     if not isinstance(value, int):
         if is_cob_id(*entry.address) and "defaultvalue" not in {key.lower() for key in entry.texts}:
@@ -189,7 +187,7 @@ def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[in
 
 
 def _check_code(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], report: Report) -> None:
-    """Look for an array that is a record and the other way round (CiA 301, 7.4.3, 7.5.2; CiA 402-2)."""
+    """Report an array that should be a record and vice versa (CiA 301, 7.4.3, 7.5.2; CiA 402-2)."""
     where = f"0x{info.index:04X} ({clip(info.name)})"
     types = {od[info.index, sub].data_type for sub in subindices if sub not in (0, _STRUCTURE_SUB)}
     base = info.index
@@ -208,7 +206,7 @@ def _check_sub0(entry: Entry, highest: int, report: Report) -> None:
         text = f"{_where(entry)} is {entry.data_type.name}; the number of entries is UNSIGNED8"
         report.warning(entry.line, "sub0-type", text)
     if entry.writable or entry.index in range(0x1600, 0x1800) or entry.index in range(0x1A00, 0x1C00):
-        return  # there it counts what is in use
+        return  # there it is the number of entries in use
     if isinstance(entry.value, int) and entry.value != highest:
         text = f"{_where(entry)} says {entry.value}, the highest subindex described is {highest}"
         report.warning(entry.line, "sub0-count", text)
@@ -304,16 +302,15 @@ def _check_profile(od: ObjectDictionary, report: Report) -> None:
             report.warning(entry.line, "profile-type", text)
 
 
-# The PDO records that an EDS leaves out with CompactPDO (CiA 306-1, 4.5).
-#
-# Bit k of CompactPDO says that every PDO has subindex k + 1 of the communication parameter; NrOfRXPDO and NrOfTXPDO
-# say how many PDOs there are. What the file describes by itself stays as it is.
+# PDO records that an EDS omits with CompactPDO (CiA 306-1, 4.5). Bit k of CompactPDO means that every PDO has subindex
+# k + 1 of the communication parameter; NrOfRXPDO and NrOfTXPDO are the numbers of PDOs. Records in the file are not
+# changed.
 
 
-_HIGHEST = 512  # PDOs of each direction
+_HIGHEST = 512  # maximum number of PDOs per direction
 _SLOTS = 64
-_PREDEFINED = 4  # PDOs with a COB-ID in the predefined connection set
-_COMMUNICATION = (  # subindex 1 to 6: name, type, default (the COB-ID's depends on the PDO)
+_PREDEFINED = 4  # number of PDOs in the predefined connection set
+_COMMUNICATION = (  # subindices 1 to 6: name, type, default (that of the COB-ID depends on the PDO)
     ("COB-ID", DataType.UNSIGNED32, 0),
     ("Transmission type", DataType.UNSIGNED8, 255),
     ("Inhibit time", DataType.UNSIGNED16, 0),
@@ -327,7 +324,7 @@ class _Direction(NamedTuple):
     name: str
     communication: int
     mapping: int
-    cob_id: int  # of the first one, without the node id
+    cob_id: int  # COB-ID of the first PDO, without the node id
 
 
 _RPDO = _Direction("RPDO", 0x1400, 0x1600, 0x200)
@@ -335,7 +332,7 @@ _TPDO = _Direction("TPDO", 0x1800, 0x1A00, 0x180)
 
 
 def expand_compact_pdos(od: ObjectDictionary, report: Report) -> None:
-    """Add to `od` the records that CompactPDO stands for."""
+    """Add the PDO records that CompactPDO stands for to `od`."""
     mask = od.device.compact_pdo & 0x3F
     if not mask:
         return
@@ -391,19 +388,19 @@ MAX_BYTES = 32_000_000
 """Of a file: the largest in use have a few MB."""
 _OBJECT = re.compile(r"([0-9a-f]{4})(?: ?sub ?([0-9a-f]{1,2}))?")
 _RANGE_SUB = re.compile(r"([0-9a-f]{2,4}) ?sub ?0?1")
-_RANGES = range(0x40, 0x260)  # data types of a device's own (CiA 301, 7.4.7)
+_RANGES = range(0x40, 0x260)  # manufacturer-specific data types (CiA 301, 7.4.7)
 _COMPACT = re.compile(r"([0-9a-f]{4})(name|value)")
 _LOOKS_LIKE_OBJECT = re.compile(r"[0-9][0-9a-f]{3}(?!denotation\Z)")
 _MODULE = re.compile(r"m[0-9]+moduleinfo")
 _HIGHEST_SUB = 0xFE
 _TYPES: dict[int | None, DataType] = {int(data_type): data_type for data_type in DataType}
 _CODES: dict[int, ObjectCode] = {int(code): code for code in ObjectCode}
-_REGENERATED = frozenset(("mandatoryobjects", "optionalobjects", "manufacturerobjects"))  # by whoever writes the file
+_REGENERATED = frozenset(("mandatoryobjects", "optionalobjects", "manufacturerobjects"))  # computed on writing
 
 
 @dataclass(frozen=True, slots=True)
 class EdsFile:
-    """What a file holds, and what is odd about it."""
+    """Object dictionary of a file, with its issues."""
 
     path: str
     od: ObjectDictionary
@@ -412,9 +409,9 @@ class EdsFile:
 
 
 def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
-    """Read the file at `path`; `node_id` (1 to 127) stands for $NODEID and goes before the file's own.
+    """Read the file at `path`; `node_id` (1 to 127) replaces $NODEID and takes precedence over that of the file.
 
-    Raises EdsError where the file cannot be read or is no CANopen EDS.
+    Raises EdsError if the file cannot be read or is not a CANopen EDS.
     """
     try:
         data = read_limited(Path(path), MAX_BYTES)
@@ -425,7 +422,7 @@ def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
 
 
 def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -> EdsFile:
-    """Parse the bytes of a file; `name` is what issues and errors call it."""
+    """Parse the bytes of a file; `name` is its name in issues and errors."""
     report = Report(name)
     if _is_concise(data):
         text = "is a concise DCF: what is written to a device, and no EDS; give it as configuration_file in bus.yml"
@@ -444,7 +441,7 @@ def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -
 
 
 def _is_concise(data: bytes) -> bool:
-    """Whether the bytes are those of a concise DCF, which an EDS never is by chance: each size in it is right."""
+    """Whether the bytes are a concise DCF: each size in it is consistent, which never holds for the text of an EDS."""
     try:
         return bool(decode_concise(data))
     except ValueError:
@@ -461,9 +458,9 @@ def _why_not(sections: Sections) -> str:
 
 
 def _range_types(sections: Sections) -> Iterator[tuple[int, RangeType]]:
-    """Yield the types that editors make of a basic type and its limits, in sections such as [A0]: by their index.
+    """Yield the manufacturer-specific data types, such as section [A0], with their indices.
 
-    Sub 1 holds the index of the basic type, sub 2 the least value, sub 3 the greatest.
+    Some editors define them as a basic type (sub 1) with a minimum (sub 2) and a maximum (sub 3).
     """
     for name in sections:
         match = _RANGE_SUB.fullmatch(name)
@@ -480,7 +477,10 @@ def _range_types(sections: Sections) -> Iterator[tuple[int, RangeType]]:
 
 @dataclass(slots=True)
 class _Reader:
-    """Object sections to objects and entries; parents come before their subs, wherever the file puts them."""
+    """Conversion of object sections to objects and entries.
+
+    Objects are read before their subindices, in any order of the file.
+    """
 
     od: ObjectDictionary
     sections: Sections
@@ -492,9 +492,9 @@ class _Reader:
         self.entry_reader = EntryReader(self.od.node_id, self.report)
 
     def run(self) -> None:
-        """Read all object sections, keep the others."""
+        """Read all object sections and keep the others."""
         self.entry_reader.ranges.update(_range_types(self.sections))
-        found: list[tuple[int, int, Section]] = []  # subindex -1 is the object itself
+        found: list[tuple[int, int, Section]] = []  # subindex -1 denotes the object itself
         for name, section in self.sections.items():
             match = _OBJECT.fullmatch(name)
             if match is None:
@@ -587,7 +587,7 @@ class _Reader:
         self.od.entries[index, subindex] = self.entry_reader.read(section, index, subindex, name, code)
 
     def _expand(self, section: Section, index: int, count: int) -> None:
-        """Make the entries that CompactSubObj stands for (CiA 306-1, 4.6.3.4)."""
+        """Create the entries that CompactSubObj stands for (CiA 306-1, 4.6.3.4)."""
         label = self.od.objects[index].name
         entries = self.od.entries
         entries[index, 0] = Entry(
@@ -606,7 +606,7 @@ class _Reader:
                 entries[index, subindex] = self.entry_reader.like(model, subindex, name, values_section, pair.key)
 
     def _compact_pairs(self, name: str, count: int) -> dict[int, Pair]:
-        """Return by subindex what a [xxxxName] or [xxxxValue] section says of it."""
+        """Return the entries of a [xxxxName] or [xxxxValue] section by subindex."""
         section = self.sections.get(name)
         if section is None:
             return {}

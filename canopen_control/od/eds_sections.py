@@ -1,10 +1,10 @@
-"""The lines of an EDS or DCF file as sections of keys (CiA 306-1, 4.2), forgiving what editors do to files.
+"""Sections, keys and entries of EDS and DCF files (CiA 306-1, 4.2 to 4.6).
 
-UTF-8, UTF-16 and Windows-1252; CR, LF and CRLF, also mixed; an end-of-file character of DOS; any case of sections and
-keys. Of two sections or keys with one name the first counts, and the second is an issue.
+Accepted are UTF-8, UTF-16 and Windows-1252; CR, LF and CRLF, also mixed; a DOS end-of-file character; any case of
+sections and keys. Of duplicate sections or keys the first is used and the second is reported.
 
-Large files have hundreds of thousands of lines, nearly all of them plain: those of a section of nothing but different
-keys are not counted before somebody asks for the number of one. Any other section is read line by line.
+Large files have hundreds of thousands of lines, nearly all of them plain. In a section of plain lines with different
+keys the line numbers are computed only on request; any other section is read line by line.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 _COMMENT = ";#"
 _BLANK = " \t\r\n\x00\x1a\ufeff"
-_NOT_CANOPEN = (  # what the file begins with, and what it is then
+_NOT_CANOPEN = (  # beginning of the file, and the format it indicates
     ("<", "is XML, a device description of CiA 311 (XDD or XDC), and no EDS; ask the vendor for the EDS"),
     ("$", "is an EtherNet/IP EDS (ODVA) and no CANopen one"),
     ("version https://git-lfs", "is a pointer of git-lfs; fetch the file itself: git lfs pull"),
@@ -40,49 +40,52 @@ _NOT_CANOPEN = (  # what the file begins with, and what it is then
 
 
 class Pair(NamedTuple):
-    """One ``key=value`` line."""
+    """Line ``key=value`` of a section."""
 
-    key: str  # as written
+    key: str  # as in the file
     value: str
     line: int
 
 
 @dataclass(slots=True)
 class Section:
-    """One section; `values` by lower-case key, `written` by the key as written, both in the order of the file."""
+    """Section of a file.
 
-    name: str  # lower case
-    title: str  # as written
+    `values` by lower-case key, `written` by the key as in the file, both in the order of the file.
+    """
+
+    name: str  # in lower case
+    title: str  # as in the file
     line: int
     values: dict[str, str] = field(default_factory=dict)
     written: dict[str, str] = field(default_factory=dict)
-    body: str = ""  # what follows the line of the section, where `lines` is still to be made of it
-    lines: dict[str, int] | None = None  # by lower-case key
+    body: str = ""  # text after the line of the section, until `lines` is computed from it
+    lines: dict[str, int] | None = None  # line of each lower-case key
 
     def get(self, key: str) -> str:
-        """Return the text of a lower-case key, empty where it is absent."""
+        """Return the text of a lower-case key, empty if it is absent."""
         return self.values.get(key, "")
 
     def pair(self, key: str) -> Pair | None:
-        """Return the line of a lower-case key, or None."""
+        """Return the pair of a lower-case key, None if it is absent."""
         return Pair(self.spelled(key), self.values[key], self.line_of(key)) if key in self.values else None
 
     def spelled(self, key: str) -> str:
-        """Return a lower-case key that is there as it is written."""
+        """Return the spelling of a lower-case key in the file."""
         return next(written for lower, written in zip(self.values, self.written, strict=True) if lower == key)
 
     def line_of(self, key: str) -> int:
-        """Return the line of a key, or the section's where it is absent."""
+        """Return the line of a key, or that of the section if the key is absent."""
         return self.line_numbers().get(key, self.line)
 
     def line_numbers(self) -> dict[str, int]:
-        """Return the line of each key, by lower-case key."""
+        """Return the line of each lower-case key."""
         if self.lines is None:
             self.lines = _lines_of_keys(self.body, self.line)
         return self.lines
 
     def texts(self) -> dict[str, str]:
-        """Return the section as written."""
+        """Return the texts by the keys as in the file."""
         return self.written
 
     def numbered(self) -> Iterator[Pair]:
@@ -96,7 +99,7 @@ class Section:
 
 
 def _lines_of_keys(body: str, line: int) -> dict[str, int]:
-    """Return the line of each key of a section of plain lines, which begins in `line`."""
+    """Return the line of each key of a section of plain lines that begins in `line`."""
     numbered = enumerate(body.split("\n"), line + 1)
     return {raw.partition("=")[0].strip().lower(): number for number, raw in numbered if _says(raw)}
 
@@ -125,7 +128,7 @@ def decode_text(data: bytes) -> tuple[str, str]:
 
 
 def read_number(section: Section, key: str, default: int, report: Report) -> int:
-    """Return the number of a lower-case key, or `default`; a text that is empty or no number is reported."""
+    """Return the number of a lower-case key, or `default`; an empty or invalid text is reported."""
     if key not in section.values:
         return default
     number = _number(section, key, report, default)
@@ -133,7 +136,7 @@ def read_number(section: Section, key: str, default: int, report: Report) -> int
 
 
 def optional_number(section: Section, key: str, report: Report) -> int | None:
-    """Return the number of a lower-case key, or None; a text that is empty or no number is reported."""
+    """Return the number of a lower-case key, or None; an empty or invalid text is reported."""
     return _number(section, key, report) if key in section.values else None
 
 
@@ -154,12 +157,12 @@ def _number(section: Section, key: str, report: Report, default: int | None = No
 
 
 def clip(text: str) -> str:
-    """Shorten what a file says to what fits a message."""
+    """Return a text of the file, shortened for a message."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def split_sections(text: str, report: Report) -> Sections:
-    """Split the text of a file; EdsError where it holds no section at all."""
+    """Split the text of a file into sections; EdsError if it has none."""
     splitter = _Splitter(report)
     before, *sections = f"\n{_with_plain_ends(text)}".split("\n[")
     number = splitter.read_lines(None, before.split("\n"), 0)
@@ -171,14 +174,14 @@ def split_sections(text: str, report: Report) -> Sections:
 
 
 def _with_plain_ends(text: str) -> str:
-    """Return the text with its lines ended by LF; the end-of-file character of DOS and padding zeros are blanks."""
+    """Return the text with LF line ends; a DOS end-of-file character and padding zeros become blanks."""
     for odd, plain in (("\r\n", "\n"), ("\r", "\n"), ("\x1a", " "), ("\0", " "), ("\ufeff", " ")):
         text = text.replace(odd, plain)
     return text
 
 
 def what_else(text: str) -> str:
-    """Return what a text is by its beginning, if that is known and no EDS; else ""."""
+    """Return the format that the beginning of a text indicates, "" if it is unknown or may be an EDS."""
     begin = text[:1000].lstrip(_BLANK)
     return next((meaning for start, meaning in _NOT_CANOPEN if begin.startswith(start)), "")
 
@@ -192,7 +195,7 @@ def _why_none(text: str) -> str:
 
 
 class _Keys(dict[str, tuple[str, str]]):
-    """Keys as written and in lower case, by what stands before the equals sign: a file uses few, thousands of times."""
+    """Cache of keys by the text before the equals sign: a file repeats few different ones thousands of times."""
 
     def __missing__(self, raw: str) -> tuple[str, str]:
         key = raw.strip()
@@ -203,7 +206,7 @@ class _Keys(dict[str, tuple[str, str]]):
 
 
 class _Splitter:
-    """The sections so far, and what to do at the lines that are no plain ``key=value``."""
+    """State of the splitter: the sections so far, and the handling of lines that are not plain ``key=value``."""
 
     def __init__(self, report: Report) -> None:
         self.report = report
@@ -211,7 +214,7 @@ class _Splitter:
         self._keys = _Keys()
 
     def read_section(self, text: str, number: int) -> int:
-        """Read what begins behind the bracket of a section in line `number`; return the number of the line after it."""
+        """Read a section whose header is in line `number`; return the number of the line after the section."""
         head, newline, body = text.partition("\n")
         section = self.open(f"[{head.rstrip()}", number)
         lines = body.split("\n") if newline else []
@@ -221,14 +224,14 @@ class _Splitter:
         return self.read_lines(section, lines, number + 1)
 
     def _read_plain(self, section: Section, lines: list[str]) -> bool:
-        """Read the lines of a section; return false, with nothing done, where one of them is not plain."""
+        """Read the lines of a section; return False without any effect if one of them is not plain."""
         keys, values, written, count = self._keys, dict[str, str](), dict[str, str](), 0
         for line in lines:
             raw, equals, value = line.partition("=")
             if equals:
                 try:
                     key, lower = keys[raw]
-                except ValueError:  # a comment or a section after blanks
+                except ValueError:  # a comment, or a section header after blanks
                     return False
                 values[lower] = written[key] = value.strip()
                 count += 1
@@ -240,7 +243,7 @@ class _Splitter:
         return True
 
     def read_lines(self, section: Section | None, lines: list[str], first: int) -> int:
-        """Read lines one by one, from number `first` on; return the number of the line after them."""
+        """Read lines one by one, beginning with number `first`; return the number of the line after them."""
         for number, raw in enumerate(lines, first):
             line = raw.strip()
             if not line or line[0] in _COMMENT:
@@ -265,7 +268,7 @@ class _Splitter:
         section.line_numbers()[lower] = pair.line
 
     def open(self, line: str, number: int) -> Section:
-        """Open a section and return it; of a repeated one nothing is kept."""
+        """Open a section and return it; the content of a duplicate is discarded."""
         title, closed, rest = line[1:].partition("]")
         title, rest = title.strip(), rest.strip()
         if not closed or (rest and rest[0] not in _COMMENT):
@@ -279,22 +282,20 @@ class _Splitter:
         return section
 
     def stray(self, line: str, number: int) -> None:
-        """Report a line that says nothing."""
+        """Report a line that is not part of a section or has no key."""
         text = f"line {clip(line)!r} is not key=value in a section; ignored"
         self.report.warning(number, "stray-line", text)
 
     def repeated(self, pair: Pair, first: Pair) -> None:
-        """Report a key that comes again."""
+        """Report a duplicate key."""
         lost = "with the same value" if pair.value == first.value else f"with {clip(pair.value)!r}, which is ignored"
         text = f"{clip(pair.key)} is repeated {lost}; line {first.line} counts"
         self.report.warning(pair.line, "key-repeated", text)
 
 
-# One section of an EDS or DCF file as an entry (CiA 306-1, 4.6.3).
-#
-# What the file does not say well is replaced by what harms least, and reported: an unknown type is handled as bytes of
-# any length, an access that cannot be read is rw, limits the wrong way round are none. A value that its type cannot
-# hold is left out; its text stays in the entry's `texts`.
+# Entry of one section (CiA 306-1, 4.6.3). Errors are reported and replaced by the least harmful value: an unknown type
+# is treated as bytes of any length, an unreadable access is rw, swapped limits are dropped. A value that does not fit
+# its type is omitted; its text stays in the entry's `texts`.
 
 
 _TYPES: dict[int, DataType] = {int(data_type): data_type for data_type in DataType}
@@ -312,7 +313,7 @@ _VALUE_KEYS = ("defaultvalue", "parametervalue")
 
 
 class RangeType(NamedTuple):
-    """A data type of a device's own: a basic type and the limits of its values."""
+    """Manufacturer-specific data type: a basic type and the limits of its values."""
 
     base: DataType
     low: int | None
@@ -325,7 +326,10 @@ class _Limit(NamedTuple):
 
 
 class _Traits(NamedTuple):
-    """What entries with the same keys have in common; `defaults` are texts of values that were read without a doubt."""
+    """Attributes that entries with the same texts share.
+
+    `defaults` are texts of values that were read without an issue.
+    """
 
     data_type: DataType
     known: bool
@@ -343,10 +347,10 @@ _NO_VALUE = Parsed(None)
 
 @dataclass(frozen=True, slots=True)
 class EntryReader:
-    """Reads the entries of a file; `node_id` is what $NODEID stands for, None where that is not known yet.
+    """Reader of entries; `node_id` replaces $NODEID, None if it is not known yet.
 
-    A file with thousands of entries describes them by the same few texts, so that what was read of those without an
-    issue is kept. `ranges` are the data types that the file describes itself, by their index.
+    A file with thousands of entries repeats few texts, so that results without an issue are cached. `ranges` are the
+    manufacturer-specific data types by index.
     """
 
     node_id: int | None
@@ -355,7 +359,7 @@ class EntryReader:
     ranges: dict[int, RangeType] = field(default_factory=dict)
 
     def read(self, section: Section, index: int, subindex: int, name: str, code: int) -> Entry:
-        """Return the entry that `section` describes; `code` is its object code."""
+        """Return the entry of `section`; `code` is its object code."""
         traits = self._traits(section, code)
         data_type, known, access, pdo_mappable, low, high, obj_flags, _ = traits
         default = self._parsed(section, "defaultvalue", traits) if known else _NO_VALUE
@@ -381,7 +385,7 @@ class EntryReader:
         )
 
     def like(self, model: Entry, subindex: int, name: str, values: Section | None = None, key: str = "") -> Entry:
-        """Return `model` as another subindex, with the default that a [xxxxValue] section has for it, if any."""
+        """Return a copy of `model` for another subindex, with its default from a [xxxxValue] section, if any."""
         parsed = _NO_VALUE if values is None else self._read_value(values, key, model.data_type)
         default, relative, _ = Parsed(model.default, model.relative) if parsed is _NO_VALUE else parsed
         return Entry(
@@ -465,7 +469,7 @@ class EntryReader:
     def _parsed(self, section: Section, key: str, traits: _Traits) -> Parsed:
         text = section.values.get(key)
         if not text:
-            return _NO_VALUE  # an empty DefaultValue= is how many tools say that there is none
+            return _NO_VALUE  # many tools write an empty DefaultValue= for "no default"
         parsed = traits.defaults.get(text)
         if parsed is None:
             parsed = self._read_value(section, key, traits.data_type)
@@ -515,10 +519,9 @@ class EntryReader:
         return _Limit(parsed.value, parsed.relative) if isinstance(parsed.value, int | float) else _NO_LIMIT
 
 
-# The sections of an EDS or DCF file that speak of the device as a whole (CiA 306-1, 4.4 to 4.6.2).
-#
-# [DeviceInfo], [DummyUsage], [Comments], [DeviceComissioning] (with one m, as the standard writes it, or two) and the
-# three object lists. None of them is needed to use the objects, so whatever is wrong here is at most a warning.
+# Device sections (CiA 306-1, 4.4 to 4.6.2): [DeviceInfo], [DummyUsage], [Comments], [DeviceComissioning] (with one m,
+# as in the standard, or two) and the three object lists. The objects can be used without them, so that errors here are
+# at most warnings.
 
 
 DEVICE_TEXTS = {"vendorname": "vendor_name", "productname": "product_name", "ordercode": "order_code"}
@@ -546,11 +549,11 @@ _COUNT_DEFAULTS = {"granularity": 8}
 _BIT_RATE = re.compile(r"baudrate_([0-9]{1,5})")
 _DUMMY = re.compile(r"dummy([0-9a-f]{4})")
 _COMMENT_KEY = re.compile(r"line([0-9]{1,9})")
-_HIGHEST_KBITS = 10_000  # above this a Baudrate is bit/s, below it kbit/s as the standard says
+_HIGHEST_KBITS = 10_000  # a larger Baudrate is in bit/s, a smaller one in kbit/s as in CiA 306-1
 
 
 def read_device(sections: Sections, node_id: int | None, report: Report) -> ObjectDictionary:
-    """Return the dictionary without its objects; `node_id` goes before the commissioned one."""
+    """Return the dictionary without its objects; `node_id` takes precedence over the commissioned one."""
     od = ObjectDictionary(node_id=node_id)
     info = sections.get("deviceinfo")
     if info is None:
@@ -622,7 +625,7 @@ def _bitrate(section: Section, report: Report) -> int | None:
 
 
 def check_lists(od: ObjectDictionary, sections: Sections, report: Report) -> None:
-    """Compare the three lists with the objects that the file describes."""
+    """Compare the three object lists with the objects in the file."""
     lists = [section for name in OBJECT_LISTS if (section := sections.get(name)) is not None]
     if not lists:
         report.warning(0, "list-missing", "there are no object lists; the object sections alone count")

@@ -1,8 +1,8 @@
-"""Numbers and values as EDS and DCF files write them (CiA 306-1, 4.4).
+"""Numbers and values in EDS and DCF files (CiA 306-1, 4.4).
 
-Numbers are decimal, 0x hexadecimal, or octal after a leading 0; $NODEID may be added to one. What vendors write
-besides is understood where it can mean one thing only, and then is an issue. An INTEGERn in hexadecimal is two's
-complement of its type. A REAL is decimal, or the bits of IEEE 754 in hexadecimal.
+Numbers are decimal, hexadecimal with 0x, or octal with a leading 0; $NODEID may be added. Other notations of vendors
+are accepted with an issue if they are unambiguous. A hexadecimal INTEGERn is the two's complement of its type. A REAL
+is decimal, or its IEEE 754 bits in hexadecimal.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ _DECIMAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})
 _HEX_SUFFIX = re.compile(r"([0-9][0-9A-Fa-f]*)[hH]", re.ASCII)
 _WORDS = {"true": 1, "false": 0}
 _NODE_ID = "$nodeid"
-_MAX_DIGITS = 64  # the widest number has 20 digits; more are no number but an attack on int()
+_MAX_DIGITS = 64  # the longest number has 20 digits; longer texts would only cost time in int()
 _RANGES = {t: (t.minimum, t.maximum, 1 << (t.bits or 0)) for t in DataType if t.is_integer}
 
 
 class ValueIssue(NamedTuple):
-    """What is odd about the form of a value that was understood all the same."""
+    """Unusual notation of a value that could be parsed."""
 
     code: str
     severity: Severity
@@ -38,7 +38,7 @@ class ValueIssue(NamedTuple):
 
 
 class Parsed(NamedTuple):
-    """A value, None of what says none; `relative` where $NODEID was part of it."""
+    """Parsed value, None if the text is empty; `relative` if it contained $NODEID."""
 
     value: Value | None
     relative: bool = False
@@ -46,7 +46,7 @@ class Parsed(NamedTuple):
 
 
 class Number(NamedTuple):
-    """A whole number; `is_hex` where two's complement may be meant."""
+    """Integer of a text; `is_hex` if it may be a two's complement."""
 
     value: int
     is_hex: bool = False
@@ -65,14 +65,14 @@ _TWOS = ValueIssue("number-sign", Severity.WARNING, "taken as two's complement")
 
 
 def parse_number(text: str) -> Number:
-    """Return the number that `text` means; ValueError where it is none."""
+    """Return the number in `text`; ValueError if there is none."""
     return _parse(text)
 
 
 def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> Parsed:
-    """Return the value of the type that `text` means; ValueError with a sentence where it is none.
+    """Return the value of `text` as `data_type`; ValueError with a message if it is not one.
 
-    $NODEID counts as 0 where `node_id` is None.
+    $NODEID counts as 0 if `node_id` is None.
     """
     parse = _PARSERS.get(data_type)
     if parse is not None:
@@ -91,7 +91,7 @@ def _whole(text: str, data_type: DataType, node_id: int | None) -> Parsed:
 
 
 def format_value(value: Value, data_type: DataType) -> str:
-    """Return the text of a value that `parse_value` reads back."""
+    """Return the text of a value, such that `parse_value` returns the value."""
     if isinstance(value, bytes):
         return value.hex(" ").upper()
     if data_type in REALS and isinstance(value, int | float):
@@ -102,16 +102,16 @@ def format_value(value: Value, data_type: DataType) -> str:
 
 
 def real_bits(value: float, data_type: DataType) -> str:
-    """Return a REAL32 or REAL64 as its bits in hexadecimal: the one way to write it that every reader of files takes.
+    """Return the bits of a REAL32 or REAL64 in hexadecimal, the only notation that every reader accepts.
 
-    Lely's dcfgen refuses a whole file for one REAL with a decimal point.
+    Lely's dcfgen refuses a file that has a REAL with a decimal point.
     """
     layout = REALS[data_type]
     return f"0x{int.from_bytes(layout.pack(value), 'little'):0{2 * layout.size}X}"
 
 
 def _parse(text: str) -> Number:
-    """Return the number; the few texts that most lines of most files have are parsed once."""
+    """Return the number; results are cached, because most lines of most files repeat a few texts."""
     return _parse_short(text) if len(text) <= _MAX_DIGITS else _parse_any(text)
 
 
@@ -135,7 +135,7 @@ def _parse_any(text: str) -> Number:
         number = int(octal, 8)
         issue = issue or _octal(text, number, int(octal))
     else:
-        number = int(decimal)  # 08 and 09, which are no octal numbers, too
+        number = int(decimal)  # also 08 and 09, which are not octal
     return Number(-number if sign == "-" else number, hexadecimal is not None, issue)
 
 
@@ -159,7 +159,7 @@ def _odd_number(text: str, issue: ValueIssue | None) -> Number:
 
 
 def _relative(text: str, node_id: int | None) -> Number:
-    """Add up the parts of ``$NODEID+0x200``, in any order and case."""
+    """Return the sum of the parts of ``$NODEID+0x200``, in any order and case."""
     text = text.partition(";")[0]
     parts = [part.strip() for part in text.split("+", 4)]
     names = [part for part in parts if "$" in part]
@@ -208,7 +208,7 @@ def _format_real(value: float, data_type: DataType) -> str:
     text = repr(value)
     if _DECIMAL.fullmatch(text):
         return text
-    return real_bits(value, data_type)  # not a number, or infinite: only the bits tell
+    return real_bits(value, data_type)  # not a number, or infinite: only the bits can express it
 
 
 def _bytes(text: str, _data_type: DataType) -> Parsed:
@@ -227,7 +227,7 @@ def _text(text: str, data_type: DataType) -> Parsed:
 
 
 def _time(text: str, data_type: DataType) -> Parsed:
-    """Read the 48 bits of a time: one number, or days and milliseconds as two."""
+    """Parse the 48 bits of a time: one number, or days and milliseconds as two."""
     parts = text.partition(";")[0].split()
     if len(parts) != _TWO:
         return _whole(text, data_type, None)
@@ -244,7 +244,7 @@ def _latin(text: str) -> bytes:
         raise ValueError("it has characters beyond ISO 8859-1") from None
 
 
-_PARSERS = {  # the others are whole numbers
+_PARSERS = {  # all other types are integers
     DataType.VISIBLE_STRING: _text,
     DataType.UNICODE_STRING: _text,
     DataType.OCTET_STRING: _bytes,

@@ -1,8 +1,8 @@
-"""Issues of an EDS or DCF file: what is odd, how bad, and where.
+"""Issues of an EDS or DCF file, with severity and line.
 
-An issue never stops the reading. ERROR: a value is lost or contradicts another, so the device cannot be as described.
-WARNING: a doubt, with what was made of it. NOTE: allowed or harmless, but worth knowing. The codes are stable, for
-scripts; the texts are for people.
+An issue never stops the reading. ERROR: a value is lost or contradicts another, so that the device cannot match the
+file. WARNING: something doubtful, with the interpretation chosen. NOTE: allowed or harmless. Scripts can rely on the
+codes; the texts may change.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 
 class Severity(enum.Enum):
-    """How bad it is."""
+    """Severity of an issue."""
 
     ERROR = "error"
     WARNING = "warning"
@@ -21,7 +21,7 @@ class Severity(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Issue:
-    """Something odd at one line of a file; what concerns the file as a whole is at line 1."""
+    """Issue at one line of a file; issues of the file as a whole are at line 1."""
 
     path: str
     line: int
@@ -35,7 +35,7 @@ class Issue:
 
 @dataclass(slots=True)
 class Report:
-    """The issues of one file, as they are found."""
+    """Issues of one file, in the order of their detection."""
 
     path: str
     issues: list[Issue] = field(default_factory=list)

@@ -1,8 +1,8 @@
-"""The object dictionary: what a node offers, as plain data.
+"""Object dictionary of a node as plain data.
 
-Objects are addressed by (index, subindex); names are for people, since one device in four uses a name twice. Types,
-access and mappability are the file's, never a profile's (CiA 301, 7.4; CiA 306-1). The dictionary holds what its
-file says, also where that is odd: judging is the work of `checks`.
+Objects are addressed by (index, subindex); names are only for display, since one device in four uses a name twice.
+Types, access and mappability are those of the file, not of a profile (CiA 301, 7.4; CiA 306-1). The dictionary contains
+the data of the file, even if they are inconsistent; `check_dictionary` reports that.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class ObjectCode(enum.IntEnum):
     RECORD = 9
 
 
-SCALAR_CODES = (ObjectCode.VAR, ObjectCode.DOMAIN, ObjectCode.DEFTYPE)  # whose only value is at subindex 0
+SCALAR_CODES = (ObjectCode.VAR, ObjectCode.DOMAIN, ObjectCode.DEFTYPE)  # codes of objects with one value, at subindex 0
 
 
 class DataType(enum.IntEnum):
@@ -65,7 +65,7 @@ class DataType(enum.IntEnum):
 
     @property
     def bits(self) -> int | None:
-        """Width in a PDO, or None for the types of variable length."""
+        """Width in a PDO in bits, None for types of variable length."""
         return _BITS.get(self)
 
     @property
@@ -75,7 +75,7 @@ class DataType(enum.IntEnum):
 
     @property
     def is_integer(self) -> bool:  # type: ignore[override, unused-ignore]  # int has a method of this name since 3.12
-        """Whether values are whole numbers: BOOLEAN, INTEGERn, UNSIGNEDn and the two times."""
+        """Whether values are integers: BOOLEAN, INTEGERn, UNSIGNEDn and the two time types."""
         return self in _BITS and self not in _REALS
 
     @property
@@ -85,12 +85,12 @@ class DataType(enum.IntEnum):
 
     @property
     def minimum(self) -> int:
-        """Least value of an integer type; 0 for the others."""
+        """Minimum of an integer type; 0 for other types."""
         return _RANGES.get(self, (0, 0))[0]
 
     @property
     def maximum(self) -> int:
-        """Greatest value of an integer type; 0 for the others."""
+        """Maximum of an integer type; 0 for other types."""
         return _RANGES.get(self, (0, 0))[1]
 
 
@@ -112,20 +112,20 @@ _RANGES: dict[int, tuple[int, int]] = {
     if number not in _REALS
 }
 
-BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s, CiA 301 table 1
+BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)  # kbit/s (CiA 301, table 1)
 ACCESS_TYPES = ("ro", "wo", "rw", "rwr", "rww", "const")
 _READABLE = frozenset(("ro", "rw", "rwr", "rww", "const"))
 _WRITABLE = frozenset(("wo", "rw", "rwr", "rww"))
-_RPDO = frozenset(("wo", "rw", "rww"))  # CiA 306-1: rwr maps into TPDOs only, rww into RPDOs only
+_RPDO = frozenset(("wo", "rw", "rww"))  # CiA 306-1: rwr can be mapped into TPDOs only, rww into RPDOs only
 _TPDO = frozenset(("ro", "rw", "rwr", "const"))
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One subindex of one object.
+    """One subindex of an object.
 
-    `default` is DefaultValue and `parameter_value` the ParameterValue of a DCF, None where the file gives none. Of a
-    `relative` one the file says $NODEID: the node id is added where the dictionary has one, and not otherwise.
+    `default` is DefaultValue and `parameter_value` the ParameterValue of a DCF, None if absent. A `relative` value is
+    written with $NODEID in the file: it includes the node id if the dictionary has one.
     """
 
     index: int
@@ -137,14 +137,14 @@ class Entry:
     default: Value | None = None
     low: int | float | None = None
     high: int | float | None = None
-    relative: bool = False  # the default
+    relative: bool = False  # the default contains $NODEID
     low_relative: bool = False
     high_relative: bool = False
     parameter_value: Value | None = None
     parameter_relative: bool = False
-    obj_flags: int = 0  # bit 0: not written with a DCF; bit 1: not read in a scan
-    line: int = field(default=0, compare=False)  # of its section in the file; 0 where made by hand
-    texts: Mapping[str, str] = field(default_factory=dict, compare=False)  # keys as written that the fields do not tell
+    obj_flags: int = 0  # bit 0: not written by a DCF download; bit 1: not read by a scan
+    line: int = field(default=0, compare=False)  # line of its section in the file; 0 without a file
+    texts: Mapping[str, str] = field(default_factory=dict, compare=False)  # keys without a field, as in the file
 
     @property
     def address(self) -> Address:
@@ -153,7 +153,7 @@ class Entry:
 
     @property
     def value(self) -> Value | None:
-        """What the node holds after its configuration: ParameterValue, else DefaultValue."""
+        """Value after configuration: ParameterValue, else DefaultValue."""
         return self.default if self.parameter_value is None else self.parameter_value
 
     @property
@@ -168,29 +168,29 @@ class Entry:
 
     @property
     def rpdo_mappable(self) -> bool:
-        """Whether the device takes it from an RPDO."""
+        """Whether the entry can be mapped into an RPDO."""
         return self.pdo_mappable and self.access in _RPDO
 
     @property
     def tpdo_mappable(self) -> bool:
-        """Whether the device sends it in a TPDO."""
+        """Whether the entry can be mapped into a TPDO."""
         return self.pdo_mappable and self.access in _TPDO
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectInfo:
-    """One index: its name and its object code; the values are the entries."""
+    """Name and object code of one index; the values are in the entries."""
 
     index: int
     name: str
     code: ObjectCode
     line: int = field(default=0, compare=False)
-    texts: Mapping[str, str] = field(default_factory=dict, compare=False)  # keys as written that the fields do not tell
+    texts: Mapping[str, str] = field(default_factory=dict, compare=False)  # keys without a field, as in the file
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """What the file says of the device as a whole ([DeviceInfo]); numbers are None where the file gives none."""
+    """Section [DeviceInfo]; numbers are None if absent."""
 
     vendor_name: str = ""
     vendor_number: int | None = None
@@ -201,7 +201,7 @@ class DeviceInfo:
     bit_rates: frozenset[int] = frozenset()  # bit/s
     simple_boot_up_master: bool = False
     simple_boot_up_slave: bool = False
-    granularity: int = 8  # bits; 0: the mapping cannot be changed
+    granularity: int = 8  # bits; 0: the mapping is fixed
     dynamic_channels: int = 0
     group_messaging: bool = False
     rpdo_count: int = 0
@@ -212,7 +212,7 @@ class DeviceInfo:
 
 @dataclass(frozen=True, slots=True)
 class Commissioning:
-    """What a DCF adds ([DeviceComissioning]) besides node id and bit rate."""
+    """Section [DeviceComissioning] of a DCF, without node id and bit rate."""
 
     node_name: str = ""
     network_number: int | None = None
@@ -223,9 +223,9 @@ class Commissioning:
 
 @dataclass(slots=True)
 class ObjectDictionary:
-    """All entries of a node, addressed by (index, subindex).
+    """Entries of a node, addressed by (index, subindex).
 
-    `bitrate` is in bit/s. `sections` holds the sections that the fields do not tell, as written.
+    `bitrate` is in bit/s. `sections` contains the sections without a field, as in the file.
     """
 
     node_id: int | None = None
@@ -233,7 +233,7 @@ class ObjectDictionary:
     device: DeviceInfo = field(default_factory=DeviceInfo)
     objects: dict[int, ObjectInfo] = field(default_factory=dict)
     entries: dict[Address, Entry] = field(default_factory=dict)
-    dummy_usage: frozenset[int] = frozenset()  # type indices 0x0001 to 0x0007 that fill gaps of an RPDO
+    dummy_usage: frozenset[int] = frozenset()  # type indices 0x0001 to 0x0007 that can fill gaps of an RPDO
     commissioning: Commissioning = field(default_factory=Commissioning)
     comments: tuple[str, ...] = ()
     sections: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -255,7 +255,7 @@ class ObjectDictionary:
         return self.entries.get((index, subindex))
 
     def add(self, entry: Entry) -> None:
-        """Put `entry` in place of what is there; an index new to the dictionary becomes an object of its own."""
+        """Add or replace an entry; a new index becomes an object."""
         self.entries[entry.address] = entry
         if entry.index not in self.objects:
             scalar = ObjectCode.DOMAIN if entry.data_type is DataType.DOMAIN else ObjectCode.VAR
@@ -263,13 +263,14 @@ class ObjectDictionary:
             self.objects[entry.index] = ObjectInfo(entry.index, entry.name, code)
 
     def subindices(self, index: int) -> list[int]:
-        """Return the subindices of an object in rising order, empty where it is absent."""
+        """Return the subindices of an object in rising order, empty if it is absent."""
         return sorted(sub for i, sub in self.entries if i == index)
 
     def find(self, name: str) -> Entry | None:
-        """Return the one entry of this name, or None where there is none or more than one.
+        """Return the entry with this name, None if there is none or more than one.
 
-        A sub-object may be named together with its object, ``Object.Sub``. Letter case counts only where it must.
+        A sub-object may be named together with its object, ``Object.Sub``. Case is significant only if names differ in
+        nothing else.
         """
         exact = self._named(lambda known: known == name)
         if len(exact) != 1:
@@ -287,7 +288,7 @@ class ObjectDictionary:
         return entry.name, f"{info.name}.{entry.name}"
 
     def for_node(self, node_id: int) -> ObjectDictionary:
-        """Return a copy whose $NODEID values are those of `node_id`; one parsed file serves many nodes."""
+        """Return a copy for `node_id`, which replaces $NODEID; one parsed file serves many nodes."""
         shift = node_id - (self.node_id or 0)
         entries = self.entries.copy()
         for address, entry in self.entries.items() if shift else ():
@@ -296,7 +297,7 @@ class ObjectDictionary:
         return replace(self, node_id=node_id, entries=entries, objects=dict(self.objects), sections=dict(self.sections))
 
 
-_RELATIVE = {  # flag of an entry: the field that it speaks of
+_RELATIVE = {  # flag of an entry: the field that it describes
     "relative": "default",
     "parameter_relative": "parameter_value",
     "low_relative": "low",

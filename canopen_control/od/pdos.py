@@ -1,6 +1,6 @@
-"""The PDOs that an object dictionary describes (CiA 301, 7.5.2.35 to 7.5.2.38), as its defaults have them.
+"""Default PDOs of an object dictionary (CiA 301, 7.5.2.35 to 7.5.2.38).
 
-RPDO and TPDO are the device's words: it receives an RPDO. PDO k has its communication record at 0x1400 + k - 1 or
+RPDO and TPDO are seen from the device: it receives an RPDO. PDO k has its communication record at 0x1400 + k - 1 or
 0x1800 + k - 1 and its mapping at 0x1600 + k - 1 or 0x1A00 + k - 1.
 """
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 
 MAX_BITS = 64
-INVALID = 1 << 31  # of a COB-ID entry: the PDO is off
+INVALID = 1 << 31  # bit of a COB-ID entry: the PDO is disabled
 COUNT = 512
 COMMUNICATION = {"rpdo": 0x1400, "tpdo": 0x1800}
 MAPPING = {"rpdo": 0x1600, "tpdo": 0x1A00}
 _MAPPINGS = tuple((kind == "rpdo", COMMUNICATION[kind], MAPPING[kind]) for kind in COMMUNICATION)
-_MULTIPLEXED = (254, 255)  # as number of mapped objects: SAM- and DAM-MPDO, which map nothing
+_MULTIPLEXED = (254, 255)  # number of mapped objects of SAM- and DAM-MPDOs (CiA 301, 7.5.2.36), which have no mapping
 
 
 @dataclass(frozen=True, slots=True)
 class Mapped:
-    """One mapped object; `entry` is None where the dictionary lacks it, `source` is the mapping entry itself."""
+    """Mapped object; `entry` is None if the dictionary lacks it, `source` is the mapping entry."""
 
     index: int
     subindex: int
@@ -36,42 +36,45 @@ class Mapped:
 
     @property
     def is_dummy(self) -> bool:
-        """Whether it is a data type that fills a gap of an RPDO."""
+        """Whether the object is a data type that fills a gap of an RPDO."""
         return 1 <= self.index <= 7 and self.subindex == 0
 
 
 @dataclass(frozen=True, slots=True)
 class Pdo:
-    """One PDO; `count` is the number of mapped objects its sub 0 says, None where it says none."""
+    """Default of one PDO; `count` is the number of mapped objects in sub 0, None if absent."""
 
     number: int  # from 1
     is_rpdo: bool
-    communication: int  # index
-    mapping: int  # index
-    cob_id: int | None  # with its flag bits
+    communication: int  # index of the communication parameter
+    mapping: int  # index of the mapping parameter
+    cob_id: int | None  # including the flag bits
     transmission_type: int | None
     count: int | None
-    slots: int  # how many objects can be mapped
+    slots: int  # number of objects that can be mapped
     mapped: tuple[Mapped, ...]
 
     @property
     def name(self) -> str:
-        """``RPDO1`` or alike."""
+        """Name, such as ``RPDO1``."""
         return f"{'R' if self.is_rpdo else 'T'}PDO{self.number}"
 
     @property
     def enabled(self) -> bool:
-        """Whether it is valid by default."""
+        """Whether the PDO is valid by default."""
         return self.cob_id is not None and not self.cob_id & INVALID
 
     @property
     def bits(self) -> int:
-        """How many of the 64 bits are used."""
+        """Number of the 64 bits in use."""
         return sum(mapped.bits for mapped in self.mapped)
 
 
 def pdo_of(index: int) -> tuple[str, int] | None:
-    """Return kind ("rpdo", "tpdo") and number of the PDO that a communication or mapping record belongs to."""
+    """Return kind ("rpdo", "tpdo") and number of the PDO of a communication or mapping record.
+
+    The result is None for other objects.
+    """
     for kind in COMMUNICATION:
         for first in (COMMUNICATION[kind], MAPPING[kind]):
             if first <= index < first + COUNT:
@@ -85,7 +88,7 @@ def is_cob_id(index: int, subindex: int) -> bool:
 
 
 def pdos_of(od: ObjectDictionary) -> list[Pdo]:
-    """Return all PDOs with a communication or mapping record: first the RPDOs, then the TPDOs, by number."""
+    """Return all PDOs with a communication or mapping record, RPDOs first, by number."""
     return list(_pdos(od))
 
 

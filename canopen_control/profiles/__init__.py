@@ -1,5 +1,5 @@
-"""Device profiles besides CiA 402: which one a device has, and its signals in units (I/O, sensors, batteries).
+"""Device profiles other than CiA 402: profile of a device and its signals in units (I/O, sensors, batteries).
 
-`profile_tables` has all signals of a dictionary, `device_signal` one of them, `device_type` the profile of a device.
-Nothing here does any I/O.
+`profile_tables` returns all signals of a dictionary, `device_signal` describes one, `device_type` finds the profile of
+a device. Nothing here does I/O.
 """

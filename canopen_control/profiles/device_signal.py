@@ -1,7 +1,7 @@
-"""One signal of a device in units: which object or bit of it, how raw numbers become values, and which are invalid.
+"""Signal of a device in units: object or bit, conversion of raw numbers, and invalid values.
 
-value = raw * factor * (what the device itself says of its scale) + offset, and back for outputs; a bit is 0 or 1. A
-value that the device calls invalid is nan.
+value = raw * factor * (scale read from the device) + offset, and the inverse for outputs; a bit is 0 or 1. An invalid
+value is nan.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ TYPES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class SignalScale:
-    """A factor that stands in an object of the device: `of` makes it of the number there, `assumed` where it has none.
+    """Factor read from an object of the device: `of` computes it from the number, `assumed` is used without the object.
 
-    It is read when the node has booted, never taken from a file: users and devices change it.
+    It is read after the boot of the node, not taken from a file, because users and devices change it.
     """
 
     address: Address
@@ -46,12 +46,12 @@ class SignalScale:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """An input or `output` of a device; `status` is an object that makes it invalid unless it is 0.
+    """Input or `output` of a device; `status` is an object that makes it invalid unless it is 0.
 
-    `data_type` is what the object is taken for, None: what the file says. `invalid` are raw numbers that stand for no
-    value. `unwrap` is the object that holds where a position begins again: shown is the way since the first value.
-    `safe` is the value of an output whose master is gone, None: it keeps what it has. `max_rate` is how fast an input
-    can change in units per second; what changes faster has jumped.
+    `data_type` overrides the type of the object, None: as in the file. `invalid` are raw numbers without a value.
+    `unwrap` is the object with the range of a position: the value is then the continuous travel since the first value.
+    `safe` is the value of an output without a master, None: unchanged. `max_rate` is the largest plausible rate of an
+    input in units per second; a faster change is a jump.
     """
 
     name: str
@@ -77,16 +77,16 @@ class Signal:
 
     @property
     def where(self) -> str:
-        """The object, for people."""
+        """Object in messages."""
         return f"0x{self.index:04X}:{self.subindex:02X}" + ("" if self.bit is None else f".{self.bit}")
 
     @property
     def needs(self) -> tuple[Address, ...]:
-        """The objects whose numbers say how to read it."""
+        """Objects whose values are needed for the conversion."""
         return (*(scale.address for scale in self.scales), *(() if self.unwrap is None else (self.unwrap,)))
 
     def gain(self, numbers: Mapping[Address, Value]) -> float:
-        """Return units per raw number, as a device with these `numbers` in its objects means it."""
+        """Return units per raw number, with the `numbers` read from the objects of the device."""
         gain = self.factor
         for scale in self.scales:
             number = numbers.get(scale.address)
@@ -94,7 +94,7 @@ class Signal:
         return gain
 
     def value(self, raw: float, gain: float) -> float:
-        """Return the value of a raw number; nan where that stands for none."""
+        """Return the value of a raw number; nan if it is invalid."""
         if raw in self.invalid:
             return math.nan
         if self.bit is not None:
@@ -102,13 +102,13 @@ class Signal:
         return raw * gain + self.offset
 
     def raw(self, value: float, gain: float, *, whole: bool) -> float:
-        """Return the raw number of a value; of an object of integers the nearest `whole` one."""
+        """Return the raw number of a value; with `whole`, rounded for an object of integers."""
         raw = (value - self.offset) / gain
         return round(raw) if whole else raw
 
 
 def object_of(text: str) -> tuple[int, int, int | None] | None:
-    """Return index, subindex and bit of ``0x6401:01``, ``6000:1.3`` or ``0x6004``; None where it is neither."""
+    """Return index, subindex and bit of ``0x6401:01``, ``6000:1.3`` or ``0x6004``; None for other texts."""
     match = _OBJECT.fullmatch(text.strip())
     if match is None:
         return None
@@ -117,14 +117,15 @@ def object_of(text: str) -> tuple[int, int, int | None] | None:
 
 
 def retyped(value: Value, held: DataType, wanted: DataType) -> Value:
-    """Return what the bits of a value mean as another type of the same width; nan where they mean nothing."""
+    """Return the bits of a value as another type of the same width; nan if they are invalid there."""
     try:
         return decode(encode(value, held), wanted)
     except ValueError:
         return math.nan
 
 
-# -- units as devices code them in an object (CiA 303-2): bits 16 to 23 the unit, 24 to 31 its prefix as a power of ten
+# -- units and prefixes as coded in objects (CiA 303-2): unit in bits 16 to 23, prefix as a power of ten in bits 24 to
+# 31
 
 _UNITS: Final = {
     0x01: "m",
@@ -145,16 +146,16 @@ _UNITS: Final = {
 
 
 def unit_of_code(code: int) -> str:
-    """Return the name of a coded unit, "" where the table has none; 0x002D0000 are degrees Celsius."""
+    """Return the name of a coded unit, "" if the table lacks it; 0x002D0000 is degrees Celsius."""
     return _UNITS.get(code >> 16 & 0xFF, "")
 
 
 def factor_of_prefix(code: int) -> float:
-    """Return by what a value is multiplied to be in the unit without its prefix: 0xFD260000 is a millivolt, 0.001."""
+    """Return the factor of a prefix: 0xFD260000 is a millivolt, 0.001."""
     power = code >> 24 & 0xFF
     return float(10.0 ** (power - 0x100 if power > 0x7F else power))
 
 
 def factor_of_digits(digits: int) -> float:
-    """Return the value of one unit of the last of so many decimal digits; what is no such number counts as none."""
+    """Return the value of the last of `digits` decimal digits; an invalid number counts as 0 digits."""
     return float(10.0**-digits) if 0 <= digits <= 9 else 1.0

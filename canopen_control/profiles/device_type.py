@@ -1,7 +1,7 @@
-"""Which device profile a dictionary is of: CiA 401 I/O, 404 measuring, 406 encoder, 418 battery, ...
+"""Profile of a device from its dictionary: CiA 401 I/O, 404 measuring, 406 encoder, 418 battery, ...
 
-The low word of 0x1000 is the number of the profile, but half of all files have none there, and some call a drive an
-I/O module: a drive is what has a controlword and a statusword, and where 0x1000 says nothing the objects do.
+The low word of 0x1000 is the number of the profile, but half of all files have none there, and some call a drive an I/O
+module. A device with controlword and statusword is therefore a drive, and without a valid 0x1000 the objects decide.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _CONTROLWORD, _STATUSWORD, _AXIS_OFFSET, _AXES = 0x6040, 0x6041, 0x800, 8
 
 
 class Profile(enum.IntEnum):
-    """The profiles by the number of their standard, as the low word of 0x1000 has it; NONE: one that is not known."""
+    """Profiles by the number of their standard, as in the low word of 0x1000; NONE: unknown."""
 
     NONE = 0
     IO = 401
@@ -34,7 +34,7 @@ class Profile(enum.IntEnum):
 
     @property
     def words(self) -> str:
-        """What a device of the profile is called."""
+        """Name of a device with this profile, as shown to users."""
         return _WORDS[self]
 
 
@@ -66,7 +66,7 @@ _SIGNATURES: Final = (
 
 
 def profile_of(od: ObjectDictionary) -> Profile:
-    """Return the profile of a device, NONE where neither 0x1000 nor its objects tell one that is known here."""
+    """Return the profile of a device, NONE if neither 0x1000 nor its objects indicate one."""
     if any(
         (_CONTROLWORD + _AXIS_OFFSET * axis, 0) in od and (_STATUSWORD + _AXIS_OFFSET * axis, 0) in od
         for axis in range(_AXES)
@@ -87,6 +87,6 @@ def profile_of(od: ObjectDictionary) -> Profile:
 
 
 def _is_told_the_charge(od: ObjectDictionary) -> bool:
-    """Whether the state of charge of the battery comes from outside, which makes a charger of the same objects."""
+    """Whether the state of charge can be written: a charger with the objects of a battery receives it."""
     entry = od.get(0x6081)
     return entry is not None and entry.writable and entry.rpdo_mappable

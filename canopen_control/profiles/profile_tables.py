@@ -1,8 +1,8 @@
-"""All signals of a device: those of its profile, and objects by their address.
+"""Signals of all device profiles, and objects by their address.
 
-Objects have no names that two makers share, so the name of a signal is the profile's (`di0`, `position`), or that of
-bus.yml; a device of CiA 454 has none but those. ``0x6401:01`` and ``0x6000:01.3`` name any object, or a bit of it, with
-its raw number.
+Manufacturers do not share object names, so that a signal has the name of the profile (`di0`, `position`) or of bus.yml;
+a device of CiA 454 has only the latter. ``0x6401:01`` and ``0x6000:01.3`` name any object, or a bit of it, with its raw
+number.
 """
 
 from __future__ import annotations
@@ -29,13 +29,12 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, Entry, ObjectDictionary
 
 
-# Signals of sensors and chargers: measuring (CiA 404), encoders (406), inclinometers (410), batteries (418), 419.
-#
-# What a raw number is worth stands in objects of the device (decimal digits, steps per turn, resolution) and is read
-# from there. Angles are in rad, the others in the unit that is named.
+# Sensors and chargers: measuring (CiA 404), encoders (406), inclinometers (410), batteries (418), chargers (419). The
+# scale of a raw number (decimal digits, steps per turn, resolution) is read from the device. Angles are in rad, the
+# others in the unit named.
 
 
-_LINEAR: Final = (8, 9)  # high word of 0x1000 of an encoder that measures a length
+_LINEAR: Final = (8, 9)  # high word of 0x1000 of a linear encoder (CiA 406)
 _STEP_M: Final = 1e-9  # 0x6005:01 is in 0.001 um
 _ANGLE_DEG: Final = 1e-3  # 0x6000 of an inclinometer is in 0.001 degrees
 
@@ -48,7 +47,7 @@ def _number(od: ObjectDictionary, index: int, subindex: int, default: int) -> in
 def measuring_signals(od: ObjectDictionary) -> Iterator[Signal]:
     """Yield ai0, ... (process values, invalid with their status) and ao0, ... of a CiA 404 device.
 
-    The same values may be there as floats, of 16 and of 32 bits: those that a TPDO maps are meant, else the first.
+    The same values may exist as floats, with 16 and with 32 bits: the ones mapped into a TPDO are used, else the first.
     """
     index = next((each for each in (0x7130, 0x9130, 0x6130, 0x8130) if _mapped(od, each)), None)
     index = index or next((each for each in (0x7130, 0x9130, 0x6130, 0x8130) if (each, 1) in od), None)
@@ -66,7 +65,7 @@ def measuring_signals(od: ObjectDictionary) -> Iterator[Signal]:
 
 
 def _mapped(od: ObjectDictionary, index: int) -> bool:
-    """Whether a TPDO of the file carries the object."""
+    """Whether a TPDO of the file maps the object."""
     return any(
         isinstance(entry.value, int) and entry.value >> 16 == index
         for entry in od
@@ -77,7 +76,7 @@ def _mapped(od: ObjectDictionary, index: int) -> bool:
 def _unit(
     od: ObjectDictionary, index: int, subindex: int, code: int, digits: int
 ) -> tuple[str, tuple[SignalScale, ...]]:
-    """Return the unit of a value, and where the device says its prefix and decimal digits."""
+    """Return the unit of a value, and the scales of its prefix and decimal digits."""
     scales = []
     if (code, subindex) in od:
         scales.append(SignalScale((code, subindex), factor_of_prefix, _number(od, code, subindex, 0)))
@@ -96,10 +95,10 @@ def _per_step(thousandths: int) -> float:
 
 
 def encoder_signals(od: ObjectDictionary) -> Iterator[Signal]:
-    """Yield `position` (rad, of a linear encoder m, without end), `position_absolute` and `speed` of a CiA 406 device.
+    """Yield `position` (continuous.
 
-    The position of the device begins again at its total range (0x6002), that without end goes on. The unit of `speed`
-    is the maker's.
+    Rad, or m of a linear encoder), `position_absolute` and `speed` of a CiA 406 device. `position_absolute` wraps at
+    the total range (0x6002). The unit of `speed` is manufacturer-specific.
     """
     if _number(od, 0x1000, 0, 0) >> 16 & 0xFF in _LINEAR:
         unit, scale = "m", SignalScale((0x6005, 1), _per_step, _number(od, 0x6005, 1, 1000))
@@ -144,7 +143,7 @@ _BATTERY: Final[_Table] = (
 
 
 def battery_signals(od: ObjectDictionary) -> Iterator[Signal]:
-    """Yield what a CiA 418 battery tells; no object of the profile holds the current of the pack."""
+    """Yield the signals of a CiA 418 battery; no object of the profile has the current of the pack."""
     for signal, _entry in _signals_of(od, _BATTERY):
         yield signal
 
@@ -162,26 +161,25 @@ _CHARGER: Final[_Table] = (
 
 
 def charger_signals(od: ObjectDictionary) -> Iterator[Signal]:
-    """Yield what a CiA 419 charger tells, and as outputs what it takes; a current is requested until it is 0."""
+    """Yield the signals of a CiA 419 charger, and its inputs as outputs; a requested current remains until it is 0."""
     for signal, entry in _signals_of(od, _CHARGER):
         yield dataclasses.replace(signal, output=entry.rpdo_mappable and entry.writable)
 
 
 def _signals_of(od: ObjectDictionary, table: _Table) -> Iterator[tuple[Signal, Entry]]:
-    """Yield the signals of a table that the device has, each with its object."""
+    """Yield the signals of a table whose objects the device has, each with its object."""
     for name, index, subindex, factor, unit in table:
         if (entry := od.get(index, subindex)) is not None:
             yield Signal(name, index, subindex, factor=factor, unit=unit), entry
 
 
-# Signals of generic I/O modules (CiA 401): digital and analogue inputs and outputs, named di0, do0, ai0, ao0, ...
-#
-# Lines are counted through from 0: bit 3 of 0x6000:02 is di11. The same lines may be grouped by 8, 16 or 32; the first
-# group that a device has is used. Analogue values are raw numbers, whose full scale is 32767 for 16 bits: which voltage
-# that is no object says, so `signals` of bus.yml gives a factor and a unit.
+# Generic I/O modules (CiA 401): digital and analogue inputs and outputs, named di0, do0, ai0, ao0, ... Lines are
+# numbered from 0: bit 3 of 0x6000:02 is di11. The same lines may be grouped by 8, 16 or 32; the first group that a
+# device has is used. Analogue values are raw numbers with a full scale of 32767 for 16 bits. No object contains the
+# corresponding voltage, so `signals` of bus.yml gives a factor and a unit.
 
 
-AI_ENABLE: Final = 0x6423  # no analogue input is sent by an event before it is set
+AI_ENABLE: Final = 0x6423  # analogue inputs are sent on events only if it is set (CiA 401)
 AI_DELTA: Final = 0x6426
 DIGITAL_INPUTS: Final = (0x6000, 0x6100, 0x6120)
 ANALOGUE_INPUTS: Final = (0x6401, 0x6402, 0x6400, 0x6403)
@@ -189,7 +187,7 @@ ANALOGUE_INPUTS: Final = (0x6401, 0x6402, 0x6400, 0x6403)
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Objects that show the same lines, the usual one first; `lines` per subindex where they are bits."""
+    """Objects of the same lines, the usual one first; `lines` is the number per subindex if they are bits."""
 
     prefix: str
     output: bool
@@ -219,10 +217,9 @@ def io_signals(od: ObjectDictionary) -> Iterator[Signal]:
             break
 
 
-# What outputs do when their master is gone: the objects of error mode and error value (CiA 401, CiA 404).
-#
-# An output whose mode says so takes its error value when the heartbeat of the master stays away, at NMT stop and when
-# the device fails; one whose mode says no keeps what it has. Of digital outputs both are bit fields, one bit per line.
+# Outputs without a master: objects of error mode and error value (CiA 401, CiA 404). If its mode is set, an output
+# takes its error value when the heartbeat of the master is lost, at NMT stop and on device failure; otherwise it keeps
+# its value. For digital outputs both are bit fields, one bit per line.
 
 
 ERROR_OBJECTS: Final = {
@@ -240,9 +237,9 @@ ERROR_OBJECTS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class SafeOutput:
-    """What one object of outputs is to be without a master: `mode` and `value` as they are written.
+    """Error mode and error value of one output object, as they are written.
 
-    Their addresses are None where the device has no such object.
+    Their addresses are None if the device has no such object.
     """
 
     output: Address
@@ -253,7 +250,7 @@ class SafeOutput:
 
 
 def safe_outputs(signals: Iterable[Signal], od: ObjectDictionary) -> Iterator[SafeOutput]:
-    """Yield the objects of the outputs with the error values that their signals ask for; others are 0."""
+    """Yield the error mode and error value objects for the `safe` values of the signals; others are 0."""
     by_object: dict[Address, list[Signal]] = {}
     for signal in signals:
         if signal.output and signal.index in ERROR_OBJECTS:
@@ -266,12 +263,15 @@ def safe_outputs(signals: Iterable[Signal], od: ObjectDictionary) -> Iterator[Sa
 
 
 def has_error_mode(od: ObjectDictionary, signal: Signal) -> bool:
-    """Whether a device can bring an output to a value by itself when its master is gone."""
+    """Whether the device can set an output to a value when the master is lost."""
     return signal.index not in ERROR_OBJECTS or (ERROR_OBJECTS[signal.index][0], signal.subindex) in od
 
 
 def _of_lines(lines: list[Signal]) -> tuple[int, int]:
-    """Return the bit fields of mode and value; of a line with two names the last one counts, which is bus.yml's."""
+    """Return the bit fields of mode and value.
+
+    Of a line with two names the last one counts, which is that of bus.yml.
+    """
     safe = {line.bit or 0: line.safe for line in lines}
     mode = sum(1 << bit for bit, value in safe.items() if value is not None)
     return mode, sum(1 << bit for bit, value in safe.items() if value)
@@ -296,13 +296,13 @@ _TABLES: Final[dict[Profile, Callable[[ObjectDictionary], Iterator[Signal]]]] = 
 
 
 def profile_signals(od: ObjectDictionary, profile: Profile) -> dict[str, Signal]:
-    """Return the signals of a device by name, in the order of its table; none of a drive or an unknown profile."""
+    """Return the signals of a device by name, in the order of its table; none for a drive or an unknown profile."""
     table = _TABLES.get(profile)
     return {} if table is None else {signal.name: signal for signal in table(od)}
 
 
 def object_signal(od: ObjectDictionary, name: str) -> Signal | None:
-    """Return the raw number of an object as a signal that is named by its address, None where there is none."""
+    """Return the raw number of an object as a signal named by its address, None if there is no such object."""
     found = object_of(name) if name[:2] in ("0x", "0X") else None
     entry = None if found is None else od.get(found[0], found[1])
     if found is None or entry is None or entry.data_type.bits is None:

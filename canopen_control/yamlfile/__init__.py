@@ -1,1 +1,1 @@
-"""YAML files, read into frozen dataclasses, with every mistake of a file told at once and with its place."""
+"""YAML files as frozen dataclasses; all mistakes of a file are reported at once, with their places."""

@@ -1,13 +1,13 @@
 # ruff: noqa: ANN401 - what stands in a file, and what it is wanted as, may be anything
-"""Nodes of a YAML file converted to the types that a dataclass declares, with bounds and choices.
+"""Conversion of YAML nodes to the types declared by a dataclass, with bounds and choices.
 
-The law of the file: a conversion either gives the value or reports at the node why not and gives INVALID; what holds
-an invalid part is invalid too, so that nothing half right leaves. The only liberties: an integer is taken for a double,
-and so is a plain `1e3`, which is text in YAML 1.1 and a number for rcl.
+A conversion returns the value, or reports a mistake at the node and returns INVALID; a structure with an invalid part
+is invalid too. An integer is accepted for a float, and so is a plain `1e3`, which is text in YAML 1.1 and a number for
+rcl.
 
-A dataclass is the schema. Field types: bool, int, float, str, enums, Literal, Any, Node, unions, list[X],
-tuple[X, ...], dict[str | int, X] and other dataclasses; they must be importable at run time. `setting()` adds a key of
-another name, bounds and choices; `position()` is a field that keeps where its mapping stands, for later checks.
+A dataclass is the schema. Field types: bool, int, float, str, enums, Literal, Any, Node, unions, list[X], tuple[X,
+...], dict[str | int, X] and other dataclasses; they must be importable at run time. `setting()` adds a key with another
+name, bounds and choices; `position()` is a field with the node of its mapping, for later checks.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-_Values: typing.TypeAlias = dict[str, Any]  # of a dataclass by field, converted
+_Values: typing.TypeAlias = dict[str, Any]  # converted values of a dataclass by field
 _KINDS: Final[dict[Any, str]] = {
     bool: "true or false",
     int: "an integer",
@@ -42,7 +42,7 @@ _KINDS: Final[dict[Any, str]] = {
 
 
 class _Invalid(enum.Enum):
-    """What a mistake converts to: it was reported, and whatever holds it is invalid too."""
+    """Result of a conversion with a mistake; it was reported, and any structure with it is invalid too."""
 
     INVALID = 0
 
@@ -63,11 +63,12 @@ def setting(
     hint: str = "",
     help: str = "",  # noqa: A002 - the word of argparse and click
 ) -> Any:
-    """Return a dataclass field: `key` is its name in YAML, `low`/`high` bound numbers, `choices` lists what is allowed.
+    """Return a dataclass field: `key` is its name in YAML, `low`/`high` bound numbers.
 
-    Bounds and choices hold for the elements of a list, tuple or dict; with `nan` not a number is within any bounds. A
-    list default is given as `factory=list`. A `section` gathers the parameters whose dotted names begin with `key`.
-    `hint` ends the message about a value of another type; `help` is the description of the parameter.
+    `choices` lists the valid values. Bounds and choices apply to the elements of a list, tuple or dict; with `nan`, not
+    a number is within any bounds. A list default is given as `factory=list`. A `section` contains the parameters whose
+    dotted names begin with `key`. `hint` ends the message about a wrong type; `help` is the description of the
+    parameter.
     """
     bounds = (low, high) if (low, high) != (None, None) else None
     metadata = {
@@ -85,24 +86,24 @@ def setting(
 
 
 def position() -> Any:
-    """Return a field of type Node that receives the mapping's own node; it takes no part in comparisons."""
+    """Return a field of type Node with the node of its mapping; it is ignored in comparisons."""
     return dataclasses.field(default=NOWHERE, compare=False, repr=False, metadata={"here": True})
 
 
 def part() -> Any:
-    """Return a field of a dataclass type whose keys stand in the same mapping as those of the class it is part of."""
+    """Return a field of a dataclass type whose keys are in the same mapping as those of the class that contains it."""
     return dataclasses.field(metadata={"part": True})
 
 
 def derived(default: Any) -> Any:
-    """Return a field that no key of the file sets: whoever has read the file does."""
+    """Return a field without a key in the file; the reader of the file sets it."""
     return dataclasses.field(default=default, metadata={"derived": True})
 
 
 def convert(node: Node, wanted: Any, default: Any = INVALID, *, ignored: Collection[str] = ()) -> Any:
-    """Return the node's value as the type wanted; after reporting why it is not one, `default`.
+    """Return the node's value as the requested type; report a mistake and return `default` if it is not one.
 
-    `ignored` are keys that a dataclass does not have and that are no mistake all the same.
+    `ignored` are keys without a field that are not reported.
     """
     value = _dataclass(node, wanted, ignored) if ignored else _converted(node, wanted, {})
     return default if value is INVALID else value
@@ -114,7 +115,7 @@ def _hints(cls: type[Any]) -> Mapping[str, Any]:
 
 
 def fields_of(cls: type[Any]) -> list[tuple[dataclasses.Field[Any], Any]]:
-    """Return the fields of a dataclass, each with the type that it is read as."""
+    """Return the fields of a dataclass, each with its type."""
     hints = _hints(cls)  # type: ignore[arg-type]  # as below
     return [(entry, hints[entry.name]) for entry in dataclasses.fields(cls)]
 
@@ -125,13 +126,13 @@ def key_of(entry: dataclasses.Field[Any]) -> str:
 
 
 def help_of(cls: type[Any], entry: dataclasses.Field[Any]) -> str:
-    """Return the help text of a field of `cls`, that of a base class where a field overrides one; "" for none."""
+    """Return the help text of a field of `cls`, or that of a base class that it overrides; "" for none."""
     fields = (base.__dict__.get("__dataclass_fields__", {}).get(entry.name) for base in cls.__mro__)
     return next((text for field in fields if field and (text := field.metadata.get("help"))), "")
 
 
 def keys_of(cls: type[Any]) -> list[str]:
-    """Return the keys that a dataclass is read from, those of its parts too."""
+    """Return the keys of a dataclass, including those of its parts."""
     hints, found = _hints(cls), list[str]()  # type: ignore[arg-type]  # a class is hashable, which mypy does not see
     for entry in dataclasses.fields(cls):
         if entry.metadata.get("part"):
@@ -142,7 +143,7 @@ def keys_of(cls: type[Any]) -> list[str]:
 
 
 def _converted(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
-    """Return the node's value as the type wanted, or INVALID; `meta` is that of the field."""
+    """Return the node's value as the requested type, or INVALID; `meta` is the metadata of the field."""
     origin = typing.get_origin(wanted)
     if wanted in (Any, object, Node):
         return node if wanted is Node else node.value
@@ -158,7 +159,7 @@ def _converted(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
 
 
 def _found(node: Node) -> str:
-    """Say what stands there, in the words of the messages."""
+    """Return the content of the node, as described in messages."""
     if node.kind != "scalar":
         return {"mapping": "a mapping", "sequence": f"a list of {len(node.elements())}", "null": "nothing"}[node.kind]
     value = node.value
@@ -167,7 +168,7 @@ def _found(node: Node) -> str:
 
 
 def _expected(node: Node, what: str, hint: str = "") -> Any:
-    """Report it; INVALID fits wherever a value is wanted."""
+    """Report a wrong type; return INVALID."""
     node.error(f"expected {what}, got {_found(node)}{hint}")
     return INVALID
 
@@ -184,7 +185,7 @@ def _plain(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
 
 
 def _as_float(node: Node, value: Any) -> Any:
-    """Take an integer for a double, and `1e3` too, which is text in YAML 1.1 and a number for rcl."""
+    """Convert an integer, or `1e3`, which is text in YAML 1.1 and a number for rcl, to a float."""
     plain_text = type(value) is str and not node.quoted and _NUMBER.fullmatch(value)
     try:
         return float(value) if type(value) is int or plain_text else value
@@ -208,7 +209,7 @@ def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:
 
 
 def _enum(node: Node, wanted: type[enum.Enum]) -> Any:
-    """Find a member by its name, in any case, or by its value."""
+    """Return a member by its name, in any case, or by its value."""
     if node.kind == "scalar":
         value = node.value
         for member in wanted:
@@ -230,7 +231,7 @@ _FITS: Final = {"mapping": (dict, collections.abc.Mapping), "sequence": (list, t
 
 
 def _fits(node: Node, wanted: Any) -> bool:
-    """Whether a member of a union is meant for this kind of node."""
+    """Whether a member of a union accepts this kind of node."""
     if wanted in (Any, Node):
         return True
     origin = typing.get_origin(wanted) or wanted
@@ -318,7 +319,7 @@ def _dataclass(node: Node, cls: type[Any], ignored: Collection[str] = ()) -> Any
 
 
 def _fields(node: Node, cls: type[Any]) -> Any:
-    """Make a dataclass of the keys that are its own, and its parts of theirs."""
+    """Create a dataclass and its parts from a mapping."""
     hints = _hints(cls)  # type: ignore[arg-type]  # as above
     values: _Values = {}
     for entry in dataclasses.fields(cls):
@@ -332,7 +333,7 @@ def _fields(node: Node, cls: type[Any]) -> Any:
 
 
 def _field(node: Node, entry: dataclasses.Field[Any], wanted: Any, values: _Values) -> None:
-    """Add the value of a key to `values`; one that is absent or says nothing is the default."""
+    """Add the value of a key to `values`; the default if it is absent or null."""
     value = node.get(key_of(entry))
     if value is not None and (value.kind != "null" or _required(entry) or type(None) in typing.get_args(wanted)):
         values[entry.name] = _converted(value, wanted, entry.metadata)
@@ -346,7 +347,7 @@ def _required(entry: dataclasses.Field[Any]) -> bool:
 
 
 def _made(node: Node, cls: type[Any], values: _Values) -> Any:
-    """Make the dataclass; what its `__post_init__` refuses with a ValueError is a mistake in the file."""
+    """Create the dataclass; a ValueError of its `__post_init__` is reported as a mistake in the file."""
     try:
         return cls(**values)
     except ValueError as error:

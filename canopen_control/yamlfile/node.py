@@ -1,4 +1,4 @@
-"""A YAML file as a tree of nodes: each place with its value, line, column and dotted path."""
+"""Tree of the nodes of a YAML file, each with its value, line, column and dotted path."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from canopen_control.yamlfile.problems import Problems
 
 
 class Node:
-    """A place in a YAML file: its value, and where it stands.
+    """Node of a YAML file, with its value and place.
 
-    `kind` is "mapping", "sequence", "scalar" or "null"; `text` a scalar as it is written, `quoted` whether in quotes
-    or as a block; `where` the dotted path to it; `line` and `column` count from 1, line 0 stands in no file.
-    Reading a wrong kind gives nothing, never an exception: `items()` of a scalar is empty.
+    `kind` is "mapping", "sequence", "scalar" or "null"; `text` is a scalar as written, `quoted` whether it is quoted or
+    a block; `where` is the dotted path; `line` and `column` count from 1, line 0 is in no file. Access as another kind
+    returns nothing and never raises: `items()` of a scalar is empty.
     """
 
     __slots__ = ("_elements", "_pairs", "_scalar", "column", "kind", "line", "problems", "quoted", "text", "where")
@@ -26,19 +26,19 @@ class Node:
 
     @classmethod
     def scalar(cls, place: Node, text: str, value: object, *, quoted: bool) -> Node:
-        """Return `place` as a scalar."""
+        """Return a scalar node at `place`."""
         place.text, place._scalar, place.quoted = text, value, quoted
         return place
 
     @classmethod
     def mapping(cls, place: Node, pairs: dict[str, tuple[Node, Node]]) -> Node:
-        """Return `place` as a mapping of (key node, value node) by the key as written."""
+        """Return a mapping node at `place`, of (key node, value node) by the key as written."""
         place._pairs = pairs
         return place
 
     @classmethod
     def sequence(cls, place: Node, elements: list[Node]) -> Node:
-        """Return `place` as a sequence."""
+        """Return a sequence node at `place`."""
         place._elements = elements
         return place
 
@@ -47,12 +47,12 @@ class Node:
 
     @property
     def path(self) -> str:
-        """The file."""
+        """Path of the file."""
         return self.problems.path
 
     @property
     def value(self) -> Any:  # noqa: ANN401 - a file may hold anything
-        """The plain Python value, with dicts (keys as they are written) and lists."""
+        """Plain Python value, with dicts (keys as written) and lists."""
         if self.kind == "mapping":
             return {key: child.value for key, child in self.items()}
         if self.kind == "sequence":
@@ -60,7 +60,7 @@ class Node:
         return self._scalar
 
     def pairs(self) -> list[tuple[Node, Node]]:
-        """Return key and value nodes in the order of the file: merge keys followed, of a repeated key the last."""
+        """Return key and value nodes in the order of the file, with merge keys; the last one of a repeated key."""
         return list(self._pairs.values())
 
     def items(self) -> list[tuple[str, Node]]:
@@ -68,7 +68,7 @@ class Node:
         return [(key, value) for key, (_, value) in self._pairs.items()]
 
     def keys(self) -> dict[str, Node]:
-        """Return the key nodes by name, to point at a key instead of its value."""
+        """Return the key nodes by name, for messages about a key instead of its value."""
         return {key: node for key, (node, _) in self._pairs.items()}
 
     def get(self, key: str) -> Node | None:
@@ -81,7 +81,7 @@ class Node:
         return list(self._elements)
 
     def over(self, below: Node) -> Node:
-        """Return this node with the keys of `below` added where it has none itself, at every depth of mappings."""
+        """Return this node with the additional keys of `below`, at every depth of mappings."""
         if self.kind == "null" and below.kind == "mapping":
             return below
         if self.kind != "mapping" or below.kind != "mapping":
@@ -92,11 +92,11 @@ class Node:
         return Node.mapping(Node(self.kind, self.line, self.column, self.where, self.problems), pairs)
 
     def error(self, message: str) -> None:
-        """Report a mistake here; `problems.raise_if_any()` tells it with all others."""
+        """Report an error here; `problems.raise_if_any()` raises it with all others."""
         self.problems.error(self, message)
 
     def warning(self, message: str) -> None:
-        """Report something here that does not make the file unusable."""
+        """Report a warning here; the file remains usable."""
         self.problems.warning(self, message)
 
 

@@ -1,7 +1,7 @@
-"""The mistakes found in a YAML file, with their places.
+"""Mistakes found in a YAML file, with their places.
 
-The law of the file: a mistake is collected, never raised on its own, so that a user sees all of them at once; each is
-told as `path:line:column: where: what`, with its line of the file and a caret.
+Mistakes are collected instead of raised one by one, so that a user sees all of them at once. Each is reported as
+`path:line:column: where: what`, with its line of the file and a caret.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LINE_END: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 
 
 class Place(Protocol):
-    """Where in a file something stands: line and column from 1, and the dotted path to it."""
+    """Place in a file: line and column from 1, and the dotted path."""
 
     line: int
     column: int
@@ -33,7 +33,7 @@ class Place(Protocol):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Problem:
-    """One mistake: `where` is the dotted path through the file, `source` the line it stands on; lines count from 1."""
+    """One mistake: `where` is the dotted path in the file, `source` the text of its line; lines count from 1."""
 
     line: int
     column: int
@@ -52,9 +52,9 @@ class Problem:
 
 
 class Problems:
-    """Collects the mistakes of one file, so that all are told at once.
+    """Collected mistakes of one file.
 
-    `error` makes a file unusable, `warning` does not. With `strict` false, a repeated or unknown key is a warning.
+    An `error` makes a file unusable, a `warning` does not. With `strict` false, a repeated or unknown key is a warning.
     """
 
     def __init__(self, path: str, text: str = "", *, strict: bool = True) -> None:
@@ -65,12 +65,12 @@ class Problems:
 
     @property
     def errors(self) -> list[Problem]:
-        """The errors in the order of their lines; each once, however often an alias repeats it."""
+        """Errors in the order of their lines; each once, even if aliases repeat it."""
         return sorted(self._errors)
 
     @property
     def warnings(self) -> list[Problem]:
-        """The warnings in the order of their lines."""
+        """Warnings in the order of their lines."""
         return sorted(self._warnings)
 
     def at(self, line: int, column: int, where: str, message: str) -> Problem:
@@ -91,12 +91,12 @@ class Problems:
         (self.error if self.strict else self.warning)(place, message)
 
     def file_error(self, line: int, column: int, message: str) -> None:
-        """Add an error that belongs to no place in the tree."""
+        """Add an error that has no node in the tree."""
         self._errors[self.at(line, column, "", message)] = None
 
     @contextlib.contextmanager
     def raising(self, error: type[ConfigError]) -> Iterator[None]:
-        """Raise at the end what was found inside, apart from what was found before."""
+        """Raise `error` at the end of the context if errors were added in it."""
         before, self._errors = self._errors, {}
         try:
             yield
@@ -105,7 +105,7 @@ class Problems:
             self._errors = before
 
     def raise_if_any(self, error: type[ConfigError] = BusConfigError) -> None:
-        """Raise `error` with every error's paragraph, if there is one."""
+        """Raise `error` with the paragraphs of all errors, if there are any."""
         found = self.errors
         if not found:
             return

@@ -1,9 +1,9 @@
-"""YAML text becomes frozen dataclasses, or one error that names every mistake with file, line, column and a caret.
+"""Reader from YAML text to frozen dataclasses, or to one error with all mistakes (file, line, column and caret).
 
-The law of the file: it is the only importer of `yaml`; any text whatever gives either a value or the caller's error
-class, never another exception; nothing is dropped silently (a repeated key, an unknown key, a value of another type are
-all reported). Scalars are those of YAML 1.1 as PyYAML resolves them (so `010` is 8 and `off` is false, as in the tools
-that read the same files), except that dates stay text; positions count from 1.
+Only this module imports `yaml`. Any text gives either a value or the error class of the caller, never another
+exception. Nothing is dropped silently: repeated keys, unknown keys and values of another type are reported. Scalars are
+those of YAML 1.1 as resolved by PyYAML (`010` is 8 and `off` is false, as in other tools for the same files), except
+that dates remain text; positions count from 1.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ MAX_BYTES: Final = 8_000_000
 """Of a file: a hundred times the largest in use, and read in seconds."""
 
 _FAST_LOADER: Final = getattr(yaml, "CSafeLoader", None)  # PyYAML may be built without libyaml
-#: What libyaml takes where PyYAML's own parser does not, or places otherwise: control characters and the line ends of
-#: Unicode, `?`, `!` and `%` outside of comments, a key of a flow mapping without a value.
+#: Texts that libyaml accepts and PyYAML's own parser does not, or for which it reports other places: control characters
+#: and Unicode line ends, `?`, `!` and `%` outside of comments, a key of a flow mapping without a value.
 _NOT_ALIKE: Final = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\xa0\u2028\u2029\ufeff]|^[^#\n]*[?!%]|:\s*[],}]", re.MULTILINE)
 
 _TAG: Final = "tag:yaml.org,2002:"
@@ -53,7 +53,7 @@ _CONSTRUCTORS: Final[Mapping[str, Callable[[yaml.ScalarNode], object]]] = {
 
 
 def _value(node: yaml.ScalarNode) -> object:
-    """Return what a scalar stands for; what its tag promises and its text does not keep stays text."""
+    """Return the value of a scalar; a text that does not match its tag remains text."""
     if node.tag == _TAG + "null":
         return None
     make = _CONSTRUCTORS.get(node.tag)
@@ -71,7 +71,7 @@ def _place(node: yaml.Node, where: str, problems: Problems) -> Node:
 
 
 def _build(node: yaml.Node, where: str, problems: Problems) -> Node:
-    """Return our node of PyYAML's, everything below it too."""
+    """Return the node of a PyYAML node and of all nodes below it."""
     place = _place(node, where, problems)
     if isinstance(node, yaml.ScalarNode):
         return Node.scalar(place, node.value, _value(node), quoted=bool(node.style))
@@ -87,7 +87,7 @@ def _build(node: yaml.Node, where: str, problems: Problems) -> Node:
 
 
 def _flatten(node: yaml.Node, found: dict[str, tuple[yaml.Node, yaml.Node]]) -> None:
-    """Fill `found` by key: own keys first, then those of merge keys that are not there yet (YAML 1.1, merge type)."""
+    """Add the values of a mapping by key: own keys first, then new ones from merge keys (YAML 1.1, merge type)."""
     merged: list[yaml.Node] = []
     own: dict[str, tuple[yaml.Node, yaml.Node]] = {}
     for key, value in node.value:
@@ -103,7 +103,7 @@ def _flatten(node: yaml.Node, found: dict[str, tuple[yaml.Node, yaml.Node]]) -> 
 
 
 class _Walk:
-    """Looks at every node once, before anything follows the aliases."""
+    """Check of every node, once, before aliases are followed."""
 
     def __init__(self, problems: Problems) -> None:
         self._problems = problems
@@ -112,7 +112,7 @@ class _Walk:
         self.endless = False
 
     def measure(self, node: yaml.Node, where: str = "") -> tuple[int, int]:
-        """Return how many nodes there are below, aliases followed, and how deep; report what is wrong there."""
+        """Return the number of nodes below a node, with aliases followed, and their depth; report excesses."""
         if id(node) in self._open:
             _place(node, where, self._problems).error("an alias inside its own anchor never ends")
             self.endless = True
@@ -158,17 +158,17 @@ def _check_merge(here: Node, value: yaml.Node) -> None:
 
 
 def _root(text: str) -> yaml.Node | None:
-    """Return the root node, by libyaml in a tenth of the time where it gives the same; the errors are PyYAML's own."""
+    """Return the root node, by libyaml in a tenth of the time if its result is the same; errors are those of PyYAML."""
     if _FAST_LOADER is not None and text.endswith("\n") and not _NOT_ALIKE.search(text):
         try:
             return yaml.compose(text, Loader=_FAST_LOADER)
         except (yaml.YAMLError, ValueError):
-            pass  # in other words and of another place than PyYAML's, which follow
+            pass  # its message and place differ from PyYAML's, which are used below
     return yaml.compose(text, Loader=yaml.SafeLoader)
 
 
 def _compose(problems: Problems, text: str) -> yaml.Node | None:
-    """Return PyYAML's root, None after reporting why there is none, or if the text is empty."""
+    """Return PyYAML's root node, None if the text is empty or an error was reported."""
     try:
         root = _root(text)
         return None if root is None else _checked(problems, root)
@@ -189,7 +189,7 @@ def _compose(problems: Problems, text: str) -> yaml.Node | None:
 
 
 def _checked(problems: Problems, root: yaml.Node) -> yaml.Node | None:
-    """Return the root if every walk over it ends."""
+    """Return the root if the number of nodes and the depth are limited."""
     walk = _Walk(problems)
     size, depth = walk.measure(root)
     if size > MAX_NODES:
@@ -209,10 +209,10 @@ def parse(
     warnings: list[Problem] | None = None,
     strict: bool = True,
 ) -> T:
-    """Return the text as `cls`, or raise `error` with every mistake in it.
+    """Return the text as `cls`, or raise `error` with all mistakes.
 
-    `check` sees the value and may add mistakes across fields before they are raised; `warnings` is filled with what is
-    suspicious but no error. With `strict` false, repeated (the last one wins) and unknown keys are warnings.
+    `check` receives the value and may add mistakes across fields before they are raised; `warnings` receives warnings.
+    With `strict` false, repeated (the last one counts) and unknown keys are warnings.
     """
     root = read(text, path, error=error, strict=strict)
     value = convert(root, cls)
@@ -233,15 +233,15 @@ def load(
     warnings: list[Problem] | None = None,
     strict: bool = True,
 ) -> T:
-    """Return the file as `cls`; see `parse`. A file that cannot be read raises `error` too."""
+    """Return the file as `cls`; see `parse`. An unreadable file raises `error` too."""
     text = read_text(path, error)
     return parse(text, cls, str(path), error=error, check=check, warnings=warnings, strict=strict)
 
 
 def tree(path: str | os.PathLike[str], *, error: type[ConfigError] = BusConfigError, strict: bool = True) -> Node:
-    """Return the root node of a file, for reading it freely; end with `node.problems.raise_if_any(error)`.
+    """Return the root node of a file for free access; end with `node.problems.raise_if_any(error)`.
 
-    What is no YAML at all raises at once.
+    Text that is not YAML raises at once.
     """
     return read(read_text(path, error), str(path), error=error, strict=strict)
 
@@ -258,7 +258,7 @@ def read(text: str, path: str = "<text>", *, error: type[ConfigError] = BusConfi
 
 
 def read_text(path: str | os.PathLike[str], error: type[ConfigError] = BusConfigError) -> str:
-    """Return the text of a UTF-8 file; raise `error` if it cannot be read."""
+    """Return the text of a UTF-8 file; `error` if it cannot be read."""
     problems = Problems(str(path))
     try:
         return read_limited(Path(path), MAX_BYTES).decode("utf-8")
@@ -267,7 +267,7 @@ def read_text(path: str | os.PathLike[str], error: type[ConfigError] = BusConfig
     except UnicodeDecodeError as reason:
         line = reason.object.count(b"\n", 0, reason.start) + 1
         problems.file_error(line, 1, f"byte 0x{reason.object[reason.start]:02X} is no UTF-8; save the file as UTF-8")
-    except ValueError as reason:  # too large, no file, or a path with a zero byte
+    except ValueError as reason:  # too large, missing, or a path with a zero byte
         problems.file_error(0, 0, f"cannot be read: {reason}")
     problems.raise_if_any(error)
     return ""
