@@ -64,7 +64,10 @@ class JointStateBroadcaster(Controller):
         """Lay out what it tells; without any state interface there is nothing to tell, a ControlError."""
         super().on_activate(commands, states, now)
         if not states:
-            raise ControlError(f"{self.name}: no state interface exists; give the joints <state_interface> tags")
+            raise ControlError(
+                f"{self.name}: no state interface exists; give the joints <state_interface> tags, and let TPDOs of "
+                "their drives carry 0x6064 or 0x606C"
+            )
         columns = {self.params.position: POSITION, self.params.velocity: VELOCITY, self.params.effort: EFFORT}
         layout = self._layout(states, columns)
         self.names = self.joints = self._order(states, columns, layout)

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402 import objects
 from canopen_control.cia402.units import INT32_MAX, PositionUnwrapper
 from canopen_control.hardware.interfaces import StateInterface
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
@@ -94,7 +95,14 @@ def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: boo
 STANDSTILL: Final = 0.05  # rad/s (or m/s) and below count as standing
 _STILL_NS: Final = 100_000_000  # without a velocity: how long the position must not change
 _LOOK_NS: Final = 1_000_000_000
+_DERIVED_NS: Final = 19_000_000  # between two positions of which a velocity is made: counts are coarse
 _DOUBTS: Final = 3  # looks one after the other
+MEASURED: Final = {
+    POSITION: objects.POSITION_ACTUAL,
+    VELOCITY: objects.VELOCITY_ACTUAL,
+    EFFORT: objects.TORQUE_ACTUAL,
+}
+"""State interface to the object of axis 0 that it is."""
 _EXTRAS: Final = ("nmt_state", "statusword", "error_code", "age", "digital_inputs")
 _SLACK: Final = math.tau  # rad: what a shaft may be turned between two samples with no velocity to show for it
 
@@ -109,6 +117,10 @@ class Feedback:
         self._axis = axis
         present = {POSITION: axis.position, VELOCITY: axis.velocity, EFFORT: axis.effort}
         names = [name for name, found in present.items() if found is not None]
+        # as some drives have no 0x606C, or no room for it in a TPDO
+        self._derives = axis.velocity is None and axis.position is not None and VELOCITY in description.state_interfaces
+        if self._derives:
+            names.append(VELOCITY)
         names += [name for name in description.state_interfaces if name in _EXTRAS]
         self.states = {name: StateInterface(description.name, name) for name in names}
         self.standing = True
@@ -127,16 +139,19 @@ class Feedback:
         self._jump_speed = 0.0  # counts/s that the last jump would have been
         self._sampled = self._sampled_before = 0  # stamps of the last two positions
         self._looked_at = self._looked_count = self._doubts = 0
+        self._derived_from, self._derived_at = 0, -_LOOK_NS  # count and stamp
 
     def came(self) -> None:
         """Say that the node is back: its position, whatever it is, is where the joint was."""
         self._axis.unwrap.rebase()
+        self._derived_at = -_LOOK_NS
         self._raw_position = self._raw_velocity = self._raw_effort = None
 
     def restart(self) -> None:
         """Say that the axis was homed: from here on its own position counts, whatever was before."""
         self._axis.unwrap = PositionUnwrapper()
         self._raw_position = None
+        self._derived_at = -_LOOK_NS
         self._jumps = 0
 
     def went(self) -> None:
@@ -170,6 +185,8 @@ class Feedback:
                     jump = self._take_position(raw, pdo.stamp)
                 elif velocity is None:
                     self.standing = now - self._moved_at >= _STILL_NS
+                if self._derives:
+                    self._derive(pdo.stamp)
         if self._more:
             self._read_more(now)
         return jump
@@ -203,6 +220,16 @@ class Feedback:
         self._jumps = unwrap.jumps
         self._jump_speed = unwrap.last_jump * 1e9 / max(stamp - self._sampled_before, 1)
         return unwrap.last_jump
+
+    def _derive(self, stamp: int) -> None:
+        """Make the velocity of the last positions: `_DERIVED_NS` apart, or nothing is said before."""
+        elapsed, count = stamp - self._derived_at, self._axis.unwrap.count
+        if elapsed < _DERIVED_NS:
+            return
+        if elapsed < _LOOK_NS:  # else the node was gone
+            speed = (count - self._derived_from) * 1e9 / elapsed
+            self._velocity_state.value = speed * self._axis.scale.pos_from_dev + 0.0
+        self._derived_from, self._derived_at = count, stamp
 
     def jumped_in_unit(self, commanded: float = 0.0) -> UnitDoubt | None:
         """Return the doubt about the unit of velocities that makes the last jump the drive's way.

@@ -124,7 +124,11 @@ class TestedRobot:
         joints = self.simulated.core.joints
         if joint not in joints:
             raise UnknownName(f"no joint {joint!r}{nearest(joint, joints)}")
-        return joints[joint].states[quantity].value
+        if (state := joints[joint].states.get(quantity)) is None:
+            node = getattr(joints[joint], "node", None)
+            where = "" if node is None else f" of {node.name}"
+            raise UnknownName(f"joint {joint!r} has no {quantity}: no TPDO{where} carries it; `check` names the object")
+        return state.value
 
     # -- what is asked of it
 
