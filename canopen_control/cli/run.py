@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -269,13 +269,13 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     announcer = Announcer(sys.stderr if table else sys.stdout)
     try:
         prefix = f"{setup.name}: " if args.say_name else ""
-        session.robot.on_event = _teller(announcer, table, len(session.robot.nodes), prefix)
+        session.robot.on_event = _teller(announcer, session, table=table, prefix=prefix)
         _warn(session)
         if unclear is not None:
             _slow_down(session, unclear)
         if table:
             session.supervisor.start_client(
-                "table", ["canopen_control", "status", "--watch", "--name", setup.name], inherit_stdout=True
+                TABLE, ["canopen_control", "status", "--watch", "--name", setup.name], inherit_stdout=True
             )
         failure = session.run()
     finally:
@@ -424,34 +424,34 @@ def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
     return given or files.world
 
 
-def _teller(announcer: Announcer, table: bool, nodes: int = 0, prefix: str = "") -> Callable[[Event], None]:
-    """Print events as lines; beside a live table only what is bad. Of many `nodes` it tells how many have booted."""
+def _teller(announcer: Announcer, session: RunSession, *, table: bool, prefix: str) -> Callable[[Event], None]:
+    """Return what prints events as lines; with many nodes it counts those that have booted.
+
+    The process of a live table on a terminal prints them above the table once it has asked for events, until the
+    robot stops: two processes would overwrite each other's lines.
+    """
+    from canopen_control.cli.support.output import ENDS, is_printed, with_token
     from canopen_control.master.event_log import Level
 
     lowest = Level.WARNING if table else Level.INFO
-
+    nodes = len(session.robot.nodes)
+    has_table = table and sys.stdout.isatty() and sys.stderr.isatty()
     booted = set[str]()
 
     def tell(event: Event) -> None:
+        nonlocal has_table
+        has_table = has_table and event.kind not in ENDS
+        if has_table and session.api.sends_events_to(session.supervisor.pids.get(TABLE)):
+            return
         text = event.sentence
         if event.kind == _BOOTED and nodes >= _MANY:
             booted.add(event.node)
             text = f"{text} ({len(booted)} of {nodes} nodes)"
-        if event.kind in _ALWAYS or (event.level >= lowest and event.kind not in _CHATTER):
+        if is_printed(event.kind, notable=event.level >= lowest):
             line = f"{prefix}{text}"
-            announcer.say(partial(_with_token, line) if event.kind == _VIEW else line)
+            announcer.say(partial(with_token, line) if event.kind == _VIEW else line)
 
     return tell
-
-
-def _with_token(text: str) -> str:
-    """Return the line of the event that a page is served, with the token, which events do not carry; reads files."""
-    from canopen_control.view.page_address import page_addresses
-
-    with suppress(CanopenError):
-        for place, url in page_addresses().items():
-            text = text.replace(place, url)
-    return text
 
 
 _NO_DEMO = (
@@ -460,5 +460,4 @@ _NO_DEMO = (
 )
 _VIEW = "view"
 _BOOTED, _MANY = "ready", 4  # nodes whose boot is worth counting
-_ALWAYS = ("demo", "flight", _VIEW, "stopping", "stopped")
-_CHATTER = ("note", "mode", "state", "failed")  # the last is what the run ends with, on standard error
+TABLE: Final = "table"

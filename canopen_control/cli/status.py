@@ -13,7 +13,7 @@ import time
 from typing import TYPE_CHECKING
 
 from canopen_control.cia402.modes import INTERFACE_MODES
-from canopen_control.cli.support.output import Table, json_line, json_text, painted
+from canopen_control.cli.support.output import ENDS, Table, is_printed, json_line, json_text, painted, with_token
 from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.robot import GetStatus, Subscribe
@@ -139,7 +139,6 @@ _COLUMNS = ("node", "NMT", "CiA 402", "joint", "target", "actual rad/s", "positi
 _EXPENDABLE = ("age ms", "NMT")  # columns that a narrow terminal hides first
 _TRACKING = ("tracking error", "max", "RMS", "max since enable", "RMS since enable", "repeated", "skipped")
 
-_ENDS = ("stopping", "stopped")
 _NO_AXIS = AxisReading("-")
 #: of a target, by the mode of operation that takes it
 _UNITS = {
@@ -295,32 +294,50 @@ def _traffic(status: Status, node: str) -> str:
 
 def _watch(robot: RobotClient, *, as_json: bool) -> int:
     """Print sample after sample: over each other on a terminal, line by line elsewhere."""
-    live = sys.stdout.isatty() and not as_json
-    robot.ask(Subscribe(state_rate=PLAIN_RATE if not (live or as_json) else RATE, events=True))
-    height = 0
-    size: os.terminal_size | None = None
+    table = _LiveTable() if sys.stdout.isatty() and not as_json else None
+    robot.ask(Subscribe(state_rate=PLAIN_RATE if table is None and not as_json else RATE, events=True))
     ended = False
     try:
         for message in robot.messages(None):
-            ended = ended or (isinstance(message, RobotEvent) and message.kind in _ENDS)
-            if not isinstance(message, StateSample):
-                continue
-            if as_json:
-                print(json_line(message), flush=True)
-                continue
-            former, size = size, _terminal_size() if live else None
-            lines = render(message) if size is None else _within(render(message, size.columns), size.lines - 1)
-            up = f"\x1b[{height}A" if live and height else ""
-            up = "\x1b[H\x1b[2J" if former is not None and former != size else up  # resized: rows have moved
-            end = "\x1b[K\n" if live else "\n"
-            print(up + end.join(painted(lines)) + end + ("\x1b[J" if live else ""), end="", flush=True)
-            height = len(lines)
+            if isinstance(message, RobotEvent):
+                ended = ended or message.kind in ENDS
+                if table is not None and not ended and is_printed(message.kind, notable=message.level != "info"):
+                    table.add_event(with_token(message.text) if message.kind == "view" else message.text)
+            elif isinstance(message, StateSample) and not (ended and table is not None):
+                if table is not None:
+                    table.draw(message)
+                else:
+                    print(json_line(message) if as_json else "\n".join(painted(render(message))), flush=True)
     except RemoteError as error:
         if error.kind != "BusClosed":
             raise
         if not ended:  # it has died, and the last sample is no longer true
             print(f"canopen-control: {error}", file=sys.stderr)
     return 0
+
+
+class _LiveTable:
+    """A table that is drawn over its last state; events are printed above it and stay there."""
+
+    def __init__(self) -> None:
+        self._height = 0  # rows from the first row of the table to the cursor
+        self._size: os.terminal_size | None = None
+
+    def draw(self, sample: StateSample) -> None:
+        """Draw a sample."""
+        former, self._size = self._size, _terminal_size()
+        lines = _within(render(sample, self._size.columns), self._size.lines - 1)
+        up = f"\x1b[{self._height}A" if self._height else ""
+        if former is not None and former != self._size:  # the terminal has moved the rows
+            up = "\x1b[H\x1b[2J"
+        print(up + "\x1b[K\n".join(painted(lines)) + "\x1b[K\n\x1b[J", end="", flush=True)
+        self._height = len(lines)
+
+    def add_event(self, text: str) -> None:
+        """Print an event where the table was; the next sample draws the table below."""
+        up = f"\x1b[{self._height}A" if self._height else ""
+        print(f"{up}\x1b[J{textwrap.fill(text, _terminal_size().columns, subsequent_indent='    ')}", flush=True)
+        self._height = 0
 
 
 def _terminal_size() -> os.terminal_size:

@@ -464,6 +464,10 @@ class ApiServer:
         for event in events if watchers else ():
             self._server.push(event_message(self._robot, event), watchers)
 
+    def sends_events_to(self, pid: int | None) -> bool:
+        """Whether a client of that process has asked for events."""
+        return any(wanted.events and connection.pid == pid for connection, wanted in self._subscriptions.items())
+
     def _subscribe(self, call: Call[messages.Subscribe]) -> None:
         wanted = call.request
         self._keep(call.connection)

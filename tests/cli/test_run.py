@@ -1,4 +1,5 @@
 import argparse
+from types import SimpleNamespace
 
 import pytest
 
@@ -167,7 +168,8 @@ class Listener:
 def test_of_many_nodes_it_is_told_how_many_have_booted():
     many, few = Listener(), Listener()
     for listener, nodes in ((many, 5), (few, 2)):
-        tell = run._teller(listener, False, nodes)
+        session = SimpleNamespace(robot=SimpleNamespace(nodes=dict.fromkeys(range(nodes))))
+        tell = run._teller(listener, session, table=False, prefix="")
         for name in ("a", "b", "a"):
             tell(Event(0, "ready", name, f"{name} is operational"))
         tell(Event(0, "active", "", "x is active"))

@@ -334,3 +334,34 @@ def test_a_watch_on_a_terminal_of_80_by_24_stands_where_it_stood(monkeypatch):
     assert len(screen.rows) == screen.at == 23
     assert screen.rows[0].startswith("running, cycle 7")
     assert "more lines" in screen.rows[-1]
+
+
+def test_events_stand_above_the_live_table_in_the_order_in_which_they_came(monkeypatch):
+    def warning(text, level="warning", kind="emcy"):
+        return RobotEvent(time=1.0, kind=kind, node=None, level=level, text=text)
+
+    class Robot:
+        def ask(self, _request):
+            return Done()
+
+        def messages(self, _timeout):
+            yield sample_of(STATE)
+            yield warning("EMCY 0x4310")
+            yield warning("x is active", level="info", kind="active")
+            yield sample_of(STATE)
+            yield warning("flight recording: a.zip", level="info", kind="flight")
+            yield sample_of(STATE)
+            yield warning("stopping: a client asked for it", level="info", kind="stopping")
+            yield sample_of(STATE)  # the robot's own process prints from here on
+            yield warning("node lost", level="error")
+
+    screen = Screen(120, 30)
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setattr(RobotClient, "connect", lambda _name: contextlib.nullcontext(Robot()))
+    monkeypatch.setattr("sys.stdout", screen)
+    monkeypatch.setattr("os.get_terminal_size", lambda _descriptor: os.terminal_size((120, 30)))
+    assert main(["status", "--watch"]) == 0
+    assert screen.rows[:2] == ["EMCY 0x4310", "flight recording: a.zip"]
+    assert screen.rows[2].startswith("running, cycle 7")
+    assert sum("cycle 7" in row for row in screen.rows) == 1
+    assert screen.at == len(screen.rows)

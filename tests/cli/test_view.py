@@ -1,6 +1,7 @@
 import importlib.util
 import os
 from io import StringIO
+from types import SimpleNamespace
 
 import pytest
 
@@ -77,7 +78,8 @@ def test_run_prints_the_token_that_the_event_does_not_carry(private_folders):
     address.keep(rules)
     stream = StringIO()
     announcer = Announcer(stream)
-    run._teller(announcer, False, prefix="robby: ")(Event(0, "view", "", f"view: {rules.place}"))
+    session = SimpleNamespace(robot=SimpleNamespace(nodes={}))
+    run._teller(announcer, session, table=False, prefix="robby: ")(Event(0, "view", "", f"view: {rules.place}"))
     announcer.close()
     assert stream.getvalue() == f"robby: view: {rules.url}\n"
     address.end()

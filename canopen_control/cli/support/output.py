@@ -17,6 +17,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Final, TextIO
 
+from canopen_control.errors import CanopenError
 from canopen_control.rpc.wire import plain, text_of
 
 if TYPE_CHECKING:
@@ -133,6 +134,26 @@ def _rate(done: int, total: int | None, gained: int, elapsed: float, unit: str) 
     if gained <= 0 or not total or elapsed <= 0.0:
         return ""
     return f", {gained / elapsed:,.0f}{unit}/s, {(total - done) * elapsed / gained:.0f} s left"
+
+
+ENDS: Final = ("stopping", "stopped")
+_ALWAYS: Final = ("demo", "flight", "view", *ENDS)
+_CHATTER: Final = ("note", "mode", "state", "failed")  # a run ends with the last one, on standard error
+
+
+def is_printed(kind: str, *, notable: bool) -> bool:
+    """Whether the terminal of a run shows an event; `notable`: its level is one that is shown."""
+    return kind in _ALWAYS or (notable and kind not in _CHATTER)
+
+
+def with_token(text: str) -> str:
+    """Return the line of the event that a page is served, with the token, which events do not carry; reads files."""
+    from canopen_control.view.page_address import page_addresses
+
+    with contextlib.suppress(CanopenError):
+        for place, url in page_addresses().items():
+            text = text.replace(place, url)
+    return text
 
 
 def painted(lines: Iterable[str]) -> list[str]:
