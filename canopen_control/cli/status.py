@@ -336,7 +336,8 @@ class _LiveTable:
     def add_event(self, text: str) -> None:
         """Print an event where the table was; the next sample draws the table below."""
         up = f"\x1b[{self._height}A" if self._height else ""
-        print(f"{up}\x1b[J{textwrap.fill(text, _terminal_size().columns, subsequent_indent='    ')}", flush=True)
+        line = textwrap.fill(text, _terminal_size().columns, subsequent_indent="    ")
+        print(f"{up}\x1b[J{line}\n", end="", flush=True)
         self._height = 0
 
 
