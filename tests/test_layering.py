@@ -60,7 +60,7 @@ MAY_IMPORT = {
             "urdf",
             "data_files",
         },
-        STDLIB,
+        STDLIB | MARKS,
     ),
     "check": (
         {"od", "cia402", "bus", "host", "rpc", "master", "hardware", "controllers", "runtime", "yamlfile", "urdf"}
@@ -70,7 +70,7 @@ MAY_IMPORT = {
     "simulation": (  # the only subpackage that joins both sides of the wire
         {"od", "bus", "host", "rpc", "yamlfile", "master", "virtual", "hardware", "controllers", "runtime", "urdf"}
         | {"cia301", "cia402", "data_files", "check"},
-        STDLIB | {"distributed", "cloudpickle"},
+        STDLIB | MARKS | {"distributed", "cloudpickle"},
     ),
     "service": (
         # what values mean in words is the trace's to say; host.files keeps what a node held before it was written

@@ -22,11 +22,11 @@ from canopen_control.cli.support.arguments import number, seconds, whole_number
 from canopen_control.cli.support.jog_robot import choose_jog, dead_man_words, own_robot
 from canopen_control.cli.support.jog_run import JogRun, reset_fault
 from canopen_control.cli.support.open_session import (
+    WarningPrinter,
     add_session_arguments,
     axis_of,
     look_at_drive,
     running_drive,
-    tell_event,
     with_counts,
 )
 from canopen_control.cli.support.output import json_alone, print_result
@@ -180,7 +180,7 @@ def _own(args: argparse.Namespace, request: _Wish) -> Iterator[tuple[JogDrive, J
     with json_alone(args):
         print("\n".join(_lines(robot, axis, scale, limits)), flush=True)
     robot = with_counts(robot, args.counts)
-    with own_robot(robot, axis_of(robot, args), args.can, limits.speed, tell_event) as drive:
+    with own_robot(robot, axis_of(robot, args), args.can, limits.speed, WarningPrinter()) as drive:
         yield drive, scale
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import add_duration, add_new_name, whole_number
 from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.realtime import DEFAULT_PRIORITY, HIGHEST_PRIORITY
 
 if TYPE_CHECKING:
@@ -269,7 +270,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
     announcer = Announcer(sys.stderr if table else sys.stdout)
     try:
         prefix = f"{setup.name}: " if args.say_name else ""
-        session.robot.on_event = _teller(announcer, session, table=table, prefix=prefix)
+        session.robot.observers.append(_EventPrinter(announcer, session, table=table, prefix=prefix))
         _warn(session)
         if unclear is not None:
             _slow_down(session, unclear)
@@ -424,34 +425,37 @@ def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
     return given or files.world
 
 
-def _teller(announcer: Announcer, session: RunSession, *, table: bool, prefix: str) -> Callable[[Event], None]:
-    """Return what prints events as lines; with many nodes it counts those that have booted.
+class _EventPrinter(RobotObserver):
+    """Prints events as lines; with many nodes it counts those that have booted.
 
     The process of a live table on a terminal prints them above the table once it has asked for events, until the
     robot stops: two processes would overwrite each other's lines.
     """
-    from canopen_control.cli.support.output import ENDS, is_printed, with_token
-    from canopen_control.master.event_log import Level
 
-    lowest = Level.WARNING if table else Level.INFO
-    nodes = len(session.robot.nodes)
-    has_table = table and sys.stdout.isatty() and sys.stderr.isatty()
-    booted = set[str]()
+    def __init__(self, announcer: Announcer, session: RunSession, *, table: bool, prefix: str) -> None:
+        from canopen_control.master.event_log import Level
 
-    def tell(event: Event) -> None:
-        nonlocal has_table
-        has_table = has_table and event.kind not in ENDS
-        if has_table and session.api.sends_events_to(session.supervisor.pids.get(TABLE)):
+        self._announcer, self._session, self._prefix = announcer, session, prefix
+        self._lowest = Level.WARNING if table else Level.INFO
+        self._nodes = len(session.robot.nodes)
+        self._has_table = table and sys.stdout.isatty() and sys.stderr.isatty()
+        self._booted: set[str] = set()
+
+    def event(self, event: Event) -> None:
+        """Print an event."""
+        from canopen_control.cli.support.output import ENDS, is_printed, with_token
+
+        session = self._session
+        self._has_table = self._has_table and event.kind not in ENDS
+        if self._has_table and session.api.sends_events_to(session.supervisor.pids.get(TABLE)):
             return
         text = event.sentence
-        if event.kind == _BOOTED and nodes >= _MANY:
-            booted.add(event.node)
-            text = f"{text} ({len(booted)} of {nodes} nodes)"
-        if is_printed(event.kind, notable=event.level >= lowest):
-            line = f"{prefix}{text}"
-            announcer.say(partial(with_token, line) if event.kind == _VIEW else line)
-
-    return tell
+        if event.kind == _BOOTED and self._nodes >= _MANY:
+            self._booted.add(event.node)
+            text = f"{text} ({len(self._booted)} of {self._nodes} nodes)"
+        if is_printed(event.kind, notable=event.level >= self._lowest):
+            line = f"{self._prefix}{text}"
+            self._announcer.say(partial(with_token, line) if event.kind == _VIEW else line)
 
 
 _NO_DEMO = (

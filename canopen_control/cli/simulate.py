@@ -52,7 +52,6 @@ from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import ConfigError, nearest
 
 if TYPE_CHECKING:
-    from canopen_control.master.event_log import Event
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.scenario_steps import Scenario
@@ -60,11 +59,6 @@ if TYPE_CHECKING:
 
 
 # `simulate --world FILE` without a robot: those that the file names, in one virtual time, and what came of each.
-
-
-def _say_world(name: str, progress: Progress, event: Event) -> None:
-    progress.end()
-    print(f"{event.time / 1e9 - 1.0:9.3f} {name}: {event.sentence}")
 
 
 EXAMPLE = """canopen-control simulate robby --for 3 --seed 7
@@ -373,12 +367,12 @@ def _faults(text: str, known: list[str]) -> list[str]:
 
 def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, quiet: bool) -> None:
     """Run it, tell its events and how far it is, and record it; Ctrl-C ends it."""
-    from canopen_control.cli.support.output import Progress
+    from canopen_control.cli.support.simulation_world import EventPrinter
     from canopen_control.runtime.core import RobotState
 
     progress = Progress("robot time", "s", stream=sys.stderr)
     if not quiet:
-        simulation.robot.on_event = lambda event: _say(f"{event.time / 1e9 - 1.0:9.3f} {event.sentence}", progress)
+        simulation.robot.observers.append(EventPrinter(progress))
     recorder = None
     if record is not None:
         from canopen_control.cli.support.simulation_recording import SimulationRecorder
@@ -409,8 +403,3 @@ def _tell(outcome: SimulationResult, failure: str | None, *, as_json: bool) -> N
         print(f"breach: {breach}")
     if failure is not None:
         print(f"the robot ended: {failure}")
-
-
-def _say(line: str, progress: Progress) -> None:
-    progress.end()
-    print(line)

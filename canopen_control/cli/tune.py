@@ -24,12 +24,12 @@ from canopen_control.cli.support.arguments import number, seconds, whole_number
 from canopen_control.cli.support.jog_robot import dead_man_words, own_robot
 from canopen_control.cli.support.jog_run import SIGNALS
 from canopen_control.cli.support.open_session import (
+    WarningPrinter,
     add_session_arguments,
     axis_of,
     look_at_drive,
     open_session,
     running_drive,
-    tell_event,
     with_counts,
 )
 from canopen_control.cli.support.output import json_text
@@ -303,7 +303,7 @@ def _own(
     lines = [f"node {node.device.node_id}: {axis.interface} in {axis.mode.name}, a sample every {args.period:g} ms"]
     _confirm([*lines, *_plan(request, scale, limits), f"dead-man: {dead_man_words(node.supervision)}"], args, say)
     robot = with_counts(robot, args.counts)
-    with own_robot(robot, axis_of(robot, args), args.can, limits.speed, tell_event) as drive:
+    with own_robot(robot, axis_of(robot, args), args.can, limits.speed, WarningPrinter()) as drive:
         yield drive, scale, limits
 
 

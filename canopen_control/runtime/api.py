@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar, get_args
 
 from canopen_control.controllers.base import twist_axes_of
 from canopen_control.controllers.controllers_file import SpawnedControllers
@@ -40,6 +40,7 @@ from canopen_control.rpc.messages.state import ControllerReading
 from canopen_control.rpc.server import Server
 from canopen_control.runtime.api_objects import ObjectMethods, ProcessDataFeed
 from canopen_control.runtime.api_trajectories import GripperMethods, TrajectoryMethods
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.startup_controllers import UNLOADED, configure_controller, load_controller
 from canopen_control.runtime.status import (
     event_message,
@@ -53,7 +54,7 @@ from canopen_control.version import __version__
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from canopen_control.hardware.interfaces import HardwareComponent
     from canopen_control.host.lineserver import Connection
@@ -345,15 +346,22 @@ class _Subscription:
         return self.pdos or self.wants_state(cycle)
 
 
-class ApiServer:
+class RequestObserver(Protocol):
+    """What follows the requests of a robot's clients."""
+
+    def requested(self, asked: messages.Asked) -> None:
+        """Take a request, with the time in s at which it came."""
+
+
+class ApiServer(RobotObserver):
     """Serves one robot; the socket exists from construction to `close`, unless a `listener` stands for it.
 
-    `on_request` hears each request that was not refused at once, but of those that only read.
+    `observer` takes each request that was not refused at once, but of those that only read.
     """
 
     def __init__(self, robot: RobotCore, listener: socket.socket | None = None) -> None:
         self._robot = robot
-        self.on_request: Callable[[messages.Asked], object] | None = None
+        self.observer: RequestObserver | None = None
         self._subscriptions: dict[Connection, _Subscription] = {}
         self._process_data = ProcessDataFeed(robot.nodes.values())
         self._server: Server[RobotHello, RobotPush] = Server(
@@ -374,7 +382,7 @@ class ApiServer:
         SimulationMethods(robot, self._server)
         self._server.check()
         self._server.on_done = self._push_request
-        robot.after_cycle.append(self._after_cycle)
+        robot.observers.append(self)
 
     def _answer(self) -> None:
         """Give every method its handler, but those of controllers and of objects."""
@@ -425,8 +433,9 @@ class ApiServer:
 
     # ------------------------------------------------------------------------------------------- what is pushed
 
-    def _after_cycle(self, _now: int) -> None:
+    def after_cycle(self, now: int) -> None:
         """Have what is new told to those who watch, between this cycle and the next: what has come is read before."""
+        del now
         robot, watched = self._robot, self._subscriptions
         if robot.events.waiting or (watched and any(each.is_due(robot.pacer.count) for each in watched.values())):
             robot.reactor.call_soon(self._push)
@@ -449,8 +458,8 @@ class ApiServer:
             self._server.push(messages.ProcessData(self._unix_time(), changes), watchers)
 
     def _push_request(self, method: str, params: Raw) -> None:
-        if self.on_request is not None:
-            self.on_request(messages.Asked(self._unix_time(), method, params))
+        if self.observer is not None:
+            self.observer.requested(messages.Asked(self._unix_time(), method, params))
         watchers = [connection for connection, wanted in self._subscriptions.items() if wanted.requests]
         if watchers and len(bytes(params)) <= MAX_REQUEST:
             self._server.push(messages.Asked(self._unix_time(), method, params), watchers)

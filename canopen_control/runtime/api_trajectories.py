@@ -38,6 +38,7 @@ from canopen_control.rpc.messages.trajectory import (
     TrajectoryResult,
     TrajectoryVerdict,
 )
+from canopen_control.runtime.observer import RobotObserver
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -56,7 +57,7 @@ if TYPE_CHECKING:
 R = TypeVar("R")
 
 
-class TrajectoryMethods:
+class TrajectoryMethods(RobotObserver):
     """Answers these methods on a server; `keep` refuses one more of those who hold a command."""
 
     def __init__(
@@ -75,7 +76,7 @@ class TrajectoryMethods:
         server.answers(QueryTrajectory, self._query)
         server.answers(ScaleTrajectory, self._scale)
         server.answers(TrajectoryHeartbeat, self._heartbeat)
-        robot.after_cycle.append(self._look_for_silence)
+        robot.observers.append(self)
 
     def forget(self, connection: Connection) -> None:
         """Drop what a connection has sent of a trajectory, and its goal."""
@@ -136,7 +137,7 @@ class TrajectoryMethods:
             promise.heard = self._robot.reactor.now()
         call.reply(Done())
 
-    def _look_for_silence(self, now: int) -> None:
+    def after_cycle(self, now: int) -> None:
         """Take those who have not kept their promise for gone, unless what they sent has ended."""
         if not self._promised:
             return

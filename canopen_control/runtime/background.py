@@ -11,17 +11,30 @@ import threading
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import CanopenError
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.run_session import RunOptions, RunSession
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from canopen_control.master.event_log import Event
     from canopen_control.runtime.core import RobotCore
     from canopen_control.runtime.setup import RobotSetup
 
 
 START_S = 30.0
 _SETTLED = ("running", "stop_latched")  # what is latched waits for `release` with whatever it is at
+
+
+class _SettledObserver(RobotObserver):
+    """Sets `settled` when the robot runs, or waits for the release of STOP."""
+
+    def __init__(self, settled: threading.Event) -> None:
+        self._settled = settled
+
+    def event(self, event: Event) -> None:
+        if event.kind in _SETTLED:
+            self._settled.set()
 
 
 class BackgroundRobot:
@@ -79,7 +92,7 @@ class BackgroundRobot:
         try:
             self._session = session = RunSession(self._setup, self._options)
             try:
-                session.robot.on_event = lambda event: self._settled.set() if event.kind in _SETTLED else None
+                session.robot.observers.append(_SettledObserver(self._settled))
                 if self._prepare is not None:
                     self._prepare(session.robot)
                 session.start()

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from canopen_control.hardware.joint import JointDrive
     from canopen_control.host.reactor import Reactor
     from canopen_control.master.remote_node import RemoteNode
+    from canopen_control.runtime.observer import RobotObserver
     from canopen_control.runtime.setup import RobotSetup
 
 
@@ -213,19 +214,15 @@ class RobotState(enum.Enum):
 class RobotCore:
     """Everything between the ports and the API; `failure` says why the run failed.
 
-    `on_running` and `on_stopped` are called once each, `on_event` with every event, `after_cycle` after every cycle.
-    `in_virtual_time`: its clock is that of a simulation, which is told as such.
+    `observers` are called in their order. `in_virtual_time`: its clock is that of a simulation, which is told as such.
     """
 
     def __init__(self, setup: RobotSetup, reactor: Reactor) -> None:
         self.setup, self.reactor = setup, reactor
         self.events = EventLog()
         self.failure: str | None = None
-        self.on_event: Callable[[Event], None] | None = None
         self.has_run = False
-        self.on_running: Callable[[], None] | None = None
-        self.on_stopped: Callable[[], None] | None = None
-        self.after_cycle: list[Callable[[int], None]] = []
+        self.observers: list[RobotObserver] = []
         self.wall, self.in_virtual_time = WallClock(reactor.now, follows=not reactor.clock.is_manual), False
         self.commander: str | None = None
         self.missing_programs: Mapping[str, str] = {}
@@ -256,7 +253,7 @@ class RobotCore:
         prepare_controllers(setup, self.manager, self.registry)
         self.manager.observe(self)
         self.node_readings = NodeReadings(self.nodes, self._bus_by_node, self.joints.values(), self.systems)
-        self.needed = MandatoryNodes(made, self.latch, self.manager.running.forget, self.report, self.after_cycle)
+        self.needed = MandatoryNodes(made, self.latch, self.manager.running.forget, self.report, self.observers)
 
     # ------------------------------------------------------------------------------------------- life
 
@@ -357,9 +354,9 @@ class RobotCore:
         self._tell(self.events.add(event))
 
     def _tell(self, events: Iterable[Event]) -> None:
-        if self.on_event is not None:
-            for event in events:
-                self.on_event(event)
+        for event in events:
+            for observer in self.observers:
+                observer.event(event)
 
     def command(
         self,
@@ -498,8 +495,8 @@ class RobotCore:
             self.report(Event(now, event.kind, "", event.text, level, controller=event.controller))
         if self.events.is_due(now):
             self._tell(self.events.tick(now))
-        for hook in self.after_cycle:
-            hook(now)
+        for observer in self.observers:
+            observer.after_cycle(now)
 
     def _advance_start(self, now: int) -> None:
         """Take the next step of starting."""
@@ -515,8 +512,8 @@ class RobotCore:
             self._phase, self.cycle.advance = RobotState.RUNNING, None
             self.report(Event(now, "running", "", f"{self.setup.name} runs: {self.setup.runs}"))
             self.has_run = True
-            if self.on_running is not None:
-                self.on_running()
+            for observer in self.observers:
+                observer.running()
         elif missing and now > self._deadline:
             self.fail(why_not_started(self.buses.values(), [(self.bus_of(node), node) for node in missing]))
 
@@ -536,8 +533,11 @@ class RobotCore:
         self._tell(self.events.flush())
         self.report(Event(self.reactor.now(), "stopped", "", f"{self.setup.name} {how}"))
         self.close()
-        if self.on_stopped is not None:
-            self.on_stopped()
+        self._tell_stopped()
+
+    def _tell_stopped(self) -> None:
+        for observer in self.observers:
+            observer.stopped()
 
     def _activate(self) -> None:
         """Do what the spawners of the tutorial do: load, configure and activate, broadcasters first."""
@@ -573,8 +573,7 @@ class RobotCore:
         """End the run: a bus that is gone carries no stop, the drives stop when our heartbeat is missing."""
         self.failure = self.failure or str(error)
         self.close()
-        if self.on_stopped is not None:
-            self.reactor.call_soon(self.on_stopped)
+        self.reactor.call_soon(self._tell_stopped)
 
 
 _CONTROLLER_LEVELS = {"error": Level.ERROR, **dict.fromkeys(("activated", "deactivated", "parameter_set"), Level.INFO)}

@@ -18,6 +18,7 @@ from canopen_control.errors import ControlError, NotEnabled, NotYetEnabled
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.interfaces import TARGET
 from canopen_control.master.event_log import Event, Level
+from canopen_control.runtime.observer import RobotObserver
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -215,10 +216,10 @@ def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
 _RISING: Final = (Action.ENABLE, Action.HOME)
 
 
-class MandatoryNodes:
+class MandatoryNodes(RobotObserver):
     """Watches the nodes of a robot that it needs and that move none of its joints, beside the `latch` of STOP.
 
-    `forget(now, why)` has every controller forget its command; the hooks `after_cycle` get one more where it has nodes.
+    `forget(now, why)` has every controller forget its command; it is one of the robot's `observers` where it has nodes.
     """
 
     def __init__(
@@ -227,14 +228,14 @@ class MandatoryNodes:
         latch: StopLatch,
         forget: Callable[[int, str], None],
         report: Callable[[Event], None],
-        after_cycle: list[Callable[[int], None]],
+        observers: list[RobotObserver],
     ) -> None:
         self._made, self._latch, self._forget, self._report = made, latch, forget, report
         moving = {joint.node.name for joint in made.joints.values()}
         self._nodes = [each for name, each in made.nodes.items() if name not in moving and each.config.boot.insists]
         self._ready = dict.fromkeys(self._nodes, False)
         if self._nodes:
-            after_cycle.append(self.step)
+            observers.append(self)
 
     @property
     def hint(self) -> str | None:
@@ -258,8 +259,8 @@ class MandatoryNodes:
             if each.command_interface_names():
                 self._require(f"activating {each.name}")
 
-    def step(self, now: int) -> None:
-        """Stop all axes when one of them was lost; after every cycle."""
+    def after_cycle(self, now: int) -> None:
+        """Stop all axes when one of them was lost."""
         for node in self._nodes:
             if node.ready is not self._ready[node]:
                 self._ready[node] = node.ready

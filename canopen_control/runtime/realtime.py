@@ -17,13 +17,10 @@ import gc
 import os
 import struct
 import sys
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from canopen_control.errors import ConfigError, RobotConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
+from canopen_control.runtime.observer import RobotObserver
 
 DEFAULT_PRIORITY: Final = 40  # below the 50 of a PREEMPT_RT kernel's interrupt threads, which bring the frames
 HIGHEST_PRIORITY: Final = 99
@@ -123,8 +120,8 @@ class RealTime:
         self._undo.callback(libc.munlockall)
 
 
-def keep_garbage_small(undo: contextlib.ExitStack, hooks: list[Callable[[int], None]], *, by_hand: bool) -> None:
-    """Put what exists out of the collector's sight; `by_hand`, let it run only between cycles, from `hooks`."""
+def keep_garbage_small(undo: contextlib.ExitStack, observers: list[RobotObserver], *, by_hand: bool) -> None:
+    """Put what exists out of the collector's sight; `by_hand`, let it run only between cycles."""
     gc.collect()
     gc.freeze()
     undo.callback(gc.unfreeze)
@@ -132,15 +129,18 @@ def keep_garbage_small(undo: contextlib.ExitStack, hooks: list[Callable[[int], N
         return
     gc.disable()
     undo.callback(gc.enable)
-    due = 0
+    observers.append(_Collector())
 
-    def collect(now: int) -> None:
-        nonlocal due
-        if now >= due:
-            due = now + _COLLECT_NS
+
+class _Collector(RobotObserver):
+    """Collects garbage between two cycles, now and then."""
+
+    _due = 0
+
+    def after_cycle(self, now: int) -> None:
+        if now >= self._due:
+            self._due = now + _COLLECT_NS
             gc.collect()
-
-    hooks.append(collect)
 
 
 def _may_lock_all() -> bool:

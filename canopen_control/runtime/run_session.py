@@ -27,6 +27,7 @@ from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotCore, RobotState
 from canopen_control.runtime.ground_truth import PERIOD_NS, TruePoseQuery, odometry_at
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.physics_plant import SensedValues, world_sensors, write_plant
 from canopen_control.runtime.realtime import RealTime, keep_garbage_small
 from canopen_control.runtime.supervisor import Restarts, Supervisor, hosts_virtual_drives
@@ -177,7 +178,7 @@ class RunOptions:
     plant: Path | None = None
 
 
-class RunSession:
+class RunSession(RobotObserver):
     """Everything of one run. `run` blocks until the robot has stopped and returns why it failed, or None."""
 
     def __init__(self, setup: RobotSetup, options: RunOptions, *, reactor: Reactor | None = None) -> None:
@@ -223,15 +224,14 @@ class RunSession:
             setup.cycle_ns if sensed.wanted else PERIOD_NS,
         )
         cleanup.callback(self._true_pose.close)
-        self.robot.on_stopped = self.reactor.stop
-        self.robot.on_running = self._on_running
+        self.robot.observers.append(self)
 
     def start(self) -> None:
         """Start the children, and the robot once they are ready; raises BusError."""
         if self.realtime.text:
             self.robot.report(Event(self.reactor.now(), "realtime", "", self.realtime.text))
         self.robot.latch.tell(self.reactor.now())
-        keep_garbage_small(self._cleanup, self.robot.after_cycle, by_hand=self.options.realtime is not None)
+        keep_garbage_small(self._cleanup, self.robot.observers, by_hand=self.options.realtime is not None)
         if self.options.drives and self.robot.buses and hosts_virtual_drives(self.setup):
             plant = write_plant(self.setup, self.robot.joints, self.options.world) if self.options.physics else None
             self.supervisor.start_drives(self.setup, plant or self.options.plant)
@@ -291,7 +291,12 @@ class RunSession:
         odometry = odometry_at(self.robot.manager, base.time_ns - self.reactor.now())
         self.robot.truth.take(base, odometry, self.robot.wall_offset_ns)
 
-    def _on_running(self) -> None:
+    def stopped(self) -> None:
+        """End the process's loop."""
+        self.reactor.stop()
+
+    def running(self) -> None:
+        """Begin what needs a robot that runs: the true pose, the demo motion, the duration."""
         self._true_pose.start()
         gc.freeze()  # what booting has made stays as well
         if self.options.motion and self.setup.files.bus_alone and self.robot.joints:

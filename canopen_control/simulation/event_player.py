@@ -43,8 +43,7 @@ _COMMANDS: Final = frozenset({"command", "trajectory"})
 class EventPlayer:
     """Plays acts from now on; `played` are those that have begun, `refused` counts what the robot refused.
 
-    `troubles` counts what went wrong, with the state that the robot was in. All with their time, `on_asked` hears what
-    clients ask for, `on_played` each act that begins, `on_goal` each goal and `on_taken` each command that is taken.
+    `troubles` counts what went wrong, with the state that the robot was in. The robot's `observers` are called.
     `torn` are switches of controllers that were refused and changed something all the same.
     """
 
@@ -56,10 +55,6 @@ class EventPlayer:
         """Why commands were refused from the beginning, but for drives that are off and a latched STOP."""
         self._asked: set[int] = set()  # the ids of acts, all of which are in `played`
         self.troubles: Counter[tuple[str, str]] = Counter()
-        self.on_asked: Callable[[int, ScenarioEvent], object] = lambda _now, _act: None
-        self.on_played: Callable[[int, ScenarioEvent], object] = lambda _now, _act: None
-        self.on_goal: Callable[[int, ScenarioEvent, TrajectoryGoal], object] = lambda _now, _act, _goal: None
-        self.on_taken: Callable[[int, ScenarioEvent], object] = lambda _now, _act: None
         self.torn: list[str] = []
         self.clients = SimulatedClients(robot)
         self._publishing: dict[str, int] = {}  # controller -> whose turn it is to command it
@@ -77,10 +72,16 @@ class EventPlayer:
             self._later(_LOOK_NS, partial(self.play, act))
             return
         self.played.append(act)
-        self.on_played(self.robot.now_ns, act)
+        for observer in self.robot.observers:
+            observer.played(self.robot.now_ns, act)
         if KINDS[act.kind].breaks:
             self.troubles[kind_of(act), self.robot.core.state.value] += 1
         _PLAY[act.kind](self, act)
+
+    def asked(self, act: ScenarioEvent) -> None:
+        """Take that a client asks for an act now."""
+        for observer in self.robot.observers:
+            observer.asked(self.robot.now_ns, act)
 
     # -- drives
 
@@ -196,7 +197,8 @@ class EventPlayer:
 
     def _command(self, core: RobotCore, act: ScenarioEvent) -> None:
         core.command(act.target, act.values, SOURCE)
-        self.on_taken(self.robot.now_ns, act)
+        for observer in self.robot.observers:
+            observer.taken(self.robot.now_ns, act)
 
     def trajectory(self, act: ScenarioEvent) -> None:
         """Send a trajectory whose points stand."""
@@ -213,7 +215,8 @@ class EventPlayer:
 
     def _send(self, core: RobotCore, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
         core.send_goal(act.target, goal, SOURCE)
-        self.on_goal(self.robot.now_ns, act, goal)
+        for observer in self.robot.observers:
+            observer.goal(self.robot.now_ns, act, goal)
 
     def cancel(self, act: ScenarioEvent) -> None:
         """Cancel what a controller follows."""
@@ -236,12 +239,12 @@ class EventPlayer:
         """Command as a client with whom the command ends, and leave."""
         if self._down or not self.robot.up:
             return
-        self.on_asked(self.robot.now_ns, replace(act, kind="command", name=act.kind))
+        self.asked(replace(act, kind="command", name=act.kind))
         left = partial(self._left, act)
         self.clients.dead_man(act.target, act.values, act.for_ns or _BRIEFLY_NS, left)
 
     def _left(self, act: ScenarioEvent) -> None:
-        self.on_asked(self.robot.now_ns, replace(act, kind="leave"))
+        self.asked(replace(act, kind="leave"))
 
     def stop(self, act: ScenarioEvent) -> None:
         """Stop."""
@@ -287,7 +290,7 @@ class EventPlayer:
         """Ask the robot for something as a client; a robot that is down hears nothing."""
         if self._down:
             return
-        self.on_asked(self.robot.now_ns, act)
+        self.asked(act)
         core = self.robot.core
 
         def ask() -> None:

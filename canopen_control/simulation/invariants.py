@@ -17,6 +17,7 @@ from canopen_control.runtime.core import RobotState
 from canopen_control.simulation.disturbed_nodes import DisturbedNodes
 from canopen_control.simulation.fault_coverage import FaultCoverage, StateCoverage
 from canopen_control.simulation.motion_invariants import MotionInvariants
+from canopen_control.simulation.robot_under_test import SimulationObserver
 from canopen_control.simulation.status_invariants import GoalInvariants, StatusInvariants
 from canopen_control.simulation.target_invariants import TargetInvariants
 from canopen_control.simulation.wire_invariants import ConfigurationInvariants, WireInvariants
@@ -25,6 +26,7 @@ from canopen_control.simulation.wire_view import WireView
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from canopen_control.controllers.trajectory.goal import TrajectoryGoal
     from canopen_control.simulation.event_player import EventPlayer
     from canopen_control.simulation.motions import SampleMotion
     from canopen_control.simulation.robot_under_test import RobotUnderTest
@@ -229,7 +231,7 @@ def _entry_points() -> tuple[importlib.metadata.EntryPoint, ...]:
     return tuple(importlib.metadata.entry_points(group=GROUP))
 
 
-class Invariants:
+class Invariants(SimulationObserver):
     """Watches a robot from now on; `breaches` grows, up to a hundred, `coverage` counts the edges that it walks.
 
     `troubled` counts the troubles by the states that they hit.
@@ -261,21 +263,30 @@ class Invariants:
         for (name, view), wire in zip(views.items(), self._wires, strict=True):
             robot.wires[name].observe(view.hear, view.wants)
             robot.wires[name].observe(wire.heard, wire.wants)
-        player.on_asked, player.on_played, player.on_goal = self._asked, self._played, self._goals.taken
-        player.on_taken = self._told.taken
+        robot.observers.append(self)
         robot.time.later(_LOOK_NS, self._look)
 
     def _tell(self, rule: str, text: str) -> None:
         if len(self.breaches) < _MOST:
             self.breaches.append(Breach((self._robot.now_ns - self._began) / 1e9, rule, text))
 
-    def _asked(self, now: int, act: ScenarioEvent) -> None:
+    def asked(self, now: int, act: ScenarioEvent) -> None:
+        """Take what a client asks for."""
         self._motion.asked(now, act)
         self._targets.asked(now, act)
         self._told.asked(now, act)
         self._goals.asked(now, act)
 
-    def _played(self, now: int, act: ScenarioEvent) -> None:
+    def goal(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
+        """Take a goal that was taken."""
+        self._goals.taken(now, act, goal)
+
+    def taken(self, now: int, act: ScenarioEvent) -> None:
+        """Take a command that was taken."""
+        self._told.taken(now, act)
+
+    def played(self, now: int, act: ScenarioEvent) -> None:
+        """Take an act that begins."""
         self._disturbed.troubled(now, act)
         self.troubled.troubled(act)
 

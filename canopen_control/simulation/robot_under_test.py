@@ -17,10 +17,13 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Final
 
+from mypy_extensions import mypyc_attr
+
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import provide
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.core import RobotCore, RobotState
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.simulation.simulated_floor import SimulatedFloor, open_floor
 from canopen_control.simulation.simulated_wire import SimulatedWire
 from canopen_control.simulation.virtual_time import Actor, Timing, VirtualTime
@@ -32,9 +35,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from canopen_control.bus.port import Port
+    from canopen_control.controllers.trajectory.goal import TrajectoryGoal
     from canopen_control.master.event_log import Event
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.virtual.virtual_node import VirtualNode
 
 
@@ -45,6 +50,26 @@ if TYPE_CHECKING:
 
 _HEAD: Final = struct.Struct("<q")
 _ENOUGH: Final = 1 << 16
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class SimulationObserver:
+    """Is called by a simulated robot in whose `observers` it is; does nothing but what is overridden. Times in ns."""
+
+    def event(self, event: Event) -> None:
+        """Take an event of the robot."""
+
+    def played(self, now: int, act: ScenarioEvent) -> None:
+        """Take an act that begins."""
+
+    def asked(self, now: int, act: ScenarioEvent) -> None:
+        """Take what a client asks for."""
+
+    def taken(self, now: int, act: ScenarioEvent) -> None:
+        """Take a command that the robot has taken."""
+
+    def goal(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
+        """Take a goal that the robot has taken."""
 
 
 class EventDigest:
@@ -182,7 +207,7 @@ class RobotUnderTest:
         self.errors: list[BaseException] = []
         self.started_ns = 0
         self.up = self.tells_time = False
-        self.on_event: Callable[[Event], None] | None = None
+        self.observers: list[SimulationObserver] = []
         self.setup = dataclasses.replace(setup, channels={name: f"memory:{name}" for name in setup.channels})
         self._ppm = Random(f"{seed}/ppm")
         self.wires = {
@@ -229,7 +254,7 @@ class RobotUnderTest:
     def kill(self) -> None:
         """End the robot's process as SIGKILL does."""
         self.up = False
-        self.core.on_event = self.core.on_stopped = None
+        self.core.observers.clear()
         self.core.close()
         self.host.end()
 
@@ -274,7 +299,7 @@ class RobotUnderTest:
         self.core = RobotCore(self.setup, self.host.reactor)
         self.core.wall.fix(0)
         self.core.in_virtual_time = self.tells_time
-        self.core.on_event = self._hear
+        self.core.observers.append(_CoreObserver(self))
         self.core.latch.keep(Path(self._state.name) / "stop_latched")
 
     def _join(self) -> None:
@@ -291,7 +316,14 @@ class RobotUnderTest:
                 stack.enter_context(provide(wire.name, wire))
             yield
 
-    def _hear(self, event: Event) -> None:
-        self.digest.event(event)
-        if self.on_event is not None:
-            self.on_event(event)
+
+class _CoreObserver(RobotObserver):
+    """Passes the events of the newest process of a robot under test on."""
+
+    def __init__(self, robot: RobotUnderTest) -> None:
+        self._robot = robot
+
+    def event(self, event: Event) -> None:
+        self._robot.digest.event(event)
+        for observer in self._robot.observers:
+            observer.event(event)

@@ -111,7 +111,7 @@ class ServedSimulation:
             ) from error
         self._held.callback(close_listener, self._socket)
         self._front.add_reader(self._socket, self._on_connection)
-        self._clients.on_request = self._on_request
+        self._clients.observer = self
         player.robot.tells_time = player.robot.core.in_virtual_time = True
 
     def start_bridge(self, arguments: Sequence[str]) -> None:
@@ -158,6 +158,7 @@ class ServedSimulation:
             return
         self._here.append(self._clients.admit(OutsideClient(self._clients, sock, self._front)))
 
-    def _on_request(self, asked: Asked) -> None:
+    def requested(self, asked: Asked) -> None:
+        """Take what a program asks for, as the acts that it stands for."""
         for act in self._requests.acts(asked):
-            self._player.on_asked(self._player.robot.now_ns, act)
+            self._player.asked(act)

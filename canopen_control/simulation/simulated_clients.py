@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.rpc.messages.declare import Request
-    from canopen_control.rpc.messages.robot import Asked
+    from canopen_control.runtime.api import RequestObserver
     from canopen_control.runtime.core import RobotCore
     from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.virtual_time import Actor
@@ -180,14 +180,14 @@ C = TypeVar("C", bound=SimulatedClient)
 class SimulatedClients:
     """The clients of a robot, as they come; `blocked` counts when it waited for one, `all` are those of its process.
 
-    `on_request` hears what they ask for, each in the robot's time.
+    `observer` takes what they ask for, each in the robot's time.
     """
 
     def __init__(self, robot: RobotUnderTest) -> None:
         self.robot = robot
         self.blocked = 0
         self.all: list[SimulatedClient] = []
-        self.on_request: Callable[[Asked], object] | None = None
+        self.observer: RequestObserver | None = None
         self._core: RobotCore | None = None
         self._listener: _Listener
         self._server: ApiServer
@@ -211,7 +211,7 @@ class SimulatedClients:
             self._core, self.all = robot.core, []
             self._listener = _Listener(robot.host)
             self._server = ApiServer(robot.core, cast("socket.socket", self._listener))
-            self._server.on_request = self.on_request
+            self._server.observer = self.observer
 
     # -- what they do
 

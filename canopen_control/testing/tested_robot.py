@@ -13,7 +13,7 @@ from canopen_control.frame import CanFrame, frames_of
 from canopen_control.simulation.event_player import EventPlayer
 from canopen_control.simulation.invariants import Invariants, user_rules
 from canopen_control.simulation.motions import motions_of
-from canopen_control.simulation.robot_under_test import RobotUnderTest
+from canopen_control.simulation.robot_under_test import RobotUnderTest, SimulationObserver
 from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.served_simulation import ServedSimulation
 from canopen_control.virtual.fault_table import find_fault
@@ -32,6 +32,14 @@ _BOOT_S: Final = 30.0
 _STANDING: Final = 0.5  # counts/s
 
 
+class _EventKeeper(SimulationObserver):
+    def __init__(self, events: list[Event]) -> None:
+        self._events = events
+
+    def event(self, event: Event) -> None:
+        self._events.append(event)
+
+
 class TestedRobot:
     """A robot that has booted; `events` are those since its start, `breaches` what must not be and was."""
 
@@ -40,7 +48,7 @@ class TestedRobot:
     def __init__(self, setup: RobotSetup, seed: int = 0) -> None:
         self.events: list[Event] = []
         self.simulated = RobotUnderTest(setup, seed)
-        self.simulated.on_event = self.events.append
+        self.simulated.observers.append(_EventKeeper(self.events))
         self.player = EventPlayer(self.simulated)
         self._invariants = Invariants(self.simulated, self.player, motions_of(setup), user_rules())
         self._began_ns = self.simulated.now_ns

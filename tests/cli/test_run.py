@@ -169,7 +169,7 @@ def test_of_many_nodes_it_is_told_how_many_have_booted():
     many, few = Listener(), Listener()
     for listener, nodes in ((many, 5), (few, 2)):
         session = SimpleNamespace(robot=SimpleNamespace(nodes=dict.fromkeys(range(nodes))))
-        tell = run._teller(listener, session, table=False, prefix="")
+        tell = run._EventPrinter(listener, session, table=False, prefix="").event
         for name in ("a", "b", "a"):
             tell(Event(0, "ready", name, f"{name} is operational"))
         tell(Event(0, "active", "", "x is active"))

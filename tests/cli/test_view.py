@@ -79,7 +79,8 @@ def test_run_prints_the_token_that_the_event_does_not_carry(private_folders):
     stream = StringIO()
     announcer = Announcer(stream)
     session = SimpleNamespace(robot=SimpleNamespace(nodes={}))
-    run._teller(announcer, session, table=False, prefix="robby: ")(Event(0, "view", "", f"view: {rules.place}"))
+    printer = run._EventPrinter(announcer, session, table=False, prefix="robby: ")
+    printer.event(Event(0, "view", "", f"view: {rules.place}"))
     announcer.close()
     assert stream.getvalue() == f"robby: view: {rules.url}\n"
     address.end()

@@ -3,6 +3,7 @@
 import pytest
 from support.faultbench import CYCLE_MS, LEFT, RAMP_MS, RIGHT
 from support.generic import write_generic
+from support.observers import Observer
 from support.robots import copy_robby
 
 from canopen_control.errors import NotEnabled
@@ -67,8 +68,12 @@ def test_controllers_stay_loaded_and_active_through_it_all(turning):
 
 def test_drives_stop_and_are_disabled_in_the_same_cycle(turning):
     seen = []
-    turning.robot.after_cycle.append(
-        lambda _now: seen.append(tuple(each.axis.controlword.value for each in turning.robot.joints.values()))
+    turning.robot.observers.append(
+        Observer(
+            after_cycle=lambda _now: seen.append(
+                tuple(each.axis.controlword.value for each in turning.robot.joints.values())
+            )
+        )
     )
     turning.robot.stop(lambda _error: None)
     turning.disabled_after()
@@ -84,8 +89,12 @@ def test_drives_are_enabled_in_the_same_cycle_however_long_each_takes(bench):
     robby.run(200)
     robby.drives[LEFT].drives[0].power.transition_delay_ns.inject(300_000_000)
     seen = []
-    robby.robot.after_cycle.append(
-        lambda _now: seen.append(tuple(each.axis.controlword.value for each in robby.robot.joints.values()))
+    robby.robot.observers.append(
+        Observer(
+            after_cycle=lambda _now: seen.append(
+                tuple(each.axis.controlword.value for each in robby.robot.joints.values())
+            )
+        )
     )
     assert robby.axis(Action.ENABLE) is None
     assert all(left == right for left, right in seen if 0x0F in (left, right))

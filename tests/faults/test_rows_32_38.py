@@ -5,6 +5,7 @@ import math
 import pytest
 from support.faultbench import CYCLE_MS, LEFT, RAMP_MS, RIGHT, SPEED
 from support.generic import write_generic
+from support.observers import Observer
 
 from canopen_control.hardware.axis_statechart import Action
 
@@ -94,7 +95,7 @@ def test_row_35_no_velocity_is_left_in_the_drive_after_a_disable(turning):
     assert turning.drives[LEFT].get(0x60FF) == turning.drives[RIGHT].get(0x60FF) == 0
     turning.drives[LEFT].store.set(0x60FF, 0, 3000)  # left behind by somebody
     fastest = []
-    turning.robot.after_cycle.append(lambda _now: fastest.append(abs(turning.speed(LEFT))))
+    turning.robot.observers.append(Observer(after_cycle=lambda _now: fastest.append(abs(turning.speed(LEFT)))))
     assert turning.axis(Action.ENABLE) is None
     turning.run(300)
     assert max(fastest) < 1

@@ -4,6 +4,7 @@ import itertools
 
 import pytest
 from support.faultbench import CYCLE_MS, LEFT, RAMP_MS, RIGHT, SPEED
+from support.observers import Observer
 from support.robots import copy_robby
 
 from canopen_control.bus import error_frames
@@ -229,7 +230,7 @@ def test_row_46_when_the_master_dies_the_drives_stop_by_themselves(turning):
 
 def test_row_47_syncs_are_on_an_exact_grid_and_a_set_point_more_or_less_is_no_fault(turning):
     times = []
-    turning.robot.after_cycle.append(times.append)
+    turning.robot.observers.append(Observer(after_cycle=times.append))
     sent = []
     real = turning.robot.buses["can"].port.send
 

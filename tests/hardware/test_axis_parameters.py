@@ -4,6 +4,7 @@ import math
 
 import pytest
 from support.generic import write_generic
+from support.observers import Observer
 from support.robots import Bench
 
 from canopen_control.frame import CanFrame
@@ -48,9 +49,13 @@ def test_a_scale_of_bus_yml_wins(servo):
 def test_it_asks_only_for_what_the_eds_lists_and_nothing_is_enabled_before_it_is_answered(servo):
     bench = servo("params4")
     seen = []
-    bench.robot.after_cycle.append(
-        lambda _now: seen.extend(
-            joint.parameters.loaded for joint in bench.robot.joints.values() if joint.machine.state and joint.enabled
+    bench.robot.observers.append(
+        Observer(
+            after_cycle=lambda _now: seen.extend(
+                joint.parameters.loaded
+                for joint in bench.robot.joints.values()
+                if joint.machine.state and joint.enabled
+            )
         )
     )
     bench.start()

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 from support.generic import write_generic
+from support.observers import Observer
 from support.robots import Bench
 from support.servos import DECELERATION, command
 
@@ -154,7 +155,7 @@ def test_position_by_csp_else_pp_else_ip(servo, key, mode):
 def test_a_position_jump_in_csp_is_made_with_the_largest_velocity(servo):
     robby = servo("position", sdo="- {index: 0x607F, sub_index: 0, value: 20000}")
     fastest = []
-    robby.robot.after_cycle.append(lambda _now: fastest.append(abs(robby.speed(2))))
+    robby.robot.observers.append(Observer(after_cycle=lambda _now: fastest.append(abs(robby.speed(2)))))
     command(robby, "position", 5.0, 4000)
     assert robby.joint(2).states["position"].value == pytest.approx(5.0, abs=0.01)
     assert max(fastest) <= 20500
@@ -174,7 +175,7 @@ def test_a_new_mode_finds_its_target_at_the_actual_position(servo):
     here = robby.drives[2].get(0x6064)
     robby.robot.switch(["position"], ["velocity"], strict=True)
     fastest = []
-    robby.robot.after_cycle.append(lambda _now: fastest.append(abs(robby.speed(2))))
+    robby.robot.observers.append(Observer(after_cycle=lambda _now: fastest.append(abs(robby.speed(2)))))
     robby.run(1500)
     assert robby.drives[2].get(0x6061) == 8
     assert abs(robby.drives[2].get(0x6064) - here) < 65536 / 4
@@ -215,7 +216,9 @@ def test_a_position_in_other_units_than_the_velocity_is_bounded_as_well(servo):
     units += f"scale_pos_to_dev: {K}\n  scale_pos_from_dev: {1 / K}"
     robby = servo("position", velocity=LIMIT, extra=units)
     targets = []
-    robby.robot.after_cycle.append(lambda _now: targets.append(robby.joint(2).axis.output(0x607A).value))
+    robby.robot.observers.append(
+        Observer(after_cycle=lambda _now: targets.append(robby.joint(2).axis.output(0x607A).value))
+    )
     command(robby, "position", 50.0, 1000)
     steps = [b - a for a, b in itertools.pairwise(targets)]
     assert max(steps) in (int(LIMIT * K / 100), int(LIMIT * K / 100) + 1)
@@ -319,7 +322,7 @@ def test_a_position_at_every_sync_stays_within_the_software_limits(mode):
 def test_the_velocity_limit_of_the_description_holds_in_every_mode(servo, interface, key, value, sign):
     robby = servo(interface, key, velocity=LIMIT)
     speeds = []
-    robby.robot.after_cycle.append(lambda _now: speeds.append(sign * robby.speed(2) / K))
+    robby.robot.observers.append(Observer(after_cycle=lambda _now: speeds.append(sign * robby.speed(2) / K)))
     command(robby, interface, sign * value, 3000)
     # a torque is judged by what it did, and TQ takes it away along its slope (0x6087)
     assert max(speeds) < (1.2 if interface == "effort" else 1.03) * LIMIT

@@ -8,6 +8,7 @@ import sys
 
 import pytest
 from canopen_control_bench.recorded import RecordedFleet
+from support.observers import Observer
 
 pytestmark = pytest.mark.alone
 
@@ -44,7 +45,7 @@ def test_cycles_leave_no_object_behind(fleet):
 
 def test_a_leak_of_one_object_a_cycle_would_be_seen(fleet):
     kept = []
-    fleet.core.after_cycle.append(lambda now: kept.append(float(now)))
+    fleet.core.observers.append(Observer(after_cycle=lambda now: kept.append(float(now))))
     before = sys.getallocatedblocks()
     _run(fleet, CYCLES)
     assert sys.getallocatedblocks() - before >= CYCLES

@@ -7,6 +7,7 @@ import re
 import pytest
 from support.apiclient import Client
 from support.busalone import AloneBench, write_drives
+from support.observers import Observer
 from support.robots import FORWARD, LEFT, RIGHT, Bench
 
 from canopen_control.runtime import api
@@ -494,7 +495,7 @@ def test_the_state_stream_comes_at_its_rate(robby, client):
 def test_what_clients_are_told_is_made_between_the_cycles(robby, client, monkeypatch):
     order = []
     client.ask("subscribe", state_rate=50)
-    robby.robot.after_cycle.append(lambda _now: order.append("cycle"))
+    robby.robot.observers.append(Observer(after_cycle=lambda _now: order.append("cycle")))
     monkeypatch.setattr(api, "state_sample", lambda robot: order.append("state") or state_sample(robot))
     robby.run(100)
     told = [order[at - 1 : at + 2] for at, what in enumerate(order[:-1]) if what == "state"]

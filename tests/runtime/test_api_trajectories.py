@@ -275,15 +275,15 @@ def test_a_heartbeat_that_comes_keeps_it_and_one_that_nobody_waits_for_does_noth
 @pytest.mark.parametrize(("holder", "gone"), [("me", ["me"]), ("another", []), (None, [])])
 def test_a_promise_counts_for_its_own_trajectory_and_for_nothing_that_came_after_it(holder, gone):
     let_go = []
-    robot = SimpleNamespace(after_cycle=[], let_go=lambda connection, why: let_go.append(connection))
+    robot = SimpleNamespace(observers=[], let_go=lambda connection, why: let_go.append(connection))
     methods = api_trajectories.TrajectoryMethods(robot, SimpleNamespace(answers=lambda *_: None), print)
     life = CommandTimeout()
     life.holder = holder
     methods._promised["me"] = api_trajectories._Promise(life, 10, 0)
-    (look,) = robot.after_cycle
-    look(10)
+    (observer,) = robot.observers
+    observer.after_cycle(10)
     assert (let_go, list(methods._promised)) == ([], ["me"])
-    look(11)
+    observer.after_cycle(11)
     assert (let_go, list(methods._promised)) == (gone, [])
 
 

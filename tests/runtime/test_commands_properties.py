@@ -12,6 +12,7 @@ import itertools
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
+from support.observers import Observer
 from support.properties import examples
 from support.robots import FORWARD, LEFT, RIGHT, Bench, copy_robby
 
@@ -43,7 +44,7 @@ class Commanding(RuleBasedStateMachine):
         self.aside = set()
         self.broken = []
         self.bench.start()
-        self.bench.robot.after_cycle.append(self.look)
+        self.bench.robot.observers.append(Observer(after_cycle=self.look))
 
     make_folder = None  # set by the test
 

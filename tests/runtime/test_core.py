@@ -4,6 +4,7 @@ import itertools
 import math
 
 import pytest
+from support.observers import Observer
 from support.robots import FORWARD, LEFT, MS, RIGHT, Bench, copy_robby, split_robby
 from support.samples import status_dict
 from support.watching import Witness, watch
@@ -50,7 +51,7 @@ def delay(bench, *delays_ms):
     def after(now):
         bench.reactor.call_at(bench.robot.pacer.edge + PERIOD - 1000, busy)
 
-    bench.robot.after_cycle.append(after)
+    bench.robot.observers.append(Observer(after_cycle=after))
 
 
 def test_a_late_cycle_gets_the_time_of_its_edge_and_the_period_of_the_grid(benches):
@@ -158,7 +159,7 @@ def test_the_cycle_follows_the_sync_of_a_node(benches, tmp_path, order, behind):
     produce()
     sent = bench.reactor.now()
     cycles = []
-    bench.robot.after_cycle.append(cycles.append)
+    bench.robot.observers.append(Observer(after_cycle=cycles.append))
     bench.start()
     bench.hold(10.0, -10.0, ms=2000)
     assert [bench.velocity(node) for node in (LEFT, RIGHT)] == pytest.approx([10.0, -10.0], rel=0.01)
@@ -190,11 +191,13 @@ def bench(request):
 def test_both_drives_boot_in_parallel_and_are_enabled_only_once_the_controller_is_active(bench):
     robby = bench()
     enabled = []
-    robby.robot.after_cycle.append(
-        lambda now: enabled.append(
-            (
-                any(drive.get(0x6041) & 0x6F == 0x27 for drive in robby.drives.values()),
-                FORWARD in robby.robot.manager.active,
+    robby.robot.observers.append(
+        Observer(
+            after_cycle=lambda now: enabled.append(
+                (
+                    any(drive.get(0x6041) & 0x6F == 0x27 for drive in robby.drives.values()),
+                    FORWARD in robby.robot.manager.active,
+                )
             )
         )
     )

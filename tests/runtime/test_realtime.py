@@ -181,7 +181,7 @@ def test_garbage_is_collected_by_hand_every_ten_seconds_and_the_collector_put_ba
         keep_garbage_small(undo, hooks, by_hand=True)
         assert not gc.isenabled()
         assert gc.get_freeze_count() > 1000
-        (collect,) = hooks
+        collect = hooks[0].after_cycle
         collect(0)
         full = gc.get_stats()[2]["collections"]
         for second in range(1, 31):

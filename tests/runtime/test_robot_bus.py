@@ -1,6 +1,7 @@
 """The bus of a robot: what happens when the channel does something."""
 
 import pytest
+from support.observers import Observer
 from support.robots import LEFT, MS, Bench, copy_robby
 
 from canopen_control.errors import BusError
@@ -161,7 +162,7 @@ def test_a_heartbeat_is_missed_at_the_edge_at_which_it_was_when_frames_were_read
         bench = Bench(f"busbeats{watched}{round(10 * ms)}")
         bus = bench.robot.buses["can"]
         if watched:
-            bench.robot.after_cycle.append(lambda _now, bus=bus: bus.watch())
+            bench.robot.observers.append(Observer(after_cycle=lambda _now, bus=bus: bus.watch()))
         bench.start()
         bench.run(300)
         assert bus.watched is watched

@@ -4,6 +4,7 @@ import itertools
 import random
 
 import pytest
+from support.observers import Observer
 from support.robots import LEFT, MS, RIGHT, Bench
 
 from canopen_control.bus.channel import open_port
@@ -67,7 +68,7 @@ def following(monkeypatch):
 def test_the_cycle_follows_half_a_period_after_the_kernels_sync_and_sends_none_itself(following):
     bench = following("kernel1")
     cycles = []
-    bench.robot.after_cycle.append(cycles.append)
+    bench.robot.observers.append(Observer(after_cycle=cycles.append))
     bench.start()
     bench.hold(10.0, -10.0, ms=1000)
     assert [bench.velocity(node) for node in (LEFT, RIGHT)] == pytest.approx([10.0, -10.0], rel=0.01)

@@ -3,6 +3,7 @@ import sys
 
 import pytest
 from support.busalone import write_drives, write_io
+from support.observers import Observer
 
 from canopen_control.errors import CanopenError, ConfigError, RobotConfigError
 from canopen_control.host.reactor import Reactor
@@ -138,7 +139,7 @@ def test_a_demo_of_a_bus_without_controllers_moves_nothing_and_says_how(tmp_path
     found = read_robot(find_robot(str(write(tmp_path))), name="alone", can=["memory:alone"])
     session = RunSession(found, RunOptions(duration=0.3, motion=True), reactor=Reactor())
     events = []
-    session.robot.on_event = events.append
+    session.robot.observers.append(Observer(event=events.append))
     try:
         assert session.run() is None
         assert len(session.robot.nodes) == nodes

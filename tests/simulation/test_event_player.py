@@ -1,4 +1,5 @@
 import pytest
+from support.observers import Watch
 from support.simulated import BASE, FORWARD, Played
 
 from canopen_control.runtime.core import RobotState
@@ -118,7 +119,7 @@ def test_an_act_that_waits_for_a_state_begins_in_it(played):
     assert played.robot.drives[3].device is not None
     played.do("stop")
     begun = []
-    played.player.on_played = lambda now, act: begun.append((act.kind, now))
+    played.robot.observers.append(Watch(played=lambda now, act: begun.append((act.kind, now))))
     told = played.robot.now_ns
     played.run(0.5)
     [(kind, at)] = begun

@@ -1,4 +1,5 @@
 import pytest
+from support.observers import Watch
 from support.simulated import Played
 
 from canopen_control.simulation.fault_coverage import STATES, FaultCoverage, cells_of, cells_words, kind_of, states_of
@@ -9,7 +10,7 @@ from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
 @pytest.fixture
 def covered(played: Played):
     coverage = FaultCoverage(played.robot)
-    played.player.on_played = lambda _now, act: coverage.troubled(act)
+    played.robot.observers.append(Watch(played=lambda _now, act: coverage.troubled(act)))
     played.coverage = coverage
     return played
 

@@ -24,7 +24,7 @@ def test_what_is_commanded_may_move_and_runs_out_in_time(judged):
 
 
 def test_motion_without_a_command_is_told_once(judged):
-    judged.player.on_asked = lambda now, act: None
+    judged.blind = True
     judged.drive(5.0, 5.0, seconds=2.0).run(2.0)
     assert judged.broken == ["motion_uncommanded"] * 2  # of each wheel
 
@@ -54,7 +54,7 @@ def test_a_drive_that_stands_and_is_kept_enabled_after_a_stop_is_told(judged, ac
 
 def test_an_enable_that_nobody_asked_for_is_told(judged):
     judged.do("stop").run(0.5)
-    judged.player.on_asked = lambda now, act: None
+    judged.blind = True
     judged.do("axis", name="enable").run(0.5)
     assert judged.broken == ["enable_unasked"] * 2
 
@@ -94,7 +94,7 @@ def test_an_enable_while_stop_is_latched_does_not_count(judged):
     judged.do("latch").run(0.3)
     judged.rules.asked(judged.robot.now_ns, ScenarioEvent(0, "axis", name="enable"))
     judged.robot.core.latch.by = None
-    judged.player.on_asked = lambda now, act: None
+    judged.blind = True
     judged.do("axis", name="enable").run(0.5)
     assert judged.broken == ["enable_unasked"] * 2
 

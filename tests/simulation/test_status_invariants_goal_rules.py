@@ -1,4 +1,5 @@
 import pytest
+from support.observers import Watch
 from support.simulated import BASE, FORWARD, Judged
 
 from canopen_control.controllers.command_timeout import GoalState
@@ -24,7 +25,7 @@ class Rules:
     def __init__(self, judged, views, tell):
         self.faces = StatusInvariants(judged.robot, views, judged.disturbed, tell)
         self.goals = GoalInvariants(judged.robot, judged.player, self.faces, tell)
-        judged.player.on_goal = self.goals.taken
+        judged.robot.observers.append(Watch(goal=self.goals.taken))
         self.asked = self.goals.asked
 
     def sampled(self, now):

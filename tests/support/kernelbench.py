@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 from support.guest import TIME_SCALE, scaled_robby
+from support.observers import Observer
 from support.robots import LEFT, MS, RIGHT, Bench
 
 from canopen_control.host.reactor import Reactor
@@ -38,7 +39,7 @@ class KernelBench(Bench):
         except BaseException:
             self.close()
             raise
-        self.robot.on_event = self.events.append
+        self.robot.observers.append(Observer(event=self.events.append))
 
     def run(self, ms):
         """Let milliseconds of the test pass, one call's after the other's without any between."""

@@ -6,6 +6,8 @@ import functools
 import shutil
 from pathlib import Path
 
+from support.observers import Observer
+
 from canopen_control.bus.channel import open_port
 from canopen_control.bus.memory import MemoryBus
 from canopen_control.data_files import data_names, data_path
@@ -70,7 +72,7 @@ class Bench:
         for node_id in drives:
             self.power_on(node_id, faults)
         self.events = []
-        self.robot.on_event = self.events.append
+        self.robot.observers.append(Observer(event=self.events.append))
 
     def power_on(self, node_id, faults=()):
         node = next(each for each in self.setup.bus.nodes.values() if each.node_id == node_id)

@@ -2,6 +2,8 @@
 
 import functools
 
+from support.observers import Watch
+
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.simulation.disturbed_nodes import DisturbedNodes
@@ -27,7 +29,7 @@ class Played:
         self.robot = RobotUnderTest(setup_of(name), seed)
         self.player = EventPlayer(self.robot)
         self.events = []
-        self.robot.on_event = self.events.append
+        self.robot.observers.append(Watch(event=self.events.append))
         self.robot.start()
         self.run(0.6)
 
@@ -72,9 +74,13 @@ class Judged(Played):
         for name, view in views.items():
             self.robot.wires[name].heard.append(view.hear)
         self.rules = make(self, views, lambda rule, text: self.told.append((rule, text)))
-        self.player.on_asked = getattr(self.rules, "asked", self.player.on_asked)
-        self.player.on_played = self.disturbed.troubled
+        self.blind = False
+        self.robot.observers.append(Watch(asked=self._asked, played=self.disturbed.troubled))
         self.run(0.2)
+
+    def _asked(self, now, act):
+        if not self.blind and hasattr(self.rules, "asked"):
+            self.rules.asked(now, act)
 
     @property
     def broken(self):

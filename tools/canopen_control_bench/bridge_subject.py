@@ -11,6 +11,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.run_session import RunOptions, RunSession
 from canopen_control.runtime.setup import read_robot
@@ -23,13 +24,18 @@ if TYPE_CHECKING:
 CONTROLLER = "robby_base_controller"
 
 
+class _ReadyTeller(RobotObserver):
+    def running(self) -> None:
+        say({"ready": True})
+
+
 class BridgeSubject:
     """The robot of a session as its API sees it, with its commands timed."""
 
     def __init__(self, session: RunSession) -> None:
         self.session, self.latencies = session, list[float]()
         session.api._robot = self  # type: ignore[assignment]  # noqa: SLF001 - the measuring point, compiled or not
-        session.robot.on_running = lambda: say({"ready": True})
+        session.robot.observers.append(_ReadyTeller())
         session.reactor.add_reader(0, self._on_order)
 
     def command(

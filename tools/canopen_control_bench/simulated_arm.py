@@ -20,6 +20,7 @@ from canopen_control.host.reactor import Reactor
 from canopen_control.host.timer import ManualClock
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime.core import RobotCore, RobotState
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.virtual.device import make_device
@@ -44,7 +45,7 @@ _START_NS: Final = 1000 * MS
 _SETTLE_MS: Final = 150
 
 
-class SimulatedArm:
+class SimulatedArm(RobotObserver):
     """The arm of a folder, enabled: `robot` is the runtime, `drives` are the devices by node id, `bus` is their wire.
 
     `late` says for each cycle by how much the host wakes late, `batch_ns` how often the adapter hands frames over.
@@ -76,7 +77,7 @@ class SimulatedArm:
             self.drives = self._power_on(model)
             if not own_sync:
                 self._produce_sync(self.robot.pacer.period_ns * (1_000_000 + ppm) // 1_000_000)
-            self.robot.after_cycle.append(self._fall_asleep)
+            self.robot.observers.append(self)
             self.robot.start()
             self.until(self._moves)
             self.run(_SETTLE_MS)
@@ -156,8 +157,9 @@ class SimulatedArm:
             self._asleep = None
         self.host.run_until(now)
 
-    def _fall_asleep(self, _now: int) -> None:
+    def after_cycle(self, now: int) -> None:
         """Be busy with other things when the next edge comes, which may be moved a little."""
+        del now
         late, pacer = self.late(), self.robot.pacer
         if late:
             edge = pacer.edge + pacer.period_ns
@@ -184,8 +186,8 @@ class SimulatedArm:
             for bus in buses:
                 bus.send_cycle(now)
                 bus.tick(now)
-            for hook in robot.after_cycle:
-                hook(now)
+            for observer in robot.observers:
+                observer.after_cycle(now)
 
         robot.pacer.on_edge = cycle
 

@@ -18,6 +18,7 @@ import time
 from typing import TYPE_CHECKING
 
 from canopen_control.errors import CanopenError
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.realtime import DEFAULT_PRIORITY
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.run_session import RunOptions, RunSession
@@ -26,6 +27,17 @@ from canopen_control_bench.turns import Turn, say
 
 if TYPE_CHECKING:
     from canopen_control.master.cycle import ReceivedPdo
+
+
+class _SubjectObserver(RobotObserver):
+    def __init__(self, subject: Subject) -> None:
+        self._subject = subject
+
+    def running(self) -> None:
+        self._subject.running()
+
+    def after_cycle(self, now: int) -> None:
+        self._subject.take_cycle(now)
 
 
 class Subject:
@@ -40,17 +52,15 @@ class Subject:
         self._began = self._cpu = 0
         self._last: list[ReceivedPdo] = []
         self._buffer = b""
-        self.robot.after_cycle.insert(0, self._after_cycle)
+        self._observer = _SubjectObserver(self)
+        self.robot.observers.insert(0, self._observer)
 
     def run(self) -> str | None:
         """Serve until the robot has stopped; returns why it failed, or None."""
-        running, self.robot.on_running = self.robot.on_running, self._on_running
-        self._and_running = running
         return self.session.run()
 
-    def _on_running(self) -> None:
-        if self._and_running is not None:
-            self._and_running()
+    def running(self) -> None:
+        """Serve orders from now on."""
         self._last = [
             node.received[-1] for bus in self.robot.buses.values() for node in [*bus.network.nodes.values()][-1:]
         ]
@@ -73,7 +83,7 @@ class Subject:
         self._left, self._free = cycles, free
         if free:
             self.robot.pacer.stop()
-            self.robot.after_cycle.remove(self._after_cycle)
+            self.robot.observers.remove(self._observer)
             for bus in self.robot.buses.values():
                 assert bus.port is not None
                 bus.watch()
@@ -84,7 +94,7 @@ class Subject:
         if free:
             self._cycle()
 
-    def _after_cycle(self, now: int) -> None:
+    def take_cycle(self, now: int) -> None:
         """Write the cycle down: `late_max` is put back each time, so that it is this cycle's alone."""
         turn = self._turn
         if turn is None:
@@ -128,7 +138,7 @@ class Subject:
         if self._free:
             for bus in self.robot.buses.values():
                 bus.watch()
-            self.robot.after_cycle.insert(0, self._after_cycle)
+            self.robot.observers.insert(0, self._observer)
             self.robot.pacer.start()
         turn.say()
 

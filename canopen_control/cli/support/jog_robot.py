@@ -29,10 +29,10 @@ from canopen_control.scaffold.new_robot import plan_robot
 from canopen_control.service.driven_axis import JogDrive
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
-    from canopen_control.master.event_log import Event
     from canopen_control.runtime.core import RobotCore
+    from canopen_control.runtime.observer import RobotObserver
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.scaffold.drive_choice import AxisChoice, Supervision
     from canopen_control.scaffold.new_robot import Device, NewRobot
@@ -67,7 +67,7 @@ def dead_man_words(supervision: Supervision) -> str:
 
 @contextlib.contextmanager
 def own_robot(
-    robot: NewRobot, axis: AxisChoice, channel: str, speed: float, tell: Callable[[Event], object]
+    robot: NewRobot, axis: AxisChoice, channel: str, speed: float, events: RobotObserver
 ) -> Iterator[JogDrive]:
     """Boot a robot of the one drive in this process, capped at `speed` rad/s; stop and end it with the block."""
     with tempfile.TemporaryDirectory(prefix="canopen-control-jog-") as folder:
@@ -82,13 +82,7 @@ def own_robot(
 
         def prepare(core: RobotCore) -> None:
             limit_speed(core, names, speed)
-            told = core.on_event or (lambda _event: None)
-
-            def on_event(event: Event) -> None:
-                told(event)
-                tell(event)
-
-            core.on_event = on_event
+            core.observers.append(events)
 
         background = BackgroundRobot(setup, RunOptions(drives=False), prepare)
         try:

@@ -20,6 +20,7 @@ from canopen_control.cli.support.target import BusTarget, RobotTarget, add_targe
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, ConfigError, DriveError
 from canopen_control.rpc.wire import plain
+from canopen_control.runtime.observer import RobotObserver
 from canopen_control.service.driven_axis import drive_of_robot, fault_words, why_not_free
 from canopen_control.service.jog_motion import JogScale
 from canopen_control.service.node_session import NodeSession, Transfers
@@ -204,12 +205,16 @@ def with_counts(robot: NewRobot, counts: float | None) -> NewRobot:
     return replace(robot, nodes=nodes)
 
 
-def tell_event(event: Event) -> None:
-    """Print what went wrong while the drive is booted and moved."""
-    from canopen_control.master.event_log import Level
+class WarningPrinter(RobotObserver):
+    """Prints what went wrong while the drive is booted and moved."""
 
-    if event.level >= Level.WARNING:
-        print(f"\r\x1b[K{event.sentence}" if sys.stdout.isatty() else event.sentence, file=sys.stderr, flush=True)
+    def event(self, event: Event) -> None:
+        """Print an event that is a warning or worse."""
+        from canopen_control.master.event_log import Level
+
+        if event.level >= Level.WARNING:
+            text = f"\r\x1b[K{event.sentence}" if sys.stdout.isatty() else event.sentence
+            print(text, file=sys.stderr, flush=True)
 
 
 # Restores a parameter set for `restore` and `clone`: their options, the progress, and the report that they print.

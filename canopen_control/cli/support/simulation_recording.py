@@ -17,6 +17,7 @@ from canopen_control.rpc.messages.trajectory import SetTrajectory
 from canopen_control.rpc.wire import Raw, text_of
 from canopen_control.runtime.status import event_message, layout_message, state_sample, status_message
 from canopen_control.simulation.recorded_scenario import RecordedRobot, scenario_of_recording
+from canopen_control.simulation.robot_under_test import SimulationObserver
 from canopen_control.trace.flight_file import (
     NO_FAULT,
     FlightMeta,
@@ -54,7 +55,7 @@ def check_recording_name(path: Path) -> None:
         raise ConfigError(f"--record {path}: nothing can be written to {path.parent}; give a folder that is there")
 
 
-class SimulationRecorder:
+class SimulationRecorder(SimulationObserver):
     """Records a simulation that has not begun; `write` when it has ended."""
 
     def __init__(self, simulation: SimulationRun) -> None:
@@ -66,8 +67,7 @@ class SimulationRecorder:
         for number, wire in enumerate(self._robot.wires.values()):
             wire.heard.append(self._heard(number))
         self._robot.time.later(_SAMPLE_NS, self._sample)
-        self._heard_event, self._robot.on_event = self._robot.on_event, self._event
-        self._asked, simulation.player.on_asked = simulation.player.on_asked, self._request
+        self._robot.observers.append(self)
 
     def _heard(self, number: int) -> Callable[[int, str, bytes], object]:
         def heard(now: int, _label: str, record: bytes) -> None:
@@ -80,13 +80,12 @@ class SimulationRecorder:
             self._lines.append(text_of(state_sample(self._robot.core)))
         self._robot.time.later(_SAMPLE_NS, self._sample)
 
-    def _event(self, event: Event) -> None:
+    def event(self, event: Event) -> None:
+        """Record an event."""
         self._events.append(event_message(self._robot.core, event))
-        if self._heard_event is not None:
-            self._heard_event(event)
 
-    def _request(self, now: int, act: ScenarioEvent) -> None:
-        self._asked(now, act)
+    def asked(self, now: int, act: ScenarioEvent) -> None:
+        """Record what a client asks for."""
         for request in _requests_of(act, self._robot.core.manager.states):
             method = ROBOT.of(type(request)).name
             self._requests.append(text_of(Asked(now / 1e9, method, Raw(text_of(request)))))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.output import Progress, json_line
 from canopen_control.errors import ConfigError
 from canopen_control.runtime.shared_world import read_shared
+from canopen_control.simulation.robot_under_test import SimulationObserver
 from canopen_control.simulation.shared_simulation import SharedSimulation
 
 if TYPE_CHECKING:
@@ -22,6 +22,18 @@ if TYPE_CHECKING:
 
 _OF_ONE: Final = ("scenario", "recording", "record", "seeds", "jobs", "dask", "aim", "out")
 _OF_FILE: Final = ("can", "controller")
+
+
+class EventPrinter(SimulationObserver):
+    """Prints the events of a simulation with their time in s, after a `prefix`; the line of `progress` is ended."""
+
+    def __init__(self, progress: Progress, prefix: str = "") -> None:
+        self._progress, self._prefix = progress, prefix
+
+    def event(self, event: Event) -> None:
+        """Print an event."""
+        self._progress.end()
+        print(f"{event.time / 1e9 - 1.0:9.3f} {self._prefix}{event.sentence}")
 
 
 def simulate_world(args: argparse.Namespace, duration_ns: int, faults: Sequence[str]) -> int:
@@ -39,8 +51,8 @@ def simulate_world(args: argparse.Namespace, duration_ns: int, faults: Sequence[
         print(f"canopen-control: {note}", file=sys.stderr)
     progress = Progress("robot time", "s", stream=sys.stderr)
     try:
-        for name, run in simulation.runs.items():
-            run.robot.on_event = None if args.json else partial(_say, name, progress)
+        for name, run in ({} if args.json else simulation.runs).items():
+            run.robot.observers.append(EventPrinter(progress, f"{name}: "))
         with contextlib.suppress(KeyboardInterrupt), progress:
             simulation.run(lambda robot_s: progress.at(int(robot_s), int(duration_ns / 1e9) or None), args.speed)
         outcome = simulation.outcome
@@ -55,8 +67,3 @@ def simulate_world(args: argparse.Namespace, duration_ns: int, faults: Sequence[
     for breach in outcome.breaches:
         print(f"breach: {breach}")
     return 1 if outcome.breaches else 0
-
-
-def _say(name: str, progress: Progress, event: Event) -> None:
-    progress.end()
-    print(f"{event.time / 1e9 - 1.0:9.3f} {name}: {event.sentence}")

@@ -4,7 +4,7 @@ import pytest
 from support.onbus import GENERIC
 
 from canopen_control.cli.support.jog_robot import choose_jog
-from canopen_control.cli.support.open_session import axis_of, tell_event, with_counts
+from canopen_control.cli.support.open_session import WarningPrinter, axis_of, with_counts
 from canopen_control.cli.support.target import find_eds
 from canopen_control.errors import ConfigError
 from canopen_control.master.event_log import Event, Level
@@ -32,6 +32,6 @@ def test_counts_that_a_user_tells_are_those_of_joints_and_drives(robot):
 
 
 def test_warnings_are_told_and_the_rest_is_not(capsys):
-    tell_event(Event(0, "x", "", "all is well", Level.INFO))
-    tell_event(Event(0, "x", "", "something is wrong", Level.WARNING))
+    WarningPrinter().event(Event(0, "x", "", "all is well", Level.INFO))
+    WarningPrinter().event(Event(0, "x", "", "something is wrong", Level.WARNING))
     assert capsys.readouterr().err.strip().endswith("something is wrong")
