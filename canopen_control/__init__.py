@@ -92,12 +92,12 @@ _HOMES = {name: module for module, names in _NAMES_OF.items() for name in names}
 
 
 def __dir__() -> list[str]:
-    """Return the names of the module with those that are imported when they are used."""
+    """Return the names of the module, including those imported on first use."""
     return sorted({*globals(), *__all__})
 
 
 def __getattr__(name: str) -> object:
-    """Import the public names when they are used: most processes of a robot need only a corner of the package."""
+    """Import a public name on first use: most processes need only a part of the package."""
     if name in _HOMES:
         return getattr(importlib.import_module(f"canopen_control.{_HOMES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

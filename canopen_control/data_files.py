@@ -1,4 +1,4 @@
-"""Where the bundled EDS files and robot configurations are, and how files of users are read: up to a size.
+"""Paths of the bundled EDS files and robot configurations, and size-limited reading of user files.
 
 Bundled files are in the wheel's data folder, or in a checkout.
 """
@@ -16,19 +16,19 @@ def _folder(kind: str) -> Path:
 
 
 def data_path(kind: str, name: str) -> Path:
-    """Return the path that `name` has among the bundled files of `kind` ("eds" or "config"); it may not exist."""
+    """Return the path of `name` among the bundled files of `kind` ("eds" or "config"); it may not exist."""
     return _folder(kind) / name
 
 
 def data_names(kind: str) -> list[str]:
-    """Return what is bundled of `kind`, sorted."""
+    """Return the names of the bundled files of `kind`, sorted."""
     return sorted(path.name for path in _folder(kind).iterdir()) if _folder(kind).is_dir() else []
 
 
 def read_limited(path: Path, limit: int) -> bytes:
-    """Return the bytes of a file; ValueError where it has more than `limit`, or is no file at all, before it is read.
+    """Return the bytes of a file; ValueError before reading if it has more than `limit`, or is not a regular file.
 
-    OSError as `open` raises it.
+    OSError as raised by `open`.
     """
     if path.exists() and not path.is_file():
         raise ValueError("it is a folder" if path.is_dir() else "it is no regular file")

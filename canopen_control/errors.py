@@ -1,41 +1,41 @@
-"""Every exception that this package raises on purpose, and the hint that names what was meant.
+"""Exceptions of this package, and suggestions for misspelled names.
 
 CanopenError
-  ConfigError            what the user wrote
+  ConfigError            an error in a file, option or argument of the user
     EdsError               an EDS or DCF file: path, line, reason
     BusConfigError         a bus.yml: path, line, key, reason
-    RobotConfigError       controllers, description, or how the three fit together
-  DiskFull               a file could not be written to its end: path, reason, kept
-  BusError               the wire or its driver
+    RobotConfigError       controllers, description, or their combination with the bus
+  DiskFull               a file could not be written completely: path, reason, kept
+  BusError               the bus or the driver of its adapter
     BusClosed              the channel is gone or was closed
     BusOff                 the CAN controller left the bus
     InterfaceNotFound      no such channel
-      BusNotOpen             a local: bus that nobody has open: others
+      BusNotOpen             a local: bus is not open: others
     InterfaceDown          the interface exists but is down
-  ProtocolError          the rules of CANopen (never raised itself)
-    LocalProtocolError     this side broke them: a defect of the caller
-    RemoteProtocolError    the other side broke them: node_id
+  ProtocolError          a violation of CANopen's rules (never raised itself)
+    LocalProtocolError     by this side: a defect of the caller
+    RemoteProtocolError    by the other side: node_id
       SdoAbort               the transfer was aborted: node_id, index, subindex, code
       SdoTimeout             no answer: node_id, index, subindex
         SdoStopped             because the node is in NMT STOPPED
       SdoRestarted           the node has booted in the middle of a transfer: node_id, index, subindex
-      SdoLengthError         an answer of another length than the object has: node_id, index, subindex, data
-      BootError              CiA 302 boot failed: node_id, letter, step
-      HeartbeatLost          silent for longer than its heartbeat time: node_id, age
-  DriveError             the drive
-    UnsupportedMode        it lacks the mode of operation: mode, supported
-  ControlError           the controllers
-    InterfaceConflict      a command interface has an owner already: interface, owner
-    NotEnabled             a command to a drive that is not enabled, which is refused and never kept
-      NotYetEnabled          the same while it is on its way up: the next command may be taken
-    TrajectoryRefused      a trajectory breaks a rule: code
-    UnknownInterface       nobody exports it: name
-    UnknownName            the robot has no node, joint, controller, component or mode of that name
+      SdoLengthError         an answer with a length other than that of the object: node_id, index, subindex, data
+      BootError              the boot of a node failed (CiA 302-2): node_id, letter, step
+      HeartbeatLost          a node was silent for longer than its heartbeat time: node_id, age
+  DriveError             an error of a drive
+    UnsupportedMode        the drive lacks the mode of operation: mode, supported
+  ControlError           an error of controllers
+    InterfaceConflict      a command interface already has an owner: interface, owner
+    NotEnabled             a command to a drive that is not enabled; it is dropped
+      NotYetEnabled          the drive is being enabled: a later command may be accepted
+    TrajectoryRefused      a trajectory violates a rule: code
+    UnknownInterface       no component exports the interface: name
+    UnknownName            the robot has no node, joint, controller, component or mode with this name
   RemoteError            a running robot refused a request: kind
-    UnreadableMessage      one message that was sent unasked cannot be read
+    UnreadableMessage      a pushed message cannot be read
 
-Each has fields, and a message made from them that says what, where and what to do next. ``OSError`` and
-``can.CanError`` become one of these in `bus`, and nowhere else.
+Each has fields, and a message made from them with the error, its place and advice. ``OSError`` and ``can.CanError``
+are converted to these classes in `bus`, and nowhere else.
 """
 
 from __future__ import annotations
@@ -88,20 +88,20 @@ def _node(node_id: int, name: str = "") -> str:
 
 
 class CanopenError(Exception):
-    """Nothing else is raised on purpose."""
+    """Base class of all errors raised by this package."""
 
     @property
     def of_usage(self) -> bool:
-        """Whether what the user typed or wrote is wrong, and nothing was done; the command line exits with 2."""
+        """Whether the error is in the user's input and nothing was done; the command line then exits with 2."""
         return isinstance(self, _OF_USAGE)
 
 
 class ConfigError(CanopenError):
-    """What the user wrote cannot be used."""
+    """Error in a file, option or argument of the user."""
 
 
 class EdsError(ConfigError):
-    """A file is no usable EDS or DCF."""
+    """Error in an EDS or DCF file that makes it unusable."""
 
     def __init__(self, path: str, line: int, reason: str) -> None:
         self.path, self.line, self.reason = path, line, reason
@@ -109,7 +109,7 @@ class EdsError(ConfigError):
 
 
 class BusConfigError(ConfigError):
-    """A bus.yml holds mistakes; `reason` names all of them at once, a paragraph each."""
+    """Errors in a bus.yml; `reason` contains all of them, one paragraph each."""
 
     def __init__(self, path: str, line: int, key: str, reason: str) -> None:
         self.path, self.line, self.key, self.reason = path, line, key, reason
@@ -117,11 +117,11 @@ class BusConfigError(ConfigError):
 
 
 class RobotConfigError(ConfigError):
-    """Controllers, description and bus do not fit together, or one of the files is missing."""
+    """Error in controllers, description or their combination with the bus, or a missing file."""
 
 
 class DiskFull(CanopenError):
-    """A file could not be written to its end, for want of room or a broken disk; `kept` says what is left of it."""
+    """Failed write of a file: no space or a broken disk; `kept` describes what remains of the file."""
 
     def __init__(self, path: str, reason: str, kept: str) -> None:
         self.path, self.reason, self.kept = path, reason, kept
@@ -129,11 +129,11 @@ class DiskFull(CanopenError):
 
 
 class BusError(CanopenError):
-    """The wire, or the driver of its adapter."""
+    """Error of a CAN bus or of the driver of its adapter."""
 
 
 class BusClosed(BusError):
-    """The channel is gone, or was closed on this side."""
+    """Use of a channel that is gone or was closed."""
 
     def __init__(self, channel: str, reason: str = "closed") -> None:
         self.channel, self.reason = channel, reason
@@ -141,7 +141,7 @@ class BusClosed(BusError):
 
 
 class BusOff(BusError):
-    """The CAN controller left the bus after too many errors."""
+    """Bus-off: the CAN controller left the bus after too many errors."""
 
     def __init__(self, channel: str) -> None:
         self.channel = channel
@@ -149,7 +149,7 @@ class BusOff(BusError):
 
 
 class InterfaceNotFound(BusError):
-    """No such channel; `hint` says what to do."""
+    """Missing channel; `hint` is the advice to the user."""
 
     def __init__(self, name: str, hint: str = "") -> None:
         self.name, self.hint = name, hint
@@ -157,7 +157,7 @@ class InterfaceNotFound(BusError):
 
 
 class BusNotOpen(InterfaceNotFound):
-    """Nobody has this ``local:`` bus open, and who only listens or asks does not make one; `others` are open."""
+    """Access to a ``local:`` bus that is not open by a caller that only listens or queries; `others` are open."""
 
     def __init__(self, name: str, others: Sequence[str] = ()) -> None:
         there = f"open now: {', '.join(others)}" if others else "no local bus is open now"
@@ -166,7 +166,7 @@ class BusNotOpen(InterfaceNotFound):
 
 
 class InterfaceDown(BusError):
-    """The interface exists and is down."""
+    """Use of an interface that exists and is down."""
 
     def __init__(self, name: str, hint: str = "") -> None:
         self.name = name
@@ -174,15 +174,15 @@ class InterfaceDown(BusError):
 
 
 class ProtocolError(CanopenError):
-    """The rules of CANopen were broken; see the two children."""
+    """Base class of violations of CANopen's rules; see the two children."""
 
 
 class LocalProtocolError(ProtocolError):
-    """The caller asked for what the protocol forbids; the state is unchanged."""
+    """Violation by the caller; the state is unchanged."""
 
 
 class RemoteProtocolError(ProtocolError):
-    """The other side did not do what the protocol demands."""
+    """Violation by the other side."""
 
     def __init__(self, node_id: int, reason: str) -> None:
         self.node_id = node_id
@@ -190,9 +190,9 @@ class RemoteProtocolError(ProtocolError):
 
 
 class SdoAbort(RemoteProtocolError):
-    """An SDO transfer ended with an abort code (CiA 301, table 22).
+    """SDO transfer ended by an abort (CiA 301, table 22).
 
-    `code` is the 32-bit abort code, `text` its meaning; `name` is the node's, where known.
+    `code` is the 32-bit abort code, `text` its meaning; `name` is that of the node, if known.
     """
 
     def __init__(self, node_id: int, index: int, subindex: int, code: int, text: str = "", name: str = "") -> None:
@@ -204,7 +204,7 @@ class SdoAbort(RemoteProtocolError):
 
 
 class SdoTimeout(RemoteProtocolError):
-    """A server did not answer in time; `seconds` is what it was given, all tries together."""
+    """Missing answer of an SDO server; `seconds` is the time allowed, over all tries."""
 
     hint = "is the node powered and its node id right?"
 
@@ -217,7 +217,7 @@ class SdoTimeout(RemoteProtocolError):
 
 
 class SdoStopped(SdoTimeout):
-    """A server did not answer because its node is in NMT STOPPED, where there is no SDO (CiA 301, table 38)."""
+    """Missing answer of an SDO server whose node is STOPPED, which permits no SDO (CiA 301, table 38)."""
 
     hint = "its heartbeat says NMT STOPPED, where a node answers no SDO; `nmt preop` or `nmt start` ends that"
 
@@ -226,7 +226,7 @@ class SdoStopped(SdoTimeout):
 
 
 class SdoRestarted(RemoteProtocolError):
-    """A node has booted in the middle of a transfer, and has lost its data."""
+    """Boot-up of a node during a transfer, which lost its data."""
 
     def __init__(self, node_id: int, index: int, subindex: int, name: str = "") -> None:
         self.index, self.subindex = index, subindex
@@ -238,7 +238,7 @@ class SdoRestarted(RemoteProtocolError):
 
 
 class SdoLengthError(RemoteProtocolError):
-    """The bytes that an upload brought are no value of the object: `data`; `wanted` names type and length."""
+    """Upload whose data do not fit the type of the object: `data`; `wanted` names type and length."""
 
     def __init__(
         self, node_id: int, index: int, subindex: int, data: bytes, wanted: str, entry: str = "", name: str = ""
@@ -254,7 +254,7 @@ class SdoLengthError(RemoteProtocolError):
 
 
 class BootError(RemoteProtocolError):
-    """The boot of a node failed (CiA 302-2); `letter` is its error status A to O, `step` what was being done."""
+    """Failed boot of a node (CiA 302-2); `letter` is its error status A to O, `step` the failed step."""
 
     def __init__(self, node_id: int, letter: str, step: str, name: str = "") -> None:
         self.letter, self.step = letter, step
@@ -262,7 +262,7 @@ class BootError(RemoteProtocolError):
 
 
 class HeartbeatLost(RemoteProtocolError):
-    """A node was silent for longer than its heartbeat time; `age` in seconds."""
+    """Node that was silent for longer than its heartbeat time; `age` in s."""
 
     def __init__(self, node_id: int, age: float, name: str = "") -> None:
         self.age = age
@@ -270,11 +270,11 @@ class HeartbeatLost(RemoteProtocolError):
 
 
 class DriveError(CanopenError):
-    """A drive does not do what it was told."""
+    """Drive that does not execute a command."""
 
 
 class UnsupportedMode(DriveError):
-    """The drive's 0x6502 does not list the mode of operation."""
+    """Mode of operation that the drive's 0x6502 does not list."""
 
     def __init__(self, mode: str, supported: tuple[str, ...]) -> None:
         self.mode, self.supported = mode, supported
@@ -282,11 +282,11 @@ class UnsupportedMode(DriveError):
 
 
 class ControlError(CanopenError):
-    """The controllers, and what they may claim."""
+    """Error of controllers or of their claims."""
 
 
 class InterfaceConflict(ControlError):
-    """A command interface has one owner at a time."""
+    """Claim of a command interface that already has an owner."""
 
     def __init__(self, interface: str, owner: str) -> None:
         self.interface, self.owner = interface, owner
@@ -294,7 +294,7 @@ class InterfaceConflict(ControlError):
 
 
 class TrajectoryRefused(ControlError):
-    """A trajectory that breaks a rule; `code` is the one that the result of FollowJointTrajectory has for it."""
+    """Trajectory that violates a rule; `code` is the result code of FollowJointTrajectory."""
 
     def __init__(self, message: str, code: int) -> None:
         self.code = code
@@ -302,15 +302,15 @@ class TrajectoryRefused(ControlError):
 
 
 class NotEnabled(ControlError):
-    """Drives that are not enabled take no command, and none is kept for when they are."""
+    """Command to drives that are not enabled; it is dropped."""
 
 
 class NotYetEnabled(NotEnabled):
-    """They are being enabled: a later command may be taken."""
+    """Command to drives that are being enabled; a later one may be accepted."""
 
 
 class UnknownInterface(ControlError):
-    """Nobody exports an interface of this name; `known` helps to find the right one."""
+    """Unknown interface; `known` are the existing ones, for a suggestion."""
 
     def __init__(self, name: str, known: tuple[str, ...] = ()) -> None:
         self.name, self.known = name, known
@@ -318,11 +318,11 @@ class UnknownInterface(ControlError):
 
 
 class UnknownName(ControlError):
-    """The robot has nothing of the name that was asked for; nothing was done. The command line exits with 2."""
+    """Unknown name of a node, joint, controller, component or mode; nothing was done. The command line exits with 2."""
 
 
 class RemoteError(CanopenError):
-    """A request to a running robot was refused; `kind` is the class name of the error over there."""
+    """Request refused by a running robot; `kind` is the class name of its error."""
 
     def __init__(self, kind: str, message: str) -> None:
         self.kind = kind
@@ -330,13 +330,13 @@ class RemoteError(CanopenError):
 
     @property
     def of_usage(self) -> bool:
-        """Whether the error over there is one of usage."""
+        """Whether the robot's error is one of usage."""
         kind = globals().get(self.kind)
         return isinstance(kind, type) and issubclass(kind, _OF_USAGE)
 
 
 class UnreadableMessage(RemoteError):
-    """One message that was sent unasked cannot be read, as of a program of another version; the next one may be."""
+    """Unreadable pushed message, for example of another version; later ones may be readable."""
 
     def __init__(self, message: str) -> None:
         super().__init__("RemoteProtocolError", message)
@@ -345,16 +345,16 @@ class UnreadableMessage(RemoteError):
 _OF_USAGE = (ConfigError, InterfaceDown, InterfaceNotFound, UnknownName)
 
 
-_CLOSE = 0.6  # difflib's ratio of two names that may be meant for each other
+_CLOSE = 0.6  # minimum ratio of difflib for a suggestion
 _OPPOSITES = ({"left", "right"}, {"front", "rear"}, {"front", "back"}, {"upper", "lower"}, {"min", "max"})
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return `, did you mean 'x'?`, or the list of what there is, or nothing when there is nothing.
+    """Return `, did you mean 'x'?`, or the list of known names, or "" if there are none.
 
-    The words of a name may stand in another order; a name that says the opposite (left, right) is not meant.
+    The words of a name may be in another order; a name with the opposite meaning (left, right) is not suggested.
     """
-    import difflib  # only a mistake needs it
+    import difflib  # needed only for a mistake
 
     names = [str(each) for each in known]
     words = _words(name)

@@ -1,7 +1,7 @@
-"""The CAN frame, and the COB-IDs of the predefined connection set (CiA 301, 7.3.3).
+"""CAN frames, and the COB-IDs of the predefined connection set (CiA 301, 7.3.3).
 
-On the wire side of this package frames travel as records: 16 bytes each, Linux' struct can_frame, one after the
-other in a bytes object. Whoever has time works with `CanFrame`; the cycle works on the records.
+Ports transfer frames as records: 16 bytes each, Linux' struct can_frame, concatenated in a bytes object. The cycle
+works on records, everything else on `CanFrame`.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ __all__ = [
     "tpdo_cob_id",
 ]
 
-EXTENDED_BIT: Final = 1 << 29  # of a COB-ID entry: the identifier has 29 bits; in a frame EXTENDED_FLAG says so
+EXTENDED_BIT: Final = 1 << 29  # bit of a COB-ID entry: 29-bit identifier; frames have EXTENDED_FLAG instead
 EXTENDED_FLAG: Final = 0x80000000  # linux/can.h CAN_EFF_FLAG: 29-bit identifier
 REMOTE_FLAG: Final = 0x40000000  # CAN_RTR_FLAG
-ERROR_FLAG: Final = 0x20000000  # CAN_ERR_FLAG: the identifier holds error classes
-BROADCAST: Final = 0  # the node id that means all nodes
+ERROR_FLAG: Final = 0x20000000  # CAN_ERR_FLAG: the identifier contains error classes
+BROADCAST: Final = 0  # node id for all nodes
 MAX_NODE_ID: Final = 127
 FRAME_BITS: Final = 47
 """Of a frame with an 11-bit identifier and no data on the wire: intermission included, stuff bits not."""
@@ -50,7 +50,7 @@ RECORD_SIZE: Final = RECORD.size
 
 
 class CanFrame(NamedTuple):
-    """One frame: `can_id` is the identifier with the flags of linux/can.h, `data` 0 to 8 bytes.
+    """CAN frame: `can_id` is the identifier with the flags of linux/can.h, `data` 0 to 8 bytes.
 
     The data of a remote frame are zeros; their number is its DLC.
     """
@@ -60,16 +60,16 @@ class CanFrame(NamedTuple):
 
     @property
     def is_remote(self) -> bool:
-        """Whether it asks for data instead of carrying it."""
+        """Whether the frame is a remote frame."""
         return bool(self.can_id & REMOTE_FLAG)
 
     @property
     def is_error(self) -> bool:
-        """Whether it is the controller's own report, never seen on the wire."""
+        """Whether the frame is an error report of the controller, which is never on the wire."""
         return bool(self.can_id & ERROR_FLAG)
 
     def __str__(self) -> str:
-        """Candump's log form, ``183#3706``."""
+        """Return the frame in candump's log form, ``183#3706``."""
         identifier = self.can_id & 0x1FFFFFFF
         width = 8 if self.can_id & EXTENDED_FLAG or self.is_error else 3
         data = f"R{len(self.data)}" if self.is_remote else self.data.hex().upper()
@@ -77,12 +77,12 @@ class CanFrame(NamedTuple):
 
 
 def remote_frame(cob_id: int, length: int = 0) -> CanFrame:
-    """Make the remote frame that asks for `length` bytes."""
+    """Return a remote frame that requests `length` bytes."""
     return CanFrame(cob_id | REMOTE_FLAG, bytes(length))
 
 
 def pack_records(frames: Iterable[CanFrame]) -> bytes:
-    """Make the records of `frames`, 16 bytes each."""
+    """Return the records of `frames`, 16 bytes each."""
     return b"".join([RECORD.pack(can_id, len(data), data) for can_id, data in frames])
 
 
@@ -93,10 +93,10 @@ def frames_of(records: bytes | bytearray | memoryview) -> Iterator[CanFrame]:
 
 
 class Service(enum.Enum):
-    """What a COB-ID of the predefined connection set carries; PDO directions are the device's."""
+    """Services of the predefined connection set; PDO directions are those of the device."""
 
     NMT = 0x000
-    SYNC = 0x080  # the same function code as EMCY: node id 0 is SYNC
+    SYNC = 0x080  # function code of EMCY with node id 0
     EMCY = 0x081
     TIME = 0x100
     TPDO1 = 0x180
@@ -123,14 +123,14 @@ _SINGLE = {s.value: s for s in (Service.NMT, Service.SYNC, Service.TIME, Service
 
 
 def cob_id(service: Service, node_id: int = BROADCAST) -> int:
-    """Return the predefined COB-ID of `service` at `node_id` (ignored for the services without one)."""
+    """Return the predefined COB-ID of `service` at `node_id` (ignored for services without one)."""
     if service in _SINGLE.values():
         return service.value
     return (service.value & ~1) + node_id
 
 
 def service_of(identifier: int) -> tuple[Service, int] | None:
-    """Return service and node id of a COB-ID of the predefined set, or None."""
+    """Return service and node id of a COB-ID of the predefined connection set, None for other COB-IDs."""
     if (single := _SINGLE.get(identifier)) is not None:
         return single, BROADCAST
     service, node_id = _PER_NODE.get(identifier & 0x780), identifier & 0x7F
@@ -147,15 +147,15 @@ def tpdo_cob_id(number: int, node_id: int) -> int:
     return 0x80 + 0x100 * number + node_id
 
 
-# CAN identifiers that the standard keeps for itself (7.3.5, table 42); 0x080 and 0x100 are SYNC's and TIME's alone
+# Restricted CAN identifiers (CiA 301, 7.3.5, table 42); 0x080 and 0x100 belong to SYNC and TIME only.
 _RESTRICTED: Final = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
 
 
 def is_restricted(cob_id: int) -> bool:
-    """Whether the standard keeps an 11-bit identifier for itself."""
+    """Whether an 11-bit identifier is restricted (CiA 301, 7.3.5, table 42)."""
     return any(low <= cob_id <= high for low, high in _RESTRICTED)
 
 
 def can_id_of(entry: int) -> int:
-    """Return the identifier of a COB-ID entry of the object dictionary as frames have it, without its upper bits."""
+    """Return the identifier of a COB-ID entry in the form used in frames, without the upper bits of the entry."""
     return entry & 0x1FFFFFFF | EXTENDED_FLAG if entry & EXTENDED_BIT else entry & 0x7FF

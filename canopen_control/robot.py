@@ -1,13 +1,13 @@
-"""`Robot`: the library's view of a robot, its own or one that runs already.
+"""Library interface `Robot`: a robot in this program, or one that is already running.
 
-    with Robot.from_config("robby", can="local:robby") as robot:  # runs while the block does
+    with Robot.from_config("robby", can="local:robby") as robot:  # runs until the end of the block
         robot.command("robby_forward_controller", [10.0, 10.0])
 
-    with Robot.attach("robby") as robot:  # of `canopen-control run robby`; it runs on after the block
+    with Robot.attach("robby") as robot:  # started by `canopen-control run robby`; keeps running after the block
         print(robot.joints()["left_wheel_joint"].velocity)
 
-SI units throughout. Methods may be called from any thread, and raise CanopenError: what the robot refuses has the class
-it has over there, as far as one sentence says all of it.
+Values are in SI units. Methods are thread-safe and raise CanopenError; a refusal of the robot has the class of its
+error if one sentence is enough to construct it.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ A = TypeVar("A")
 AxisAction = Literal["enable", "disable", "halt", "quick-stop", "fault-reset", "home", "mode"]
 
 _CALL_S: Final = 20.0
-_BLOCK_BYTES_PER_S: Final = 1_000  # of the slowest transfer worth waiting for
+_BLOCK_BYTES_PER_S: Final = 1_000  # for the slowest acceptable transfer
 _SOURCE: Final = "program"
 
 
 class Robot:
-    """A robot of this program (`from_config`) or a running one (`attach`); to be used in a `with` block."""
+    """Robot in this program (`from_config`) or a running one (`attach`); use it in a `with` block."""
 
     def __init__(self, name: str, background: BackgroundRobot | None = None) -> None:
         self.name = name
@@ -69,7 +69,7 @@ class Robot:
         drives: bool = True,
         xacro: Mapping[str, str] | None = None,
     ) -> Robot:
-        """Read a robot's files; `can` as the `--can` option, `drives` False starts no virtual ones.
+        """Return a robot from its files; `can` is the `--can` option, `drives` False starts no virtual drives.
 
         `xacro` are the arguments of its description.
         """
@@ -87,7 +87,7 @@ class Robot:
 
     @classmethod
     def attach(cls, name: str | None = None) -> Robot:
-        """Return the running robot of that name, or the only one; ConfigError when there is none or a choice."""
+        """Return the running robot with this name, or the only one; ConfigError if there is none or more than one."""
         robot = cls(select_robot(name))
         robot.start()
         return robot
@@ -99,34 +99,37 @@ class Robot:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.close()
 
-    # ------------------------------------------------------------------------------------------- its life
+    # -- life cycle
 
     def start(self) -> None:
-        """Boot a robot of this program and return when it runs, raising what kept it from it; connect to another's."""
+        """Boot a robot of this program and return when it is running, or connect to a running one.
+
+        Raises errors of the boot.
+        """
         if self._background is not None:
             self._background.start()
         self._open = True
         self._client()
 
     def close(self) -> None:
-        """Shut a robot of this program down; leave one that runs elsewhere, where it goes on."""
+        """Shut down a robot of this program; disconnect from a running one, which continues."""
         if self._background is not None:
             self._background.shutdown()
         self._open = False
         self._leave()
 
     def shutdown(self) -> None:
-        """Stop along the ramp, disable the drives and end the robot, wherever it runs; a second call does nothing."""
+        """Ramp to zero, disable the drives and end the robot, wherever it runs; a second call does nothing."""
         if self._background is None and self._connected is not None:
             self._ask(messages.Shutdown())
         self.close()
 
-    # ------------------------------------------------------------------------------------------- motion
+    # -- motion
 
     def command(self, controller: str, values: Sequence[float] | Mapping[str, float]) -> None:
-        """Command a controller, one value for each joint; a velocity or an effort ends after the command's life.
+        """Command a controller, one value per joint; a velocity or effort command expires after the command timeout.
 
-        The outputs of a GPIO command controller by name: `{"io/lamp": 1.0}`; those that are not named stay.
+        Outputs of a GPIO command controller are given by name: `{"io/lamp": 1.0}`; the others are unchanged.
         """
         if isinstance(values, Mapping):
             self._ask(messages.CommandByName(controller=controller, values=dict(values), source=_SOURCE))
@@ -134,7 +137,7 @@ class Robot:
         self._ask(messages.CommandController(controller=controller, values=list(values), source=_SOURCE))
 
     def twist(self, controller: str, linear: float, angular: float, lateral: float = 0.0) -> None:
-        """Command a base: m/s forward, rad/s to the left and, where it can drive sideways, m/s to the left."""
+        """Command the velocity of a base: m/s forward, rad/s to the left and, if it is holonomic, m/s to the left."""
         self._ask(
             messages.TwistController(
                 controller=controller, linear=linear, lateral=lateral, angular=angular, source=_SOURCE
@@ -142,14 +145,14 @@ class Robot:
         )
 
     def stop(self, *, latch: bool = False) -> None:
-        """Ramp to zero and disable; returns when no drive moves under power any more.
+        """Ramp to zero and disable the drives; returns when no drive is moving under power.
 
-        Latched, nothing moves before `release`, whoever asks for it.
+        With `latch` no client can move the robot before `release`.
         """
         self._ask(messages.Stop(latch=latch, source=_SOURCE))
 
     def release(self) -> None:
-        """Let go of a latched stop; the drives stay disabled."""
+        """Release a latched stop; the drives stay disabled."""
         self._ask(messages.Release(source=_SOURCE))
 
     def axis(
@@ -161,14 +164,17 @@ class Robot:
         method: int | None = None,
         mode: str | None = None,
     ) -> None:
-        """Do what `canopen-control axis` does, and return when it is reached.
+        """Execute an action of `canopen-control axis`, and return when it is complete.
 
         `joint` is one axis of a drive with several, `method` that of homing, `mode` such as "CSP".
         """
         self._ask(messages.AxisRequest(action=action, node=str(node), joint=joint, method=method, mode=mode))
 
     def switch(self, *, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
-        """Switch controllers, all or none; what is so already stays, what is only in the YAML is loaded before."""
+        """Switch controllers, all or none.
+
+        Controllers already in the requested state are skipped, unloaded ones loaded first.
+        """
         states = {each.name: each.state for each in self.controllers().values()}
         for name in activate:
             if name not in states:
@@ -176,14 +182,15 @@ class Robot:
             if states.get(name, "unconfigured") == "unconfigured":
                 self._ask(messages.ConfigureController(controller=name))
         new = [name for name in activate if states.get(name) != "active"]
-        old = [name for name in deactivate if states.get(name, "active") == "active"]  # an unknown one is refused
+        # an unknown controller is refused
+        old = [name for name in deactivate if states.get(name, "active") == "active"]
         if new or old:
             self._ask(messages.SwitchControllers(activate=tuple(new), deactivate=tuple(old)))
 
-    # ------------------------------------------------------------------------------------------- what it tells
+    # -- state
 
     def state(self) -> str:
-        """Return what the robot does, in a word: "running", "fault", ..."""
+        """Return the state of the robot: "running", "fault", ..."""
         return self.status().state
 
     def joints(self) -> dict[str, JointReading]:
@@ -199,21 +206,21 @@ class Robot:
         return {each.name: each for each in self._ask(messages.ListControllers())}
 
     def status(self) -> Status:
-        """Return everything at once, what `status --json` prints."""
+        """Return the complete status, as printed by `status --json`."""
         return self._ask(messages.GetStatus())
 
     def events(self, timeout: float | None = None) -> EventStream:
-        """Return what happens from now on; ends when nothing has happened for `timeout` seconds (None: for ever)."""
-        self._client()  # its words when it does not run
+        """Return the stream of events from now on; it ends after `timeout` s without an event (None: never)."""
+        self._client()  # raises if the robot is not running
         return EventStream(RobotClient.connect(self.name, _CALL_S), timeout)
 
-    # ------------------------------------------------------------------------------------------- objects
+    # -- objects
 
     def sdo_read(self, node: str | int, item: str | int, subindex: int = 0) -> Value:
-        """Read an object by its name in the EDS, or by index and subindex; bytes where the EDS does not know it.
+        """Read an object by its name in the EDS, or by index and subindex; bytes if the EDS lacks it.
 
-        `node` is a name or a node id, `item` such as "Statusword", "0x1018:01" or 0x6041. RemoteProtocolError when
-        the node aborts or does not answer.
+        `node` is a name or a node id, `item` such as "Statusword", "0x1018:01" or 0x6041. RemoteProtocolError if the
+        node aborts or does not answer.
         """
         from canopen_control.od.codec import decode
 
@@ -227,9 +234,9 @@ class Robot:
             raise RemoteProtocolError(node_id, f"node {node_id}: {address.label}: {error}") from None
 
     def sdo_write(self, node: str | int, item: str | int, value: Value, subindex: int = 0) -> None:
-        """Write an object as its data type in the EDS says; to one that the EDS does not know, bytes.
+        """Write an object by its data type in the EDS; bytes if the EDS lacks it.
 
-        Addressed as in `sdo_read`. ConfigError for a value that the type cannot hold.
+        Addressed as in `sdo_read`. ConfigError for a value that does not fit the type.
         """
         from canopen_control.od.codec import encode
 
@@ -244,7 +251,7 @@ class Robot:
         self.sdo_download(node_id, address.index, address.subindex, value)
 
     def sdo_upload(self, node: str | int, index: int, subindex: int = 0, *, block: bool = True) -> bytes:
-        """Read the bytes of an object, by block transfer where the node knows it."""
+        """Read the bytes of an object, by block transfer if the node supports it."""
         found = self._find_node(node)
         seconds = _CALL_S + (MAX_OBJECT / _BLOCK_BYTES_PER_S if block else 0)
         request = SdoRead(node=str(found.node_id), index=index, subindex=subindex, block=block)
@@ -284,7 +291,7 @@ class Robot:
             self._dictionaries[node_id] = read_eds(Path(node.eds), node_id).od
         return self._dictionaries[node_id]
 
-    # ------------------------------------------------------------------------------------------- the wire
+    # -- connection
 
     def _client(self) -> RobotClient:
         if not self._open or (self._background is not None and not self._background.running):
@@ -317,14 +324,17 @@ _OF_THE_NODE: Final = ("SdoAbort", "SdoTimeout", "RemoteProtocolError")
 
 
 def _of_node(node: NodePlace, error: RemoteError) -> CanopenError:
-    """Return a refusal of a transfer: what the node said or did not say is its own class."""
+    """Return the local error for a refused transfer, such as SdoAbort or SdoTimeout."""
     if error.kind in _OF_THE_NODE:
         return RemoteProtocolError(node.node_id, str(error))
     return _as_here(error)
 
 
 def _as_here(error: RemoteError) -> CanopenError:
-    """Return a refusal as what it is over there: of its classes the nearest that one sentence is enough for."""
+    """Return the local error for a RemoteError: that of the same class, or of its nearest base class.
+
+    Only classes that can be constructed from a sentence alone are used.
+    """
     kind = getattr(errors, error.kind, None)
     for each in kind.__mro__ if isinstance(kind, type) else ():
         if issubclass(each, CanopenError) and each.__init__ is Exception.__init__ and each is not CanopenError:

@@ -1,4 +1,4 @@
-"""Checks of a device: their ids, clauses and levels, and what each may do to the device."""
+"""Conformance checks: ids, clauses and levels, and their effects on the device."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 class CheckLevel(enum.Enum):
-    """Whether a clause demands or recommends."""
+    """Level of a clause: mandatory or recommended."""
 
     MUST = "must"
     SHOULD = "should"
 
 
 class CheckTouch(enum.Enum):
-    """What a check does to the device; the value is the option that allows it, "" where none is needed."""
+    """Effect of a check on the device; the value is the option that allows it, "" for none."""
 
     READ = ""
     CONFIGURE = "--configure"
@@ -44,7 +44,7 @@ class Check:
 
 
 class CheckList(list[Check]):
-    """The checks of one document, in the order of their run."""
+    """Checks of one document, in the order of their run."""
 
     def __init__(self, group: str) -> None:
         self.group = group
@@ -67,7 +67,7 @@ class CheckList(list[Check]):
         return append
 
 
-GENERAL_ERROR = 0x08000000  # a device may always answer so (CiA 301, 7.2.4.3.17)
+GENERAL_ERROR = 0x08000000  # a device may always abort with it (CiA 301, 7.2.4.3.17)
 
 
 def expect(good: bool, came: str, due: str) -> None:
@@ -77,20 +77,20 @@ def expect(good: bool, came: str, due: str) -> None:
 
 
 def expect_abort(node: CheckedNode, request: bytes, *codes: int) -> None:
-    """Send a raw SDO request that has to be aborted with one of `codes`, or with the general error."""
+    """Send a raw SDO request that must be aborted with one of `codes`, or with the general error."""
     answer = node.ask(request)
     due = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
     if answer is None:
         raise CheckFailed("no answer", due)
     if answer[0] != ABORT or len(answer) != 8:
-        node.ask(bytes((ABORT, *request[1:4], 0, 0, 0, 8)))  # ends a transfer that may have begun
+        node.ask(bytes((ABORT, *request[1:4], 0, 0, 0, 8)))  # ends a transfer that the request may have started
         raise CheckFailed(f"answer {answer.hex(' ').upper()}", due)
     code = int.from_bytes(answer[4:], "little")
     expect(code in (*codes, GENERAL_ERROR), f"abort 0x{code:08X} ({abort_text(code)})", due)
 
 
 def expect_refused(node: CheckedNode, index: int, subindex: int, data: bytes, *codes: int) -> None:
-    """Download a value that has to be refused with one of `codes`, or with the general error."""
+    """Download a value that must be refused with one of `codes`, or with the general error."""
     due = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
     try:
         node.write(index, subindex, data)

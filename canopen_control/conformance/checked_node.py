@@ -1,7 +1,7 @@
-"""Frames between a check and one node, on a channel or in virtual time.
+"""Communication between a check and one node, on a channel or in virtual time.
 
-The reactor decides about time: with a manual clock everything runs in virtual time. Every frame from or to the node is
-kept for the report, up to `KEPT` per check.
+With a manual clock of the reactor everything runs in virtual time. Every frame from or to the node is kept for the
+report, up to `KEPT` per check.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 REQUEST, ANSWER, EMERGENCY, SYNC = 0x600, 0x580, 0x80, 0x80  # CiA 301, 7.3.3
 ABORT = 0x80  # command specifier of an SDO abort
-KEPT = 20  # frames of a check in the report
+KEPT = 20  # maximum number of frames of a check in the report
 MS = 1_000_000
 
 
 class CheckFailed(Exception):
-    """A device did not do what its clause demands: what came, and what was due."""
+    """Violation of a clause by the device: what was received, and what was expected."""
 
     def __init__(self, came: str, due: str) -> None:
         self.came, self.due = came, due
@@ -38,13 +38,13 @@ class CheckFailed(Exception):
 
 
 class NotApplicable(Exception):
-    """A check does not concern this device: an optional object is absent, or there is no EDS to compare with."""
+    """A check does not apply to this device: an optional object is missing, or there is no EDS to compare with."""
 
 
 class CheckedNode:
-    """One node on a port; `eds` is its description, None where none was given.
+    """Node under test on a port; `eds` is its description, None without one.
 
-    `timeout_s` is what each answer may take. Raises BusError when the bus is gone.
+    `timeout_s` is the time allowed for each answer. BusError when the bus is gone.
     """
 
     def __init__(
@@ -52,8 +52,8 @@ class CheckedNode:
     ) -> None:
         self.reactor, self.port, self.node_id, self.eds = reactor, port, node_id, eds
         self.timeout_s = timeout_s
-        self.state: NmtState | None = None  # as the last heartbeat showed it
-        self.notes: list[str] = []  # of the check under way
+        self.state: NmtState | None = None  # as in the last heartbeat
+        self.notes: list[str] = []  # of the current check
         self.log: deque[str] = deque(maxlen=KEPT)
         self._client = SdoClient(node_id, timeout_ns=round(timeout_s * 1e9))
         self._frames: deque[tuple[int, CanFrame]] = deque(maxlen=100_000)
@@ -61,11 +61,11 @@ class CheckedNode:
         reactor.add_reader(port, self._on_readable)
 
     def close(self) -> None:
-        """Leave the reactor; the port stays open."""
+        """Remove the node from the reactor; the port stays open."""
         self.reactor.remove_reader(self.port)
 
     def begin(self) -> None:
-        """Forget frames and notes of the check before."""
+        """Clear frames and notes of the previous check."""
         self.log.clear()
         self.notes = []
         self._frames.clear()
@@ -84,14 +84,14 @@ class CheckedNode:
         return list(self._frames)
 
     def wait_for(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
-        """Return the first frame of an identifier, also one that came already; None after `seconds`."""
+        """Return the first frame with an identifier, including one received before; None after `seconds`."""
         limit = round((self.timeout_s if seconds is None else seconds) * 1e9)
         self.reactor.run_until(lambda: self._lost is not None or self._first(can_id) is not None, limit)
         self._check_bus()
         return self._first(can_id)
 
     def heartbeat(self, seconds: float) -> NmtState | None:
-        """Return the NMT state of the next heartbeat or boot-up, None where none comes."""
+        """Return the NMT state of the next heartbeat or boot-up, None if there is none in time."""
         self._frames.clear()
         frame = self.wait_for(ERROR_CONTROL_COB_ID + self.node_id, seconds)
         return None if frame is None or not frame.data else state_of_byte(frame.data[0])
@@ -105,7 +105,7 @@ class CheckedNode:
     # -- SDO
 
     def ask(self, request: bytes) -> bytes | None:
-        """Send eight raw bytes to the SDO server; return its answer, None where none came in time."""
+        """Send eight raw bytes to the SDO server; return its answer, None if there is none in time."""
         self._frames.clear()
         self.send(REQUEST + self.node_id, request)
         frame = self.wait_for(ANSWER + self.node_id)
@@ -120,14 +120,14 @@ class CheckedNode:
         self._transfer(self._client.write(index, subindex, data, block=block, now=self.reactor.now()))
 
     def optional(self, index: int, subindex: int = 0) -> bytes:
-        """Upload an object that a device need not have; NotApplicable where the device refuses the upload."""
+        """Upload an object that is optional for devices; NotApplicable if the device refuses the upload."""
         try:
             return self.read(index, subindex)
         except SdoAbort as error:
             raise NotApplicable(f"0x{index:04X}:{subindex:02X} cannot be read: 0x{error.code:08X}") from None
 
     def number(self, index: int, subindex: int = 0) -> int:
-        """Return an unsigned number of `optional`."""
+        """Upload an unsigned number, as `optional` does."""
         return int.from_bytes(self.optional(index, subindex), "little")
 
     def _transfer(self, request: SdoRequest) -> bytes:
@@ -154,7 +154,7 @@ class CheckedNode:
     def _more_than(self, count: int) -> bool:
         return len(self._frames) != count or self._lost is not None
 
-    # -- what the port gives
+    # -- port
 
     def _send(self, frames: list[CanFrame]) -> None:
         if frames:

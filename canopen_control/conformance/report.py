@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from canopen_control.conformance.run import CheckResult, ConformanceReport
 
 
-_CONTROL = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")  # what XML 1.0 forbids
+_CONTROL = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")  # characters forbidden in XML 1.0
 
 
 def report_lines(report: ConformanceReport) -> Iterator[str]:
@@ -30,7 +30,7 @@ def report_lines(report: ConformanceReport) -> Iterator[str]:
 
 
 def junit(report: ConformanceReport) -> bytes:
-    """Return JUnit XML in the form of pytest's xunit2; a recommendation that is not kept is text, and no failure."""
+    """Return JUnit XML in the form of pytest's xunit2; a missed recommendation is text, not a failure."""
     failures = [result for result in report.results if result.verdict == FAILED and result.level == "must"]
     counts = {
         "tests": str(len(report.results)),

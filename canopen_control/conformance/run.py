@@ -1,7 +1,7 @@
-"""A run of checks at one node, and its results.
+"""Run of the checks at one node, its results, and the read-only checks of CiA 402.
 
-The values of all parameters are read before the first check and compared after the last. Differences are
-written back where a check may write, and only named otherwise.
+All parameters are read before the first check and compared after the last. Differences are written back if checks may
+write, otherwise only reported.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address
 
 
-# Checks of a drive by CiA 402 that only read; drives with one axis, or the first of several.
+# Read-only checks of CiA 402; for a drive with several axes, of the first one.
 
 
 PROFILE_CHECKS = CheckList("402")
 _add = PROFILE_CHECKS.add
 _DRIVES = 402  # low word of 0x1000
-# Option codes below 0 are the manufacturer's; above, CiA 402-2 lists these.
+# Negative option codes are manufacturer-specific; the others are listed in CiA 402-2.
 _OPTION_CODES = {
     0x605A: range(9),
     0x605B: range(2),
@@ -78,17 +78,17 @@ def _option_codes(node: CheckedNode) -> None:
 
 
 CHECKS: tuple[Check, ...] = (*SDO_CHECKS, *PROFILE_CHECKS)
-ORDER = tuple(CheckTouch)  # checks that read come first, those that move last
+ORDER = tuple(CheckTouch)  # checks that read run first, those that move the drive last
 PASSED, FAILED, SKIPPED, ERROR = "passed", "failed", "skipped", "error"
-# Commands, histories and what moves a drive, whether an EDS calls it mappable or not: never written back.
+# Commands, histories and objects that move a drive are never written back, whether the EDS maps them or not.
 _MOVING = (0x6040, 0x6042, 0x6060, 0x6071, 0x607A, 0x60FF)
 _NOT_PARAMETERS = frozenset((0x1001, 0x1003, 0x1010, 0x1011, *range(0x1F50, 0x1F60), *_MOVING))
-_SILENCES = 3  # in a row, after which the device counts as gone
+_SILENCES = 3  # consecutive checks without an answer, after which the device counts as gone
 
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What became of one check; `came` and `due` are of a failure, `frames` the last frames of it."""
+    """Result of one check; `came` and `due` belong to a failure, `frames` are its last frames."""
 
     id: str
     group: str
@@ -113,13 +113,13 @@ class ConformanceReport:
 
     @property
     def failed(self) -> bool:
-        """Whether a check that must pass has failed, or could not be made."""
+        """Whether a mandatory check failed or could not run."""
         return any(
             result.level == CheckLevel.MUST.value and result.verdict in (FAILED, ERROR) for result in self.results
         )
 
     def count(self, verdict: str) -> int:
-        """Return how many results have a verdict."""
+        """Return the number of results with a verdict."""
         return sum(result.verdict == verdict for result in self.results)
 
 
@@ -132,9 +132,9 @@ def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
 def run_checks(
     node: CheckedNode, checks: Sequence[Check], progress: Callable[[int, int], object] = lambda _done, _total: None
 ) -> ConformanceReport:
-    """Run `checks`; ConfigError where the node does not answer, BusError where the bus is lost.
+    """Run `checks`; ConfigError if the node does not answer, BusError if the bus is lost.
 
-    `progress` is called with the number of checks that are done and of all.
+    `progress` is called with the number of completed checks and of all.
     """
     identity = _identity(node)
     before = _parameters(node)
@@ -208,11 +208,11 @@ def _result(
     return CheckResult(*of_check, verdict, came, due, seconds, list(notes), list(frames))
 
 
-# -- the device ends as it was
+# -- restoring the device
 
 
 def _parameters(node: CheckedNode) -> dict[Address, bytes]:
-    """Read what a check could change: all that can be read and written and is no process data."""
+    """Read everything that a check could change: all readable and writable objects except process data."""
     if node.eds is None:
         return {}
     values: dict[Address, bytes] = {}
@@ -226,7 +226,7 @@ def _parameters(node: CheckedNode) -> dict[Address, bytes]:
 
 
 def _compare(node: CheckedNode, before: Mapping[Address, bytes], *, restore: bool) -> CheckResult:
-    """Compare the parameters with those before; with `restore` write back what differs."""
+    """Compare the parameters with those before; with `restore` write differing ones back."""
     node.begin()
     check = Check(
         "Z01", "301", "7.4", "the parameters of the device are as before", CheckLevel.MUST, CheckTouch.READ, _nothing
@@ -234,7 +234,7 @@ def _compare(node: CheckedNode, before: Mapping[Address, bytes], *, restore: boo
     if node.eds is None:
         return _result(check, SKIPPED, "no EDS that lists the parameters; give one with --eds")
     try:
-        node.read(0x1000)  # a device that is gone is asked for nothing more
+        node.read(0x1000)  # no further requests to a device that is gone
         after = _parameters(node)
         changed = [address for address, value in before.items() if after.get(address) != value]
         for address in changed if restore else ():
@@ -247,4 +247,4 @@ def _compare(node: CheckedNode, before: Mapping[Address, bytes], *, restore: boo
 
 
 def _nothing(_session: CheckedNode) -> None:
-    """Do nothing: the comparison is no function of a node alone."""
+    """Do nothing: the comparison needs more than the node."""

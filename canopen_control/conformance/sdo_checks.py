@@ -1,6 +1,6 @@
-"""Checks of the SDO server and of the objects that it shows (CiA 301, 7.2.4 and 7.5.2).
+"""Checks of the SDO server and of its objects (CiA 301, 7.2.4 and 7.5.2).
 
-The ids are those of the project's list; `T` in a comment is the case of CiA's own conformance test tool 3.0.3.
+`T` in a comment is the number of the case in CiA's conformance test tool 3.0.3.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def _upload(index: int, subindex: int = 0) -> bytes:
 
 
 def _segmented(node: CheckedNode) -> tuple[int, int]:
-    """Return an object whose upload takes segments, and its length."""
+    """Return an object whose upload is segmented, and its length."""
     for index in (0x1008, 0x1009, 0x100A):
         answer = node.ask(_upload(index))
         if answer is not None and answer[0] & 0xE2 == 0x40:
@@ -68,7 +68,7 @@ def _device_type(node: CheckedNode) -> None:
 
 @_add("S03", "7.2.4.3.17", "a download to 0x1000 (const) is refused")  # T 2.3
 def _read_only(node: CheckedNode) -> None:
-    value = node.read(0x1000)  # its own value: nothing changes where the device accepts it
+    value = node.read(0x1000)  # its own value: no change if the device accepts the download
     request = bytes((0x23, *mux(0x1000))) + value[:4].ljust(4, b"\0")
     expect_abort(node, request, AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS)
 
@@ -149,7 +149,7 @@ def _block_upload(node: CheckedNode) -> None:
 
 
 def _block(node: CheckedNode, index: int) -> None:
-    """Raise NotApplicable where the server has no block upload."""
+    """Raise NotApplicable if the server does not support block upload."""
     answer = node.ask(bytes((_BLOCK_UPLOAD | 4, *mux(index), 127, 0, 0, 0)))
     if answer is not None and answer[0] & 0xE0 == 0xC0:
         node.send(REQUEST + node.node_id, _client_abort(index))
@@ -158,7 +158,8 @@ def _block(node: CheckedNode, index: int) -> None:
         code = int.from_bytes(answer[4:], "little")
         expect(code in (AbortCode.UNKNOWN_COMMAND, 0x08000000), f"abort 0x{code:08X}", "abort 0x05040001")
         raise NotApplicable("the server has no block transfer")
-    if answer is not None and answer[0] & 0xE0 == _UPLOAD:  # 7.2.4.3.13: the server may switch the protocol
+    # CiA 301, 7.2.4.3.13: the server may switch to another protocol
+    if answer is not None and answer[0] & 0xE0 == _UPLOAD:
         node.send(REQUEST + node.node_id, _client_abort(index))
         raise NotApplicable("the server answers a block upload with the other protocol")
     raise CheckFailed("no answer" if answer is None else answer.hex(" ").upper(), "an initiation of a block upload")
@@ -284,7 +285,7 @@ def _every_object(node: CheckedNode) -> None:
 
 
 def _read_badly(node: CheckedNode, entry: Entry) -> str:
-    """Return what is wrong with the upload of an object, "" where nothing is."""
+    """Return what is wrong with the upload of an object, "" for nothing."""
     if not entry.readable or entry.obj_flags & _UNREAD:
         return ""
     name = f"0x{entry.index:04X}:{entry.subindex:02X}"

@@ -1,1 +1,1 @@
-"""What the operating system gives: one event loop, precise timers, local sockets, lines of JSON, child processes."""
+"""Operating system services: event loop, timers, local sockets, lines of JSON, child processes, files."""

@@ -1,9 +1,9 @@
-"""The environment of a child process: ours, without what was meant for this process alone.
+"""Environment of child processes, without variables meant only for this process.
 
-The ROS wheels start every interpreter of their environment anew, with their own libraries put into LD_LIBRARY_PATH and
-a guard variable set. Both are inherited, and break a child that uses another environment: its rclpy finds the wrong
-libraries and, the guard being set, does not look for the right ones. So a child that needs rclpy gets neither, and any
-other child gets the guard alone, which saves it the second start.
+The ROS wheels restart every interpreter of their environment with their own libraries in LD_LIBRARY_PATH and a guard
+variable. Both are inherited and break a child that uses another environment: its rclpy finds the wrong libraries and,
+because of the guard, does not look for the right ones. A child that needs rclpy therefore gets neither, and any other
+child gets only the guard, which saves the restart.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 LIFELINE: Final = "CANOPEN_CONTROL_LIFELINE"
 READY: Final = "CANOPEN_CONTROL_READY"
-#: what starts a module of the package; -P: a file of the folder we were started in is none of Python's modules
+#: command that starts a module of the package; -P: files of the current folder must not shadow Python's modules
 MODULE: Final = (sys.executable, "-P", "-m")
 _GUARD: Final = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _LIBRARIES: Final = "LD_LIBRARY_PATH"
@@ -28,7 +28,7 @@ _WHEEL_FOLDER: Final = re.compile(r"(?P<prefix>.+)/lib\d*/python[^/]+/site-packa
 
 
 def lean_python(module: str) -> list[str]:
-    """Return the command that runs `main` of a module of the package with nothing else but msgspec to be found.
+    """Return the command that runs `main` of a module of the package with no other package than msgspec on the path.
 
     Isolated and without site, Python starts in half the time.
     """
@@ -42,9 +42,9 @@ def lean_python(module: str) -> list[str]:
 
 
 def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Return the environment for a child, made from `base` (default: ours); `ros` says that it imports rclpy.
+    """Return the environment for a child, based on `base` (default: ours); `ros` means that the child imports rclpy.
 
-    A library path that the user or a sourced ROS has set stays.
+    A library path set by the user or by a sourced ROS is kept.
     """
     environment = dict(os.environ if base is None else base)
     for private in (LIFELINE, READY, _GUARD):
@@ -63,8 +63,8 @@ def _without_wheels(libraries: str) -> str:
     wheels = [match for folder in folders if (match := _WHEEL_FOLDER.fullmatch(folder.rstrip("/")))]
     if not wheels:
         return libraries
-    # With the wheels' folders comes the lib folder of their environment; ours is named there as it was called, theirs
-    # are named without symbolic links.
+    # The wheels' folders are followed by the lib folder of their environment; it is named as it was called, the wheels'
+    # folders without symbolic links.
     prefixes = {match["prefix"] for match in wheels}
     if prefixes & {sys.prefix, os.path.realpath(sys.prefix)}:
         prefixes.add(sys.prefix)

@@ -1,9 +1,9 @@
-"""Files on a disk that may be full: writing whole ones, and the log of a child process, which is rotated.
+"""Files on a disk that may be full: complete files, and rotated logs of child processes.
 
-A failure names the file and what is left of it. A child holds its log open, so that it can only be rotated in place:
-what it holds is copied to `<name>.log.1` and the file is emptied; the child writes in append mode and goes on at the
-start. The copy is the kernel's work, on a thread that does not hold the interpreter lock meanwhile. What is written
-during that millisecond is lost; the file says so.
+Errors name the file and what remains of it. A child keeps its log open, so that it can only be rotated in place: its
+content is copied to `<name>.log.1` and the file is truncated; the child writes in append mode and continues at the
+start. The kernel copies, on a thread without the interpreter lock. Output during this millisecond is lost, and the file
+says so.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ if TYPE_CHECKING:
     from typing import BinaryIO
 
 
-#: what ends a writing that had begun: no room, no more allowed, a broken disk
+#: errors that end a write in progress: no space, quota or size limit, a broken disk
 FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO))
 
 
 def make_private(path: str | Path) -> None:
-    """Make an empty file that nobody but its user reads or writes, unless it is there; raises OSError.
+    """Create an empty file that only its user can access, unless it exists; raises OSError.
 
-    What a robot says and does is nobody else's business, and whoever opens the file afterwards leaves its mode.
+    Robots' logs are private, and a later opener keeps the mode of the file.
     """
     with contextlib.suppress(FileExistsError):
         os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600))
 
 
 def write_whole(path: str | Path, data: bytes) -> None:
-    """Write a file that is whole or, where it cannot be written, as it was before; ConfigError and DiskFull."""
+    """Write a file completely or leave it unchanged; ConfigError and DiskFull."""
     path = Path(path)
     if path.exists() and not path.is_file():  # a device or a pipe cannot be replaced
         with telling(path, "it got a part of it"):
             path.write_bytes(data)
         return
-    target = path.resolve()  # a link stays one
+    target = path.resolve()  # a symbolic link is kept
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         with telling(path, "it is as it was before" if path.exists() else "nothing was written"):
@@ -60,7 +60,7 @@ def write_whole(path: str | Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def telling(path: str | Path, kept: str) -> Iterator[None]:
-    """Turn an OSError of writing into a sentence about `path`: DiskFull with what was `kept`, else ConfigError."""
+    """Convert an OSError of a write to `path`: DiskFull with what was `kept`, else ConfigError."""
     try:
         yield
     except OSError as error:
@@ -68,7 +68,7 @@ def telling(path: str | Path, kept: str) -> Iterator[None]:
 
 
 def failed(path: str | Path, error: OSError, kept: str) -> CanopenError:
-    """Return what to raise for an OSError while `path` was written."""
+    """Return the error to raise for an OSError during a write to `path`."""
     reason = error.strerror or str(error)
     if error.errno in FULL:
         return DiskFull(str(path), reason, kept)
@@ -81,31 +81,31 @@ _ROTATED: Final = b"--- rotated: what came before is in the file that ends in .1
 
 
 def state_dir(name: str = "") -> Path:
-    """Return the folder for the logs of the robot or bus `name`: below $XDG_STATE_HOME, else ~/.local/state."""
+    """Return the log folder of the robot or bus `name`: below $XDG_STATE_HOME, else ~/.local/state."""
     base = os.environ.get("XDG_STATE_HOME", "")
     root = Path(base) if base.startswith("/") else Path.home() / ".local" / "state"
     return root / "canopen_control" / name
 
 
 class LogFile:
-    """The log of a child process, `<folder>/<name>.log`; `limit` is its greatest length in bytes, more or less."""
+    """Log of a child process, `<folder>/<name>.log`; `limit` is its approximate maximum length in bytes."""
 
     def __init__(self, folder: Path, name: str, *, limit: int = LIMIT) -> None:
         self.path = folder / f"{name}.log"
         self._limit = limit
-        self._start = 0  # where the output of this run begins
+        self._start = 0  # position at which the output of this run begins
         self._busy: threading.Thread | None = None
 
     @contextlib.contextmanager
     def opened_for(self, argv: Sequence[str]) -> Iterator[BinaryIO]:
-        """Open it for a child to inherit, with a line that says what starts; ConfigError when it cannot be written."""
+        """Open the log for a child, with a line about the start; ConfigError if it cannot be written."""
         try:
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             if self.path.exists() and self.path.stat().st_size > self._limit:
                 self.path.replace(self._old)
             make_private(self.path)
             file = open(self.path, "ab", buffering=0)  # noqa: SIM115 - closed below, errors of opening apart
-            os.fchmod(file.fileno(), 0o600)  # one of an older version
+            os.fchmod(file.fileno(), 0o600)  # created by an older version
             command = " ".join(shlex.join(argv).split())
             file.write(f"--- {time.strftime('%Y-%m-%d %H:%M:%S')} {command}\n".encode(errors="replace"))
             self._start = file.tell()
@@ -121,7 +121,7 @@ class LogFile:
         return self.path.with_name(self.path.name + ".1")
 
     def last_lines(self, count: int) -> list[str]:
-        """Return the last lines of this run, at most `count`; none when the file is gone."""
+        """Return the last lines of this run, at most `count`; none if the file was removed."""
         try:
             with open(self.path, "rb") as file:
                 size = file.seek(0, os.SEEK_END)
@@ -133,7 +133,7 @@ class LogFile:
         return text.splitlines()[-count:]
 
     def rotate_if_long(self) -> None:
-        """Rotate it, on a thread, when it is longer than the limit; looking takes microseconds."""
+        """Rotate the log on a thread if it is longer than the limit; the check takes microseconds."""
         with contextlib.suppress(OSError):
             if self.path.stat().st_size <= self._limit or (self._busy is not None and self._busy.is_alive()):
                 return
@@ -141,8 +141,8 @@ class LogFile:
             self._busy.start()
 
     def rotate(self) -> None:
-        """Copy it to `.1` and empty it."""
-        with contextlib.suppress(OSError):  # a full disk: emptying it is what helps
+        """Copy the log to `.1` and truncate it."""
+        with contextlib.suppress(OSError):  # disk full: truncating still helps
             make_private(self._old)
             shutil.copyfile(self.path, self._old)
         with contextlib.suppress(OSError):

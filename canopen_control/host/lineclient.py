@@ -1,4 +1,4 @@
-"""A blocking client of a server of lines, for scripts, threads and the command line."""
+"""Blocking client of a line server, for scripts, threads and the command line; and the splitter of line streams."""
 
 from __future__ import annotations
 
@@ -16,49 +16,47 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 
-# A stream of lines: its splitter, and what a line may cost.
-#
-# A line ends with a newline; an answer is at most 1 MiB long, a request 64 KiB and of no more than 4096 values, since
-# whoever serves requests has other things to do.
+# A line ends with a newline. An answer has at most 1 MiB, a request 64 KiB and 4096 values, because serving it must not
+# block other work.
 
 
 MAX_LINE: Final = 1 << 20
 MAX_REQUEST: Final = 1 << 16
-MAX_VALUES: Final = 4096  # of a request: the time to decode one is in its values, not in its bytes
-_COSTLY: Final = b",[{\\"  # one of these comes with each value, or letter, that takes time
+MAX_VALUES: Final = 4096  # of a request: the decoding time depends on the number of values, not of bytes
+_COSTLY: Final = b",[{\\"  # each value, or letter, that takes time is accompanied by one of these
 
 
 def too_many_values(line: bytes) -> bool:
-    """Whether a line of JSON has more than `MAX_VALUES` values, which shows without decoding it."""
+    """Whether a line of JSON has more than `MAX_VALUES` values, determined without decoding it."""
     return sum(map(line.count, _COSTLY)) > MAX_VALUES
 
 
 class LineBuffer:
-    """Bytes in, lines out: a stream cut anywhere gives the same lines.
+    """Splitter from bytes to lines; the lines do not depend on how the stream is divided.
 
-    `overflow` turns true when a line is longer than `limit` bytes; nothing comes out after that.
+    `overflow` becomes true when a line is longer than `limit` bytes; no line is returned after that.
     """
 
     __slots__ = ("_data", "_limit", "_searched", "overflow")
 
     def __init__(self, limit: int = MAX_LINE) -> None:
         self._data = bytearray()
-        self._searched = 0  # no newline before this position
+        self._searched = 0  # there is no newline before this position
         self._limit = limit
         self.overflow = False
 
     def feed(self, data: bytes) -> None:
-        """Take the next piece of the stream."""
+        """Append the next piece of the stream."""
         if not self.overflow:
             self._data += data
 
     def next_line(self) -> bytes | None:
-        """Return the next line without its end, or None when none is complete; empty lines are skipped."""
+        """Return the next line without its end, or None if none is complete; empty lines are skipped."""
         if self.overflow:
             return None
         data = self._data
         if self._searched == 0 and data[:1].isspace():
-            del data[: len(data) - len(data.lstrip())]  # at once, however many lines of nothing these are
+            del data[: len(data) - len(data.lstrip())]  # all empty lines at once
         end = data.find(b"\n", self._searched)
         length = len(data) if end < 0 else end
         if length > self._limit:
@@ -78,10 +76,10 @@ _CHUNK: Final = 1 << 16
 
 
 class LineClient:
-    """A connection to a `LineServer` whose methods wait; one thread may send while another receives.
+    """Connection to a `LineServer` with blocking methods; one thread may send while another receives.
 
-    RemoteError of kind "BusClosed" when the other side is gone, "Timeout" when it takes too long, "RemoteProtocolError"
-    when a line has no end. `label` names the other side in those sentences. Times are seconds.
+    RemoteError of kind "BusClosed" when the server is gone, "Timeout" when it takes too long, "RemoteProtocolError"
+    when a line has no end. `label` names the server in messages. Times are in s.
     """
 
     def __init__(self, path: Path, timeout: float = 5.0, *, label: str = "") -> None:
@@ -93,7 +91,7 @@ class LineClient:
             raise RemoteError("BusClosed", f"{self.label} is not running (nobody listens at {path})") from None
         except OSError as error:
             raise RemoteError("BusClosed", f"{self.label} cannot be reached: {error}") from error
-        # Waiting is poll's work: the timeout of a socket is one for both directions.
+        # poll() waits, because a socket timeout applies to both directions.
         self._socket.setblocking(False)
 
     def __enter__(self) -> LineClient:
@@ -103,11 +101,11 @@ class LineClient:
         self.close()
 
     def fileno(self) -> int:
-        """Return the descriptor, readable when `receive` may find something; -1 once it is closed."""
+        """Return the descriptor, readable when `receive` may return a line; -1 once closed."""
         return self._socket.fileno()
 
     def send(self, line: bytes, timeout: float = 5.0) -> None:
-        """Send a line that ends with a newline; LocalProtocolError when it is too long."""
+        """Send a line that ends with a newline; LocalProtocolError if it is too long."""
         if len(line) > MAX_REQUEST:
             raise LocalProtocolError(f"this cannot be sent to {self.label}: {len(line)} bytes, more than {MAX_REQUEST}")
         deadline = time.monotonic() + timeout
@@ -116,11 +114,14 @@ class LineClient:
             sent = self._write(left)
             left = left[sent:]
             if not sent and not self._poll(select.POLLOUT, deadline):
-                self.hang_up()  # part of the line may have left: whatever followed would be garbage
+                self.hang_up()  # part of the line may have been sent, so that the stream is unusable
                 raise RemoteError("Timeout", f"{self.label} has not read for {timeout:g} s; does it hang?")
 
     def receive(self, timeout: float | None = 5.0) -> bytes | None:
-        """Return the next line without its end, or None when none came in time; 0 only looks, None waits for ever."""
+        """Return the next line without its end, None if none arrived in time.
+
+        0 does not wait, None waits without limit.
+        """
         deadline = None if timeout is None else time.monotonic() + timeout
         while (line := self._input.next_line()) is None:
             if self._input.overflow:
@@ -133,12 +134,12 @@ class LineClient:
         return line
 
     def hang_up(self) -> None:
-        """End the conversation in both directions; wakes a thread that waits in `receive`."""
+        """Shut the connection down in both directions; wakes a thread that waits in `receive`."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Close; a second close is a no-op."""
+        """Close the connection; a second call is a no-op."""
         self._socket.close()
 
     def _write(self, data: memoryview) -> int:
@@ -150,7 +151,7 @@ class LineClient:
             raise self._gone() from error
 
     def _read(self) -> bytes | None:
-        """Return what is there, None if that is nothing."""
+        """Return the received bytes, None if there are none."""
         try:
             data = self._socket.recv(_CHUNK)
         except BlockingIOError:
@@ -162,7 +163,7 @@ class LineClient:
         return data
 
     def _poll(self, event: int, deadline: float | None) -> bool:
-        """Wait for the socket; False when the time is over."""
+        """Wait for the socket; False after the deadline."""
         if self._socket.fileno() < 0:
             raise self._gone()
         poll = select.poll()

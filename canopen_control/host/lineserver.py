@@ -1,18 +1,18 @@
-"""A server of lines on a Unix stream socket, in the reactor: who is connected, whose turn it is, what waits to leave.
+"""Line server on a Unix stream socket in the reactor: connections, order of service, send buffers.
 
-What a line means is the owner's; `complaint` makes the line that tells a peer why it is sent away.
+The owner interprets the lines; its `complaint` creates the line that tells a peer why it is disconnected.
 
-Requests are small (64 KiB) and share each turn of the loop: they are served one of each connection in turn, a
-newcomer's first one before the others', for a millisecond; the rest waits for the next turn. So whoever floods delays
-others by the time of one request for each who floods, and the owner's own work by a millisecond and a request.
+Requests are small (64 KiB) and share each turn of the loop: one request per connection is served in turn, first ones of
+new connections first, for one millisecond; the rest waits for the next turn. A flooding peer thus delays others by one
+request each, and the owner's other work by one millisecond and one request.
 
-Nobody is locked out: where all places are taken, whoever is idle has to leave, and is told so; first those who never
-asked anything, then who has been silent longest. `keeps(connection)` names those who may stay although they are
-silent, because something is sent to them or depends on them; the owner takes at most `MAX_KEPT`.
+If all places are taken, an idle client is disconnected with a message: first those that never sent a request, then the
+one silent for the longest time. `keeps(connection)` exempts silent connections that receive data or that something
+depends on; the owner accepts at most `MAX_KEPT`.
 
-It never blocks, and its memory is bounded: what the kernel does not take waits in a buffer of at most 1 MiB for each
-connection, and a peer that reads too slowly for that is dropped, `reason` "slow". `on_close` never happens inside a
-`send`: the end of a connection is told from the loop, so that whoever walks through his connections may send to them.
+The server never blocks, and its memory is bounded: bytes that the kernel does not accept wait in a buffer of at most 1
+MiB per connection, and a peer that reads too slowly is disconnected with `reason` "slow". `on_close` is never called
+inside a `send` but from the loop, so that an owner may send while it iterates over its connections.
 """
 
 from __future__ import annotations
@@ -36,20 +36,23 @@ if TYPE_CHECKING:
 
 MAX_KEPT: Final = 64
 _MAX_CONNECTIONS: Final = 72
-_CHUNK: Final = 1 << 14  # of each connection in each turn
-_SHARE_NS: Final = 1_000_000  # of each turn, for the requests of all
+_CHUNK: Final = 1 << 14  # bytes per connection and turn
+_SHARE_NS: Final = 1_000_000  # time per turn for the requests of all connections
 _LINES_PER_TURN: Final = 64
 _ACCEPTS_PER_TURN: Final = 16
-_GRACE_NS: Final = 500_000_000  # whoever has just come or just asked may go on
-_LINGER_NS: Final = 1_000_000_000  # how long a last answer may take to leave
+_GRACE_NS: Final = 500_000_000  # a new connection, or one with a recent request, is not disconnected
+_LINGER_NS: Final = 1_000_000_000  # maximum time for sending a last answer
 _NO_DESCRIPTOR: Final = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))  # accept(2)
-_ACCEPT_PAUSE_NS: Final = 100_000_000  # out of descriptors: look again later instead of spinning
+_ACCEPT_PAUSE_NS: Final = 100_000_000  # without descriptors: try again later instead of spinning
 _ANOTHER_USERS: Final = "this is another user's"
 _MADE_WAY: Final = "all places are taken and this connection was idle; connect again when there is something to ask"
 
 
 class Connection:
-    """One peer of a `LineServer`; `name` and `context` are free for the owner, `reason` says why it ended."""
+    """Connection of one peer of a `LineServer`.
+
+    `name` and `context` are free for the owner, `reason` says why it ended.
+    """
 
     def __init__(self, server: LineServer, sock: socket.socket, name: str) -> None:
         self.name = name
@@ -61,26 +64,26 @@ class Connection:
         self._input = LineBuffer(MAX_REQUEST)
         self._output = bytearray()
         self._linger: Timer | None = None
-        self._next: bytes | None = None  # a line that waits for its turn
+        self._next: bytes | None = None  # line that waits for its turn
         self._asked = self._unanswered = 0
         self._came = self._last = server.reactor.now()
 
     @property
     def closed(self) -> bool:
-        """Whether it has ended, or ends as soon as the last answer has left."""
+        """Whether the connection has ended, or ends once the last answer was sent."""
         return bool(self.reason)
 
     @property
     def pending(self) -> int:
-        """The number of bytes that wait for the peer to read."""
+        """Number of bytes that wait to be sent."""
         return len(self._output)
 
     def fileno(self) -> int:
-        """Return the descriptor; -1 once it is closed."""
+        """Return the descriptor; -1 once closed."""
         return self._socket.fileno()
 
     def expect_answer(self) -> None:
-        """Count a request that `answer` will answer: a client that waits for one is not closed for another."""
+        """Count a request that `answer` will answer: a client that waits is not disconnected for another one."""
         self._unanswered += 1
 
     def answer(self, line: bytes) -> None:
@@ -89,9 +92,9 @@ class Connection:
         self.send(line)
 
     def send(self, line: bytes) -> None:
-        """Send one or more lines with their ends; on a connection that has ended a no-op.
+        """Send one or more lines with their ends; a no-op after the end of the connection.
 
-        Never blocks, never raises for the peer's sake.
+        It never blocks and never raises because of the peer.
         """
         if self.reason:
             return
@@ -107,7 +110,7 @@ class Connection:
         self._output += line
 
     def close(self, reason: str = "closed") -> None:
-        """End the connection once what was sent has left, a second later at most; a second close is a no-op."""
+        """Close the connection once everything was sent, after one second at most; a second call is a no-op."""
         if self.reason:
             return
         if not self._output:
@@ -118,16 +121,16 @@ class Connection:
         self._linger = self._server.reactor.call_later(_LINGER_NS, self._release)
 
     def refuse(self, kind: str, message: str) -> None:
-        """Tell the peer what was wrong and close."""
+        """Send the peer an error and close the connection."""
         self.send(self._server.complaint(kind, message))
         self.close(message)
 
     def start(self) -> None:
-        """Begin to read; for the server."""
+        """Begin to read; called by the server."""
         self._server.reactor.add_reader(self._socket, self._on_readable)
 
     def abandon(self, reason: str) -> None:
-        """End now, whatever has not left; for the server."""
+        """Close the connection at once, without sending the rest; called by the server."""
         self._end(reason)
         self._release()
 
@@ -149,7 +152,7 @@ class Connection:
             self._release()
 
     def eviction_order(self, now: int) -> tuple[int, int] | None:
-        """Return in which order it has to make way, lowest first: a class and a time; None: not now. For the server."""
+        """Return the order of eviction, lowest first, as a class and a time; None: not now. Called by the server."""
         if now - self._came < _GRACE_NS or self.reason:
             return None
         if not self._asked:
@@ -158,7 +161,7 @@ class Connection:
 
     def _on_readable(self) -> None:
         if self._next is not None:
-            return  # first what is here already
+            return  # first the lines already received
         try:
             data = self._socket.recv(_CHUNK)
         except (BlockingIOError, InterruptedError):
@@ -172,7 +175,7 @@ class Connection:
         self._line_up()
 
     def _line_up(self) -> None:
-        """Wait for the turn of the next line, if there is one."""
+        """Request a turn for the next line, if there is one."""
         self._next = None if self.reason else self._input.next_line()
         if self._next is not None:
             self._server.line_up(self, first=not self._asked)
@@ -180,7 +183,7 @@ class Connection:
             self.refuse("RemoteProtocolError", f"a request is longer than {MAX_REQUEST} bytes")
 
     def serve(self) -> None:
-        """Serve the line whose turn it is; for the server."""
+        """Serve the line whose turn it is; called by the server."""
         line, self._next = self._next, None
         if line is None or self.reason:
             return
@@ -189,11 +192,11 @@ class Connection:
         try:
             self._server.on_line(self, line)
         finally:
-            # also when the owner raised: the lines behind the one that made him raise are innocent
+            # even if the owner raised: the following lines are still served
             self._line_up()
 
     def _end(self, reason: str) -> None:
-        """Stop at once; the socket goes, and the owner hears of it, from the loop."""
+        """Close the socket at once; the loop calls `on_close`."""
         self.reason = self.reason or reason
         self._output.clear()
         self._server.reactor.remove_reader(self._socket)
@@ -220,12 +223,12 @@ def _none(_connection: Connection) -> bool:
 
 
 class LineServer:
-    """Serves a Unix socket from a reactor.
+    """Server of a Unix socket on a reactor.
 
-    Each callback gets the `Connection`; `on_line` also the line, without its end. `on_close` is called once for each
-    connection that `on_connect` saw, and finds why in `connection.reason`: "gone" (the peer left), "slow", "closed", or
-    the sentence the peer was told, of which `complaint(kind, message)` makes the line. SocketInUse when somebody serves
-    the path already. `listener` is for an owner who listens at the path before he serves. `refused` counts peers of
+    Each callback receives the `Connection`; `on_line` also the line, without its end. `on_close` is called once for
+    each connection passed to `on_connect`, with the cause in `connection.reason`: "gone" (the peer left), "slow",
+    "closed", or the sentence sent to the peer, for which `complaint(kind, message)` creates the line. SocketInUse if
+    the path is already served. `listener` is a socket that the owner already listens on. `refused` counts peers of
     other users.
     """
 
@@ -248,9 +251,9 @@ class LineServer:
         self.refused = 0
         self.on_connect, self.on_line, self.on_close, self.keeps = on_connect, on_line, on_close, keeps
         self.complaint = complaint
-        self._connections: dict[Connection, None] = {}  # in the order in which they came
+        self._connections: dict[Connection, None] = {}  # in the order of connection
         self._count = 0
-        self._newcomers: deque[Connection] = deque()  # whose first line waits
+        self._newcomers: deque[Connection] = deque()  # new connections whose first line waits
         self._waiting: deque[Connection] = deque()
         self._planned = False
         self._socket = sockets.listen(path) if listener is None else listener
@@ -258,11 +261,14 @@ class LineServer:
 
     @property
     def connections(self) -> list[Connection]:
-        """Those who are here and not about to go."""
+        """Open connections, without those about to close."""
         return [connection for connection in self._connections if not connection.closed]
 
     def close(self) -> None:
-        """End all connections now and remove the socket; `on_close` is called for each. A second close is a no-op."""
+        """Close all connections at once and remove the socket; `on_close` is called for each.
+
+        A second call is a no-op.
+        """
         if self._socket.fileno() < 0:
             return
         self.reactor.remove_reader(self._socket)
@@ -271,20 +277,20 @@ class LineServer:
             connection.abandon("closed")
 
     def forget(self, connection: Connection) -> None:
-        """Strike a connection that has ended off the list; for the connection."""
+        """Remove a connection that has ended; called by the connection."""
         if connection in self._connections:
             del self._connections[connection]
             self.on_close(connection)
 
     def line_up(self, connection: Connection, *, first: bool) -> None:
-        """Have a line of a connection served when it is its turn; for the connection."""
+        """Add a connection to the queue of lines to serve; called by the connection."""
         (self._newcomers if first else self._waiting).append(connection)
         if not self._planned:
             self._planned = True
             self.reactor.call_soon(self._serve_turn)
 
     def _serve_turn(self) -> None:
-        """Serve one line of each in turn, as long as this turn's share lasts."""
+        """Serve one line per connection in turn, until the time of this turn has elapsed."""
         until = self.reactor.now() + _SHARE_NS
         try:
             for _ in range(_LINES_PER_TURN):
@@ -311,13 +317,13 @@ class LineServer:
                 return
             except OSError as error:
                 if error.errno in _NO_DESCRIPTOR and self._make_room():
-                    self._make_room()  # one more, for a file that the newcomer's request may need
+                    self._make_room()  # one more, for a file that the new connection's request may need
                     continue
                 self._pause()
                 return
             self._admit(sock)
             if full:
-                return  # whether there is one more to make room for shows in the next turn
+                return  # the next turn shows whether another place is needed
 
     def _pause(self) -> None:
         self.reactor.remove_reader(self._socket)
@@ -328,7 +334,7 @@ class LineServer:
             self.reactor.add_reader(self._socket, self._on_readable)
 
     def _make_room(self) -> bool:
-        """Close the connection of an idle client, told why, so that another may come; False if none is idle."""
+        """Disconnect an idle client with a message, so that another may connect; False if none is idle."""
         now = self.reactor.now()
         candidates = [
             each for each in self._connections if each.eviction_order(now) is not None and not self.keeps(each)

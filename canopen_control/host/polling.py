@@ -12,24 +12,24 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 
-_FIRST: Final = 1 << 30  # no file has such a number
+_FIRST: Final = 1 << 30  # larger than any descriptor
 _READABLE: Final = getattr(select, "EPOLLIN", 1)
 
 
 class Poller(Protocol):
-    """Source of the descriptors that are ready."""
+    """Source of ready descriptors."""
 
     def poll(self, timeout: float | None, maxevents: int, /) -> Sequence[tuple[int, int]]:
-        """Return descriptors, and what they are ready for as epoll says it."""
+        """Return descriptors with their event masks, as epoll does."""
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Close the poller's descriptor."""
 
 
 def open_poller(selector: selectors.BaseSelector) -> Poller | None:
-    """Return a poller faster than the selector itself; None where there is none.
+    """Return a poller that is faster than the selector, None if there is none.
 
-    That of epoll is a descriptor of its own, so that both can be closed.
+    The poller of epoll has a descriptor of its own, so that both can be closed.
     """
     if isinstance(selector, MarkedSelector):
         return selector
@@ -39,7 +39,7 @@ def open_poller(selector: selectors.BaseSelector) -> Poller | None:
 
 
 class MarkedSelector(selectors.BaseSelector):
-    """In-process selector: reports what was set ready, in that order, and never waits.
+    """In-process selector: returns numbers that were set ready, in that order, and never waits.
 
     Numbers come from `allocate` and stand for descriptors. Real descriptors may be registered too, and are never ready.
     """
@@ -55,12 +55,12 @@ class MarkedSelector(selectors.BaseSelector):
         return self._next
 
     def set_ready(self, number: int) -> bool:
-        """Make a number readable, until `clear_ready`; return whether a reactor watches it and has to be woken."""
+        """Make a number readable until `clear_ready`; return whether a reactor watches it and must be woken."""
         self._marked[number] = None
         return number in self._keys
 
     def clear_ready(self, number: int) -> None:
-        """Make a number unreadable; a no-op where it is."""
+        """Make a number unreadable; a no-op if it is."""
         self._marked.pop(number, None)
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:  # noqa: ANN401 - selectors' own types
@@ -69,11 +69,11 @@ class MarkedSelector(selectors.BaseSelector):
         return key
 
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:  # noqa: ANN401 - as above
-        """Watch a number no more."""
+        """Stop watching a number."""
         return self._keys.pop(fileobj)
 
     def select(self, _timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """Return the marked numbers that are watched for reading, and those that are watched for writing."""
+        """Return the ready numbers watched for reading, and all that are watched for writing."""
         keys = self._keys
         return [
             (key, selectors.EVENT_READ)
@@ -82,7 +82,7 @@ class MarkedSelector(selectors.BaseSelector):
         ]
 
     def poll(self, _timeout: float | None, _most: int) -> Sequence[tuple[int, int]]:
-        """Return what is marked as epoll does, for a reactor; each is readable."""
+        """Return the ready numbers as epoll does, each as readable."""
         marked, keys = self._marked, self._keys
         if not marked:
             return ()
@@ -92,10 +92,10 @@ class MarkedSelector(selectors.BaseSelector):
         return [(number, _READABLE) for number in marked if number in keys]
 
     def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
-        """Return what is watched."""
+        """Return the watched numbers."""
         return self._keys
 
     def close(self) -> None:
-        """Forget everything."""
+        """Clear all registrations."""
         self._keys.clear()
         self._marked.clear()

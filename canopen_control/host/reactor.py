@@ -1,12 +1,12 @@
-"""The reactor: one thread, one selector, one sorted list of timers on absolute deadlines.
+"""Event loop of a thread: descriptors, queued calls and timers with absolute deadlines.
 
-A turn serves the descriptors that are ready, then what was handed over with `call_soon` and `call_threadsafe`, then
-the timers that are due, each in a fixed order; whatever a callback adds waits for the next turn, so that neither a
-busy descriptor nor a timer that re-arms itself starves the other. A callback never blocks. One that raises is counted
-in `errors` and handed to `on_error`, and the loop goes on; only KeyboardInterrupt and SystemExit end it.
+A turn serves the ready descriptors, then the calls queued by `call_soon` and `call_threadsafe`, then the timers that
+are due, each in a fixed order. Additions by callbacks wait for the next turn, so that neither a busy descriptor nor a
+timer that re-arms itself starves the other. Callbacks must not block. An exception is counted in `errors` and passed to
+`on_error`, and the loop continues; only KeyboardInterrupt and SystemExit end it.
 
-With a `ManualClock` nothing ever waits for time: when nothing is ready the clock jumps to the next deadline. The same
-program then does the same thing every time.
+With a `ManualClock` the loop never waits for time: when nothing is ready the clock advances to the next deadline. A
+program then behaves identically in every run.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ if TYPE_CHECKING:
 
 _READ: Final = selectors.EVENT_READ
 _WRITE: Final = selectors.EVENT_WRITE
-# What epoll tells of a descriptor: an error or a hang-up is both, whoever looks there will see it.
+# epoll reports an error or a hang-up as readable and writable, so that either callback sees it
 _READABLE: Final = ~getattr(select, "EPOLLOUT", 4)
 _WRITABLE: Final = ~getattr(select, "EPOLLIN", 1)
 _FLAGS: Final = {_READ: ~_WRITABLE, _WRITE: ~_READABLE, _READ | _WRITE: ~_WRITABLE | ~_READABLE}
-_WAKE: Final = b"\0"  # no signal has the number 0
-_PRINTED_ERRORS: Final = 20  # the log must not fill up when something fails in every cycle
+_WAKE: Final = b"\0"  # signal number 0 does not exist
+_PRINTED_ERRORS: Final = 20  # limits the log if a callback fails in every cycle
 
 
 class HasFileno(Protocol):
-    """A socket, a port, a file: whatever has a descriptor."""
+    """Object with a descriptor, such as a socket or a port."""
 
     def fileno(self) -> int:
         """Return the descriptor."""
@@ -53,7 +53,7 @@ FileLike: TypeAlias = int | HasFileno
 
 
 class _Watch:
-    """What to call for one descriptor, since which turn."""
+    """Callback of one descriptor, and the turn since when it is valid."""
 
     __slots__ = ("on_readable", "on_writable", "since")
 
@@ -78,14 +78,14 @@ def _fd_of(fileobj: FileLike) -> int:
 
 
 def _nop(*_args: object) -> None:
-    """Stand in where only the waking up matters: a signal's number travels through the wake-up descriptor."""
+    """Do nothing: the signal's number arrives through the wake-up descriptor."""
 
 
 class Reactor:
-    """The event loop of a process, or of one thread of it.
+    """Event loop of a process, or of one of its threads.
 
-    `errors` counts the exceptions that callbacks raised; `on_error` is called with each of them (default: the first
-    twenty are printed to stderr). All methods but `call_threadsafe` belong to the loop's own thread.
+    `errors` counts exceptions of callbacks; `on_error` is called with each of them (default: the first twenty are
+    printed to stderr). All methods but `call_threadsafe` must be called on the loop's own thread.
     """
 
     def __init__(self, clock: TimeSource | None = None, selector: selectors.BaseSelector | None = None) -> None:
@@ -116,7 +116,7 @@ class Reactor:
         self._wake_out.setblocking(False)
         self.add_reader(self._wake_in, self._on_wake)
         if self._alarm is not None:
-            # Setting the alarm anew silences it, and it is set anew before every wait: nothing is read from it.
+            # Setting the alarm clears it, and it is set before every wait: it need not be read.
             self._selector.register(self._alarm.fileno(), _READ, None)
 
     def __enter__(self) -> Reactor:
@@ -132,15 +132,15 @@ class Reactor:
         self._change(_fd_of(fileobj), _READ, callback)
 
     def remove_reader(self, fileobj: FileLike) -> None:
-        """Stop reading, at once; a no-op where there is no reader. To be called before the descriptor is closed."""
+        """Stop reading at once; a no-op without a reader. Call it before the descriptor is closed."""
         self._change(_fd_of(fileobj), _READ, None)
 
     def add_writer(self, fileobj: FileLike, callback: Callable[[], object]) -> None:
-        """Call `callback` in every turn in which the descriptor takes data; replaces an earlier writer."""
+        """Call `callback` in every turn in which the descriptor is writable; replaces an earlier writer."""
         self._change(_fd_of(fileobj), _WRITE, callback)
 
     def remove_writer(self, fileobj: FileLike) -> None:
-        """Stop writing, at once; a no-op where there is no writer. To be called before the descriptor is closed."""
+        """Stop writing at once; a no-op without a writer. Call it before the descriptor is closed."""
         self._change(_fd_of(fileobj), _WRITE, None)
 
     def _change(self, fd: int, event: int, callback: Callable[[], object] | None) -> None:
@@ -159,12 +159,12 @@ class Reactor:
         self._watches[fd] = watch
 
     def _update(self, fd: int, event: int, watch: _Watch) -> None:
-        """Update what the selector waits for; a descriptor closed without being removed does no harm."""
+        """Update the events of a descriptor in the selector; a descriptor closed without being removed does no harm."""
         if not watch.events:
             del self._watches[fd]
             self._selector.unregister(fd)
         elif watch.events == self._selector.get_key(fd).events:
-            self._selector.unregister(fd)  # `modify` would not look whether the kernel still knows it
+            self._selector.unregister(fd)  # `modify` would not detect that the kernel has removed it
             self._selector.register(fd, watch.events, watch)
         else:
             self._modify(fd, event, watch)
@@ -173,7 +173,7 @@ class Reactor:
         try:
             self._selector.modify(fd, watch.events, watch)
         except OSError:
-            # Another file has the number now: what was known is about the old one. The selector has forgotten it.
+            # Another file has this number now; the selector has already dropped the old one.
             del self._watches[fd]
             callback = watch.on_readable if event == _READ else watch.on_writable
             if callback is not None:
@@ -182,30 +182,30 @@ class Reactor:
     # -- time
 
     def call_at(self, deadline_ns: int, callback: Callable[[], object]) -> Timer:
-        """Call once, when the clock has reached `deadline_ns`."""
+        """Call `callback` once, when the clock has reached `deadline_ns`."""
         return self._timers.push(deadline_ns, callback)
 
     def call_later(self, delay_ns: int, callback: Callable[[], object]) -> Timer:
-        """Call once, `delay_ns` from now."""
+        """Call `callback` once, `delay_ns` from now."""
         return self._timers.push(self.now() + delay_ns, callback)
 
     def call_soon(self, callback: Callable[[], object]) -> None:
-        """Call once, in this turn or the next, in the order of the calls."""
+        """Call `callback` once, in this turn or the next, in the order of the calls."""
         self._soon.append(callback)
 
     def call_threadsafe(self, callback: Callable[[], object]) -> None:
-        """Call once, soon, on the loop's thread; callable from any thread. A no-op on a closed reactor."""
+        """Call `callback` once, soon, on the loop's thread; callable from any thread. A no-op on a closed reactor."""
         self._from_threads.append(callback)
         if not self._woken:
-            # Two threads may both get here: one byte too many is harmless. The loop clears the mark before it empties
-            # the queue, so that whoever finds the mark set is served.
+            # Two threads may both get here: one byte too many is harmless. The loop clears the flag before it empties
+            # the queue, so that a call that finds the flag set is served.
             self._woken = True
             with contextlib.suppress(OSError):
                 self._wake_out.send(_WAKE)
 
     @property
     def next_deadline(self) -> int | None:
-        """When the earliest timer is due; now, where a call waits to be made."""
+        """Deadline of the earliest timer; the current time if a call is queued."""
         return self.now() if self._soon else self._timers.next_deadline()
 
     # -- signals
@@ -218,7 +218,7 @@ class Reactor:
         for number, handler in handlers.items():
             if number not in self._signals:
                 previous = signal.signal(number, _nop)
-                # None: the handler was not Python's, and Python cannot put it back
+                # None: the handler was not set by Python, and Python cannot restore it
                 self._restore.append(functools.partial(signal.signal, number, previous or signal.SIG_DFL))
             self._signals[number] = handler
 
@@ -239,13 +239,13 @@ class Reactor:
                     self._turn(self._longest_wait())
             while not self._stopping:
                 if not self._step(None):
-                    self._turn(None)  # a manual clock with no timer left: only a descriptor can go on
+                    self._turn(None)  # a manual clock without timers: only a descriptor can continue
 
     def run_until(self, condition_or_deadline: Callable[[], bool] | int, timeout_ns: int | None = None) -> bool:
-        """Serve until a condition is true or the clock has reached a deadline, and tell whether it came to that.
+        """Serve until a condition is true or a deadline is reached, and return whether it was.
 
-        The condition is looked at before every turn. False: `timeout_ns` passed, or `stop` was called, or, on a manual
-        clock, nothing is left that could happen.
+        The condition is checked before every turn. The result is False if `timeout_ns` elapsed, if `stop` was called,
+        or, on a manual clock, if no event is left.
         """
         with self._claimed():
             if isinstance(condition_or_deadline, int):
@@ -255,15 +255,15 @@ class Reactor:
             return condition_or_deadline()
 
     def run_for(self, duration_ns: int) -> bool:
-        """Serve for `duration_ns`: serve what is ready, fire what is due, then go to the next deadline.
+        """Serve for `duration_ns`; False if stopped.
 
-        On a manual clock this takes no time and leaves the clock exactly `duration_ns` later, everything due until then
-        done. False if it was stopped.
+        On a manual clock this takes no time and leaves the clock exactly `duration_ns` later, with all events until
+        then processed.
         """
         return self.run_until(self.now() + duration_ns)
 
     def serve(self) -> int | None:
-        """Serve all that is ready and due now; a manual clock stays where it is. Return when the next timer is due."""
+        """Serve everything ready and due now and return the time of the next timer; a manual clock does not advance."""
         while True:
             self._turn(0)
             deadline = self._timers.next_deadline()
@@ -276,7 +276,7 @@ class Reactor:
         self._stopping = True
 
     def close(self) -> None:
-        """Restore the signals and give all descriptors back; a second close is a no-op."""
+        """Restore the signal handlers and close all descriptors; a second call is a no-op."""
         if self._closed:
             return
         self._closed = True
@@ -304,7 +304,10 @@ class Reactor:
             self._running = self._stopping = False
 
     def _serve_till(self, limit: int | None, finished: Callable[[], bool]) -> bool:
-        """Serve until `finished` (False), until stopped (False), or until there is nothing left up to the limit."""
+        """Serve until `finished`, until stopped, or until no event is left before the limit.
+
+        Return False in all these cases.
+        """
         wake = None if limit is None or self.clock.is_manual else self.call_at(limit, _nop)
         try:
             while not (self._stopping or finished()):
@@ -316,14 +319,14 @@ class Reactor:
         return False
 
     def _step(self, limit: int | None) -> bool:
-        """Serve one turn; False when nothing is left to do up to the limit."""
+        """Serve one turn; False if no event is left before the limit."""
         if not self.clock.is_manual:
             self._turn(self._longest_wait())
             return limit is None or self.now() < limit
         return self._turn(0) > 0 or self._jump(limit)
 
     def _jump(self, limit: int | None) -> bool:
-        """Move the manual clock to the next deadline, or to the limit and return False."""
+        """Advance the manual clock to the next deadline, or to the limit and return False."""
         clock = cast("ManualClock", self.clock)
         deadline = self._timers.next_deadline()
         if deadline is not None and (limit is None or deadline <= limit):
@@ -334,13 +337,13 @@ class Reactor:
         return False
 
     def _longest_wait(self) -> float | None:
-        """Return how long the selector may wait, in seconds; sets the alarm when the earliest deadline has changed."""
+        """Return the maximum wait of the selector in s; sets the alarm if the earliest deadline has changed."""
         if self._soon:
             return 0
         deadline = self._timers.next_deadline()
         if deadline is not None:
             if deadline == self._alarm_at:
-                return None  # the alarm is set, and has gone off if it is due
+                return None  # the alarm is set, and has fired if it is due
             wait_ns = deadline - self.now()
             if wait_ns <= 0:
                 return 0
@@ -352,16 +355,17 @@ class Reactor:
         return None
 
     def _turn(self, timeout: float | None) -> int:
-        """Wait, then serve descriptors, handed-over calls and timers; return how many callbacks ran."""
+        """Wait, then serve descriptors, queued calls and timers; return the number of callbacks."""
         self._turns = turn = self._turns + 1
         watches, served, rang = self._watches, 0, timeout is not None
         for fd, events in self._poll(timeout, len(watches) + 1):
             watch = watches.get(fd)
             if watch is None:
-                rang = True  # the alarm; or what was removed in this turn, and a look at the timers too many
+                # the alarm, or a descriptor removed in this turn, which costs one extra check of the timers
+                rang = True
                 continue
             if watch.since == turn:
-                continue  # the number is another file's since a moment: what is known is about the one before
+                continue  # the number now belongs to another file
             if events & _READABLE and watch.on_readable is not None:
                 self._call(watch.on_readable)
                 served += 1
@@ -374,13 +378,13 @@ class Reactor:
             served += 1
         for timer in self._timers.pop_due(self.now()) if rang else ():
             callback = timer.take()
-            if callback is not None:  # else an earlier one of this turn has cancelled it
+            if callback is not None:  # otherwise an earlier callback of this turn has cancelled it
                 self._call(callback)
                 served += 1
         return served
 
     def _select(self, timeout: float | None, _most: int) -> list[tuple[int, int]]:
-        """Wait and tell what is ready, as epoll does."""
+        """Wait and return the ready descriptors, as epoll does."""
         return [(key.fd, _FLAGS[events]) for key, events in self._selector.select(timeout)]
 
     def _call(self, callback: Callable[[], object]) -> None:

@@ -1,4 +1,4 @@
-"""Signal handlers for the length of a `with`, in a program without a reactor."""
+"""Signal handlers for the duration of a `with` block, in a program without a reactor."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def on_signals(numbers: Iterable[signal.Signals], call: Callable[[], object]) -> Iterator[None]:
-    """Call `call` at any of these signals, on the main thread, until the end of the block; then as it was before."""
+    """Call `call` on the main thread at any of these signals until the end of the block; then restore the handlers."""
     before = {number: signal.signal(number, lambda *_: call()) for number in numbers}
     try:
         yield
     finally:
         for number, handler in before.items():
-            # None: the handler was not Python's, and Python cannot put it back
+            # None: the handler was not set by Python, and Python cannot restore it
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
 def interrupt() -> None:
-    """Do as Ctrl-C does; for signals that shall end a program in the same way."""
+    """Raise KeyboardInterrupt as Ctrl-C does, for signals that end a program in the same way."""
     raise KeyboardInterrupt

@@ -1,13 +1,14 @@
-"""Unix sockets under names: where they live, who may use them, and which of them are alive.
+"""Named Unix sockets: paths, access and liveness.
 
-They live in $XDG_RUNTIME_DIR/canopen_control, else in canopen_control-UID under the temporary folder. The folder is
-ours alone: a folder (never a link to one), owned by this user, mode 0700, and its parent is one in which nobody else
-can swap it. Anything else is refused with a sentence, never repaired in silence: somebody may be waiting inside.
+They are in $XDG_RUNTIME_DIR/canopen_control, else in canopen_control-UID in the temporary folder. The folder must be
+private: a folder (not a link), owned by this user, with mode 0700, in a parent where no other user can replace it.
+Anything else is refused with a message, never repaired silently, because it may be an attack.
 
-A socket file outlives its process. It is stale when a connection to it is refused, and only `listen` removes one, under
-a lock, so that of many who start at once exactly one serves. Both sides look at the other's user id.
+A socket file outlives its process. It is stale if a connection to it is refused. Only `listen` removes one, under a
+lock, so that of several processes that start at once exactly one serves. Both sides check the user id of the other.
 
-Errors: what the user can mend is a ConfigError, a name in use is SocketInUse; OSError of a connection is the caller's.
+Errors: ConfigError for what the user can repair, SocketInUse for a name in use; OSErrors of a connection are for the
+caller.
 """
 
 from __future__ import annotations
@@ -39,36 +40,36 @@ KINDS: Final[Mapping[SocketKind, int]] = {"bus": 32, "busctl": 32, "drive": 36, 
 virtual drives, `drive_name`, and for each robot."""
 _NAME: Final = re.compile(r"[A-Za-z0-9_-]+")
 _LONGEST_PATH: Final = 100  # struct sockaddr_un has 108 bytes on Linux, 104 elsewhere
-_PROBE_S: Final = 0.5  # a listening process' kernel answers at once, whatever the process does
+_PROBE_S: Final = 0.5  # the kernel of a listening process accepts at once, whatever the process does
 _LOCK_POLL_S: Final = 0.005
 _LINUX: Final = sys.platform.startswith("linux")
 _UCRED: Final = struct.Struct("3i")  # pid, uid, gid
-_umask = threading.Lock()  # the umask is the process', not the thread's
+_umask = threading.Lock()  # the umask belongs to the process, not to the thread
 
 
 class SocketInUse(CanopenError):
-    """A living process serves this name already; `pid` is its process id, or 0 where that cannot be told."""
+    """Error: a living process already serves this name; `pid` is its process id, 0 if unknown."""
 
     def __init__(self, path: Path, pid: int) -> None:
         self.path, self.pid = path, pid
         super().__init__(f"{path.stem} is in use" + (f" by process {pid}" if pid else "") + f" ({path})")
 
 
-# -- where
+# -- paths
 
 
 def runtime_dir() -> Path:
-    """Return the folder of this user's sockets, made if need be; ConfigError when it cannot be trusted."""
+    """Return the folder of this user's sockets, created if necessary; ConfigError if it is not private."""
     base = os.environ.get("XDG_RUNTIME_DIR", "")
     if base.startswith("/") and os.path.isdir(base):
         return private_folder(Path(base) / "canopen_control")
-    import tempfile  # seldom needed, and it loads half of the library
+    import tempfile  # rarely needed, and it imports half of the standard library
 
     return private_folder(Path(tempfile.gettempdir()) / f"canopen_control-{os.getuid()}")
 
 
 def private_folder(path: Path) -> Path:
-    """Return `path`, made with mode 0700 if it is missing, after a look at what is really there."""
+    """Return `path`, created with mode 0700 if it is missing; ConfigError if it is not private."""
     _refuse_open_parent(path.parent)
     try:
         with contextlib.suppress(FileExistsError):
@@ -95,7 +96,7 @@ def _distrust(found: os.stat_result) -> str:
 
 
 def _refuse_open_parent(parent: Path) -> None:
-    """Refuse a parent in which another user could put a folder of his own in place of ours."""
+    """Raise ConfigError for a parent in which another user could replace our folder."""
     try:
         found = parent.stat()
     except OSError as error:
@@ -110,7 +111,10 @@ def _refuse_open_parent(parent: Path) -> None:
 
 
 def drive_name(channel: str, node_id: int) -> str:
-    """Return the name of the control socket of a virtual drive, `<bus>-<node>`; `channel` is the bus' with its kind."""
+    """Return the name of the control socket of a virtual drive, `<bus>-<node>`.
+
+    `channel` is the channel with its kind.
+    """
     bus = channel
     for kind in ("local:", "memory:", "virtual:"):
         bus = bus.removeprefix(kind)
@@ -119,7 +123,7 @@ def drive_name(channel: str, node_id: int) -> str:
 
 
 def check_name(name: str, longest: int = 32) -> str:
-    """Return `name` if it can be the name of a bus or a robot; ConfigError otherwise."""
+    """Return `name` if it is a valid name of a bus or a robot; ConfigError otherwise."""
     if len(name) > longest or not _NAME.fullmatch(name):
         raise ConfigError(f"{name!r} is no name: use 1 to {longest} of A-Z a-z 0-9 _ -")
     return name
@@ -134,7 +138,7 @@ def socket_path(kind: SocketKind, name: str) -> Path:
 
 
 def _short_folder(folder: Path) -> Path:
-    """Return a folder with a short path that stands in for `folder`, one for each of them."""
+    """Return a folder with a short path that stands for `folder`, always the same one."""
     import hashlib
 
     digest = hashlib.sha256(os.fsencode(folder)).hexdigest()[:12]
@@ -142,7 +146,7 @@ def _short_folder(folder: Path) -> Path:
 
 
 def list_sockets(kind: SocketKind) -> list[str]:
-    """Return the names of this kind behind which somebody listens, sorted."""
+    """Return the names of this kind that a process listens on, sorted."""
     folder = runtime_dir()
     longest = folder / f"{kind}-{'x' * KINDS[kind]}.sock"
     folders = [folder] if len(os.fsencode(longest)) <= _LONGEST_PATH else [folder, _short_folder(folder)]
@@ -150,11 +154,11 @@ def list_sockets(kind: SocketKind) -> list[str]:
     return sorted({path.stem.removeprefix(f"{kind}-") for path in paths})
 
 
-# -- who
+# -- peers
 
 
 def _peer(sock: socket.socket) -> tuple[int, int] | None:
-    """Return the process id (0 if unknown) and the user id of the other end, or None if it is gone already."""
+    """Return process id (0 if unknown) and user id of the other end, None if it is already gone."""
     try:
         if _LINUX:
             pid, uid, _ = _UCRED.unpack(sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size))
@@ -166,13 +170,13 @@ def _peer(sock: socket.socket) -> tuple[int, int] | None:
 
 
 def same_user(sock: socket.socket) -> bool:
-    """Tell whether the other end of a Unix socket runs under this process' user id."""
+    """Return whether the other end of a Unix socket runs under this process' user id."""
     peer = _peer(sock)
     return peer is not None and peer[1] == os.getuid()
 
 
 def peer_pid(sock: socket.socket) -> int:
-    """Return the process id of the other end of a Unix socket, 0 where that cannot be told."""
+    """Return the process id of the other end of a Unix socket, 0 if unknown."""
     peer = _peer(sock)
     return peer[0] if peer is not None else 0
 
@@ -182,9 +186,10 @@ def peer_pid(sock: socket.socket) -> int:
 
 @contextlib.contextmanager
 def lock(path: Path, timeout: float = 10.0) -> Iterator[None]:
-    """Hold the lock that belongs to `path` (the file `<path>.lock`) across processes and threads.
+    """Hold the lock of `path` (the file `<path>.lock`) across processes and threads.
 
-    Waits up to `timeout` seconds for whoever has it, then raises CanopenError. The kernel frees it with its holder.
+    Waits up to `timeout` s for the current holder, then raises CanopenError. The kernel releases the lock when its
+    holder ends.
     """
     fd = open_lock(Path(f"{path}.lock"))
     try:
@@ -195,7 +200,10 @@ def lock(path: Path, timeout: float = 10.0) -> Iterator[None]:
 
 
 def open_lock(path: Path) -> int:
-    """Return a descriptor of the lock file `path`, made if need be; ConfigError for what is no file of ours."""
+    """Return a descriptor of the lock file `path`, created if necessary.
+
+    ConfigError if it is not a file of this user.
+    """
     try:
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
     except OSError as error:
@@ -209,9 +217,10 @@ def open_lock(path: Path) -> int:
 
 
 def claim(path: Path, timeout: float = 0.0) -> int:
-    """Hold a lock file as long as this process lives, with its id in it; SocketInUse with that of who holds it.
+    """Hold a lock file, with this process id in it, as long as the process lives.
 
-    Waits up to `timeout` seconds for him to end. Closing the descriptor that is returned lets go of it.
+    SocketInUse with the id of its holder. Waits up to `timeout` s for the holder to end. Closing the returned
+    descriptor releases the lock.
     """
     fd = open_lock(path)
     try:
@@ -236,11 +245,11 @@ def _flock(fd: int, path: Path, deadline: float) -> None:
 
 
 def listen(path: Path, backlog: int = 64) -> socket.socket:
-    """Return a non-blocking listening socket at `path`, in place of a stale one; SocketInUse if it is served already.
+    """Return a non-blocking listening socket at `path`, replacing a stale one; SocketInUse if it is served already.
 
     End it with `close_listener`, which removes the file too.
     """
-    # not the lock of `path` itself: whoever starts a server may hold that one until the server listens
+    # not the lock of `path` itself: a starter may hold that one until the server listens
     with lock(path.with_name(path.name + ".listen")):
         _remove_stale(path)
         sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -282,7 +291,7 @@ def _is_alive(path: Path) -> bool:
 
 
 def _answers(probe: socket.socket, path: Path) -> bool:
-    """Tell whether somebody listens at `path`; a full queue of connections is a sign of life."""
+    """Return whether a process listens at `path`; a full backlog counts as listening."""
     probe.settimeout(_PROBE_S)
     try:
         probe.connect(str(path))
@@ -298,17 +307,17 @@ def _answers(probe: socket.socket, path: Path) -> bool:
 
 
 def close_listener(sock: socket.socket) -> None:
-    """Remove the socket's file, then close it; a second close is a no-op."""
+    """Remove the socket's file, then close it; a second call is a no-op."""
     if sock.fileno() < 0:
         return
-    # While it still listens nobody takes it for stale, so that the file is surely this socket's.
+    # While the socket listens no process takes it for stale, so that the file still belongs to this socket.
     with contextlib.suppress(OSError):
         os.unlink(sock.getsockname())
     sock.close()
 
 
 def _timeval(seconds: float) -> bytes:
-    """Return a `struct timeval`, at least 1 us where it is a time at all."""
+    """Return a `struct timeval`, at least 1 us for a positive time."""
     whole, part = divmod(math.ceil(seconds * 1_000_000), 1_000_000)
     return struct.pack("@ll", whole, part)
 
@@ -316,14 +325,14 @@ def _timeval(seconds: float) -> bytes:
 def connect(path: Path, timeout: float | None = 5.0) -> socket.socket:
     """Return a connection to `path` with this timeout set.
 
-    OSError from the system: FileNotFoundError and ConnectionRefusedError mean that nobody is there, BlockingIOError
-    that the server has let it wait for all of the timeout. CanopenError when the server is another user's.
+    OSError of the system: FileNotFoundError and ConnectionRefusedError mean that no process listens, BlockingIOError
+    that the server did not accept within the timeout. CanopenError if the server belongs to another user.
     """
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         if timeout:
-            # A socket with a timeout of Python's would not wait where the queue of connections is full: a STOP was
-            # refused at once while strangers came and went.
+            # A socket with a timeout of Python's would not wait while the backlog is full: a STOP was refused at once
+            # while other clients connected and disconnected.
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _timeval(timeout))
         sock.connect(str(path))
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _timeval(0.0))

@@ -1,12 +1,12 @@
-"""Child processes that never outlive their parent unnoticed, and the one kind that may.
+"""Child processes: attached ones, which end with their parent, and detached ones.
 
-`spawn` gives every child a session of its own (the terminal's Ctrl-C is its parent's alone), a clean environment, a log
-file that cannot fill the disk, and a lifeline: a pipe whose other end only the parent holds. When the parent dies,
-however it dies, the kernel closes that end, and the child reads the end of the file at `lifeline_fd()`. A child that
-calls `report_ready` can be waited for without blocking: `Child.watch_ready`.
+`spawn` gives every child a session of its own (the terminal's Ctrl-C reaches only the parent), a clean environment, a
+log file of limited size, and a lifeline: a pipe whose other end only the parent holds. When the parent ends for any
+reason, the kernel closes that end, and the child reads end of file at `lifeline_fd()`. `Child.watch_ready` waits
+without blocking for a child that calls `report_ready`.
 
-`spawn_detached` is for a process that belongs to nobody, such as a bus that several programs share: it is no child of
-its caller, and says through a pipe when it is ready.
+`spawn_detached` is for a process shared by several programs, such as the hub of a bus: it is not a child of its caller,
+and reports through a pipe when it is ready.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ if TYPE_CHECKING:
     from canopen_control.host.timer import Timer
 
 
-_POLL_NS: Final = 50_000_000  # where there is no pidfd
+_POLL_NS: Final = 50_000_000  # for systems without pidfd
 _ROTATE_NS: Final = 5_000_000_000
 _LAST_LINES: Final = 10
-_BUSY_STATES: Final = (b"R", b"D")  # of proc_pid_stat(5)
-#: dash and bash alike: a command in the background of a shell that ends is nobody's child
+_BUSY_STATES: Final = (b"R", b"D")  # states of proc_pid_stat(5)
+#: for dash and bash: a background command is adopted by init when its shell ends
 _DETACH: Final = ("/bin/sh", "-c", '"$@" &', "sh")
 
 
 class Child:
-    """A running child process, made by `spawn`.
+    """Running child process, created by `spawn`.
 
-    `log_path` is None when its output goes where ours goes. It must be waited for, by `wait` or by `watch`.
-    `readiness` is our end of the pipe of its `report_ready`, -1 for none.
+    `log_path` is None if its output goes to ours. It must be waited for, by `wait` or by `watch`. `readiness` is our
+    end of the pipe of its `report_ready`, -1 for none.
     """
 
     def __init__(
@@ -67,47 +67,47 @@ class Child:
 
     @property
     def log_path(self) -> Path | None:
-        """Where its output is written."""
+        """Path of the log with its output."""
         return None if self._log is None else self._log.path
 
     @property
     def returncode(self) -> int | None:
-        """Its exit status, negative for a signal; None while it runs, as far as has been looked."""
+        """Exit status, negative for a signal; None while it runs or was not polled."""
         return self._process.returncode
 
     def poll(self) -> int | None:
-        """Look whether it has ended, and return its exit status if so."""
+        """Check whether the child has ended; return its exit status if so."""
         if self._process.poll() is not None:
             self.cut_lifeline()
         return self._process.returncode
 
     def wait(self, timeout: float | None = None) -> int | None:
-        """Wait for its end and return its exit status; None when `timeout` seconds were not enough. Blocks."""
+        """Wait for the end of the child and return its exit status; None after `timeout` s. Blocks."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout)
         return self.poll()
 
     def terminate(self) -> None:
-        """Ask it to end (SIGTERM); a no-op once it has ended."""
+        """Request the child to end (SIGTERM); a no-op once it has ended."""
         self._process.terminate()
 
     def kill(self) -> None:
-        """End it and its own children at once (SIGKILL to its session); a no-op once it has ended."""
-        # Until it is waited for, its process id, and with it the group's, belongs to nobody else.
+        """Kill the child and its own children (SIGKILL to its session); a no-op once it has ended."""
+        # Until the child is waited for, its process id, and with it that of its group, is not reused.
         if self._process.poll() is None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
 
     def cut_lifeline(self) -> None:
-        """Let go of the lifeline: to the child it looks as if this process had died."""
+        """Close the lifeline: the child then behaves as if this process had ended."""
         lifeline, self._lifeline = self._lifeline, -1
         if lifeline >= 0:
             os.close(lifeline)
 
     def watch_ready(self, reactor: Reactor, on_ready: Callable[[], object]) -> None:
-        """Call `on_ready()` on the loop, once, when it has said that it is ready, or cannot say so any more.
+        """Call `on_ready()` on the loop, once, when the child has reported or can no longer report that it is ready.
 
-        `heard_at` is when it has said so last: a child with a `LivenessReport` says it again and again.
+        `heard_at` is the time of its last report: a child with a `LivenessReport` repeats it.
         """
         if self._readiness >= 0:
             self._on_ready = on_ready
@@ -123,16 +123,16 @@ class Child:
             on_ready()
 
     def unwatch_ready(self, reactor: Reactor) -> None:
-        """Listen to what it says of itself no more; a no-op when nobody does."""
+        """Stop listening to the child's reports; a no-op without a listener."""
         readiness, self._readiness, self._on_ready = self._readiness, -1, None
         if readiness >= 0:
             reactor.remove_reader(readiness)
             os.close(readiness)
 
     def is_busy(self) -> bool:
-        """Whether a thread of it runs, waits for a processor or for a disk; False too where there is no /proc.
+        """Return whether a thread of the child runs or waits for a processor or disk; False also without /proc.
 
-        What hangs or was stopped is not busy.
+        A blocked or stopped process is not busy.
         """
         for path in Path(f"/proc/{self.pid}/task").glob("*/stat"):
             with contextlib.suppress(OSError):  # the thread has ended
@@ -141,13 +141,16 @@ class Child:
         return False
 
     def last_lines(self, count: int = _LAST_LINES) -> list[str]:
-        """Return the last lines of its output, none if that was not logged."""
+        """Return the last lines of its output, none without a log."""
         return [] if self._log is None else self._log.last_lines(count)
 
     def watch(self, reactor: Reactor, on_exit: Callable[[int, list[str]], object]) -> None:
-        """Call `on_exit(returncode, last_lines)` on the loop, once, when it has ended; rotates its log till then."""
+        """Call `on_exit(returncode, last_lines)` on the loop, once, when the child has ended.
+
+        Rotate its log until then.
+        """
         self._reactor, self._on_exit = reactor, on_exit
-        # once it has been waited for, its process id may be another's
+        # once it was waited for, its process id may be reused
         self._pidfd = _pidfd_open(self.pid) if self.poll() is None else -1
         if self._pidfd >= 0:
             reactor.add_reader(self._pidfd, self._look)
@@ -157,7 +160,7 @@ class Child:
             self._rotate_again()
 
     def unwatch(self) -> None:
-        """Stop watching; a no-op when nobody watches."""
+        """Stop watching; a no-op if it is not watched."""
         if self._reactor is not None and self._pidfd >= 0:
             self._reactor.remove_reader(self._pidfd)
             os.close(self._pidfd)
@@ -188,9 +191,9 @@ class Child:
 
 
 def end_children(children: Sequence[Child], reactor: Reactor, grace: float) -> None:
-    """Ask all children to end (SIGTERM), and kill those that have not after `grace` seconds each. Blocks.
+    """Request all children to end (SIGTERM) and kill those that have not ended after `grace` s. Blocks.
 
-    Nobody watches them any more, so none is started again.
+    They are no longer watched, so that none is restarted.
     """
     for child in children:
         child.unwatch()
@@ -205,7 +208,7 @@ def end_children(children: Sequence[Child], reactor: Reactor, grace: float) -> N
 def _pidfd_open(pid: int) -> int:
     try:
         return os.pidfd_open(pid) if sys.platform.startswith("linux") else -1
-    except OSError:  # a kernel before 5.3, or a sandbox
+    except OSError:  # kernels before 5.3, or a sandbox
         return -1
 
 
@@ -218,15 +221,15 @@ def spawn(
     inherit_stdout: bool = False,
     reports: bool = False,
 ) -> Child:
-    """Start a child process and return at once; CanopenError when it cannot be started.
+    """Start a child process and return at once; CanopenError if it cannot be started.
 
-    Its standard output and error go to `<log_dir>/<name>.log`, without `log_dir` in `state_dir()`, unless they are
-    inherited; its standard input is empty. `ros` says that it imports rclpy, `reports` that it calls `report_ready`.
+    Its standard output and error go to `<log_dir>/<name>.log` (default folder: `state_dir()`), unless they are
+    inherited; its standard input is empty. `ros` means that it imports rclpy, `reports` that it calls `report_ready`.
     """
     log = None if inherit_stdout else LogFile(log_dir or state_dir(), name)
     environment = clean_environment(ros=ros)
     with contextlib.ExitStack() as ours, contextlib.ExitStack() as theirs:
-        alive, lifeline = _pipe(theirs, ours)  # nobody writes: the end of the file is the parent's
+        alive, lifeline = _pipe(theirs, ours)  # nothing is written: end of file means the end of the parent
         environment[LIFELINE] = str(alive)
         readiness = -1
         if reports:
@@ -241,7 +244,7 @@ def spawn(
 
 
 def _pipe(reader: contextlib.ExitStack, writer: contextlib.ExitStack) -> tuple[int, int]:
-    """Return the ends of a pipe for reading and for writing, each to be closed by whom it belongs to."""
+    """Return the reading and the writing end of a pipe, each to be closed by its owner."""
     reading, writing = os.pipe()
     reader.callback(os.close, reading)
     writer.callback(os.close, writing)
@@ -267,10 +270,10 @@ def _start(argv: Sequence[str], environment: dict[str, str], log: LogFile | None
 def spawn_detached(
     argv: Sequence[str], ready: float = 5.0, *, name: str = "detached", log_dir: Path | None = None
 ) -> None:
-    """Start a process that is no child of this one, and return when it has called `report_ready`.
+    """Start a process that is not a child of this one, and return when it has called `report_ready`.
 
-    CanopenError with its own sentence when it called `report_failure`, with the last lines of its log
-    (`<log_dir>/<name>.log`, without `log_dir` in `state_dir()`) when it ended before, or when `ready` seconds passed.
+    CanopenError with its own sentence if it called `report_failure`, with the last lines of its log
+    (`<log_dir>/<name>.log`, default folder: `state_dir()`) if it ended before, or after `ready` s.
     """
     log = LogFile(log_dir or state_dir(), name)
     ours, theirs = os.pipe()
@@ -286,14 +289,14 @@ def spawn_detached(
         return
     if report is None:
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(group, signal.SIGKILL)  # somebody still held the pipe: the group is the one we made
+            os.killpg(group, signal.SIGKILL)  # a process still held the pipe: the group is the one created here
         raise CanopenError(f"{name} was not ready within {ready:g} s and was ended; its log is {log.path}")
     why = report.decode(errors="replace") or "it ended at once; " + " | ".join(log.last_lines(_LAST_LINES))
     raise CanopenError(f"{name} could not be started: {why}")
 
 
 def _start_detached(argv: Sequence[str], report_fd: int, log: LogFile) -> int:
-    """Start it through a shell that ends at once; return the process group, which is the shell's and stays its own."""
+    """Start the process through a shell that ends at once; return the process group, which was the shell's."""
     environment = clean_environment(ros=False)
     environment[READY] = str(report_fd)
     with log.opened_for(argv) as output:
@@ -311,7 +314,7 @@ def _start_detached(argv: Sequence[str], report_fd: int, log: LogFile) -> int:
 
 
 def _read_report(fd: int, deadline: float) -> bytes | None:
-    """Return the line that was reported, b"" when everybody who could has gone, None when the time is over."""
+    """Return the reported line, b"" if all possible senders have ended, None after the deadline."""
     report = b""
     while not report.endswith(b"\n"):
         readable, _, _ = select.select([fd], [], [], max(deadline - time.monotonic(), 0))

@@ -1,11 +1,11 @@
 """Clocks, timers and the kernel's timer.
 
-Time is monotonic nanoseconds everywhere. Deadlines are absolute, so that a late wake-up never shifts the next one.
-Timers with the same deadline fire in the order in which they were made. Cancelling is O(1): a cancelled timer stays in
-the heap without its callback and is thrown away when it surfaces, or when more than half of the heap is dead.
+Time is in monotonic ns. Deadlines are absolute, so that a late wake-up does not shift the next one. Timers with the
+same deadline fire in the order of their creation. Cancelling is O(1): a cancelled timer stays in the heap without its
+callback and is removed when it reaches the top, or when more than half of the heap is cancelled.
 
-The wait itself goes through timerfd(2) where Linux has it: an epoll timeout counts in whole milliseconds. A timer that
-rings at equal steps, as that of a cycle, is set once: a read, which costs less, lets it ring on.
+Linux waits through timerfd(2), because an epoll timeout counts in whole milliseconds. A timer with equal steps, such as
+that of a cycle, is set once as periodic: a read costs less than another set.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-_COMPACT_ABOVE: Final = 64  # dead timers that are not worth a sweep
+_COMPACT_ABOVE: Final = 64  # with fewer cancelled timers a sweep is not worthwhile
 _SECOND_NS: Final = 1_000_000_000
 _TFD_TIMER_ABSTIME: Final = 1
-_ONCE: Final = (1).to_bytes(8, sys.byteorder)  # how often a timer has rung, as it is read
+_ONCE: Final = (1).to_bytes(8, sys.byteorder)  # expiration count, as read from the timer
 
 
 class TimeSource(Protocol):
-    """A source of monotonic nanoseconds."""
+    """Source of monotonic time in ns."""
 
     @property
     def is_manual(self) -> bool:
-        """Whether time moves only when somebody sets it."""
+        """Whether time advances only by explicit calls."""
         ...
 
     def now(self) -> int:
-        """Return the time in nanoseconds."""
+        """Return the time in ns."""
         ...
 
 
 class MonotonicClock:
-    """The machine's monotonic clock, the one that timerfd uses too."""
+    """Monotonic clock of the machine, which timerfd uses too."""
 
     __slots__ = ()
     is_manual: Final = False
@@ -48,7 +48,7 @@ class MonotonicClock:
 
 
 class ManualClock:
-    """A clock for tests: `now_ns` is the time, and whoever holds the clock moves it."""
+    """Clock for tests: `now_ns` is the time, and its owner advances it."""
 
     __slots__ = ("now_ns",)
     is_manual: Final = True
@@ -62,38 +62,38 @@ class ManualClock:
 
 
 class Timer:
-    """One callback at one moment; made by the reactor, of use once."""
+    """One callback at one time, created by the reactor, for a single use."""
 
     __slots__ = ("_callback", "deadline_ns", "queue")
 
     def __init__(self, queue: TimerQueue, deadline_ns: int, callback: Callable[[], object]) -> None:
         self._callback: Callable[[], object] | None = callback
-        self.queue: TimerQueue | None = queue  # where it waits; None once it was taken out
+        self.queue: TimerQueue | None = queue  # queue with this timer; None once it was removed
         self.deadline_ns = deadline_ns
 
     @property
     def active(self) -> bool:
-        """Whether it is still going to fire."""
+        """Whether the timer will still fire."""
         return self._callback is not None
 
     def cancel(self) -> None:
-        """Never fire; a no-op on a timer that has fired or was cancelled."""
+        """Cancel the timer; a no-op if it has fired or was cancelled."""
         if self.take() is not None and self.queue is not None:
             self.queue.forget_one()
 
     def take(self) -> Callable[[], object] | None:
-        """Hand over the callback, once: the timer is spent afterwards."""
+        """Return the callback, once: the timer is spent afterwards."""
         callback, self._callback = self._callback, None
         return callback
 
 
 class TimerQueue:
-    """The timers that wait, earliest first."""
+    """Waiting timers, earliest first."""
 
     __slots__ = ("_dead", "_heap", "_sequence")
 
     def __init__(self) -> None:
-        self._heap: list[tuple[int, int, Timer]] = []  # the number keeps the order of insertion among equals
+        self._heap: list[tuple[int, int, Timer]] = []  # the number keeps the order of insertion among equal deadlines
         self._sequence = 0
         self._dead = 0
 
@@ -101,14 +101,14 @@ class TimerQueue:
         return len(self._heap) - self._dead
 
     def push(self, deadline_ns: int, callback: Callable[[], object]) -> Timer:
-        """Make a timer and let it wait."""
+        """Create a timer and add it."""
         timer = Timer(self, deadline_ns, callback)
         self._sequence += 1
         heapq.heappush(self._heap, (deadline_ns, self._sequence, timer))
         return timer
 
     def next_deadline(self) -> int | None:
-        """Return when the earliest active timer is due."""
+        """Return the deadline of the earliest active timer."""
         heap = self._heap
         while heap:
             deadline_ns, _, timer = heap[0]
@@ -119,7 +119,7 @@ class TimerQueue:
         return None
 
     def pop_due(self, now: int) -> list[Timer]:
-        """Take out the active timers that are due at `now`, in order; a later cancel of one of them still counts."""
+        """Remove and return the active timers due at `now`, in order; they can still be cancelled."""
         heap = self._heap
         if not heap or heap[0][0] > now:
             return []
@@ -134,7 +134,7 @@ class TimerQueue:
         return due
 
     def forget_one(self) -> None:
-        """Note that one timer was cancelled; sweep when the dead outnumber the living."""
+        """Count a cancelled timer; sweep if more than half are cancelled."""
         self._dead += 1
         if self._dead > _COMPACT_ABOVE and self._dead * 2 > len(self._heap):
             self._heap = [item for item in self._heap if item[2].active]
@@ -142,22 +142,25 @@ class TimerQueue:
             self._dead = 0
 
     def clear(self) -> None:
-        """Forget every timer; none of them is active afterwards."""
+        """Clear the queue; none of its timers is active afterwards."""
         heap, self._heap, self._dead = self._heap, [], 0
         for _, _, timer in heap:
             timer.take()
 
 
 class Rhythm:
-    """Which deadlines the kernel's timer meets by itself: those of a rhythm that two equal steps have shown."""
+    """Detection of periodic deadlines: after two equal steps the kernel's timer runs periodically."""
 
     __slots__ = ("_last_ns", "_step_ns", "interval_ns")
 
     def __init__(self) -> None:
-        self.interval_ns = self._last_ns = self._step_ns = 0  # 0: it rings once
+        self.interval_ns = self._last_ns = self._step_ns = 0  # 0: single shot
 
     def goes_on(self, deadline_ns: int) -> bool:
-        """Whether the next deadline, 0 for none, is the rhythm's; else the timer is to be set, to `interval_ns` too."""
+        """Whether the next deadline, 0 for none, is the next of the period.
+
+        Otherwise set the timer, with `interval_ns`.
+        """
         step, before = deadline_ns - self._last_ns, self._step_ns
         self._last_ns, self._step_ns = deadline_ns, step
         if step == self.interval_ns and step > 0:
@@ -167,7 +170,7 @@ class Rhythm:
 
 
 def _rings_on(fd: int) -> bool:
-    """Silence a timer that has rung and let it ring in its rhythm; False: it has to be set, it rang not once by now."""
+    """Read a periodic timer that has fired; False if it did not fire exactly once and must be set."""
     try:
         return os.read(fd, 8) == _ONCE
     except BlockingIOError:
@@ -175,18 +178,18 @@ def _rings_on(fd: int) -> bool:
 
 
 class Alarm(Protocol):
-    """A file descriptor that becomes readable at one absolute moment, for a selector to wait on."""
+    """Descriptor that becomes readable at one absolute time, for a selector."""
 
     def fileno(self) -> int:
         """Return the descriptor."""
         ...
 
     def set(self, deadline_ns: int | None) -> None:
-        """Ring at `deadline_ns`, or never; forgets an earlier ringing, so that nothing has to be read."""
+        """Fire at `deadline_ns`, or never; clears an earlier firing, so that nothing has to be read."""
         ...
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Close the descriptor."""
         ...
 
 
@@ -194,7 +197,7 @@ class _OsAlarm:
     """timerfd(2) as Python 3.13 offers it."""
 
     def __init__(self) -> None:
-        # looked up by name: older Pythons lack these, and their type stubs too
+        # looked up by name: older Pythons and their type stubs lack these
         self._fd: int = vars(os)["timerfd_create"](time.CLOCK_MONOTONIC, flags=os.O_NONBLOCK | os.O_CLOEXEC)
         self._settime: Callable[..., object] = vars(os)["timerfd_settime_ns"]
         self._rhythm = Rhythm()
@@ -203,7 +206,7 @@ class _OsAlarm:
         return self._fd
 
     def set(self, deadline_ns: int | None) -> None:
-        # zero would disarm: a moment in the past is one nanosecond after the start of time
+        # zero would disarm the timer: a time in the past becomes 1 ns
         initial = 0 if deadline_ns is None else max(deadline_ns, 1)
         if not (self._rhythm.goes_on(initial) and _rings_on(self._fd)):
             self._settime(self._fd, flags=_TFD_TIMER_ABSTIME, initial=initial, interval=self._rhythm.interval_ns)
@@ -218,7 +221,7 @@ class _CtypesAlarm:
     def __init__(self) -> None:
         import ctypes
 
-        # PyDLL keeps the interpreter lock: the call never blocks, and giving the lock away costs more than the call
+        # PyDLL keeps the interpreter lock: the call never blocks, and releasing the lock costs more than the call
         libc = ctypes.PyDLL(None, use_errno=True)
         self._settime = libc.timerfd_settime
         self._fd = int(libc.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC))
@@ -247,10 +250,10 @@ class _CtypesAlarm:
 
 
 def open_alarm() -> Alarm | None:
-    """Return the kernel's timer, or None where there is none: the selector's own timeout has to do then."""
+    """Return the kernel's timer, None if it is missing: the timeout of the selector is used then."""
     if not sys.platform.startswith("linux"):
         return None
     try:
         return _OsAlarm() if hasattr(os, "timerfd_create") else _CtypesAlarm()
-    except (OSError, AttributeError, ImportError):  # a sandbox without timerfd, a C library without it, no ctypes
+    except (OSError, AttributeError, ImportError):  # a sandbox or C library without timerfd, or no ctypes
         return None

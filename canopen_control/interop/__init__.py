@@ -1,1 +1,1 @@
-"""Other CANopen software, given what we have."""
+"""Conversion of our data for other CANopen software."""

@@ -1,8 +1,8 @@
-"""Our object dictionary as one of the `canopen` package, so that scripts written for it see the same device.
+"""Conversion of an object dictionary for the `canopen` package, so that its scripts see the same device.
 
-The only importer of `canopen`. Types, access, defaults, limits and mappability are the same on both sides. What the
-other side cannot hold: a name used twice finds the object added last, so address by number there too; the two times
-have no codec there and become bytes.
+Only this module imports `canopen`. Types, access, defaults, limits and mappability are equal. Limits of `canopen`: a
+name used twice finds the object added last, so that numbers are safer; the two time types have no codec and become
+bytes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 _TIMES = (DataType.TIME_OF_DAY, DataType.TIME_DIFFERENCE)
-_DEVICE_FIELDS = {  # theirs: ours
+_DEVICE_FIELDS = {  # attribute of `canopen`: ours
     "vendor_name": "vendor_name",
     "vendor_number": "vendor_number",
     "product_name": "product_name",

@@ -1,1 +1,1 @@
-"""The plug-in of pytest: tests run their robot in virtual time, break its drives, and look at its shafts."""
+"""Plug-in for pytest: robots in virtual time, with faults of drives and buses and access to their shafts."""

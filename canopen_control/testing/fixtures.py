@@ -1,8 +1,8 @@
-"""Fixtures of pytest: `robot` in virtual time, its `drives`, `bus` and `clock`.
+"""Fixtures for pytest: `robot` in virtual time, its `drives`, `bus` and `clock`.
 
-Which robot is said by the ini option `canopen_robot` (a folder, seen from the ini file, or a bundled name), for one
-test or module by the mark `canopen_robot("config/robby", controllers=["..."], seed=7)`. A test in which an invariant
-was breached fails, unless its mark says `breaches=True`.
+The ini option `canopen_robot` selects the robot (a folder, relative to the ini file, or a bundled name), for one test
+or module the mark `canopen_robot("config/robby", controllers=["..."], seed=7)`. A test fails if an invariant was
+breached, unless its mark has `breaches=True`.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ _MARK = "canopen_robot"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Declare which robot is tested."""
+    """Declare the ini option of the robot."""
     parser.addini(_MARK, "the robot of the fixture `robot`: its folder, or the name of a bundled one", default="")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Declare the mark."""
+    """Register the mark."""
     config.addinivalue_line(
         "markers", f"{_MARK}(config, controllers=(), seed=0, breaches=False): the robot of the fixture `robot`"
     )
@@ -37,8 +37,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @functools.cache
 def _setup(config: str, controllers: tuple[str, ...]) -> RobotSetup:
-    """Return a robot as its files describe it, read once for all tests."""
-    from canopen_control.runtime.robot_files import find_robot  # whoever needs no robot does not wait for its imports
+    """Return a robot from its files, read once for all tests."""
+    from canopen_control.runtime.robot_files import find_robot  # tests without a robot need not wait for its imports
     from canopen_control.runtime.setup import read_robot
 
     return read_robot(find_robot(config), controllers=controllers)
@@ -62,7 +62,7 @@ def _wanted(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
 
 @pytest.fixture
 def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
-    """Yield a robot that has booted in virtual time; a breach of an invariant fails the test."""
+    """Yield a booted robot in virtual time; a breach of an invariant fails the test."""
     from canopen_control.testing.tested_robot import TestedRobot
 
     config, words = _wanted(request)
@@ -77,17 +77,17 @@ def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
 
 @pytest.fixture
 def drives(robot: TestedRobot) -> TestedDrives:
-    """Return the robot's drives, by node id or name."""
+    """Return the drives of the robot, by node id or name."""
     return robot.drives
 
 
 @pytest.fixture
 def bus(robot: TestedRobot) -> TestedBus:
-    """Return the robot's buses."""
+    """Return the buses of the robot."""
     return robot.bus
 
 
 @pytest.fixture
 def clock(robot: TestedRobot) -> TestedClock:
-    """Return the robot's clock."""
+    """Return the clock of the robot."""
     return robot.clock

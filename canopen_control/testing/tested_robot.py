@@ -1,7 +1,7 @@
-"""A robot in virtual time as a test sees it: commands in, motion and events out, drives and buses to break.
+"""Robot in virtual time for tests: commands, motion and events, faults of drives and buses.
 
-Times are seconds, positions and velocities of joints are SI. Nothing passes but by `run`, `until` and
-`stopped_within`; the same test does the same every time.
+Times are in s, positions and velocities of joints in SI units. Time advances only in `run`, `until` and
+`stopped_within`; a test behaves identically in every run.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class _EventKeeper(SimulationObserver):
 
 
 class TestedRobot:
-    """A robot that has booted; `events` are those since its start, `breaches` what must not be and was."""
+    """Robot that has booted; `events` are those since its start, `breaches` the violated invariants."""
 
     __test__ = False
 
@@ -63,7 +63,7 @@ class TestedRobot:
     # -- time
 
     def run(self, seconds: float) -> None:
-        """Let time pass; raises ControlError for a command of the test that the robot refused, see `command`."""
+        """Advance time; ControlError for a command that the robot refused, see `command`."""
         if self._served is None:
             self.simulated.run_for(round(seconds * _S))
         else:
@@ -76,16 +76,16 @@ class TestedRobot:
             raise mistake
 
     def serve(self, *, speed: float = 1.0, ros: Sequence[str] | None = None) -> None:
-        """Let programs outside reach the robot by its socket from now on, at `speed` times real time.
+        """Accept other programs on the robot's socket from now on, at `speed` times real time.
 
-        With `ros` those of ROS do, by a bridge with these arguments, which publishes `/clock`.
+        With `ros` a bridge with these arguments connects programs of ROS and publishes `/clock`.
         """
         self._served, self._speed = ServedSimulation(self.player), speed
         if ros is not None:
             self._served.start_bridge(ros)
 
     def until(self, condition: Callable[[], object], timeout: float = 10.0) -> float:
-        """Let time pass until `condition` is true, and return how long that took; AssertionError after `timeout`."""
+        """Advance time until `condition` is true and return the elapsed time; AssertionError after `timeout`."""
         passed = 0.0
         while not condition():
             if passed >= timeout:
@@ -96,18 +96,18 @@ class TestedRobot:
         return passed
 
     def stopped_within(self, seconds: float) -> bool:
-        """Let at most `seconds` pass until all shafts stand, and tell whether they do."""
+        """Advance time until all shafts stand, at most `seconds`; return whether they do."""
         left = round(seconds / _STEP_S)
         while self.moving and left > 0:
             self.run(_STEP_S)
             left -= 1
         return not self.moving
 
-    # -- what it does
+    # -- state
 
     @property
     def state(self) -> str:
-        """What it does, in a word: "running", "disabled", "fault", ..."""
+        """State of the robot: "running", "disabled", "fault", ..."""
         return self.simulated.core.state.value
 
     @property
@@ -117,15 +117,15 @@ class TestedRobot:
 
     @property
     def breaches(self) -> list[str]:
-        """What must not be and was, in sentences."""
+        """Violated invariants, in sentences."""
         return [each.sentence for each in self._invariants.breaches]
 
     def velocity(self, joint: str) -> float:
-        """Return the velocity of a joint as the robot knows it, in rad/s or m/s."""
+        """Return the velocity of a joint as measured by the robot, in rad/s or m/s."""
         return self._state(joint, "velocity")
 
     def position(self, joint: str) -> float:
-        """Return the position of a joint as the robot knows it, in rad or m."""
+        """Return the position of a joint as measured by the robot, in rad or m."""
         return self._state(joint, "position")
 
     def _state(self, joint: str, quantity: str) -> float:
@@ -138,24 +138,27 @@ class TestedRobot:
             raise UnknownName(f"joint {joint!r} has no {quantity}: no TPDO{where} carries it; `check` names the object")
         return state.value
 
-    # -- what is asked of it
+    # -- commands
 
     def command(self, controller: str, *values: float, seconds: float | None = None) -> None:
-        """Command a controller: once, or ten times a second for a while from now on.
+        """Command a controller: once, or ten times a second for `seconds` from now on.
 
-        What the robot refuses of it, such as a wrong number of values or a controller that is not active, is raised by
-        `run`; only that drives are off, or that STOP is latched, is an event: a test may be about that.
+        `run` raises refusals, such as a wrong number of values or an inactive controller; disabled drives or a latched
+        STOP are only events, because a test may be about them.
         """
         self._controller(controller)
         self.do("command", controller, values=values, seconds=seconds)
 
     def trajectory(self, controller: str, *positions: float, seconds: float) -> None:
-        """Send a trajectory to positions of all joints of a controller, there after `seconds`; refused as `command`."""
+        """Send a trajectory to positions of all joints of a controller, reached after `seconds`.
+
+        Refused as `command`.
+        """
         self._controller(controller)
         self.do("trajectory", controller, values=positions, seconds=seconds)
 
     def activate(self, controller: str) -> None:
-        """Switch to a controller."""
+        """Activate a controller, deactivating those that conflict."""
         self._controller(controller)
         self.do("activate", controller)
 
@@ -168,11 +171,11 @@ class TestedRobot:
         self.do("axis", name="disable")
 
     def reset_faults(self) -> None:
-        """Acknowledge the faults of all drives."""
+        """Reset the faults of all drives."""
         self.do("axis", name="fault-reset")
 
     def stop(self, *, latch: bool = False) -> None:
-        """Stop, and latch it."""
+        """Ramp to zero, disable the drives and latch the stop."""
         self.do("latch" if latch else "stop")
 
     def release(self) -> None:
@@ -180,11 +183,11 @@ class TestedRobot:
         self.do("release")
 
     def stall(self, seconds: float) -> None:
-        """Let the robot's process do nothing for a while."""
+        """Block the robot's process for `seconds`."""
         self.do("stall", "master", seconds=seconds)
 
     def kill(self, seconds: float | None = None) -> None:
-        """Kill the robot's process; it is started again after `seconds`."""
+        """Kill the robot's process; it is restarted after `seconds`."""
         self.do("kill", seconds=seconds)
 
     def do(
@@ -196,7 +199,7 @@ class TestedRobot:
         values: tuple[float, ...] = (),
         seconds: float | None = None,
     ) -> None:
-        """Play an act of a scenario now."""
+        """Execute an event of a scenario now."""
         for_ns = None if seconds is None else round(seconds * _S)
         self.player.play(ScenarioEvent(0, kind, target, name, tuple(map(float, values)), for_ns))
 
@@ -206,14 +209,14 @@ class TestedRobot:
             raise UnknownName(f"no controller {name!r}{nearest(name, known)}")
 
     def close(self) -> None:
-        """Give everything back."""
+        """Release all resources."""
         if self._served is not None:
             self._served.close()
         self.simulated.close()
 
 
 class TestedDrive:
-    """A drive, to be broken and looked at."""
+    """Drive of a robot under test."""
 
     __test__ = False
 
@@ -222,7 +225,7 @@ class TestedDrive:
 
     @property
     def velocity(self) -> float:
-        """How fast its shaft turns, in counts/s; 0 without supply."""
+        """Velocity of its shaft in counts/s; 0 without supply."""
         device = self._drive.device
         return 0.0 if device is None else max((axis.mover.plant.velocity for axis in device.drives.values()), key=abs)
 
@@ -232,21 +235,21 @@ class TestedDrive:
         return abs(self.velocity) > _STANDING
 
     def fault(self, name: str, seconds: float | None = None) -> None:
-        """Switch a fault on now, and off after `seconds`; ConfigError for one that it does not have."""
+        """Inject a fault now and clear it after `seconds`; ConfigError for an unknown fault."""
         find_fault(name)
         self._robot.do("fault", str(self._drive.node_id), name=name, seconds=seconds)
 
     def heal(self, name: str) -> None:
-        """Switch a fault off."""
+        """Clear a fault."""
         find_fault(name)
         self._robot.do("heal", str(self._drive.node_id), name=name)
 
     def power_off(self, seconds: float | None = None) -> None:
-        """Take its supply away, for a while."""
+        """Switch its supply off, for `seconds`."""
         self._robot.do("power", str(self._drive.node_id), seconds=seconds)
 
     def cut(self, seconds: float | None = None) -> None:
-        """Cut its cable, for a while."""
+        """Cut its cable, for `seconds`."""
         self._robot.do("cut", str(self._drive.node_id), seconds=seconds)
 
 
@@ -275,7 +278,7 @@ class TestedDrives:
 
 
 class TestedBus:
-    """The buses of a robot: `frames` are time in s, sender and frame of all that passed since its start."""
+    """Buses of a robot: `frames` are time in s, sender and frame of all traffic since its start."""
 
     __test__ = False
 
@@ -289,19 +292,19 @@ class TestedBus:
         self.frames += [(self._robot.clock.at(now), label, frame) for frame in frames_of(record)]
 
     def lose(self, every: int = 1, seconds: float | None = None) -> None:
-        """Lose every n-th frame, for a while."""
+        """Lose every n-th frame, for `seconds`."""
         self._tamper("lose", every, seconds)
 
     def double(self, every: int = 1, seconds: float | None = None) -> None:
-        """Double every n-th frame, for a while."""
+        """Double every n-th frame, for `seconds`."""
         self._tamper("double", every, seconds)
 
     def disturb(self, every: int = 1, seconds: float | None = None) -> None:
-        """Disturb every n-th frame, which is sent again, for a while."""
+        """Disturb every n-th frame, which is then sent again, for `seconds`."""
         self._tamper("disturb", every, seconds)
 
     def send(self, can_id: int, data: bytes = b"") -> None:
-        """Put a frame onto the bus that nobody expects."""
+        """Send a frame that no node of the robot expects."""
         self._robot.do("frame", values=(can_id, *data))
 
     def _tamper(self, kind: str, every: int, seconds: float | None) -> None:
@@ -311,7 +314,7 @@ class TestedBus:
 
 
 class TestedClock:
-    """The virtual clock of a robot, in s since its start."""
+    """Virtual clock of a robot, in s since its start."""
 
     __test__ = False
 
@@ -320,7 +323,7 @@ class TestedClock:
 
     @property
     def now(self) -> float:
-        """The time in s."""
+        """Current time in s."""
         return self.at(self._robot.simulated.now_ns)
 
     def at(self, now_ns: int) -> float:
@@ -328,5 +331,5 @@ class TestedClock:
         return (now_ns - self._began_ns) / _S
 
     def run(self, seconds: float) -> None:
-        """Let time pass."""
+        """Advance time."""
         self._robot.run(seconds)

@@ -1,1 +1,1 @@
-"""What is on a bus, in words: the decoder, and everything that is made of recorded frames."""
+"""Decoder of bus traffic, and recordings, reports and exports made from recorded frames."""

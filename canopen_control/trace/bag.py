@@ -1,22 +1,21 @@
-"""A ROS 2 bag of a run, made of the runtime's state stream without any ROS: MCAP, the types of Jazzy.
+"""ROS 2 bag of a run (MCAP, Jazzy types), written from the runtime's state stream without a ROS installation.
 
-The law of this file: the topics that the ROS bridge publishes, under the same names and with the same stamps, so that
-rqt, Foxglove, PlotJuggler and `ros2 bag` find what they know:
+Topics, names and stamps are those of the ROS bridge, so that rqt, Foxglove, PlotJuggler and `ros2 bag` can use them:
 
     /joint_states                    sensor_msgs/JointState         every update of a broadcaster, on its topic
     /tf, /tf_static                  tf2_msgs/TFMessage             joints of the description, odometry
-    /CONTROLLER/odom                 nav_msgs/Odometry              as often as the controller publishes
-    /ground_truth                    geometry_msgs/PoseStamped      the true pose of a simulated base, seen by odometry
-    /CONTROLLER/cmd_vel_out          geometry_msgs/TwistStamped     the twist that its limits left of a command
-    /CONTROLLER/commands_out         std_msgs/Float64MultiArray     what a forward controller writes, when it changes
+    /CONTROLLER/odom                 nav_msgs/Odometry              at the publish rate of the controller
+    /ground_truth                    geometry_msgs/PoseStamped      true pose of a simulated base in the odometry frame
+    /CONTROLLER/cmd_vel_out          geometry_msgs/TwistStamped     the command after the limits of the controller
+    /CONTROLLER/commands_out         std_msgs/Float64MultiArray     commands of a forward controller, on change
     /CONTROLLER/controller_state     control_msgs/...               every update: trajectory, PID, steering, mecanum
     /CONTROLLER/imu, range, wrench, pose, battery_state, gpio_states    every update of a broadcaster
     /diagnostics                     diagnostic_msgs/DiagnosticArray   once a second
     /rosout                          rcl_interfaces/Log             the robot's events
     /robot_description               std_msgs/String                once
 
-Commands have a name that nobody listens to: a bag that is played must not move the robot. SI units; what is not known
-is nan. This is the only module that imports rosbags.
+Commands, including those of a gripper, use names without a subscriber, so that playing a bag does not move the robot.
+Values are in SI units, nan if unknown. Only this module imports rosbags.
 """
 
 from __future__ import annotations
@@ -65,9 +64,6 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint_element import Transform
 
 
-# Messages of ROS 2 Jazzy for a bag, and those of control_msgs, which rosbags does not know, by their definitions.
-
-
 _ADDED: Final = tuple(
     f"control_msgs/msg/{each}"
     for each in (
@@ -84,9 +80,9 @@ _ADDED: Final = tuple(
 
 
 class BagMessages:
-    """The messages of Jazzy as rosbags makes them; one short method for each that is nested in several.
+    """Messages of ROS 2 Jazzy for a bag, created by rosbags; those of control_msgs from their definitions.
 
-    `states` makes the `controller_state` of what a controller tells, by the kind of that.
+    `states` contains, by the kind of a controller's sample, the method that creates its `controller_state`.
     """
 
     def __init__(self) -> None:
@@ -112,7 +108,7 @@ class BagMessages:
         return self.store.types[kind.replace("/", "/msg/")](*values)
 
     def time(self, unix_s: float) -> Any:  # noqa: ANN401 - as above
-        """Return a stamp."""
+        """Return a time stamp."""
         return self.make("builtin_interfaces/Time", *stamp_of(unix_s))
 
     def header(self, unix_s: float, frame: str) -> Any:  # noqa: ANN401 - as above
@@ -131,10 +127,10 @@ class BagMessages:
         """Return an array of numbers."""
         return self.array(list(values), dtype=float)
 
-    # What controllers tell -----------------------------------------------------------------------------------------
+    # -- controller states
 
     def _trajectory(self, sample: TrajectorySample) -> object:
-        """Return where the joints of a trajectory were to be and where they were."""
+        """Return reference and feedback of the joints of a trajectory."""
         points = [self._point(each) for each in (sample.reference, sample.feedback, sample.error, sample.output)]
         nowhere = self.make("trajectory_msgs/MultiDOFJointTrajectoryPoint", [], [], [], self._duration(0.0))
         return self.make(
@@ -156,7 +152,7 @@ class BagMessages:
         return self.make("builtin_interfaces/Duration", *stamp_of(seconds))
 
     def _loops(self, sample: PidSample) -> object:
-        """Return what each degree of freedom of a PID controller was kept at."""
+        """Return the reference of each degree of freedom of a PID controller."""
         dofs = [
             self.make(
                 "control_msgs/SingleDOFState",
@@ -182,8 +178,8 @@ class BagMessages:
         return self.make("control_msgs/SteeringControllerStatus", self.header(sample.time, sample.frame_id), *values)
 
     def _mecanum(self, sample: MecanumSample) -> object:
-        """Return the wheels of a mecanum base, and the twist that is wanted."""
-        unknown = (None,) * 4  # of a base that has not told them yet
+        """Return the wheels of a mecanum base, and its reference twist."""
+        unknown = (None,) * 4  # of a base that has not reported its wheels yet
         ahead, lateral, turning = map(unknown_as_nan, (*sample.reference, *unknown)[:3])
         return self.make(
             "control_msgs/MecanumDriveControllerState",
@@ -193,14 +189,11 @@ class BagMessages:
         )
 
 
-# What broadcasters and grippers tell, as messages of a bag: IMU, range, wrench, pose, batteries, inputs and outputs.
-#
-# The law of the file: names and types are those of the ROS bridge. A gripper's target is on `commands_out`, as that of
-# a forward controller: a name that nobody listens to. What is not known is nan.
+# -- samples of broadcasters and grippers
 
 
 class BagTopic(NamedTuple):
-    """One row: the samples of a `kind` on a topic of their controller; `make` returns the message of one."""
+    """Topic of the samples of one `kind` of a controller; `make` returns the message of one sample."""
 
     kind: type[Sample]
     topic: str
@@ -277,7 +270,7 @@ def _battery(ros: BagMessages, battery: BatteryReading, time: float) -> object:
         battery.power_supply_health,
         battery.power_supply_technology,
         battery.present,
-        ros.floats(()),  # of cells nothing is known
+        ros.floats(()),  # the cells are unknown
         ros.floats(()),
         battery.location,
         battery.serial_number,
@@ -323,10 +316,10 @@ _LATCHED: Final = ("/tf_static", "/robot_description")
 
 
 class BagWriter:
-    """Writes one bag into the new folder `path`; `state` and `event` take what the API's stream gives, in any order.
+    """Writer of one bag into the new folder `path`; `state` and `event` accept the API's stream in any order.
 
-    `controllers` and `urdf` are the answers of the API's `controllers` and `description`. ConfigError when rosbags is
-    missing, or when `path` is there already.
+    `controllers` and `urdf` are the answers of the API's `controllers` and `description`. ConfigError if rosbags is
+    missing or `path` exists.
     """
 
     def __init__(
@@ -339,7 +332,7 @@ class BagWriter:
         self._joints = tuple(read_model(urdf).joints.values()) if urdf else ()
         self._path, self._writer = path, _open(path)
         self._topics: dict[str, object] = {}  # rosbags' connections
-        self._last: dict[str, object] = {}  # by topic: what need not be written again
+        self._last: dict[str, object] = {}  # by topic: the last value, to write only changes
         self._missed = 0
 
     def __enter__(self) -> BagWriter:
@@ -349,7 +342,7 @@ class BagWriter:
         self.close()
 
     def close(self) -> None:
-        """Finish the bag; a second call does nothing."""
+        """Complete the bag; a second call does nothing."""
         writer, self._writer = self._writer, None
         if writer is not None:
             with telling(self._path, _CUT):
@@ -389,7 +382,7 @@ class BagWriter:
         """Write a number on a topic of its own: std_msgs/Float64."""
         self._write(topic, unix_s, self._ros.make("std_msgs/Float64", value))
 
-    # Messages ------------------------------------------------------------------------------------------------------
+    # -- messages
 
     def _describe(self, state: StateSample) -> None:
         if self._urdf and self._is_new("/robot_description", True):
@@ -436,7 +429,7 @@ class BagWriter:
         return self._ros.make("geometry_msgs/Quaternion", x, y, z, w)
 
     def _commands(self, state: StateSample) -> None:
-        """Write what forward controllers hold their joints to; a joint's command is known while it is claimed."""
+        """Write the commands of forward controllers; the command of a joint is known while it is claimed."""
         for name, view in self._controllers.items():
             known = [state.joints.get(joint) for joint in view.joints]
             values = [None if joint is None else joint.command for joint in known]
@@ -500,14 +493,14 @@ class BagWriter:
         header = self._ros.header(state.time, "")
         self._write("/diagnostics", state.time, self._ros.make("diagnostic_msgs/DiagnosticArray", header, statuses))
 
-    # The bag -------------------------------------------------------------------------------------------------------
+    # -- bag
 
     def _new(self, told: dict[str, S], use: str = "sample") -> dict[str, S]:
-        """Return the samples that were published since they were last asked for: who looks twice writes once."""
+        """Return the samples published since the last call for this `use`, so that each is written once."""
         return {name: each for name, each in told.items() if self._is_new(f"{use} of {name}", each.time)}
 
     def _is_new(self, topic: str, value: object) -> bool:
-        """Whether this differs from what was last asked about the topic."""
+        """Whether the value differs from the last one passed for the topic."""
         if topic in self._last and self._last[topic] == value:
             return False
         self._last[topic] = value
@@ -527,7 +520,7 @@ class BagWriter:
         try:
             self._writer.write(connection, seconds * 1_000_000_000 + nanoseconds, data)
         except OSError as error:
-            self._writer = None  # there is no room for its end either
+            self._writer = None  # there is no space for the end of the bag either
             raise failed(self._path, error, _CUT) from error
         self.messages += 1
 
@@ -538,7 +531,7 @@ def _open(path: Path) -> Any:  # noqa: ANN401 - rosbags' writer, or None once it
     try:
         writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
         writer.open()
-        path.chmod(0o700)  # nobody else's, as the other recordings
+        path.chmod(0o700)  # private, as the other recordings
     except WriterError as error:
         raise ConfigError(f"{path}: there is something already; a bag gets a folder of its own") from error
     except OSError as error:
@@ -547,7 +540,7 @@ def _open(path: Path) -> Any:  # noqa: ANN401 - rosbags' writer, or None once it
 
 
 def _latched() -> object:
-    """Return the QoS of a topic whose last message is kept for who comes later."""
+    """Return the QoS of a topic whose last message is kept for late subscribers."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     unset = QosTime(0, 0)
@@ -560,5 +553,5 @@ def _latched() -> object:
         unset,  # lifespan
         QosLiveliness.SYSTEM_DEFAULT,
         unset,
-        False,  # the ROS conventions of names hold
+        False,  # avoid_ros_namespace_conventions
     )

@@ -1,9 +1,8 @@
-"""The PDO layout of a bus as a DBC file, which SavvyCAN, cantools and Vector's tools read; cantools writes it.
+"""PDO layout of a bus as a DBC file for SavvyCAN, cantools and Vector's tools; cantools writes it.
 
-The law of this file: raw values, as on the wire, with factor, offset and unit where the robot's files know them. A DBC
-can name whole values only, so statusword and controlword are cut into the parts that have names: put together again
-they are the word (`WORD_PARTS`). Beside the PDOs there are the heartbeats, EMCY and NMT commands. Names of a DBC are C
-identifiers of at most 32 characters, each message's own.
+Values are raw, as on the wire, with factor, offset and unit if the robot's files contain them. A DBC can name only
+whole values, so that statusword and controlword are split into parts with names (`WORD_PARTS`). Heartbeats, EMCY and
+NMT commands are included. Names in a DBC are C identifiers of at most 32 characters, unique per message.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ _MASTER = "master"
 
 
 class WordField(NamedTuple):
-    """Some bits of a word: name, first bit, number of bits."""
+    """Part of a word: name, first bit, number of bits."""
 
     name: str
     start: int
@@ -50,7 +49,7 @@ class WordField(NamedTuple):
 
 WORD_PARTS: Mapping[int, tuple[WordField, ...]] = {
     objects.STATUSWORD: (
-        WordField("state", 0, 7),  # bits 0 to 6: what the state is told by, and bit 4
+        WordField("state", 0, 7),  # bits 0 to 6 without bit 4 give the state (CiA 402-2)
         WordField("warning", 7, 1),
         WordField("bit8", 8, 1),
         WordField("remote", 9, 1),
@@ -60,7 +59,7 @@ WORD_PARTS: Mapping[int, tuple[WordField, ...]] = {
         WordField("manufacturer", 14, 2),
     ),
     objects.CONTROLWORD: (
-        WordField("command", 0, 8),  # bits 0 to 7; 4 to 6 are the mode's
+        WordField("command", 0, 8),  # bits 0 to 7; 4 to 6 depend on the mode (CiA 402-2)
         WordField("halt", 8, 1),
         WordField("bit9", 9, 1),
         WordField("bit10", 10, 1),
@@ -94,7 +93,7 @@ _VALUES: Mapping[tuple[int, str], Mapping[int, str]] = {
 
 
 def dbc_text(network: NetworkDescription) -> str:
-    """Return the file; ConfigError where cantools, which writes it, is not installed."""
+    """Return the text of the DBC file; ConfigError if cantools, which writes it, is not installed."""
     try:
         from cantools.database.can import Database
     except ImportError:
@@ -102,7 +101,7 @@ def dbc_text(network: NetworkDescription) -> str:
     senders = _senders(network)
     messages = [_message(each) for each in _distinct(_messages(network, senders))]
     database = Database(messages, nodes=[_node(name) for name in senders.values()], version="")
-    # Vector's tools read windows-1252; with a line feed at the end of a line, as DBC's have everywhere
+    # Vector's tools read windows-1252; LF line ends, as usual in DBC files
     return str(database.as_dbc_string()).replace("\r\n", "\n")
 
 
@@ -124,7 +123,7 @@ class _Signal:
 
 @dataclass(slots=True)
 class _Message:
-    """One identifier; `receiver` takes all its signals."""
+    """Message of one identifier; `receiver` receives all its signals."""
 
     can_id: int
     name: str
@@ -135,13 +134,13 @@ class _Message:
     signals: list[_Signal] = field(default_factory=list)
 
     def add(self, signal: _Signal) -> None:
-        """Append a signal under a name that no other has."""
+        """Append a signal with a unique name."""
         signal.name = _unused(signal.name, {each.name for each in self.signals})
         self.signals.append(signal)
 
 
 def _distinct(messages: Iterable[_Message]) -> list[_Message]:
-    """Return the messages, each under a name that no other has."""
+    """Return the messages with unique names."""
     found: list[_Message] = []
     for message in messages:
         message.name = _unused(message.name, {each.name for each in found})
@@ -198,7 +197,7 @@ def _choices(signal: _Signal) -> OrderedDict[int, str | NamedSignalValue]:
 
 
 def _senders(network: NetworkDescription) -> dict[int, str]:
-    """Return the names of the nodes as a DBC can have them; 0 is the master."""
+    """Return the names of the nodes as valid DBC names; 0 is the master."""
     names = {0: _MASTER}
     for node_id, node in sorted(network.nodes.items()):
         names[node_id] = _unused(_identifier(node.name or f"node_{node_id}"), set(names.values()))
@@ -265,7 +264,7 @@ def _pdo(node: NodeDescription, pdo: PdoDescription, sender: str) -> _Message:
 
 
 def _signals(mapped: DescribedPdoObject, start: int, *, is_drive: bool) -> Iterator[_Signal]:
-    """Yield the signals of one object: several for a word that has named parts."""
+    """Yield the signals of one object: several for a word with named parts."""
     where = f"0x{mapped.index:04X}:{mapped.subindex:02X}"
     name, comment = _identifier(mapped.name), f"{where} {mapped.name}"
     base = objects.axis_of(mapped.index)[0] if is_drive and not mapped.subindex else 0
@@ -288,7 +287,7 @@ def _signals(mapped: DescribedPdoObject, start: int, *, is_drive: bool) -> Itera
         yield _Signal(name, start, mapped.bits, signed, real, comment, values, *meaning)
 
 
-# --- the text ---
+# -- text
 
 
 def _identifier(text: str) -> str:
@@ -311,5 +310,5 @@ def _unused(name: str, taken: set[str]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text that every tool reads: ASCII, without the quotes that end it."""
+    """Return a text that every tool reads: ASCII, without quotes."""
     return text.encode("ascii", "replace").decode().replace("\\", "/").replace('"', "'").replace("\n", " ")

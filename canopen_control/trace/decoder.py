@@ -1,10 +1,10 @@
-"""Frames in words: who says what, by the names of bus.yml and EDS (CiA 301, CiA 305, CiA 402-2).
+"""Decoder of CAN frames to text, with the names of bus.yml and EDS (CiA 301, CiA 305, CiA 402-2).
 
-The law of this file: pure and without a clock, and whatever is on the wire gets a line. One table says what an
-identifier carries: the PDOs of the network first, because a mapping may lie anywhere, then the predefined connection
-set. PDOs that are configured while somebody listens are learned from their SDO transfers: the wire is right where a
-file is old. What needs history (an SDO transfer, the NMT state before, the mode that a statusword's bits depend on) is
-kept per node and bounded; a frame that makes no sense is said to make none.
+It is deterministic and has no clock, and every frame gets a line. One table maps an identifier to its content: first
+the PDOs of the network, because a mapping may use any identifier, then the predefined connection set. PDOs that are
+configured while listening are learned from their SDO transfers, because the wire is right if a file is old. History
+(SDO transfers, the previous NMT state, the mode for the bits of a statusword) is kept per node and bounded; malformed
+frames are described as such.
 """
 
 from __future__ import annotations
@@ -58,22 +58,23 @@ if TYPE_CHECKING:
     from canopen_control.trace.network_description import NetworkDescription
 
 
-# The PDOs of a node as its SDO transfers tell them (CiA 301, 7.5.2.35 to 38): who listens to a boot knows the layout.
-#
-# The law of this file: only what the node holds counts, that is what it answered or confirmed. A PDO is known when it
-# is valid, and the number of its objects and each of them was heard, or is known from the description. Bounded: `LIMIT`
-# values of one node.
+# Learning of a node's PDOs from its SDO transfers (CiA 301, 7.5.2.35 to 7.5.2.38).
 
 
 LIMIT: Final = 4096
-_COUNT: Final = 512  # PDOs of one direction
-_FIRST: Final = {"rpdo": (0x1400, 0x1600), "tpdo": (0x1800, 0x1A00)}  # communication, mapping
+_COUNT: Final = 512  # PDOs per direction
+# index of the first communication and mapping record
+_FIRST: Final = {"rpdo": (0x1400, 0x1600), "tpdo": (0x1800, 0x1A00)}
 _COB_ID, _TYPE, _EVENT_DRIVEN = 1, 2, 255
 _MOST_OBJECTS: Final = 64
 
 
 class LearnedPdos:
-    """What is known of one node's PDO records."""
+    """PDO records of one node as learned from SDO transfers, at most `LIMIT` values.
+
+    Only values that the node has answered or confirmed count. A PDO is known once it is valid and the number of its
+    objects and each object were received or are known from the description.
+    """
 
     def __init__(self, node: NodeDescription, words: NodeWords) -> None:
         self._node, self._words = node, words
@@ -91,7 +92,7 @@ class LearnedPdos:
             self._held[mapping, slot] = mapping_entry(each.mapped)
 
     def learn(self, held: SignalValue) -> tuple[PdoDescription, int | None] | None:
-        """Take a value that the node holds; return a PDO that is known now with its former can_id, or None."""
+        """Record a value of the node; return a PDO that is now known with its former can_id, else None."""
         which = _pdo_of(held.index)
         if which is None or not isinstance(held.value, int):
             return None
@@ -146,7 +147,7 @@ def _pdo_of(index: int) -> tuple[str, int] | None:
     return None
 
 
-# Frames of the layer setting services in words (CiA 305, 6.4).
+# -- LSS frames (CiA 305, 6.4)
 
 
 _PARTS = ("vendor", "product", "revision", "serial number")
@@ -157,7 +158,7 @@ _STORE_ANSWERS = {0: "stored", 1: "refused, not supported", 2: "failed, storage 
 
 
 def lss_text(data: bytes, *, from_master: bool) -> str:
-    """Return what a frame of master or slave says; a command nobody knows is told by its number."""
+    """Return the text of a frame of master or slave; an unknown command is given by its number."""
     if not data:
         return "malformed: no data"
     data = data.ljust(8, b"\0")
@@ -236,17 +237,17 @@ _SLAVE: dict[int, Callable[[bytes], str]] = {
 
 SERVICES: Final = ("nmt", "sync", "emcy", "time", "pdo", "sdo", "hb", "lss", "error", "raw")
 _LONGEST = 8  # bytes of a classic CAN frame
-_SILENT_GAPS = 3  # usual gaps between heartbeats that are a silence
+_SILENT_GAPS = 3  # number of usual heartbeat periods that count as a silence
 _SHORTEST_SILENCE_NS = 200_000_000
 
 
 class Mark(enum.IntEnum):
-    """How much a line deserves a look."""
+    """Importance of a line."""
 
     PLAIN = 0
-    NOTABLE = 1  # something changed: NMT command, boot-up, another NMT state, CiA 402 state, command or mode
+    NOTABLE = 1  # a change: NMT command, boot-up, NMT state, CiA 402 state, command or mode
     WARNING = 2  # malformed, too short, late
-    ERROR = 3  # EMCY, abort, a drive that goes into fault
+    ERROR = 3  # EMCY, abort, a drive that enters a fault state
 
 
 _MARKS: Final = {ValueChange.NONE: Mark.PLAIN, ValueChange.STATE: Mark.NOTABLE, ValueChange.FAULT: Mark.ERROR}
@@ -254,11 +255,11 @@ _MARKS: Final = {ValueChange.NONE: Mark.PLAIN, ValueChange.STATE: Mark.NOTABLE, 
 
 @dataclass(frozen=True, slots=True)
 class DecodedFrame:
-    """One frame in words.
+    """One frame as text.
 
-    `time` is what was given to `decode`, in ns. `service` is one of `SERVICES`; `node_id` is None where no node is
-    meant, and `node` empty where it has no name. `subject` says which one of the service (``TPDO1``), `text` what it
-    says, `values` the objects it carries.
+    `time` is the one passed to `decode`, in ns. `service` is one of `SERVICES`; `node_id` is None if the frame has no
+    node, and `node` empty without a name. `subject` is the instance of the service (``TPDO1``), `text` the description,
+    `values` the objects in the frame.
     """
 
     time: int
@@ -274,13 +275,13 @@ class DecodedFrame:
 
     @property
     def who(self) -> str:
-        """The node by its name, by its number where it has none; empty where no node is meant."""
+        """Name of the node, or its number without a name; empty if the frame has no node."""
         return self.node or ("" if self.node_id is None else f"node {self.node_id}")
 
 
 @dataclass(slots=True)
 class _Said:
-    """What a handler makes of a frame; `node_id` overrides that of the identifier."""
+    """Result of a handler; `node_id` overrides that of the identifier."""
 
     text: str
     values: tuple[SignalValue, ...] = ()
@@ -290,7 +291,7 @@ class _Said:
 
 @dataclass(frozen=True, slots=True)
 class _Route:
-    """What an identifier carries."""
+    """Content of an identifier."""
 
     service: str
     node_id: int | None
@@ -299,7 +300,7 @@ class _Route:
 
 
 class _Node:
-    """What is remembered of one node."""
+    """History of one node."""
 
     __slots__ = ("beat", "nmt_state", "pdos", "sdo", "usual_gap", "words")
 
@@ -308,11 +309,11 @@ class _Node:
         self.sdo = SdoConversation(description.od, self.words)
         self.pdos = LearnedPdos(description, self.words)
         self.nmt_state: NmtState | None = None
-        self.beat: int | None = None  # when the last heartbeat came
-        self.usual_gap = 0  # ns between two of them, of the slower ones; 0: unknown
+        self.beat: int | None = None  # time of the last heartbeat
+        self.usual_gap = 0  # usual interval of the slower heartbeats in ns; 0: unknown
 
     def silence(self, time: int) -> int:
-        """Note a heartbeat; return for how many ns there was none if that is far more than usual, else 0."""
+        """Record a heartbeat; return the length of a silence before it in ns, 0 if the interval was usual."""
         gap, self.beat = (0 if self.beat is None else time - self.beat), time
         if self.usual_gap and gap > max(_SILENT_GAPS * self.usual_gap, _SHORTEST_SILENCE_NS):
             return gap
@@ -320,17 +321,17 @@ class _Node:
         return 0
 
     def booted(self, time: int) -> None:
-        """Note a boot-up: what was usual before says nothing about what comes."""
+        """Reset the usual heartbeat interval after a boot-up."""
         self.beat, self.usual_gap = time, 0
 
 
 class Decoder:
-    """Turns the frames of one bus into words, in the order they came."""
+    """Decoder of the frames of one bus, in the order of their reception."""
 
     def __init__(self, network: NetworkDescription) -> None:
         self.network = network
         self._nodes: dict[int, _Node] = {}
-        self._time = 0  # of the frame in hand
+        self._time = 0  # of the current frame
         self._routes: dict[int, _Route] = {}
         self._add(network.sync_cob_id, "sync", None, "SYNC", _sync)
         for node in network.nodes.values():
@@ -347,7 +348,7 @@ class Decoder:
         self._add(pdo.cob_id, "pdo", node_id, pdo.name, self._pdo(node_id, pdo))
 
     def decode(self, frame: CanFrame, time: int = 0) -> DecodedFrame:
-        """Return `frame` in words; `time` in ns is passed on. Never raises, whatever the frame holds."""
+        """Return `frame` as text; `time` in ns is copied to the result. Never raises."""
         frame = frame if len(frame.data) <= _LONGEST else CanFrame(frame.can_id, bytes(frame.data[:_LONGEST]))
         self._time = time
         route, said = self._answer(frame)
@@ -374,7 +375,7 @@ class Decoder:
         return route, route.handler(frame)
 
     def _predefined(self, can_id: int) -> _Route:
-        """Return what the predefined connection set puts there, and remember it: 2048 identifiers at most."""
+        """Return the content of an identifier in the predefined connection set; at most 2048 are cached."""
         if can_id & EXTENDED_FLAG or can_id > 0x7FF:
             return _EXTENDED
         service, node_id = service_of(can_id) or (None, BROADCAST)
@@ -402,7 +403,7 @@ class Decoder:
             node = self._nodes[node_id] = _Node(description)
         return node
 
-    # --- handlers ---
+    # -- handlers
 
     def _nmt(self, frame: CanFrame) -> _Said:
         parsed = parse_nmt(frame)
@@ -464,7 +465,7 @@ class Decoder:
         return said
 
     def _relearn(self, node_id: int, pdo: PdoDescription, before: int | None) -> None:
-        """Take a PDO as the node has it now; what was heard on the wire wins over any description."""
+        """Replace a PDO by its learned configuration, which takes precedence over the description."""
         old = self._routes.get(before) if before is not None else None
         if before is not None and old is not None and (old.node_id, old.subject) == (node_id, pdo.name):
             del self._routes[before]
@@ -488,7 +489,7 @@ class Decoder:
 
 
 def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes) -> _Said:
-    """Put the values of a PDO into words; the mode goes before the statusword whose bits it explains."""
+    """Return the values of a PDO as text; the mode is decoded before the statusword whose bits depend on it."""
     pairs = [(each, value) for each, value in zip(pdo.objects, codec.unpack(data), strict=True) if not each.is_dummy]
     for each, value in pairs:
         if objects.axis_of(each.index)[0] == objects.MODES_OF_OPERATION_DISPLAY:

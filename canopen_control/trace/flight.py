@@ -1,12 +1,12 @@
-"""The flight recorder: a process beside a robot that remembers its last minute, and writes it down at a fault.
+"""Flight recorder: a process that keeps the last minute of a robot in memory and writes it to a file after a fault.
 
 ``python -m canopen_control.trace.flight --name ROBOT --bus NAME=CHANNEL ...``
 
-The law of this file: it only listens, on the buses and on the robot's API, and sends nothing on a bus. While it records
-it decodes nothing; frames stay records, one addition a reading. It never holds anything up: it is its own process, and
-a file is written by a copy of it (fork), which sees the memory as it was while the original goes on listening. It ends
-with the robot: at SIGTERM it writes what still waits; when the robot's process has died, which is a fault like any
-other, it listens on until the drives have reacted, writes that, and ends. Its own death changes nothing for anybody.
+It only listens, on the buses and on the robot's API, and sends nothing on a bus. While recording it decodes nothing;
+frames remain records, with one append per read. It never delays the robot: it is a separate process, and a copy of it
+(fork) writes the file from the memory at this time while the original keeps listening. It ends with the robot: at
+SIGTERM it writes the pending file. If the robot's process has died, which is a fault too, it listens until the drives
+have reacted, writes the file, and ends. Its own end does not affect other processes.
 """
 
 from __future__ import annotations
@@ -47,23 +47,23 @@ if TYPE_CHECKING:
 
 SECOND: Final = 1_000_000_000
 WINDOW_NS: Final = 60 * SECOND
-STATE_RATE: Final = 10.0  # Hz; the frames hold every cycle
+STATE_RATE: Final = 10.0  # Hz; frames contain every cycle
 FRAME_BYTES, STATE_BYTES, EVENT_BYTES = 16 << 20, 16 << 20, 1 << 20
 _AGAIN_NS: Final = SECOND
 _PULSE_NS: Final = SECOND
-_TIMEOUT_S: Final = 2.0  # of a request; meanwhile frames wait in the kernel
-_NICENESS: Final = 5  # the robot goes first
+_TIMEOUT_S: Final = 2.0  # timeout of a request; meanwhile frames wait in the kernel
+_NICENESS: Final = 5  # the robot takes precedence
 
 
 def flight_folder(name: str) -> Path:
-    """Return where the files of the robot `name` are."""
+    """Return the folder of the recordings of the robot `name`."""
     return state_dir(name) / "flight"
 
 
 class FlightRecorder:
-    """Records the robot `name` on `buses` {name: channel} from a reactor; `finish` before the end.
+    """Recorder of the robot `name` on `buses` {name: channel}, on a reactor; call `finish` at the end.
 
-    `said` is what could not be told to the robot any more.
+    `said` contains the messages that the robot could no longer receive.
     """
 
     def __init__(self, reactor: Reactor, name: str, buses: Mapping[str, str]) -> None:
@@ -83,33 +83,33 @@ class FlightRecorder:
         self._layout = Layout()
         self._world: tuple[WorldShape, ...] = ()
         self._repeated: set[bytes] = set()
-        self._writer: tuple[int, int] | None = None  # process id and pipe of the copy that writes
+        self._writer: tuple[int, int] | None = None  # process id and pipe of the writing copy
         self._finished = False
         self._liveness = LivenessReport()
 
     @property
     def _wall_offset_ns(self) -> int:
-        """What makes Unix time of the reactor's, by the computer's clock as it is now, as the robot stamps its events.
+        """Offset from the reactor's time to Unix time by the current system clock, as the robot stamps its events.
 
-        So a recorder that began before the clock was set, as at a boot without a battery, has the time all the same.
+        A recorder started before the clock was set, as at a boot without a battery, thus has the right time.
         """
         return self._begun_ns if self._reactor.clock.is_manual else time.time_ns() - self._reactor.now()
 
     def start(self) -> None:
-        """Listen; a bus that cannot be listened to is left out and noted in the file."""
+        """Start listening; a bus that cannot be opened is omitted and noted in the file."""
         for number, (bus, channel) in enumerate(self.buses.items()):
-            # others are inside one process, or have one owner
+            # other channels are inside one process, or have one owner
             if parse_channel(channel).kind.shared:
                 self._open(number, bus, channel)
         self._beat()
         self._connect()
 
     def _beat(self) -> None:
-        """Say that this process listens, to whoever started it."""
+        """Report to the starter that this process is alive."""
         self._liveness.beat()
         self._reactor.call_later(_PULSE_NS, self._beat)
 
-    # Listening -----------------------------------------------------------------------------------------------------
+    # -- listening
 
     def _open(self, number: int, bus: str, channel: str) -> None:
         try:
@@ -130,7 +130,7 @@ class FlightRecorder:
         self._reactor.add_reader(port.fileno(), receive)
 
     def _take_frames(self, number: int, arrivals: Arrivals) -> None:
-        """Take frames with the times of their arrival: a busy machine may read them late, and many at once."""
+        """Record frames with their times of arrival; a loaded machine may read many late."""
         records, stamps = arrivals.receive()
         if records:
             self._frames.add(number, records, stamps)
@@ -140,7 +140,7 @@ class FlightRecorder:
             return
         try:
             robot = RobotClient.connect(self.name, timeout=_TIMEOUT_S)
-        except CanopenError:  # not yet, not any more, or busy
+        except CanopenError:  # not yet running, ended, or busy
             self._reactor.call_later(_AGAIN_NS, self._connect)
             return
         self._robot = robot
@@ -154,10 +154,10 @@ class FlightRecorder:
             return
         self._take_earlier_events(status)
         self._reactor.add_reader(robot.fileno(), self._read)
-        self._reactor.call_soon(self._read)  # what came while the requests were answered
+        self._reactor.call_soon(self._read)  # frames received while the requests were answered
 
     def _take_earlier_events(self, status: Status) -> None:
-        """Take what happened before this process was there; the stream may repeat the newest of it."""
+        """Record events from before the start of this process; the stream may repeat the newest ones."""
         known = set(self._events.lines())
         self._repeated = {text_of(event) for event in status.events}
         for event in status.events:
@@ -165,14 +165,14 @@ class FlightRecorder:
                 self._on_event(event)
 
     def _refresh(self) -> None:
-        """Ask for boot table, counters and the histogram of the cycle, and virtual drives for their world."""
+        """Request boot table, counters and cycle histogram, and the world of virtual drives."""
         self._look_at_world()
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
                 self._status = self._robot.ask(GetStatus())
 
     def _look_at_world(self) -> None:
-        """Take what stands in the world of virtual drives; where none knows of any, what was seen before stays."""
+        """Record the world of virtual drives; without an answer the last one is kept."""
         nodes = [(self.buses[bus], node.node_id) for bus, layout in self._layout.buses.items() if bus in self.buses
                  for node in layout.nodes]  # fmt: skip
         self._world = shapes_of_world(nodes) or self._world
@@ -208,7 +208,7 @@ class FlightRecorder:
             self._trigger.fault(event, now)
             self._plan()
 
-    # Writing -------------------------------------------------------------------------------------------------------
+    # -- writing
 
     def _plan(self) -> None:
         deadline = self._trigger.next_deadline()
@@ -225,15 +225,15 @@ class FlightRecorder:
             self._plan()
 
     def _write_aside(self, reason: RobotEvent) -> None:
-        """Let a copy of this process write, and tell the robot when it has."""
+        """Fork a copy of this process that writes, and report to the robot when it has finished."""
         ours, theirs = os.pipe()
         child = os.fork()
         if child == 0:
             try:
-                os.nice(_NICENESS)  # once more: whoever listens goes before whoever writes
+                os.nice(_NICENESS)  # lower its priority again: listening takes precedence over writing
                 os.write(theirs, self.write(reason).encode())
             finally:
-                os._exit(0)  # whatever happened: this is not the recorder
+                os._exit(0)  # the copy must end here in every case
         os.close(theirs)
         self._writer = (child, ours)
         self._reactor.add_reader(ours, self._on_written)
@@ -251,7 +251,7 @@ class FlightRecorder:
         self._plan()
 
     def write(self, reason: RobotEvent) -> str:
-        """Write the file now and here; return a sentence that says where it is, or why it is not."""
+        """Write the file in this process; return a sentence with its path, or the reason of a failure."""
         from canopen_control.trace.flight_file import FlightMeta, candump_lines, save
 
         now, offset = self._reactor.now(), self._wall_offset_ns
@@ -278,17 +278,17 @@ class FlightRecorder:
         return f"flight recording: {path} (a page of it: canopen-control report)"
 
     def _say(self, sentence: str) -> None:
-        """Tell the robot, whose users see its events; what it does not hear any more is told at the end."""
+        """Send an event to the robot; if it is gone the text is printed at the end."""
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
                 self._robot.notify(Tell(kind="flight", text=sentence))
                 return
         self.said.append(sentence)
 
-    # The end -------------------------------------------------------------------------------------------------------
+    # -- end
 
     def orphaned(self, ended: Callable[[], object]) -> None:
-        """Note that the robot's process has died, and call `ended` when its drives have had time to react."""
+        """Record the end of the robot's process; call `ended` after the drives had time to react."""
         now = self._reactor.now()
         text = "the process of the robot has died; its drives stop by themselves"
         died = (now + self._wall_offset_ns) / 1e9
@@ -296,7 +296,7 @@ class FlightRecorder:
         self._reactor.call_at(now + AFTER_NS, ended)
 
     def finish(self) -> None:
-        """Write what still waits, and leave; a second call does nothing."""
+        """Write the pending file and close everything; a second call does nothing."""
         if self._finished:
             return
         self._finished = True
@@ -312,7 +312,7 @@ class FlightRecorder:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Record the robot that the arguments name until it ends."""
+    """Record the robot named by the arguments until it ends."""
     parser = argparse.ArgumentParser(prog="canopen_control.trace.flight", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--name", required=True, help="the robot")
     parser.add_argument("--bus", action="append", default=[], metavar="NAME=CHANNEL", help="a bus to listen to")

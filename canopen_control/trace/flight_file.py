@@ -1,18 +1,17 @@
-"""The file of a flight recorder: one zip that can be attached to a bug report and opened without this package.
+"""File of a flight recorder: one zip that can be attached to a bug report and opened without this package.
 
-    meta.json     `FlightMeta`: robot, `reason` and when, `buses` {name: channel}, `layout` and `status` of the robot
-    can.log       all frames of the window in candump's log format, the bus' name of bus.yml as the interface
-    events.jsonl  the run's events as in the robot's stream, one a line; older than the window too
-    states.jsonl  the samples of the state stream, of which a `TimedSnapshot` is read at least
-    requests.jsonl  what clients have asked for meanwhile, but to read
-    eds/          the EDS files of the nodes, so that the frames can be decoded by name anywhere
+    meta.json     `FlightMeta`: robot, `reason` and time, `buses` {name: channel}, `layout` and `status` of the robot
+    can.log       all frames of the window in candump's log format; the interface is the name of the bus in bus.yml
+    events.jsonl  events of the run as in the robot's stream, one per line, also from before the window
+    states.jsonl  samples of the state stream, read as `TimedSnapshot`
+    requests.jsonl  requests of clients other than reads
+    eds/          EDS files of the nodes, so that the frames can be decoded with names anywhere
 
-Times are Unix seconds, those of frames Unix ns. A file is complete or not there: it gets its name when it is whole. A
-folder keeps `MAX_FILES`; the oldest go.
+Times are Unix s, those of frames Unix ns. A file is complete or absent: it gets its name when it is complete. A folder
+keeps `MAX_FILES`; the oldest are deleted.
 
-Anybody may have written what is read here: sizes are bounded before anything is unpacked, what the structures declare
-is checked, and the first thing that does not fit is told with its place. What they do not declare is left alone, so
-that a recording of another version is read as far as it is known.
+Files may come from anywhere: sizes are limited before unpacking, the declared structures are checked, and the first
+error is reported with its place. Undeclared content is ignored, so that recordings of other versions can be read.
 """
 
 from __future__ import annotations
@@ -50,19 +49,17 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
 
-# What a flight recorder keeps in memory: the newest frames, and the newest lines, each within a bound.
-#
-# The law of this file: an addition costs the same however much is kept, and nothing is looked into. Frames stay the
-# 16-byte records that came from the port, each with its own time. Memory is bounded twice, by age and by bytes,
-# whichever is less; when bytes are the bound, the window is shorter, and `begin` says so.
+# Memory of a flight recorder: the newest frames and the newest lines, each bounded. An append has constant cost and
+# nothing is decoded. Frames remain 16-byte records, each with its own time. Memory is bounded by age and by bytes,
+# whichever is less; if the bytes are the limit the window is shorter, and `begin` gives its start.
 
 
 _SEGMENT_NS = 1_000_000_000
-_SEGMENTS_OF_LIMIT = 8  # a segment holds at most this part of the limit, so that forgetting goes in small steps
+_SEGMENTS_OF_LIMIT = 8  # fraction of the limit per segment, so that memory is released in small steps
 
 
 class KeptFrame(NamedTuple):
-    """One record: `time` in monotonic ns, the number of the bus."""
+    """Recorded frame: `time` in monotonic ns, the number of the bus."""
 
     time: int
     bus: int
@@ -70,7 +67,7 @@ class KeptFrame(NamedTuple):
 
 
 class _Segment:
-    """A second of frames of one bus, end to end in `data`; `times` holds one number for each."""
+    """One second of frames of one bus, concatenated in `data`; `times` has one time for each."""
 
     __slots__ = ("begin", "bus", "data", "times")
 
@@ -81,16 +78,16 @@ class _Segment:
 
 
 class FrameRing:
-    """The frames of the last `window_ns`, at most about `limit` bytes of them; forgets by the second."""
+    """Buffer of the frames of the last `window_ns`, with at most about `limit` bytes; released per second."""
 
     def __init__(self, window_ns: int, limit: int) -> None:
         self._window_ns, self._limit = window_ns, limit
         self._segments: deque[_Segment] = deque()
-        self._newest: dict[int, _Segment] = {}  # by bus: those that grow
-        self._size = 0  # of all segments that do not grow any more
+        self._newest: dict[int, _Segment] = {}  # by bus: the segments still growing
+        self._size = 0  # bytes of all complete segments
 
     def add(self, bus: int, records: bytes, times: Sequence[int]) -> None:
-        """Keep the records of one reading, and when each came, in order and none before those of this bus before."""
+        """Append the records of one read with their times, in order and not before earlier ones of this bus."""
         segment, now = self._newest.get(bus), times[-1]
         if segment is None or now - segment.begin >= _SEGMENT_NS or self._is_long(segment):
             segment = self._begin_segment(bus, times[0], now)
@@ -99,11 +96,11 @@ class FrameRing:
 
     @property
     def size(self) -> int:
-        """The bytes that are kept, times included."""
+        """Number of bytes kept, including times."""
         return self._size + sum(map(_size_of, self._newest.values()))
 
     def frames(self, since: int) -> Iterator[KeptFrame]:
-        """Yield what came at `since` or later, in the order of time."""
+        """Yield the frames at `since` or later, in the order of time."""
         buses = {segment.bus for segment in self._segments}
         return heapq.merge(*(self._frames_of(bus, since) for bus in sorted(buses)), key=operator.itemgetter(0))
 
@@ -127,12 +124,12 @@ class FrameRing:
         return newest
 
     def _forget(self, now: int) -> None:
-        """Drop the oldest segments as long as they are before the window, or too much; the newest stays."""
+        """Release the oldest segments outside the window or above the limit; the newest one remains."""
         while len(self._segments) > 1 and (
             self._segments[0].times[-1] < now - self._window_ns or self._size > self._limit
         ):
             oldest = self._segments.popleft()
-            if self._newest[oldest.bus] is oldest:  # of a bus that is silent
+            if self._newest[oldest.bus] is oldest:  # of a silent bus
                 del self._newest[oldest.bus]
             else:
                 self._size -= _size_of(oldest)
@@ -143,7 +140,10 @@ def _size_of(segment: _Segment) -> int:
 
 
 class LineRing:
-    """Lines of text as bytes with their times; `window_ns` None keeps them however old. Forgets one by one."""
+    """Buffer of text lines as bytes with their times; `window_ns` None keeps lines of any age.
+
+    Lines are released one by one.
+    """
 
     def __init__(self, window_ns: int | None, limit: int) -> None:
         self._window_ns, self._limit = window_ns, limit
@@ -151,7 +151,7 @@ class LineRing:
         self.size = 0
 
     def add(self, line: bytes, now: int) -> None:
-        """Keep a line."""
+        """Append a line."""
         lines = self._lines
         lines.append((now, line))
         self.size += len(line)
@@ -159,7 +159,7 @@ class LineRing:
             self.size -= len(lines.popleft()[1])
 
     def lines(self, since: int = 0) -> Iterator[bytes]:
-        """Yield what was added at `since` or later, oldest first."""
+        """Yield the lines added at `since` or later, oldest first."""
         for added, line in self._lines:
             if added >= since:
                 yield line
@@ -170,18 +170,18 @@ FORMAT: Final = "canopen_control flight recording"
 VERSION: Final = 1
 MAX_FILES: Final = 20
 _LOST: Final = "nothing is left of this recording, those before it are"
-_CHUNK: Final = 10_000  # lines of the log that are made at once
-_STEP: Final = 1 << 16  # bytes that are unpacked at once
+_CHUNK: Final = 10_000  # log lines formatted at once
+_STEP: Final = 1 << 16  # bytes unpacked at once
 _META, _CAN, _EVENTS, _STATES, _EDS = "meta.json", "can.log", "events.jsonl", "states.jsonl", "eds/"
-_REQUESTS: Final = "requests.jsonl"  # not in those of earlier versions
-#: the start of a name -> bytes that it may unpack to: more than what the bounds of the recorder come to as text
+_REQUESTS: Final = "requests.jsonl"  # absent from files of earlier versions
+#: start of a name -> bytes that it may unpack to: more than the text form of the recorder's limits
 _LARGEST: Final = {_META: 16 << 20, _CAN: 96 << 20, _EVENTS: 4 << 20, _STATES: 32 << 20, _EDS: 16 << 20,
                    _REQUESTS: 32 << 20}  # fmt: skip
 _MOST_MEMBERS: Final = 1000
 _MOST_EDS: Final = 64 << 20  # bytes of all EDS files
 _UNREADABLE: Final = (
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, KeyError, ValueError, EOFError, OverflowError,
-    RuntimeError, MemoryError,  # a password, and a compression that nobody knows, are the former
+    RuntimeError, MemoryError,  # a password is a RuntimeError, an unknown compression a NotImplementedError
 )  # fmt: skip
 FlightFrame = tuple[int, str, CanFrame]  # Unix ns, name of the bus, frame
 
@@ -190,22 +190,22 @@ NO_FAULT: Final = RobotEvent(time=0.0, kind="", node=None, level="info", text="n
 
 
 class FlightFileError(ValueError):
-    """Something in a file that does not fit: a sentence with where it is."""
+    """Error in a file: a sentence with its place."""
 
 
 class FlightFormat(Document, frozen=True, kw_only=True):
-    """Which file it is."""
+    """Format and version of a file."""
 
     format: str = ""
     version: int = 0
 
 
 class FlightMeta(FlightFormat, frozen=True, kw_only=True):
-    """What a recording says of itself: `reason` is the fault it is about, `written` and `begin` are Unix seconds.
+    """Metadata of a recording: `reason` is the fault, `written` and `begin` are Unix s.
 
-    `unheard` are buses that could not be listened to, `frames_lost` came faster than they were recorded,
-    `faults_left_out` have no file of their own. `status` is None where the robot never answered. `world` is what stood
-    in the world of a simulated robot when the file was written.
+    `unheard` are buses that could not be opened, `frames_lost` counts frames that arrived too fast, `faults_left_out`
+    faults without a file of their own. `status` is None if the robot never answered. `world` is the world of a
+    simulated robot when the file was written.
     """
 
     format: str = FORMAT
@@ -225,9 +225,9 @@ class FlightMeta(FlightFormat, frozen=True, kw_only=True):
 
 @dataclass(slots=True)
 class FlightFile:
-    """What is in a file; `frames` are in order of time, `eds` holds the texts of the EDS files by file name.
+    """Content of a file; `frames` are in order of time, `eds` contains the texts of the EDS files by file name.
 
-    `unread_lines` of its log are no frames; `notes` are sentences about what else is missing.
+    `unread_lines` of its log contain no frame; `notes` are sentences about other missing parts.
     """
 
     meta: FlightMeta
@@ -241,9 +241,9 @@ class FlightFile:
 
 
 def candump_lines(frames: Iterable[KeptFrame], buses: Iterable[str], wall_offset_ns: int) -> Iterator[str]:
-    """Yield a line for each frame; `buses` are their names by number, the offset makes Unix time of the frames'.
+    """Yield a candump line for each frame; `buses` are the names by number, the offset converts to Unix time.
 
-    Times are strictly increasing, also where frames of two buses came in the same microsecond.
+    Times are strictly increasing, even if frames of two buses arrived in the same microsecond.
     """
     interfaces = [interface_name(bus) for bus in buses]
     earliest = 0
@@ -262,7 +262,7 @@ def save(
     states: Iterable[bytes],
     requests: Iterable[bytes] = (),
 ) -> Path:
-    """Write a file about `meta.reason` into `folder`, and forget the oldest there; ConfigError and DiskFull."""
+    """Write a file about `meta.reason` to `folder`, and delete the oldest files there; ConfigError and DiskFull."""
     with telling(folder, "no recording was written"):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = _free_path(folder, meta)
@@ -279,7 +279,7 @@ def write_flight(
     states: Iterable[bytes],
     requests: Iterable[bytes],
 ) -> None:
-    """Write a file at `path`, where it is when it is whole; ConfigError and DiskFull."""
+    """Write a file at `path`, which appears when it is complete; ConfigError and DiskFull."""
     part = path.with_suffix(".part")
     try:
         with telling(path, _LOST):
@@ -301,7 +301,7 @@ def write_flight(
 
 
 def _bytes_of(path: str) -> bytes:
-    """Return what is in a file of somebody else's; nothing where it is gone meanwhile."""
+    """Return the content of an EDS file; empty if it was removed meanwhile."""
     try:
         return Path(path).read_bytes()
     except OSError:
@@ -313,7 +313,7 @@ def _eds_paths(meta: FlightMeta) -> set[str]:
 
 
 def _free_path(folder: Path, meta: FlightMeta) -> Path:
-    """Name it after when and why; the names of a folder sort by time."""
+    """Return an unused path named after time and reason; the names of a folder sort by time."""
     stamp = time.strftime("%Y-%m-%dT%H-%M-%S", time.localtime(meta.written))
     why = [word[:40] for word in (meta.reason.kind, meta.reason.node) if word]
     words = "-".join(re.sub(r"\W+", "_", word, flags=re.ASCII) for word in why)
@@ -335,22 +335,25 @@ def newest(folder: Path) -> Path | None:
 
 
 def is_flight_file(path: Path) -> bool:
-    """Whether a path names a file of a flight recorder, by its ending."""
+    """Whether a path names a file of a flight recorder, by its suffix."""
     return path.suffix.lower() == ".zip"
 
 
 def read_flight(path: Path) -> FlightFile:
-    """Read a file; ConfigError in a sentence when it is none. Lines of the log that are no frames are counted."""
+    """Return the content of a file; ConfigError with a sentence if it is invalid.
+
+    Log lines without a frame are counted.
+    """
     return _opened(path, _read)
 
 
 def read_samples(path: Path) -> list[StateSample]:
-    """Read the samples of the state stream as whole as they were written; ConfigError as above."""
+    """Return the samples of the state stream with all their data; ConfigError as for `read_flight`."""
     return _opened(path, lambda archive, _meta: _lines(archive, _STATES, StateSample))
 
 
 def read_meta(path: Path) -> FlightMeta:
-    """Read only what a file says of itself; ConfigError as above."""
+    """Return only the metadata of a file; ConfigError as for `read_flight`."""
     return _opened(path, lambda _archive, meta: meta)
 
 
@@ -373,7 +376,7 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
 
 
 def _content(archive: zipfile.ZipFile, name: str) -> bytes:
-    """Return a file of the archive; what unpacks to more than a recorder writes is refused, whatever it claims."""
+    """Return a file of the archive; one that unpacks to more than a recorder writes is refused."""
     limit = next(size for start, size in _LARGEST.items() if name.startswith(start))
     if archive.getinfo(name).file_size > limit:
         raise _too_large(name, limit)
@@ -404,8 +407,8 @@ def _lines(archive: zipfile.ZipFile, name: str, kind: type[T]) -> list[T]:
 
 
 def _states(archive: zipfile.ZipFile) -> list[TimedSnapshot]:
-    """Return the samples with what controllers told, without that where an earlier version told it otherwise."""
-    found = _lines(archive, _STATES, TimedSnapshot)  # what must be there
+    """Return the samples with the controllers' data, which are omitted if an earlier version stored them otherwise."""
+    found = _lines(archive, _STATES, TimedSnapshot)  # mandatory
     try:
         return list(_lines(archive, _STATES, StateSample))
     except FlightFileError:

@@ -1,4 +1,4 @@
-"""Decoded frames as lines for people, and as documents for scripts."""
+"""Output of decoded frames: filters, lines for users, documents for scripts, and CSV tables."""
 
 from __future__ import annotations
 
@@ -22,22 +22,21 @@ if TYPE_CHECKING:
     from canopen_control.trace.network_description import NetworkDescription
 
 
-# Which decoded frames somebody wants to see.
-#
-# Filters choose after decoding, never before: what is not shown still tells the decoder what the next frame means.
+# Filters are applied after decoding, because the decoder needs all frames.
 
 
-_REPEATED = frozenset(("pdo", "hb", "sync", "time"))  # what is sent again and again; the others are events each time
-_KNOWN = 4096  # identifiers whose last data are remembered
+# services with periodic frames; all frames of others count as events
+_REPEATED = frozenset(("pdo", "hb", "sync", "time"))
+_KNOWN = 4096  # number of identifiers whose last data are kept
 _ALIASES = {"heartbeat": "hb", "heartbeats": "hb", "guarding": "hb"}
 _STANDARD = 0x7FF
 
 
 @dataclass(slots=True)
 class Filter:
-    """What to show; empty means all.
+    """Filter of decoded frames; empty fields select all.
 
-    `changes` leaves out a repeated frame with the data of the one before, `events` everything that is no news.
+    `changes` omits a frame with the same data as the previous one of its identifier, `events` everything without news.
     """
 
     nodes: frozenset[int] = frozenset()
@@ -48,7 +47,7 @@ class Filter:
     _last: dict[int, bytes] = field(default_factory=dict)
 
     def wants(self, decoded: DecodedFrame) -> bool:
-        """Whether to show the frame; a filter of changes remembers it."""
+        """Whether the frame passes; a filter of changes stores its data."""
         if self.nodes and decoded.node_id not in self.nodes:
             return False
         if self.services and decoded.service not in self.services:
@@ -70,7 +69,7 @@ class Filter:
 
 
 def parse_services(text: str) -> frozenset[str]:
-    """Read ``pdo,sdo``; ValueError with the names there are."""
+    """Return the services of ``pdo,sdo``; ValueError with the valid names."""
     names = {_ALIASES.get(part, part) for part in text.lower().replace(" ", "").split(",") if part}
     if unknown := sorted(names - set(SERVICES)):
         raise ValueError(f"no service {unknown[0]!r}; there are: {', '.join(SERVICES)}")
@@ -78,7 +77,10 @@ def parse_services(text: str) -> frozenset[str]:
 
 
 def parse_ids(text: str) -> range:
-    """Read an identifier or a range of them, ``181`` or ``0x181`` or ``180-1FF``: always hexadecimal; ValueError."""
+    """Return an identifier or a range, ``181`` or ``0x181`` or ``180-1FF``, always hexadecimal.
+
+    ValueError if invalid.
+    """
     first, _, last = text.partition("-")
     low, high = _identifier(first), _identifier(last or first)
     if high < low:
@@ -97,7 +99,7 @@ def _identifier(text: str) -> int:
 
 
 def node_ids_of(network: NetworkDescription, names: Iterable[str]) -> frozenset[int]:
-    """Return the node ids that names or numbers mean; ConfigError with the names there are."""
+    """Return the node ids of names or numbers; ConfigError with the valid names."""
     found = set()
     for name in names:
         by_name = next((node.node_id for node in network.nodes.values() if node.name == name), None)
@@ -118,9 +120,8 @@ def _node_id(network: NetworkDescription, text: str) -> int:
     return node_id
 
 
-# A recording as a table: a row for each value, or, wide, a row for each frame and a column for each signal.
-#
-# Values as they are (numbers stay numbers), the words beside them; times in Unix seconds.
+# CSV tables of a recording: one row per value, or, wide, one row per frame and one column per signal. Numbers remain
+# numbers, with their text in another column; times in Unix s.
 
 
 COLUMNS = ("time", "id", "node", "service", "signal", "value", "text")
@@ -128,7 +129,7 @@ _NS = 1_000_000_000
 
 
 def write_long(frames: Iterable[DecodedFrame], out: TextIO) -> int:
-    """Write a row for each value, and one for each frame without values; return the number of rows."""
+    """Write a row for each value and for each frame without values; return the number of rows."""
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
     count = 0
@@ -148,7 +149,10 @@ def _rows(frame: DecodedFrame) -> Iterator[tuple[str, ...]]:
 
 
 def write_wide(frames: Iterable[DecodedFrame], signals: Iterable[str], out: TextIO) -> int:
-    """Write a row for each PDO with a column for each of `signals`, empty where the frame has none of it."""
+    """Write a row for each PDO with a column for each of `signals`, empty if the frame lacks it.
+
+    Return the number of rows.
+    """
     columns = {name: number for number, name in enumerate(signals, 1)}
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["time", *columns])
@@ -166,7 +170,7 @@ def write_wide(frames: Iterable[DecodedFrame], signals: Iterable[str], out: Text
 
 
 def signal_name(frame: DecodedFrame, name: str) -> str:
-    """Return the column of a value of `frame`: node and name."""
+    """Return the column name of a value of `frame`: node and name."""
     return f"{frame.who}.{name}"
 
 
@@ -187,7 +191,7 @@ _SHORTEST_NODE = 8
 
 
 class LineWriter:
-    """Makes the lines of one trace; times count from the first frame, or are the local time of day with `absolute`."""
+    """Formatter of the lines of one trace; times count from the first frame, or are the local time with `absolute`."""
 
     def __init__(self, network: NetworkDescription, *, absolute: bool = False, colour: bool = False) -> None:
         self._absolute, self._colour = absolute, colour
@@ -216,7 +220,7 @@ class LineWriter:
 
 
 def identifier_text(can_id: int) -> str:
-    """Return an identifier in hex, three digits or eight; error frames have their classes."""
+    """Return an identifier in hex, three digits or eight; for error frames the error classes."""
     width = 8 if can_id & (EXTENDED_FLAG | ERROR_FLAG) else 3
     return f"{can_id & 0x1FFFFFFF:0{width}X}"
 
@@ -228,7 +232,7 @@ def _data(decoded: DecodedFrame) -> str:
 
 
 class ValueDocument(Document, frozen=True):
-    """An object in a frame; `value` is bytes in hexadecimal, None for what is no number."""
+    """Object in a frame; `value` is bytes in hexadecimal, None if it is not a number."""
 
     index: int
     subindex: int
@@ -276,7 +280,7 @@ def document_of(decoded: DecodedFrame) -> FrameDocument:
 
 
 def _plain(value: Value) -> int | float | str | None:
-    """Return a value as JSON has it: no bytes, no infinity."""
+    """Return a value as valid JSON: without bytes and infinity."""
     if isinstance(value, bytes | bytearray):
         return value.hex()
     return None if isinstance(value, float) and not math.isfinite(value) else value

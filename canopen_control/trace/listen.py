@@ -1,7 +1,7 @@
-"""Listening on a bus: frames and when they came, and nothing is ever sent.
+"""Listening on a bus: frames with their times; nothing is sent.
 
-The law of this file: it opens what several can open at once. On a bus inside another process nobody can listen, and an
-adapter with one owner is not taken from it.
+Only channels that several processes can open are used. A bus inside another process is out of reach, and an adapter
+with one owner is left to it.
 """
 
 from __future__ import annotations
@@ -23,14 +23,15 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import BusEvent, Port
 
 
-_IDLE_S: Final = 0.25  # how often a silent bus lets the owner look at his clock
-_NEWS: Final = frozenset({BusEventKind.DOWN, BusEventKind.UP, BusEventKind.OVERRUN})  # no frame on the bus shows them
+_IDLE_S: Final = 0.25  # interval of empty results on a silent bus, so that the caller can check its time
+# channel events without a frame on the bus
+_NEWS: Final = frozenset({BusEventKind.DOWN, BusEventKind.UP, BusEventKind.OVERRUN})
 
 
 def open_listener(channel: str, label: str, *, owner: str = "") -> Port:
-    """Open `channel` to listen, with time stamps where it has them.
+    """Open `channel` to listen, with time stamps if it has them.
 
-    BusNotOpen where nobody has it, ConfigError while the robot `owner` has it alone.
+    BusNotOpen if it is not open, ConfigError while the robot `owner` uses it exclusively.
     """
     spec = parse_channel(channel)
     if spec.kind.in_process:
@@ -50,10 +51,10 @@ def batches(
     clock: Callable[[], float] = time.monotonic,
     on_event: Callable[[BusEvent], object] | None = None,
 ) -> Iterator[list[RecordedFrame]]:
-    """Yield what came since the last time, an empty list four times a second where nothing did.
+    """Yield the frames received since the last result, an empty list four times a second if there are none.
 
-    Ends after `seconds`, or never; raises `BusClosed` when the bus is gone. `on_event` gets what happens to the channel
-    and shows in no frame, after the frames that came before it.
+    Ends after `seconds`, or never; BusClosed when the bus is gone. `on_event` receives channel events that show in no
+    frame, after the frames received before them.
     """
     end = None if seconds is None else clock() + seconds
     arrivals = Arrivals(port)

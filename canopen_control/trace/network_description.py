@@ -1,8 +1,8 @@
-"""What is on a bus: who the nodes are, which objects they have, what their PDOs carry.
+"""Description of a bus for decoding: nodes, their objects, contents of their PDOs.
 
-Plain frozen data. It is made of a layout (`master/pdo_layout.py` makes it of a bus.yml, a running robot gives it as
-`layout` of the API), or of EDS files alone with the PDOs as they are by default. What is missing (an EDS that
-cannot be read, a node nobody described) costs names, never frames.
+Plain frozen data, created from a layout (`master/pdo_layout.py` derives it from bus.yml, a running robot answers it as
+`layout` of the API), or from EDS files with their default PDOs. Missing descriptions (an unreadable EDS, an unknown
+node) only cost names, never frames.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ _RAW_TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class DescribedPdoObject:
-    """One object of a PDO and its name, or its address where it has none; `bits` is its width in the PDO.
+    """Object of a PDO with its name, or its address without one; `bits` is its width in the PDO.
 
-    Times `factor` plus `offset` its number is in `unit`, which is empty where nobody knows.
+    Its value times `factor` plus `offset` is in `unit`, which is empty if unknown.
     """
 
     index: int
@@ -62,18 +62,18 @@ class DescribedPdoObject:
 
     @property
     def mapped(self) -> MappedObject:
-        """The same without its name, for a `PdoCodec`."""
+        """Mapped object without its name, for a `PdoCodec`."""
         return MappedObject(self.index, self.subindex, self.bits, self.data_type)
 
     @property
     def is_dummy(self) -> bool:
-        """Whether it is a data type that fills a gap."""
+        """Whether the object is a data type that fills a gap."""
         return self.index <= 7 and not self.subindex
 
 
 @dataclass(frozen=True, slots=True)
 class PdoDescription:
-    """A live PDO; `direction` is the device's, "rpdo" or "tpdo", `cob_id` has the flag of a 29-bit identifier."""
+    """Active PDO; `direction` is that of the device, "rpdo" or "tpdo", `cob_id` has the flag of a 29-bit identifier."""
 
     cob_id: int
     direction: str
@@ -83,13 +83,13 @@ class PdoDescription:
 
     @property
     def name(self) -> str:
-        """``RPDO1`` or alike."""
+        """Name, such as ``RPDO1``."""
         return f"{self.direction.upper()}{self.number}"
 
 
 @dataclass(frozen=True, slots=True)
 class NodeDescription:
-    """One node; `od` is None where no EDS describes it, `eds` is the path of the one that does."""
+    """One node; `od` is None without an EDS, `eds` is the path of the EDS."""
 
     name: str
     node_id: int
@@ -102,7 +102,7 @@ class NodeDescription:
 
     @property
     def is_drive(self) -> bool:
-        """Whether 0x6040 and what follows mean what CiA 402 says; taken for granted where nothing is known."""
+        """Whether 0x6040 and above are those of CiA 402; assumed for an unknown node."""
         if self.od is None:
             return True
         device_type = self.od.get(_DEVICE_TYPE)
@@ -113,7 +113,7 @@ class NodeDescription:
 
     @property
     def emcy_cob_id(self) -> int:
-        """Where it sends EMCY: 0x1014 as its EDS has it, else the predefined one."""
+        """COB-ID of its EMCY: 0x1014 in its EDS, else the predefined one."""
         entry = self.od.get(_EMCY_ENTRY) if self.od is not None else None
         value = entry.value if entry is not None else None
         return can_id_of(value) if isinstance(value, int) and value & 0x7FF else EMCY_COB_ID + self.node_id
@@ -121,9 +121,9 @@ class NodeDescription:
 
 @dataclass(frozen=True, slots=True)
 class NetworkDescription:
-    """A bus; `bitrate` in bit/s, `sync_cob_id` with the flag of a 29-bit identifier.
+    """One bus; `bitrate` in bit/s, `sync_cob_id` with the flag of a 29-bit identifier.
 
-    `notes` says what could not be read and therefore has no name.
+    `notes` lists the files that could not be read, whose names are therefore missing.
     """
 
     channel: str = ""
@@ -141,13 +141,13 @@ class NetworkDescription:
         return "master" if node_id == self.master_node_id else ""
 
     def who(self, node_id: int) -> str:
-        """Return ``node 3 (left_drive)``, or ``node 3`` where it has no name."""
+        """Return ``node 3 (left_drive)``, or ``node 3`` without a name."""
         name = self.name_of(node_id)
         return f"node {node_id} ({name})" if name else f"node {node_id}"
 
 
 def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
-    """Return what the EDS calls an entry, with its object where it is a part of one; empty where it is unknown."""
+    """Return the EDS name of an entry, with that of its object if it is a part of one; empty if unknown."""
     if od is None:
         return ""
     entry, info = od.get(index, subindex), od.objects.get(index)
@@ -155,15 +155,16 @@ def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
         return info.name if info is not None else ""
     if info is None or info.code in (ObjectCode.VAR, ObjectCode.DOMAIN):
         return entry.name
-    if entry.name.casefold().startswith(info.name.casefold()):  # "Consumer heartbeat time 1": it says it all
+    # "Consumer heartbeat time 1" already contains the object
+    if entry.name.casefold().startswith(info.name.casefold()):
         return entry.name
     return f"{info.name}: {entry.name}"
 
 
 def network_of_layout(layout: BusLayout, kept: Mapping[str, Path] = MappingProxyType({})) -> NetworkDescription:
-    """Make the description of one bus of a layout; an EDS that is gone or bad becomes a note.
+    """Return the description of one bus of a layout; a missing or invalid EDS becomes a note.
 
-    `kept` are files that stand for those of the same name, as a recording has them.
+    `kept` are files that replace those with the same name, as in a recording.
     """
     notes: list[str] = []
     nodes = {}
@@ -178,7 +179,7 @@ def network_of_layout(layout: BusLayout, kept: Mapping[str, Path] = MappingProxy
 
 
 def pdos_by_default(od: ObjectDictionary) -> tuple[PdoDescription, ...]:
-    """Return the PDOs that are live without any configuration."""
+    """Return the PDOs that are valid by default."""
     return tuple(_pdo_by_default(od, pdo) for pdo in pdos_of(od) if pdo.enabled and pdo.mapped)
 
 
@@ -199,7 +200,7 @@ def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoDescription:
 
 
 def type_of(od: ObjectDictionary | None, index: int, subindex: int, bits: int) -> DataType:
-    """Return the type of an object in a PDO: its EDS's, else an unsigned one of its width."""
+    """Return the type of an object in a PDO: that of its EDS, else an unsigned one of its width."""
     entry = od.get(index, subindex) if od is not None else None
     if entry is not None:
         return entry.data_type
@@ -231,10 +232,8 @@ def _read(path: str, node_id: int, notes: list[str]) -> ObjectDictionary | None:
         return None
 
 
-# Describes a bus by EDS files alone: node ids and files, the PDOs as the files have them by default.
-#
-# Nobody is asked who he is: that would be sending. So the files must say which node they describe: ``3=FILE``, a DCF
-# that has its node id, or one file for every node.
+# Description by EDS files alone: node ids and files, with the default PDOs. Nothing is sent, so that the nodes cannot
+# be identified. The node of a file is therefore given: ``3=FILE``, a DCF with its node id, or one file for all nodes.
 
 
 _NODE_IDS = range(1, 128)
@@ -242,9 +241,9 @@ _SUFFIXES = (".eds", ".dcf")
 
 
 def network_of_eds(channel: str, options: Iterable[str], find: Callable[[str], Path] = Path) -> NetworkDescription:
-    """Return the description that options ``NODE=FILE``, ``FILE`` and ``FOLDER`` make; the more exact one wins.
+    """Return the description from options ``NODE=FILE``, ``FILE`` and ``FOLDER``; the most specific one wins.
 
-    `find` turns a name into the path of a file. EdsError for a bad file, ConfigError for a folder that names no node.
+    `find` returns the path of a named file. EdsError for an invalid file, ConfigError for a folder without node ids.
     """
     everybody: dict[int, NodeDescription] = {}
     named: dict[int, NodeDescription] = {}
@@ -268,7 +267,7 @@ def _one(node_id: int, path: Path, option: str) -> NodeDescription:
 
 
 def _all(path: Path) -> Iterator[NodeDescription]:
-    """Describe every node by one file; without a name, since there may be several."""
+    """Yield a description of every node by the same file, without names, since there may be several nodes."""
     parsed = read_eds(path).od
     if parsed.node_id is not None:
         yield NodeDescription(path.stem, parsed.node_id, parsed, pdos_by_default(parsed), str(path))

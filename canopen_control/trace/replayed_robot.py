@@ -1,8 +1,7 @@
-"""A recording of a robot as if it ran: its states and events at their own rhythm, on the socket of a robot.
+"""Replay of a robot's recording on a robot socket: its states and events at their own rate.
 
-The law of the file: who watches a robot (the page, `status --watch`, `monitor`) can watch this one; whoever wants
-anything to move or change is refused, since there is nothing but a recording. It plays once, from when
-somebody watches, and then stands at its end.
+Clients that watch a robot (the page, `status --watch`, `monitor`) can watch this one; requests for motion or changes
+are refused. It plays once, starting when a client watches, and then stays at its end.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ if TYPE_CHECKING:
 
 
 _STANDS_NS: Final = 500_000_000
-_LONGEST_S: Final = 1.0  # between two samples: a gap of a recording is not waited for
+_LONGEST_S: Final = 1.0  # maximum pause between two samples: gaps in a recording are skipped
 
 
 class ReplayedRobot:
-    """Serves `samples` and `events` of a recording under a name, so many times as fast as they came.
+    """Server of the `samples` and `events` of a recording under a robot name, at a multiple of their rate.
 
-    `over` says that the last sample was told.
+    `over` is True after the last sample.
     """
 
     def __init__(
@@ -82,7 +81,7 @@ class ReplayedRobot:
         answers(messages.Subscribe, self._subscribe)
 
     def close(self) -> None:
-        """Leave the socket."""
+        """Close the socket."""
         self._server.close()
 
     def _refuse(self, call: Call[Any]) -> None:
@@ -108,7 +107,7 @@ class ReplayedRobot:
             self._server.push(event, [each for each, wanted in self._watching.items() if wanted.events])
         if self._at + 1 == len(self._samples):
             self.over = True
-            self._reactor.call_later(_STANDS_NS, self._tell)  # who hears nothing takes a robot for lost
+            self._reactor.call_later(_STANDS_NS, self._tell)  # clients take a silent robot for lost
             return
         wait = min(max(self._samples[self._at + 1].time - sample.time, 0.0), _LONGEST_S) / self._speed
         self._reactor.call_later(round(wait * 1e9), self._next)
@@ -136,5 +135,5 @@ class ReplayedRobot:
         )
 
     def _nodes(self) -> NodeListing:
-        """Return the buses and no node: those that answer there now are others."""
+        """Return the buses without nodes: those that answer there now are not those of the recording."""
         return NodeListing({name: BusPlace(channel, 1) for name, channel in self._meta.buses.items()}, [])

@@ -1,8 +1,8 @@
-"""A report of a run or a recording: its facts, made of what a flight recorder, or a listener, has kept.
+"""Facts of a report, computed from the data of a flight recorder or a listener.
 
-The law of this file: `facts_of` is all that a report says. Where samples and frames both tell a state, the
-frame does: it is there at once, a sample only at the next of its rate. Where nobody told events, the frames that are
-remarkable stand for them: EMCY, aborts, faults, NMT.
+`facts_of` computes everything in a report. If samples and frames both contain a state, the frame counts, because it is
+immediate; a sample is delayed by up to its period. Without recorded events the notable frames are used: EMCY, aborts,
+faults, NMT.
 """
 
 from __future__ import annotations
@@ -57,30 +57,28 @@ if TYPE_CHECKING:
     Row = tuple[str, str, float | None]  # name, unit, value
 
 
-# What the samples of the state stream tell of a run: who was in which state when, and how the joints followed.
-#
-# The law of this file: a state lasts until the sample that shows another.
+# -- samples of the state stream: states of nodes, tracking of joints. A state lasts until a sample with another one.
 
 
 _QUANTITIES: Final = {"PP": "position", "IP": "position", "CSP": "position", "TQ": "effort", "CST": "effort"}
-_JUST_S: Final = 1.0  # before a fault: who moved then is asked when he stood
+_JUST_S: Final = 1.0  # interval before a fault in which a joint counts as moving
 _STANDING: Final = 1e-3  # rad/s or m/s
 _STOOD_S: Final = 1.0
-_SMALL: Final = 0.02  # of the fastest before: what counts as standing
+_SMALL: Final = 0.02  # fraction of the previous maximum speed that counts as standing
 
 
 class Spans:
-    """A state over time: `see` it at each sample, `end` it at the last."""
+    """States over time: call `see` at each sample, `end` at the last."""
 
     def __init__(self) -> None:
-        self._since: list[tuple[float, str | None]] = []  # when each state was seen first
+        self._since: list[tuple[float, str | None]] = []  # times at which the state changed
         self._last = 0.0
 
     def __bool__(self) -> bool:
         return bool(self._since)
 
     def see(self, time: float, state: str | None) -> None:
-        """Note the state at a time."""
+        """Record the state at a time."""
         if not self._since or self._since[-1][1] != state:
             self._since.append((time, state))
         self._last = time
@@ -92,7 +90,7 @@ class Spans:
 
 
 def node_spans(states: Sequence[TimedSnapshot], begin: float) -> dict[str, NodeFacts]:
-    """Return the states of the nodes, their axes by joint."""
+    """Return the states of the nodes, with those of their axes by joint."""
     nmt: dict[str, Spans] = {}
     axes: dict[str, dict[str, Spans]] = {}
     first: dict[str, tuple[str, int]] = {}
@@ -113,7 +111,7 @@ def node_spans(states: Sequence[TimedSnapshot], begin: float) -> dict[str, NodeF
 
 
 def joints_of(states: Sequence[TimedSnapshot], begin: float) -> dict[str, JointFacts]:
-    """Return how the joints followed; what a command means is by the drive's mode, velocity where nothing is known."""
+    """Return the tracking of the joints; the drive's mode gives the quantity of a command, by default velocity."""
     modes = _modes(states)
     tracked = {name: joint.tracking for sample in states for name, joint in sample.joints.items() if joint.tracking}
     joints: dict[str, JointFacts] = {}
@@ -144,7 +142,7 @@ def _modes(states: Iterable[TimedSnapshot]) -> dict[str, str]:
 
 
 def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFacts | None:
-    """Return period, counts of these samples, and the histogram of how late the cycles came.
+    """Return period, counts of these samples, and the histogram of cycle lateness.
 
     `late_counts` and `late_edges_s` are those of `status --json`; without samples they are of the whole run.
     """
@@ -165,9 +163,9 @@ def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFac
 
 
 def stopped_after(joints: Mapping[str, JointFacts], time: float) -> dict[str, float | None]:
-    """Return how many seconds after `time` each joint that moved stood still; None where that was not seen.
+    """Return the time in s from `time` until each moving joint stood still; None if the recording does not show it.
 
-    Who stands for `_STOOD_S` or to the end has stopped; what he is commanded after that is another story.
+    A joint that stands for `_STOOD_S` or to the end has stopped; later commands are ignored.
     """
     found: dict[str, float | None] = {}
     for name, joint in joints.items():
@@ -193,23 +191,21 @@ def _stands_since(moves: Sequence[tuple[float, float]], small: float) -> float |
     return since
 
 
-# What recorded frames tell of a run: bus load, who spoke how much, the states of drives, and the last words.
-#
-# The law of this file: frames are decoded by the one decoder, in the order they came. Times are seconds from `begin`
-# (Unix). A bus nobody described is read by the predefined connection set.
+# -- recorded frames: bus load, traffic of nodes, states of drives, last frames. Frames are decoded in their order.
+# Times are in s from `begin` (Unix). A bus without a description is decoded by the predefined connection set.
 
 
 _NS: Final = 1_000_000_000
-_BIN_S: Final = 0.5  # of the bus load
+_BIN_S: Final = 0.5  # bin width of the bus load
 _MOST_BINS: Final = 20_000  # three hours
-_BEFORE, _AFTER = 40, 15  # frames around the fault that are shown
+_BEFORE, _AFTER = 40, 15  # number of frames shown before and after the fault
 _SILENT_S: Final = 0.5
 _MOST_NOTABLE: Final = 1000
 _LEVELS: Final = {Mark.NOTABLE: "info", Mark.WARNING: "warning", Mark.ERROR: "error"}
 
 
 class _Heard(NamedTuple):
-    """A decoded frame, its bus, and when it came."""
+    """Decoded frame with its bus and time."""
 
     bus: str
     time: float
@@ -217,7 +213,7 @@ class _Heard(NamedTuple):
 
 
 class _Drive(NamedTuple):
-    """A node that was heard: the states of its communication, and of its axes by number."""
+    """Node on the bus: its NMT states, and those of its axes by number."""
 
     name: str
     nmt: Spans
@@ -225,7 +221,7 @@ class _Drive(NamedTuple):
 
 
 class FrameReader:
-    """Reads frames in order; then `buses`, `nodes`, `around`, `last_words` and `notable` have what they told."""
+    """Evaluation of frames in order; the results are `buses`, `nodes`, `around`, `last_words` and `notable`."""
 
     def __init__(self, networks: Mapping[str, NetworkDescription], begin: float, fault: float | None) -> None:
         self._networks, self._begin, self._fault = networks, begin, fault
@@ -237,13 +233,13 @@ class FrameReader:
         self._before: deque[_Heard] = deque(maxlen=_BEFORE)
         self._after: list[_Heard] = []
         self._last: dict[tuple[str, int], _Heard] = {}
-        self._heard: dict[tuple[str, int], float] = {}  # when each node spoke last
+        self._heard: dict[tuple[str, int], float] = {}  # time of the last frame of each node
         self._end = 0.0
         self._told: set[tuple[int, str]] = set()
-        self.notable: list[RobotEvent] = []  # frames that change or break something
+        self.notable: list[RobotEvent] = []  # frames that report a change or an error
 
     def read(self, time_ns: int, bus: str, frame: CanFrame) -> None:
-        """Take the next frame."""
+        """Evaluate the next frame."""
         decoder = self._decoders.get(bus)
         if decoder is None:
             network = self._networks.get(bus) or NetworkDescription(bus)
@@ -259,7 +255,7 @@ class FrameReader:
             self._note(time_ns, decoded)
 
     def _follow(self, bus: str, time: float, decoded: DecodedFrame) -> None:
-        """See the states of a node: by its heartbeats, and its statuswords, each only when it says something else."""
+        """Record the states of a node from heartbeats and statuswords, if they changed."""
         if decoded.node_id is None or decoded.service not in ("hb", "pdo") or not decoded.data:
             return
         drive = self._drives.setdefault((bus, decoded.node_id), _Drive(decoded.node, Spans(), {}))
@@ -276,7 +272,7 @@ class FrameReader:
                     drive.axes.setdefault(axis, Spans()).see(time, name)
 
     def _note(self, time_ns: int, decoded: DecodedFrame) -> None:
-        """Take a frame for an event, a repeated one only once: a drive in fault says so in every statusword."""
+        """Record a frame as an event, once if it repeats: a drive in fault reports it in every statusword."""
         said = (decoded.can_id, decoded.text)
         if said in self._told:
             return
@@ -299,16 +295,16 @@ class FrameReader:
 
     @property
     def around(self) -> list[FrameFacts]:
-        """The last frames before the fault, or of all, and the first after it."""
+        """Last frames before the fault, or of all, and the first after it."""
         return [_line(each) for each in (*self._before, *self._after)]
 
     @property
     def last_words(self) -> list[FrameFacts]:
-        """The last frame of each node before the fault, the longest silent first."""
+        """Last frame of each node before the fault, the longest silent first."""
         return [_line(each) for each in sorted(self._last.values(), key=lambda heard: heard.time)]
 
     def buses(self) -> dict[str, BusFacts]:
-        """Return what each bus has carried."""
+        """Return the traffic of each bus."""
         facts = {}
         for bus, counted in self._loads.items():
             bitrate = self._decoders[bus].network.bitrate
@@ -321,11 +317,11 @@ class FrameReader:
         return facts
 
     def _covered(self, number: int, width: float) -> float:
-        """Return how many seconds of a bin the recording covers: the last one is rarely whole."""
+        """Return the part of a bin, in s, that the recording covers: the last bin is rarely complete."""
         return min((number + 1) * width, self._end) - max(number * width, 0.0)
 
     def nodes(self) -> dict[str, NodeFacts]:
-        """Return what `node_spans` returns, its axes as "axis N"; a node that fell silent is in no known state."""
+        """Return the states as `node_spans` does, with axes as "axis N"; the state of a silent node is unknown."""
         facts: dict[str, NodeFacts] = {}
         for (bus, node_id), drive in sorted(self._drives.items()):
             heard = self._heard.get((bus, node_id), self._end)
@@ -342,7 +338,7 @@ class FrameReader:
 
 
 def _coarse(bits: Counter[int]) -> tuple[Counter[int], float]:
-    """Return bits by bin and the width of a bin in s: wider where a recording, or one wrong time in it, spans days."""
+    """Return bits by bin and the bin width in s, which is larger for a recording (or one wrong time) of days."""
     many = 1 + (max(bits) - min(bits)) // _MOST_BINS
     coarse: Counter[int] = Counter()
     for number, count in bits.items():
@@ -366,7 +362,7 @@ def _line(heard: _Heard) -> FrameFacts:
 
 
 def _from_node(decoded: DecodedFrame) -> bool:
-    """Whether the node itself has spoken, as far as the names of the predefined set tell."""
+    """Whether the node itself sent the frame, by the predefined connection set."""
     if decoded.service == "pdo":
         return decoded.subject.startswith("TPDO")
     return decoded.service in ("hb", "emcy") or decoded.subject == "SDO response"
@@ -378,21 +374,19 @@ def read_frames(
     begin: float,
     fault: float | None,
 ) -> FrameReader:
-    """Read all frames of a recording; `fault` is when it happened, in seconds from `begin`, None if nothing did."""
+    """Return the evaluation of all frames; `fault` is its time in s from `begin`, None without a fault."""
     reader = FrameReader(networks, begin, fault)
     for frame in frames:
         reader.read(*frame)
     return reader
 
 
-# What sensors, batteries, inputs and outputs, and grippers told in a run: the least, the most and the last of each.
-#
-# A value is named as its interface or field is; what is not known counts as nothing, and a value that was never known
-# has no row.
+# -- measured values of sensors, batteries, inputs, outputs and grippers: minimum, maximum and last. A value is named
+# after its interface or field; unknown values are ignored, and a value that was never known has no row.
 
 
 def measured(states: Iterable[TimedSnapshot]) -> list[MeasuredFacts]:
-    """Return a row for each value that was known once, by controller; each publication counts once."""
+    """Return a row for each value that was known at least once, by controller; each publication counts once."""
     told: dict[str, float] = {}
     found: dict[tuple[str, str], MeasuredFacts] = {}
     for state in states:
@@ -477,7 +471,7 @@ _KINDS: Final[dict[type[Sample], Callable[..., Iterator[Row]]]] = {
 
 
 def networks_of(file: FlightFile) -> dict[str, NetworkDescription]:
-    """Describe the buses of a recording by the layout and the EDS files that are in it."""
+    """Return the descriptions of the buses of a recording by the layout and the EDS files in it."""
     with tempfile.TemporaryDirectory() as folder:
         kept = {name: Path(folder) / Path(name).name for name in file.eds}
         for name, text in file.eds.items():
@@ -486,7 +480,7 @@ def networks_of(file: FlightFile) -> dict[str, NetworkDescription]:
 
 
 def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None = None) -> ReportFacts:
-    """Return everything a report says of a recording; `networks` {bus: description} default to those in it."""
+    """Return all facts of a recording; `networks` {bus: description} default to those in it."""
     networks = networks_of(file) if networks is None else networks
     meta, states, status = file.meta, file.states, file.meta.status
     begin, end = _bounds(file)
@@ -523,7 +517,7 @@ def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None
 
 
 def _bounds(file: FlightFile) -> tuple[float, float]:
-    """Return first and last moment, Unix seconds, of what was recorded continuously; events may be older."""
+    """Return the first and last time, in Unix s, of the continuous recording; events may be older."""
     times = [time_ns / 1e9 for time_ns, _, _ in file.frames[:1] + file.frames[-1:]]
     times += [sample.time for sample in file.states[:1] + file.states[-1:]]
     times = times or [event.time for event in file.events] or [file.meta.written]
@@ -531,7 +525,7 @@ def _bounds(file: FlightFile) -> tuple[float, float]:
 
 
 def _first_fault(events: Sequence[EventFacts], reason: EventFacts) -> EventFacts | None:
-    """Return the first fault of the window; the reason of the file where the window holds none."""
+    """Return the first fault in the window, or the reason of the file if the window has none."""
     inside = (event for event in events if event.at >= 0)
     return next((event for event in (*inside, reason) if is_fault(event)), None)
 
@@ -539,7 +533,7 @@ def _first_fault(events: Sequence[EventFacts], reason: EventFacts) -> EventFacts
 def _merged(
     sampled: dict[str, NodeFacts], heard: dict[str, NodeFacts], states: Sequence[TimedSnapshot]
 ) -> dict[str, NodeFacts]:
-    """Return the nodes' states; those of the axes as the frames tell them, where they do."""
+    """Return the states of the nodes; those of axes from the frames, if they contain them."""
     if not sampled:
         return heard
     told = {(node.bus, node.node_id): node.axes for node in heard.values()}

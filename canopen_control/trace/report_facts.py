@@ -1,6 +1,6 @@
-"""What a report says of a run, as `report --json` prints it and the page shows it.
+"""Data of a report, as printed by `report --json` and shown on the page.
 
-Times in facts are seconds from `begin` (Unix); values are SI units, None where nothing was known.
+Times are in s from `begin` (Unix); values are in SI units, None if unknown.
 """
 
 from __future__ import annotations
@@ -15,20 +15,17 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 
-# The first lines of a report: what a person would say who had looked at everything else.
-
-
-_MOST = 4  # further faults that are listed
+_MOST = 4  # maximum number of further faults listed
 
 
 def clock(unix_s: float, *, date: bool = False) -> str:
-    """Return a time of day where the reader is, with milliseconds."""
+    """Return a local time of day with milliseconds."""
     text = time.strftime("%Y-%m-%d %H:%M:%S" if date else "%H:%M:%S", time.localtime(unix_s))
     return f"{text}.{int(unix_s * 1000) % 1000:03d}"
 
 
 def summary(facts: ReportFacts) -> list[str]:
-    """Return the sentences: who and when, what went wrong first, what followed, how it ended, what is not known."""
+    """Return the summary sentences: robot and time, first error, consequences, end, missing data."""
     how = (*_cycle(facts), *_tracking(facts), *_truth(facts))
     return [*_who(facts), *_wrong(facts), *_reaction(facts), *how, *_gaps(facts)]
 
@@ -81,7 +78,7 @@ def _cycle(facts: ReportFacts) -> Iterator[str]:
 
 
 def _tracking(facts: ReportFacts) -> Iterator[str]:
-    """Say which joint followed worst of each kind, and which set-points were repeated or skipped."""
+    """Yield sentences about the joint with the largest error of each kind, and repeated or skipped set-points."""
     known = {name: joint.tracking for name, joint in facts.joints.items() if joint.tracking is not None}
     for interface, unit in (("position", "rad"), ("velocity", "rad/s")):
         errors = {name: each for name, each in known.items() if each.interface == interface}
@@ -97,13 +94,13 @@ def _tracking(facts: ReportFacts) -> Iterator[str]:
 
 
 def _truth(facts: ReportFacts) -> Iterator[str]:
-    """Say where a simulated base was in the end, and what odometry had made of it."""
+    """Yield sentences about the true final pose of a simulated base and its odometry."""
     if facts.true_pose is not None:
         yield _sentence(f"At the end: {facts.true_pose.words}")
 
 
 def _gaps(facts: ReportFacts) -> Iterator[str]:
-    """Say what is missing here, so that nobody takes silence for good news."""
+    """Yield sentences about missing data, so that their absence is not taken for normal operation."""
     gaps = facts.gaps
     if gaps.unheard:
         yield f"Not listened to: {', '.join(gaps.unheard)}; its frames are not in here."
@@ -125,7 +122,7 @@ Column: TypeAlias = list[float | None]
 
 
 class Span(Document, frozen=True, rename={"begin": "from", "end": "to"}):
-    """How long a state lasted, None for one that nobody knows."""
+    """Duration of a state, None for an unknown one."""
 
     begin: float
     end: float
@@ -133,7 +130,7 @@ class Span(Document, frozen=True, rename={"begin": "from", "end": "to"}):
 
 
 class NodeFacts(Document, frozen=True):
-    """A node: the states of its communication, and of its axes by joint."""
+    """States of a node, and of its axes by joint."""
 
     bus: str
     node_id: int
@@ -142,9 +139,9 @@ class NodeFacts(Document, frozen=True):
 
 
 class JointFacts(Document, frozen=True):
-    """A joint over `time`: `quantity` is what its command means, `error` is command minus actual.
+    """Motion of a joint over `time`: `quantity` is that of its command, `error` is command minus actual value.
 
-    `tracking` is what the master has seen last of how well it follows, None where it was not commanded.
+    `tracking` is the last tracking quality measured by the master, None if the joint was not commanded.
     """
 
     quantity: str
@@ -159,7 +156,7 @@ class JointFacts(Document, frozen=True):
 
 
 class CycleFacts(Document, frozen=True, kw_only=True):
-    """How the cycle kept time: `late_counts[i]` cycles were at most `late_edges_s[i]` late, the last of them later."""
+    """Timing of the cycle: `late_counts[i]` cycles were at most `late_edges_s[i]` late, the last bin later."""
 
     period_s: float
     count: int
@@ -171,13 +168,13 @@ class CycleFacts(Document, frozen=True, kw_only=True):
 
 
 class EventFacts(RobotEvent, frozen=True, kw_only=True, omit_defaults=True):
-    """An event and when it was in the recording."""
+    """Event and its time in the recording."""
 
     at: float
 
 
 class FrameFacts(Document, frozen=True, kw_only=True):
-    """A frame as a report shows it: `id` and `data` hexadecimal, `mark` how much it deserves a look."""
+    """Frame in a report: `id` and `data` hexadecimal, `mark` its importance."""
 
     time: float
     bus: str
@@ -191,14 +188,14 @@ class FrameFacts(Document, frozen=True, kw_only=True):
 
 
 class BusLoad(Document, frozen=True):
-    """The load of a bus, a share of its bit rate, in the middle of each bin of time."""
+    """Bus load as a fraction, at the centre of each time bin."""
 
     time: list[float]
     value: list[float]
 
 
 class BusFacts(Document, frozen=True):
-    """A bus: how many frames it carried, by service, `bitrate` in bit/s."""
+    """Traffic of a bus: number of frames by service, `bitrate` in bit/s."""
 
     frames: int
     services: dict[str, int]
@@ -207,7 +204,7 @@ class BusFacts(Document, frozen=True):
 
 
 class MeasuredFacts(Document, frozen=True):
-    """A value that a controller told: the least, the most and the last of it in the recording."""
+    """Minimum, maximum and last value of a controller's measurement in the recording."""
 
     controller: str
     what: str
@@ -218,7 +215,7 @@ class MeasuredFacts(Document, frozen=True):
 
 
 class Gaps(Document, frozen=True):
-    """What is missing in a recording."""
+    """Missing parts of a recording."""
 
     unheard: tuple[str, ...] = ()
     frames_lost: int = 0
@@ -228,9 +225,10 @@ class Gaps(Document, frozen=True):
 
 
 class ReportFacts(Document, frozen=True, kw_only=True):
-    """Everything: `summary` in sentences, `stopped_after_s` by joint that moved at the `fault`, None where unseen.
+    """All facts of a report.
 
-    `true_pose` is the last one of a simulated base.
+    `summary` is in sentences; `stopped_after_s` is by joint that moved at the `fault`, None if unknown; `true_pose` is
+    the last one of a simulated base.
     """
 
     summary: list[str]
@@ -257,7 +255,7 @@ class ReportFacts(Document, frozen=True, kw_only=True):
 
     @property
     def fault_at(self) -> float | None:
-        """When the fault was."""
+        """Time of the fault."""
         return None if self.fault is None else self.fault.at
 
 

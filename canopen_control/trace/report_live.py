@@ -1,7 +1,7 @@
-"""A recording for a report, made of a robot that runs: its samples, its events and its frames, for some seconds.
+"""Recording of a running robot in memory: samples, events and frames for some seconds.
 
-The law of this file: it only watches, and keeps everything in memory, so that its time is bounded by who asks for it.
-A bus that only its own process can hear is left out and named.
+It only listens; the caller limits the time, because all data are kept in memory. A bus inside the robot's process is
+omitted and named.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Port
 
 
-RATE: Final = 50.0  # Hz of the samples
+RATE: Final = 50.0  # sampling rate in Hz
 _NS: Final = 1_000_000_000
 
 
 def watch(name: str | None, seconds: float) -> FlightFile:
-    """Watch the robot `name`, or the only one, for `seconds`, less when it ends; ConfigError when there is none."""
+    """Record the robot `name`, or the only one, for `seconds`, or until it ends; ConfigError if there is none."""
     with RobotClient.connect(name) as robot, Reactor() as reactor:
         layout, status = robot.ask(GetLayout()), robot.ask(GetStatus())
         channels = {bus: each.channel for bus, each in layout.buses.items()}
@@ -64,7 +64,7 @@ def _read(reactor: Reactor, robot: RobotClient, file: FlightFile) -> None:
                 file.states.append(message)
             elif isinstance(message, RobotEvent) and message not in file.events:
                 file.events.append(message)
-    except CanopenError:  # it has ended
+    except CanopenError:  # the robot has ended
         reactor.remove_reader(robot.fileno())
         reactor.stop()
 

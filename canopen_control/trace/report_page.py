@@ -1,7 +1,7 @@
-"""The page of a report: one HTML file that needs nothing else, in light, dark and on paper.
+"""Page of a report: one self-contained HTML file, for light and dark screens and for print.
 
-The law of this file: nothing is fetched and nothing runs; a content security policy in the page says so to the browser.
-Whatever comes from a recording is escaped.
+Nothing is loaded and no script runs; a content security policy in the page enforces it. All text of a recording is
+escaped.
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ if TYPE_CHECKING:
     from canopen_control.trace.report_facts import EventFacts, FrameFacts, ReportFacts, Span
 
 
-# Drawings of a report as inline SVG: lines over time, states over time, bars; colours come from the page's style.
-#
-# The law of this file: every drawing is 1000 units wide and scales with the page; the axis of time is the same for all,
-# so that they can be read under each other. A gap in the data is a gap in the line. A line has at most some 2000
-# points: of more, the least and the greatest of each stretch are drawn, so that no peak is lost.
+# -- drawings as inline SVG: lines over time, states over time, bars; the style of the page gives the colours. Every
+# drawing is 1000 units wide and scales with the page; all have the same time axis, so that they can be compared. A gap
+# in the data is a gap in the line. A line has at most about 2000 points: beyond that, the minimum and maximum of each
+# interval are drawn, so that no peak is lost.
 
 
 WIDTH: Final = 1000
@@ -36,20 +35,20 @@ _STEPS: Final = (1, 2, 5, 10)
 
 
 class TimeAxis(NamedTuple):
-    """The time that is shown, seconds from the begin, and when the fault was, if any."""
+    """Time axis, in s from the beginning, with the time of the fault, if any."""
 
     begin: float
     end: float
     fault: float | None = None
 
     def x(self, time: float) -> float:
-        """Return where a time is."""
+        """Return the x coordinate of a time."""
         span = max(self.end - self.begin, 1e-9)
         return LEFT + (WIDTH - LEFT - RIGHT) * min(max((time - self.begin) / span, 0.0), 1.0)
 
 
 def _step(span: float, most: int) -> float:
-    """Return a round distance for at most about `most` marks over `span`."""
+    """Return a round interval for at most about `most` ticks over `span`."""
     raw = max(span / most, 1e-12)
     power = 10.0 ** math.floor(math.log10(raw))
     return next(step * power for step in _STEPS if step * power >= raw * 0.999)
@@ -62,7 +61,7 @@ def _marks(low: float, high: float, most: int) -> Iterator[float]:
 
 
 def _grid(axis: TimeAxis, height: float) -> Iterator[str]:
-    """Yield the grid of time with its numbers."""
+    """Yield the time grid with its numbers."""
     for mark in _marks(axis.begin, axis.end, 10):
         x = axis.x(mark)
         yield f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="0" y2="{height}"/>'
@@ -70,7 +69,7 @@ def _grid(axis: TimeAxis, height: float) -> Iterator[str]:
 
 
 def _fault(axis: TimeAxis, height: float) -> Iterator[str]:
-    """Yield the line of the fault, which goes over everything else."""
+    """Yield the line of the fault, drawn over everything else."""
     if axis.fault is not None and axis.begin <= axis.fault <= axis.end:
         x = axis.x(axis.fault)
         yield f'<line class="fault" x1="{x:.1f}" x2="{x:.1f}" y1="0" y2="{height}"/>'
@@ -82,7 +81,7 @@ def _svg(title: str, height: float, parts: Sequence[str]) -> str:
 
 
 def timeline(title: str, rows: Sequence[tuple[str, Sequence[Span]]], axis: TimeAxis) -> str:
-    """Draw states over time: rows of (label, spans); a state's class is ``s-`` and its name."""
+    """Return a drawing of states over time: rows of (label, spans); the class of a state is ``s-`` and its name."""
     height = _ROW * len(rows)
     parts = list(_grid(axis, height))
     for number, (label, spans) in enumerate(rows):
@@ -115,7 +114,7 @@ def lines(
     *,
     from_zero: bool = False,
 ) -> str:
-    """Draw values over time: series of (class, values); "" where there is no value at all."""
+    """Return a drawing of values over time: series of (class, values); "" without any value."""
     known = [value for _, values in series for value in values if value is not None]
     if not known:
         return ""
@@ -147,7 +146,7 @@ def _bounds(known: Sequence[float]) -> tuple[float, float]:
 
 
 def _thinned(time: Sequence[float], values: Sequence[float | None]) -> tuple[list[float], list[float | None]]:
-    """Return the points, of very many the least and the greatest of each stretch, in their order."""
+    """Return the points; if there are too many, the minimum and maximum of each interval, in order."""
     if len(time) <= _POINTS:
         return list(time), list(values)
     stretch = math.ceil(2 * len(time) / _POINTS)
@@ -171,7 +170,7 @@ def _path(points: Sequence[tuple[float, float | None]], y: Callable[[float], flo
 
 
 def bars(title: str, labels: Sequence[str], counts: Sequence[int]) -> str:
-    """Draw a histogram, the heights by the logarithm so that a single late cycle is seen beside a million others."""
+    """Return a histogram with logarithmic heights, so that one late cycle is visible among a million others."""
     if not any(counts):
         return ""
     height, width = 110, (WIDTH - LEFT - RIGHT) / len(counts)
@@ -228,7 +227,7 @@ tr.error{background:var(--badbg)}tr.warning{background:var(--warnbg)}tr.here td{
 
 
 def page_of(facts: ReportFacts) -> str:
-    """Return the page of `facts_of` a recording."""
+    """Return the page of the facts of a recording."""
     title = f"{facts.robot or 'CAN recording'}, {clock(facts.end, date=True)}"
     sections = (
         _summary,
@@ -259,7 +258,7 @@ def _section(title: str, content: str, *, kind: str = "") -> str:
 
 
 def _table(headings: Sequence[str], rows: Iterable[tuple[str, Sequence[tuple[str, str]]]]) -> str:
-    """Return a table; a row is its class and its cells as (class, text); a heading stands as the cells below it."""
+    """Return a table; a row is its class and its cells as (class, text); a heading is aligned as its cells."""
     rows = list(rows)
     shapes = [shape for shape, _ in rows[0][1]] if rows else [""] * len(headings)
     head = "".join(f'<th class="{shape}">{escape(text)}</th>' for shape, text in zip(shapes, headings, strict=True))
@@ -307,7 +306,7 @@ def _joints(facts: ReportFacts) -> Iterator[str]:
 
 
 def _tracking(facts: ReportFacts) -> Iterator[str]:
-    """Yield how well each joint followed its set-points, as the master saw it last."""
+    """Yield the tracking quality of each joint, as last measured by the master."""
     rows = []
     for name, joint in facts.joints.items():
         if (each := joint.tracking) is not None:
@@ -324,7 +323,7 @@ _TRACKING_HEADINGS: Final = (
 
 
 def _measured(facts: ReportFacts) -> Iterator[str]:
-    """Yield what sensors, batteries, inputs and outputs, and grippers told."""
+    """Yield the measurements of sensors, batteries, inputs, outputs and grippers."""
     rows = [
         ("", [("", each.controller), ("", each.what), *(("n", f"{value:.4g}") for value in numbers), ("", each.unit)])
         for each in facts.measured
@@ -384,7 +383,7 @@ def _frame_cells(frame: FrameFacts, fault: float | None) -> list[tuple[str, str]
 
 
 def _boot(facts: ReportFacts) -> Iterator[str]:
-    """Yield a row for each node: how long each step of its boot took, and its SDO traffic."""
+    """Yield a row for each node with the durations of its boot steps, and its SDO traffic."""
     nodes: dict[str, list[BootStep]] = {}
     for step in facts.boot:
         nodes.setdefault(step.node, []).append(step)

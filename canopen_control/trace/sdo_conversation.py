@@ -1,8 +1,8 @@
-"""One node's SDO conversation as a listener hears it: segments and blocks put together (CiA 301, 7.2.4.3).
+"""SDO transfers of one node, reconstructed by a listener, with segments and blocks (CiA 301, 7.2.4.3).
 
-The law of this file: it judges nothing. A frame that does not fit the conversation is said to, and the conversation
-goes on with the next initiate; a listener may have come late or may have lost frames. What a transfer carries is kept
-up to `LIMIT` bytes, its length is counted on.
+It does not check the protocol. A frame that does not fit is described as such, and the next initiate starts a new
+transfer; a listener may have started late or lost frames. Up to `LIMIT` bytes of a transfer are kept, and all bytes are
+counted.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ if TYPE_CHECKING:
     from canopen_control.trace.values import NodeWords
 
 
-LIMIT: Final = 1 << 16  # bytes kept of one transfer
+LIMIT: Final = 1 << 16  # maximum number of bytes kept of one transfer
 _EXPEDITED, _SIZED = 0x02, 0x01
 
 
 class SdoText(NamedTuple):
-    """What a frame says, the value where it completes one, and whether it is an abort.
+    """Description of a frame, with the value if it completes one, and whether it is an abort.
 
-    `held` is a short value that the node is now known to hold: it answered with it, or confirmed that it is written.
+    `held` is a short value that the node now has: it answered with it, or confirmed its download.
     """
 
     text: str
@@ -56,7 +56,7 @@ class SdoText(NamedTuple):
 
 
 class SdoConversation:
-    """What client and server of one node say to each other."""
+    """Transfers between client and server of one node."""
 
     def __init__(self, od: ObjectDictionary | None, words: NodeWords) -> None:
         self._od, self._words = od, words
@@ -86,14 +86,14 @@ class SdoConversation:
         self._data = bytearray()
         self._length = 0
         self._size = 0
-        self._asked: SignalValue | None = None  # the short value of a download that is not confirmed yet
-        self._open = False  # a segmented download that waits for more
-        self._streams = False  # the next frames of the sender are a block's segments
+        self._asked: SignalValue | None = None  # short value of a download that was not confirmed yet
+        self._open = False  # a segmented download has more segments
+        self._streams = False  # the next frames of the sender are segments of a block
         self._block: dict[int, bytes] = {}
-        self._last = 0  # the sequence number of the block's last segment
+        self._last = 0  # sequence number of the block's last segment
 
     def receive(self, data: bytes, *, from_client: bool) -> SdoText:
-        """Put one frame into words; a frame cut behind its last used byte is filled up."""
+        """Return the description of a frame; a frame truncated after its last used byte is padded."""
         if not data:
             return SdoText("malformed: no data")
         data = data.ljust(8, b"\0")
@@ -102,7 +102,7 @@ class SdoConversation:
         handler = (self._client if from_client else self._server).get(data[0] & COMMAND_MASK)
         return SdoText(f"unknown command 0x{data[0]:02X}") if handler is None else handler(data)
 
-    # --- what is spoken of ---
+    # -- object of the transfer
 
     def _begin(self, data: bytes, kind: str) -> str:
         self._end()
@@ -131,7 +131,7 @@ class SdoConversation:
         return SignalValue(index, subindex, self._words.name(index, subindex), value, text)
 
     def _sized_for(self, data: bytes) -> bytes:
-        """Cut an expedited value of unsaid size to its type."""
+        """Return an expedited value without a size, truncated to the size of its type."""
         entry = self._od.get(*self._address) if self._od is not None and self._address is not None else None
         bits = entry.data_type.bits if entry is not None else None
         return data if bits is None else data[: (bits + 7) // 8]
@@ -144,7 +144,7 @@ class SdoConversation:
         self._size = int.from_bytes(data[4:8], "little")
         return f"{self._size} bytes"
 
-    # --- expedited and segmented ---
+    # -- expedited and segmented transfers
 
     def _download(self, data: bytes) -> SdoText:
         where = self._begin(data, "write")
@@ -214,7 +214,7 @@ class SdoConversation:
         self._end()
         return SdoText(f"ABORT by {who}, {where}: 0x{code:08X} {abort_text(code)}", is_abort=True)
 
-    # --- blocks ---
+    # -- block transfers
 
     def _block_download_client(self, data: bytes) -> SdoText:
         if data[0] & 1:
@@ -266,7 +266,7 @@ class SdoConversation:
         return SdoText(f"block segment {number} of {self._where()}{end}")
 
     def _acknowledged(self, data: bytes) -> SdoText:
-        """Keep what the receiver has got; what it has not comes again."""
+        """Keep the acknowledged segments; the others are sent again."""
         got, expected = data[1], max(self._block, default=0)
         for number in range(1, got + 1):
             self._keep(self._block.get(number, bytes(SEGMENT_DATA)))

@@ -1,7 +1,7 @@
-"""Values of objects in words: what a statusword, a COB-ID entry or a mapping says, for one who reads a trace.
+"""Values of objects as text, such as a statusword, a COB-ID entry or a mapping.
 
-The law of the file: the number always stays in sight; the words stand behind it. Objects of the communication profile
-are CiA 301's (7.5.2), those of 0x6000 and up are CiA 402-2's, and only for a node that is a drive.
+The number is always shown, followed by the text. Objects of the communication profile are those of CiA 301 (7.5.2),
+those of 0x6000 and above those of CiA 402-2, only for a node that is a drive.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _SIGNATURES = {0x65766173: "save", 0x64616F6C: "load"}
 
 
 class SignalValue(NamedTuple):
-    """One value of a frame: the object's address and name, its value by its type, and the same in words."""
+    """One value of a frame: address and name of the object, its value by its type, and its text."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index, which means nothing here
     subindex: int
@@ -54,12 +54,12 @@ class SignalValue(NamedTuple):
 
 
 def is_faulty(state: State | None) -> bool:
-    """Whether a statusword with this state needs somebody to look."""
+    """Whether a statusword with this state indicates a fault."""
     return state in (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 def statusword_text(statusword: int, mode: int | None = None) -> str:
-    """Return ``0x0637 OPERATION ENABLED, target reached``; `mode` is the one displayed, for bits 10, 12 and 13."""
+    """Return ``0x0637 OPERATION ENABLED, target reached``; `mode` is the displayed mode, for bits 10, 12 and 13."""
     state = decode_statusword(statusword)
     name = "undefined state" if state is None else state.name.replace("_", " ")
     return ", ".join((f"0x{statusword & 0xFFFF:04X} {name}", *_status_flags(statusword, state, mode)))
@@ -75,7 +75,7 @@ def _status_flags(statusword: int, state: State | None, mode: int | None) -> Ite
     if statusword & INTERNAL_LIMIT:
         yield "internal limit"
     if state not in POWERED_STATES:
-        return  # what a mode says of a motor without torque means nothing
+        return  # mode-specific bits have no meaning while the drive is not enabled (CiA 402-2)
     known = MODE_BITS.get(mode) if mode is not None else None
     if known is None:
         if statusword & TARGET_REACHED:
@@ -87,12 +87,15 @@ def _status_flags(statusword: int, state: State | None, mode: int | None) -> Ite
 
 
 def controlword_text(controlword: int, previous: int = 0, state: State | None = None, mode: int | None = None) -> str:
-    """Return ``0x000F ENABLE OPERATION``; `previous` is the controlword before, `state` the drive's last one."""
+    """Return ``0x000F ENABLE OPERATION``.
+
+    `previous` is the previous controlword, `state` the last state of the drive.
+    """
     command = command_of(controlword, previous)
     if command is None:
         name = "FAULT RESET held" if controlword & 0x80 else "no command"
     elif command is Command.SWITCH_ON and state is State.OPERATION_ENABLED:
-        name = "DISABLE OPERATION"  # one pattern, two names: the drive's state tells them apart
+        name = "DISABLE OPERATION"  # one bit pattern with two names: the state of the drive decides (CiA 402-2)
     else:
         name = command.name.replace("_", " ")
     known = MODE_BITS.get(mode) if mode is not None else None
@@ -102,14 +105,14 @@ def controlword_text(controlword: int, previous: int = 0, state: State | None = 
 
 
 def bytes_text(data: bytes) -> str:
-    """Return bytes as hex; of many the first ones and how many there are."""
+    """Return bytes as hex; if there are many, the first ones and their number."""
     if len(data) <= _SHOWN_BYTES:
         return data.hex(" ") or "no bytes"
     return f"{data[:_SHOWN_BYTES].hex(' ')} ... ({len(data)} bytes)"
 
 
 def decoded(data: bytes, data_type: DataType | None) -> Value:
-    """Return the value by its type; the bytes where they are not of the type, a number of them where none is known."""
+    """Return the value by its type; bytes if they do not fit the type, a number if the type is unknown."""
     if data_type is None:
         return int.from_bytes(data, "little") if len(data) in _NUMBER_SIZES else bytes(data)
     try:
@@ -119,16 +122,16 @@ def decoded(data: bytes, data_type: DataType | None) -> Value:
 
 
 class ValueChange(enum.IntEnum):
-    """What the last values of a node told that was not known before."""
+    """Change shown by the last values of a node."""
 
     NONE = 0
     STATE = 1  # of state, command or mode
-    FAULT = 2  # it has come into a state of fault
+    FAULT = 2  # it entered a fault state
 
 
 @dataclass(slots=True)
 class AxisWords:
-    """What was last heard of one axis, which later words depend on."""
+    """Last known values of one axis, on which later texts depend."""
 
     mode: int | None = None
     state: State | None = None
@@ -138,7 +141,7 @@ class AxisWords:
 
 
 class NodeWords:
-    """Puts a node's values into words, and remembers of its axes what the next words need."""
+    """Conversion of a node's values to text, with the history of its axes."""
 
     def __init__(self, node: NodeDescription) -> None:
         self._od: ObjectDictionary | None = node.od
@@ -154,21 +157,21 @@ class NodeWords:
         }
 
     def name(self, index: int, subindex: int) -> str:
-        """Return what the object is called, by the EDS or else by the profile."""
+        """Return the name of the object, by the EDS or else by the profile."""
         name = entry_name(self._od, index, subindex)
         if name or not self._is_drive:
             return name
         return objects.object_name(index) or ""
 
     def take_change(self) -> ValueChange:
-        """Return the greatest change that the values since the last call told, of all axes."""
+        """Return the most important change in the values since the last call, over all axes."""
         greatest = max((axis.change for axis in self._axes.values()), default=ValueChange.NONE)
         for axis in self._axes.values():
             axis.change = ValueChange.NONE
         return greatest
 
     def text(self, index: int, subindex: int, value: Value) -> str:
-        """Return the value in words."""
+        """Return the value as text."""
         if isinstance(value, str):
             return repr(value)
         if isinstance(value, bytes | bytearray):
@@ -188,7 +191,7 @@ class NodeWords:
         return ""
 
     def mapping(self, _subindex: int, value: int) -> str:
-        """Return what a mapping entry maps."""
+        """Return the object of a mapping entry as text."""
         index, subindex, bits = parse_mapping_entry(value)
         name = f"dummy {DUMMY_TYPES[index].name}" if index in DUMMY_TYPES else self.name(index, subindex)
         return f"0x{value:08X} (0x{index:04X}:{subindex:02X} {name}, {bits} bits)" if value else "0 (nothing)"
@@ -221,7 +224,8 @@ def _mode_display(axis: AxisWords, value: int) -> str:
 
 
 def _mode_text(mode: int) -> str:
-    return f"{mode} {mode_name(mode)}" if mode >= 0 else f"{mode}"  # below zero they are the manufacturer's
+    # values below zero are manufacturer-specific (CiA 402-2)
+    return f"{mode} {mode_name(mode)}" if mode >= 0 else f"{mode}"
 
 
 def _supported(_axis: AxisWords, value: int) -> str:
@@ -281,7 +285,7 @@ def _microseconds(_words: NodeWords, _subindex: int, value: int) -> str:
     return f"{value} us"
 
 
-# first and last index, lowest subindex, words; CiA 301, 7.5.2
+# first and last index, lowest subindex, text; CiA 301, 7.5.2
 _COMMUNICATION: tuple[tuple[int, int, int, Callable[[NodeWords, int, int], str]], ...] = (
     (0x1000, 0x1000, 0, _device_type),
     (0x1001, 0x1001, 0, _register),

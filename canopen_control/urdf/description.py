@@ -1,9 +1,9 @@
-"""Robot descriptions: reads URDF or xacro into links, joints and who drives them.
+"""Robot descriptions from URDF or xacro: links, joints and the hardware of each joint.
 
-Xacro is the real one and runs only when a file asks for it; every mistake of the description
-is told at once, each with file and line (of a xacro file, the line that seems to be meant: the tags of its result have
-none); what ros2_control refuses is refused here too, so that a description that loads here loads there. Without a
-<ros2_control> tag, ROS 1's <transmission> tags say which drive moves which joint.
+Xacro itself is used, and runs only if a file needs it. All mistakes are reported at once, each with file and line (of a
+xacro file, the probable line, because its result has no line numbers). What ros2_control refuses is refused here too,
+so that a description accepted here is accepted there. Without a <ros2_control> tag, ROS 1's <transmission> tags assign
+drives to joints.
 """
 
 from __future__ import annotations
@@ -37,11 +37,9 @@ if TYPE_CHECKING:
     from canopen_control.urdf.link_element import UrdfLink
 
 
-# Runs the real xacro over a file, in a process of its own.
-#
-# An expression that never ends, or that takes all memory, is the user's mistake and costs him a
-# sentence, not his computer; so xacro gets a process that the kernel ends when its time or memory is over, and this one
-# never imports it. The process is begun early (`XacroRun`), so that who has other files to read need not wait for it.
+# Xacro runs in a process of its own, which never imports this package: an endless or memory-consuming expression is a
+# mistake of the user, and the kernel ends the process at its limits of time and memory. The process starts early
+# (`XacroRun`), so that other files can be read meanwhile.
 
 
 _HINT: Final = "look for a power, a range or a macro in it that never ends"
@@ -49,7 +47,7 @@ _HINT: Final = "look for a power, a range or a macro in it that never ends"
 
 @dataclass(frozen=True, slots=True)
 class XacroLimits:
-    """What one xacro file may take: s of the processor, s, bytes of memory."""
+    """Limits of one xacro run: processor time in s, elapsed time in s, memory in bytes."""
 
     processor_s: int = 10
     wall_s: int = 30
@@ -57,19 +55,19 @@ class XacroLimits:
 
 
 class XacroRun:
-    """One run of xacro over `path`, begun at once; `close` ends it, wanted or not.
+    """Run of xacro over `path`, started at once; `close` ends it in any case.
 
-    `mappings` are its arguments; one that it does not have is refused, unless its name ends in `?`.
+    `mappings` are its arguments; an unknown argument is refused, unless its name ends in `?`.
     """
 
     def __init__(self, path: Path, mappings: Mapping[str, str], limits: XacroLimits | None = None) -> None:
         self._path, self._limits = path, limits or XacroLimits()
-        # Isolated and without site it starts in a third of the time; what it imports is found where we find it.
+        # Isolated and without site it starts in a third of the time; it imports modules from our paths.
         folders = "\n".join(each for each in sys.path if os.path.isabs(each))
         numbers = (self._limits.processor_s, self._limits.wall_s, self._limits.memory)
         arguments = [folders, os.fspath(path), *map(str, numbers), *(f"{key}:={mappings[key]}" for key in mappings)]
         command = [sys.executable, "-I", "-S", xacro_child.__file__, *arguments]
-        lifeline, self._lifeline = os.pipe()  # it ends with us, however we end
+        lifeline, self._lifeline = os.pipe()  # it ends with this process, however that ends
         try:
             self._process = subprocess.Popen(command, stdin=lifeline, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         except (OSError, ValueError) as error:
@@ -86,7 +84,7 @@ class XacroRun:
         self.close()
 
     def close(self) -> None:
-        """End the process if it still runs; a second call does nothing."""
+        """End the process if it is still running; a second call does nothing."""
         if self._lifeline >= 0:
             os.close(self._lifeline)
             self._lifeline = -1
@@ -96,7 +94,7 @@ class XacroRun:
             self._process.stdout.close()
 
     def result(self) -> str:
-        """Wait for the URDF text; RobotConfigError if there is none."""
+        """Wait for the URDF text; RobotConfigError if xacro failed."""
         try:
             answer, _ = self._process.communicate(timeout=self._limits.wall_s)
         except subprocess.TimeoutExpired:
@@ -107,8 +105,8 @@ class XacroRun:
         raise RobotConfigError(f"{self._path}: xacro: {reason}" if reason else self._ended(self._process.returncode))
 
     def _ended(self, code: int) -> str:
-        """Say why there is no answer."""
-        if code in (-signal.SIGXCPU, -signal.SIGKILL):  # the kernel sends the second where both limits are one
+        """Return the reason of a missing answer."""
+        if code in (-signal.SIGXCPU, -signal.SIGKILL):  # the kernel sends the second if both limits are equal
             return f"{self._path}: xacro took more than {self._limits.processor_s} s of the processor; {_HINT}"
         if code == -signal.SIGALRM:
             return f"{self._path}: xacro took more than {self._limits.wall_s} s; {_HINT}"
@@ -126,9 +124,9 @@ class GazeboPlugin:
 
 @dataclass(frozen=True)
 class UrdfDescription:
-    """A robot: its URDF as text (xacro processed), its links and joints, and who drives what.
+    """Robot description: URDF as text (xacro processed), links, joints, and the hardware of the joints.
 
-    `ros1` says that the hardware was made of ROS 1's <transmission> tags, for want of a <ros2_control> tag.
+    `ros1` means that the hardware was derived from ROS 1's <transmission> tags, without a <ros2_control> tag.
     """
 
     path: str
@@ -141,33 +139,33 @@ class UrdfDescription:
 
     @property
     def links(self) -> Mapping[str, UrdfLink]:
-        """The links by name."""
+        """Links by name."""
         return self.model.links
 
     @property
     def joints(self) -> Mapping[str, Joint]:
-        """The joints by name."""
+        """Joints by name."""
         return self.model.joints
 
     @property
     def movable_joints(self) -> tuple[str, ...]:
-        """The joints that are not fixed, in the order of the file."""
+        """Joints that are not fixed, in the order of the file."""
         return tuple(joint.name for joint in self.joints.values() if not joint.fixed)
 
 
 def read_description(path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> UrdfDescription:
-    """Read a .urdf or .xacro file; `mappings` are xacro's arguments. RobotConfigError names every mistake.
+    """Read a .urdf or .xacro file; `mappings` are xacro's arguments. RobotConfigError with all mistakes.
 
-    A name that ends in `?` is an argument that the file need not have.
+    A name that ends in `?` is an argument that the file may lack.
     """
     with DescriptionReader(path, mappings=mappings) as reader:
         return reader.result()
 
 
 class DescriptionReader:
-    """Reads a .urdf or .xacro file while its caller reads others: xacro runs from now on, in a process of its own.
+    """Reader of a .urdf or .xacro file in the background: xacro runs from now on, in a process of its own.
 
-    Leaving it ends that, wanted or not. RobotConfigError now or in `result`.
+    The end of the `with` block ends the process. RobotConfigError now or in `result`.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> None:
@@ -191,14 +189,14 @@ class DescriptionReader:
             self._xacro.close()
 
     def result(self) -> UrdfDescription:
-        """Return the description; RobotConfigError names every mistake."""
+        """Return the description; RobotConfigError with all mistakes."""
         if self._xacro is None:
             return parse_description(self._source, self._path)
         return parse_description(self._xacro.result(), self._path, source=self._source)
 
 
 def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = None) -> UrdfDescription:
-    """Return the description of a URDF text; `source` is the xacro text it was made of, to find lines in."""
+    """Return the description of a URDF text; `source` is the xacro text it was generated from, for line numbers."""
     document = read_document(urdf, path, source)
     model = model_of(document)
     tags = [each for each in document.root.children if each.tag == "ros2_control"]

@@ -1,7 +1,7 @@
-"""XML elements with their places, and the mistakes found at them.
+"""XML elements with their places, and mistakes at these places.
 
-A number that is none, or a name that is missing, is a mistake with its place and a default that
-lets the reading go on, so that all of them are told at once. Lines and columns count from 1.
+An invalid number or a missing name is recorded with its place and replaced by a default, so that all mistakes are
+reported at once. Lines and columns count from 1.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class ElementPlace(NamedTuple):
-    """Where something begins in the file."""
+    """Place of the beginning of an element in the file."""
 
     line: int
     column: int
@@ -31,15 +31,15 @@ NOWHERE = ElementPlace(0, 0)
 
 
 class Placed(Protocol):
-    """What has a place in the file: an element, or what was read of one."""
+    """Object with a place in the file: an element, or something read from one."""
 
     @property
     def place(self) -> ElementPlace:
-        """Where it begins."""
+        """Place of its beginning."""
 
 
 class Element:
-    """An XML element: its tag, attributes, children, the text directly in it without outer blanks, and its place."""
+    """XML element: tag, attributes, children, the text directly in it without surrounding blanks, and its place."""
 
     __slots__ = ("attributes", "children", "place", "tag", "text")
 
@@ -49,7 +49,7 @@ class Element:
         self.text = ""
 
     def child(self, tag: str) -> Element | None:
-        """Return the first child of a tag."""
+        """Return the first child with a tag."""
         return next((each for each in self.children if each.tag == tag), None)
 
     def parameters(self) -> dict[str, str]:
@@ -58,30 +58,30 @@ class Element:
 
 
 class UrdfDocument:
-    """A description's elements, and the collector of its mistakes."""
+    """Elements of a description, and the list of its mistakes."""
 
     def __init__(self, root: Element, path: str) -> None:
         self.root, self._path = root, path
         self._problems: dict[tuple[ElementPlace, str], None] = {}
 
     def error(self, where: Placed, message: str) -> None:
-        """Add a mistake at an element, or at what was read of one."""
+        """Add a mistake at an element, or at something read from one."""
         self._problems[where.place, message] = None
 
     def raise_if_any(self) -> None:
-        """Raise RobotConfigError with every mistake, if there is one."""
+        """Raise RobotConfigError with all mistakes, if there are any."""
         if self._problems:
             found = sorted(self._problems)
             raise RobotConfigError("\n".join(f"{self._path}:{p.line}:{p.column}: {message}" for p, message in found))
 
     def name(self, element: Element) -> str:
-        """Return the name of an element, which it must have."""
+        """Return the name of an element, which is mandatory."""
         if not element.attributes.get("name"):
             self.error(element, f"<{element.tag}> has no name")
         return element.attributes.get("name", "")
 
     def by_name(self, found: Iterable[tuple[Element, T]]) -> dict[str, T]:
-        """Return what was read of elements by their names, no two of which may be the same."""
+        """Return objects by name; a duplicate name is a mistake."""
         firsts: dict[str, Element] = {}
         kept: dict[str, T] = {}
         for element, read in found:
@@ -94,16 +94,16 @@ class UrdfDocument:
         return kept
 
     def _where_first(self, first: Element, second: Element) -> str:
-        if first.place == second.place:  # as far as can be seen in a xacro file
+        if first.place == second.place:  # as far as the line can be determined in a xacro file
             return "both are made here: call the macro with another name"
         return f"first at {self._path}:{first.place.line}:{first.place.column}; rename one"
 
     def number(self, element: Element, attribute: str, default: float) -> float:
-        """Return a number attribute; infinity and nan are none."""
+        """Return the number in an attribute; infinity and nan are invalid."""
         return self.decimal(element, element.attributes, attribute, default)
 
     def decimal(self, element: Element, values: Mapping[str, str], key: str, default: float) -> float:
-        """Return a number of a mapping that belongs to an element."""
+        """Return a number in a mapping that belongs to an element."""
         text = values.get(key)
         if text is None:
             return default
@@ -115,7 +115,7 @@ class UrdfDocument:
     def vector(
         self, element: Element | None, attribute: str, default: tuple[float, float, float]
     ) -> tuple[float, float, float]:
-        """Return three numbers of an attribute."""
+        """Return the three numbers in an attribute."""
         if element is None or attribute not in element.attributes:
             return default
         numbers = [finite_number(each) for each in element.attributes[attribute].split()]
@@ -128,7 +128,7 @@ class UrdfDocument:
 
 
 def finite_number(text: str) -> float | None:
-    """Return the number that a text holds, None where it holds none or one that is not finite."""
+    """Return the number in a text, None if it is invalid or not finite."""
     try:
         number = float(text)
     except ValueError:
@@ -137,7 +137,7 @@ def finite_number(text: str) -> float | None:
 
 
 class _Builder:
-    """Makes elements from expat's calls; the parser itself is the C one and knows its line."""
+    """Builder of elements from the calls of expat's C parser, which knows the line."""
 
     def __init__(self, source: _XacroLines | None) -> None:
         self._parser = xml.parsers.expat.ParserCreate()
@@ -149,8 +149,8 @@ class _Builder:
         self.root: Element | None = None
 
     def read(self, text: str) -> None:
-        """Parse the whole text; raises ExpatError."""
-        self._parser.Parse(text, True)  # expat takes it by position: this is the last piece
+        """Parse the whole text; may raise ExpatError."""
+        self._parser.Parse(text, True)  # positional in expat: this is the last piece
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes, self._place(tag, attributes))
@@ -175,7 +175,7 @@ class _Builder:
 
 
 class _XacroLines:
-    """Guesses where in a xacro file an element of its result comes from; `${...}` in a name fits anything."""
+    """Estimate of the line in a xacro file that an element came from; `${...}` in a name matches any text."""
 
     def __init__(self, source: str) -> None:
         self._places: list[tuple[str, str, ElementPlace]] = []
@@ -186,7 +186,7 @@ class _XacroLines:
             self._places.append((found[1], found[2], place))
 
     def place(self, tag: str, name: str) -> ElementPlace:
-        """Return the place of the next element of this tag and name, the beginning if nothing fits."""
+        """Return the place of the next element with this tag and name, the beginning of the file if none matches."""
         seen = self._seen.get((tag, name), 0)
         self._seen[tag, name] = seen + 1
         places = [place for its_tag, its_name, place in self._places if its_tag == tag and its_name == name]
@@ -205,9 +205,9 @@ def _fits(written: str, name: str) -> bool:
 
 
 def read_document(text: str, path: str, source: str | None = None) -> UrdfDocument:
-    """Return the elements of an XML text, or raise RobotConfigError with the place where it is none.
+    """Return the elements of an XML text; RobotConfigError with the place if it is invalid.
 
-    `source` is the xacro text that it was made of: lines are sought in it.
+    `source` is the xacro text it was generated from, in which lines are searched.
     """
     builder = _Builder(None if source is None else _XacroLines(source))
     try:
@@ -215,7 +215,7 @@ def read_document(text: str, path: str, source: str | None = None) -> UrdfDocume
     except xml.parsers.expat.ExpatError as error:
         reason = xml.parsers.expat.ErrorString(error.code)
         raise RobotConfigError(f"{path}:{error.lineno}:{error.offset + 1}: no XML: {reason}") from error
-    except ValueError as error:  # a surrogate or another character that no encoding has
+    except ValueError as error:  # a surrogate or another character without an encoding
         raise RobotConfigError(f"{path}: no XML: {error}") from error
     if builder.root is None:
         raise RobotConfigError(f"{path}: no XML: there is no element in it")

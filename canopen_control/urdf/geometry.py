@@ -16,7 +16,7 @@ IDENTITY: Final[Quaternion] = (1.0, 0.0, 0.0, 0.0)
 
 
 def about(axis: Vector, angle: float) -> Quaternion:
-    """Return the rotation by `angle` about an axis of any length; about none it is no rotation."""
+    """Return the rotation by `angle` about an axis of any length; the identity for a zero axis."""
     length = math.hypot(*axis)
     if length == 0.0 or not math.isfinite(angle):
         return IDENTITY
@@ -25,7 +25,7 @@ def about(axis: Vector, angle: float) -> Quaternion:
 
 
 def along(axis: Vector, length: float) -> Vector:
-    """Return the vector of `length` m along an axis of any length."""
+    """Return the vector with `length` m along an axis of any length."""
     factor = length / (math.hypot(*axis) or 1.0)
     return axis[0] * factor, axis[1] * factor, axis[2] * factor
 
@@ -42,7 +42,7 @@ def from_rpy(rpy: Vector) -> Quaternion:
 
 
 def multiply(first: Quaternion, second: Quaternion) -> Quaternion:
-    """Return the rotation that is `second` seen from the frame that `first` turned."""
+    """Return the combined rotation: `second`, given in the frame rotated by `first`."""
     a, b, c, d = first
     e, f, g, h = second
     return (
@@ -54,25 +54,25 @@ def multiply(first: Quaternion, second: Quaternion) -> Quaternion:
 
 
 def rotate(rotation: Quaternion, vector: Vector) -> Vector:
-    """Return a vector turned by a rotation."""
+    """Return a rotated vector."""
     w, x, y, z = rotation
     _, rx, ry, rz = multiply(multiply(rotation, (0.0, *vector)), (w, -x, -y, -z))
     return rx, ry, rz
 
 
 class Pose(NamedTuple):
-    """Where a frame is in its parent's, and how it is turned there."""
+    """Pose of a frame in its parent frame."""
 
     position: Vector = (0.0, 0.0, 0.0)
     rotation: Quaternion = IDENTITY
 
     def of(self, point: Vector) -> Vector:
-        """Return a point of this frame in the parent's."""
+        """Return a point of this frame in the parent frame."""
         x, y, z = rotate(self.rotation, point)
         return self.position[0] + x, self.position[1] + y, self.position[2] + z
 
     def then(self, child: Pose) -> Pose:
-        """Return the pose in the parent's frame of a frame that has the pose `child` in this one."""
+        """Return the pose in the parent frame of a frame with pose `child` in this frame."""
         return Pose(self.of(child.position), multiply(self.rotation, child.rotation))
 
 

@@ -1,8 +1,8 @@
-"""The `<joint>` elements of a description: limits, what they mimic, and where they put the link that hangs on them.
+"""`<joint>` elements of a description: limits, mimic joints, and the poses of child links.
 
-Rules (URDF, robot_state_publisher): the pose of a joint's child is the joint's origin, then its motion, a
-rotation by the position about its axis or a shift along it; a mimic joint is at `multiplier * position + offset` of the
-other. Fixed joints never move; where a floating or planar one is, nobody knows. Lengths in m, angles in rad.
+As in URDF and robot_state_publisher, the pose of a child link is the joint's origin, then its motion: a rotation by the
+position about its axis or a translation along it. A mimic joint is at `multiplier * position + offset` of the other
+joint. Fixed joints never move; the position of a floating or planar joint is unknown. Lengths in m, angles in rad.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.document import Element, UrdfDocument
 
 
-# Command and state interfaces as a description declares them: their standard names, bounds and initial values.
+# -- command and state interfaces: standard names, bounds and initial values
 
 
 POSITION: Final = "position"
@@ -32,9 +32,9 @@ ACCELERATION: Final = "acceleration"
 
 @dataclass(frozen=True)
 class InterfaceInfo:
-    """A <command_interface> or <state_interface>: bounds and initial value in SI units, infinite or nan if absent.
+    """<command_interface> or <state_interface>: bounds and initial value in SI units, infinite or nan if absent.
 
-    `limited` is False where `<limits enable="false"/>` stands, at it or at its joint.
+    `limited` is False with `<limits enable="false"/>` in it or in its joint.
     """
 
     name: str
@@ -74,7 +74,7 @@ _TURNING: Final = ("revolute", "continuous")
 
 @dataclass(frozen=True)
 class UrdfLimits:
-    """A joint's <limit>: rad or m, rad/s or m/s, Nm or N; infinite where there is none."""
+    """<limit> of a joint: rad or m, rad/s or m/s, Nm or N; infinite if absent."""
 
     lower: float = -math.inf
     upper: float = math.inf
@@ -83,13 +83,13 @@ class UrdfLimits:
 
     @property
     def speed(self) -> float:
-        """The largest velocity; infinite for 0, which exporters write where their user gave none."""
+        """Maximum velocity; infinite for 0, which exporters write if the user gave none."""
         return abs(self.velocity) or math.inf
 
 
 @dataclass(frozen=True, slots=True)
 class HardLimits:
-    """What a joint may do, by all that limits it: rad, rad/s, Nm, rad/s2, rad/s3 (m, N); infinite for no limit."""
+    """All limits of a joint: rad, rad/s, Nm, rad/s2, rad/s3 (m, N); infinite if unlimited."""
 
     min_position: float = -math.inf
     max_position: float = math.inf
@@ -101,13 +101,16 @@ class HardLimits:
 
     @property
     def has_ends(self) -> bool:
-        """Whether its positions are limited."""
+        """Whether the position is limited."""
         return math.isfinite(self.min_position) or math.isfinite(self.max_position)
 
 
 @dataclass(frozen=True)
 class SoftLimits:
-    """A joint's <safety_controller>: soft ends in rad or m, 0 and 0 for none; gains in 1/s and Nm s/rad (N s/m)."""
+    """<safety_controller> of a joint: soft position limits in rad or m, 0 and 0 for none.
+
+    Gains in 1/s and Nm s/rad (N s/m).
+    """
 
     lower: float = 0.0
     upper: float = 0.0
@@ -117,7 +120,7 @@ class SoftLimits:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """A joint's <dynamics>: Nm s/rad and Nm (Ns/m and N), None for what it does not give."""
+    """<dynamics> of a joint: Nm s/rad and Nm (N s/m and N), None if absent."""
 
     damping: float | None = None
     friction: float | None = None
@@ -133,7 +136,7 @@ class Mimic:
 
 
 class Transform(NamedTuple):
-    """From the frame `parent` to the frame `child`, as /tf tells it."""
+    """Transform from the frame `parent` to the frame `child`, as published on /tf."""
 
     parent: str
     child: str
@@ -142,7 +145,7 @@ class Transform(NamedTuple):
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint at `origin` in the frame of its parent link; `place` is that of its tag."""
+    """Joint at `origin` in the frame of its parent link; `place` is that of its tag."""
 
     name: str
     type: str
@@ -158,11 +161,11 @@ class Joint:
 
     @property
     def fixed(self) -> bool:
-        """Whether it never moves."""
+        """Whether the joint is fixed."""
         return self.type == "fixed"
 
     def span(self, interface: str) -> tuple[float, float]:
-        """Return the least and the greatest value of an interface by its limits, infinite where there are none."""
+        """Return the minimum and maximum of an interface by its limits, infinite if unlimited."""
         limits = self.limits
         if interface == POSITION:
             return (-math.inf, math.inf) if self.type == "continuous" else (limits.lower, limits.upper)
@@ -170,14 +173,17 @@ class Joint:
         return -most, most
 
     def position_in(self, positions: Mapping[str, float | None]) -> float:
-        """Return where it is by the positions of joints, rad or m; a mimic joint by whom it mimics; nan if unknown."""
+        """Return the joint's position in rad or m from the positions of joints; a mimic joint follows its other joint.
+
+        Nan if unknown.
+        """
         position = positions.get(self.mimic.joint if self.mimic is not None else self.name)
         if position is None:
             return math.nan
         return position if self.mimic is None else self.mimic.multiplier * position + self.mimic.offset
 
     def pose(self, position: float) -> Pose:
-        """Return the child link's pose in the parent's frame; of a joint with more freedom, its origin."""
+        """Return the child link's pose in the parent frame; for a joint with more degrees of freedom, its origin."""
         if self.type in _TURNING:
             return self.origin.then(Pose(rotation=about(self.axis, position)))
         if self.type == "prismatic":
@@ -185,7 +191,7 @@ class Joint:
         return self.origin
 
     def transform(self, positions: Mapping[str, float | None]) -> Transform | None:
-        """Return where the child is; None if that is not known, or if the joint is of a kind with more freedom."""
+        """Return the transform to the child; None if it is unknown, or if the joint has more degrees of freedom."""
         position = 0.0 if self.fixed else self.position_in(positions)
         if not math.isfinite(position) or not (self.fixed or self.type in _TURNING or self.type == "prismatic"):
             return None
@@ -193,7 +199,7 @@ class Joint:
 
 
 def read_joint(document: UrdfDocument, element: Element) -> Joint:
-    """Return a <joint>; what is wrong in it is reported to the document."""
+    """Return the joint of a <joint> tag; mistakes are added to the document."""
     name = document.name(element)
     kind = element.attributes.get("type", "")
     if kind not in _TYPES:

@@ -1,7 +1,7 @@
-"""The `<link>` elements of a description: the shapes they are drawn with, and the radius of round ones.
+"""`<link>` elements of a description: visual shapes, and the radius of round ones.
 
-Nothing here is a mistake of the file, since none of it moves a joint. What cannot be drawn is left
-out and told in the notes.
+Errors here are not mistakes of the file, since joints move without shapes. A shape that cannot be drawn is omitted and
+listed in the notes.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _ZERO: Final = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Visual:
-    """One shape in the frame of its link, in m.
+    """Shape in the frame of its link, in m.
 
-    `size` is x, y, z of a box; radius and length of a cylinder, which stands along z; radius of a sphere; the scale of
-    a mesh, whose `file` is as the URDF writes it. `color` is red, green, blue to 255, `opacity` 0 to 1.
+    `size` is x, y, z of a box; radius and length of a cylinder along z; radius of a sphere; the scale of a mesh, whose
+    `file` is as written in the URDF. `color` is red, green, blue up to 255, `opacity` 0 to 1.
     """
 
     shape: str
@@ -42,7 +42,7 @@ class Visual:
 
 @dataclass(frozen=True, slots=True)
 class UrdfLink:
-    """A rigid part of the robot; `radius` in m if its collision, else its visual, has one cylinder or sphere.
+    """Rigid body of the robot; `radius` in m if its collision, else its visual, has one cylinder or sphere.
 
     `place` is that of its tag.
     """
@@ -54,7 +54,7 @@ class UrdfLink:
 
 
 def read_links(document: UrdfDocument, notes: list[str]) -> dict[str, UrdfLink]:
-    """Return the links of a `<robot>` by name; `notes` is filled with what of them cannot be drawn."""
+    """Return the links of a `<robot>` by name; shapes that cannot be drawn are added to `notes`."""
     children = document.root.children
     materials = {
         each.attributes.get("name", ""): color
@@ -73,7 +73,7 @@ def _link(document: UrdfDocument, element: Element, materials: Mapping[str, _Rgb
 
 
 def _radius(elements: Sequence[Element]) -> float | None:
-    """Return the radius of the only round shape among <collision> or <visual> tags."""
+    """Return the radius of the only round shape in <collision> or <visual> tags."""
     geometries = [geometry.children for each in elements if (geometry := each.child("geometry")) is not None]
     round_ones = [one for children in geometries for one in children if one.tag in _ROUND]
     size = _lengths(round_ones[0], "radius") if len(round_ones) == 1 else None
@@ -133,7 +133,7 @@ def _lengths(element: Element, *keys: str) -> tuple[float, ...] | None:
 
 
 def _numbers(element: Element | None, key: str) -> list[float] | None:
-    """Return the finite numbers of an attribute; None where it is missing or holds something else."""
+    """Return the finite numbers in an attribute; None if it is missing or invalid."""
     try:
         values = [float(word) for word in element.attributes[key].split()] if element is not None else None
     except (KeyError, ValueError):

@@ -1,7 +1,7 @@
-"""Mesh files of a description, STL, OBJ, COLLADA (DAE) and GLB: where they are, and what is in them.
+"""Mesh files of a description: STL, OBJ, COLLADA (DAE) and GLB.
 
-Only files of this computer are read, found from where the description itself is; what cannot be
-found or read is a sentence, and the robot is drawn and simulated without it.
+Only local files are read, searched relative to the description. If a file cannot be found or read, a sentence is
+reported, and the robot is drawn and simulated without it.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import struct
-import xml.etree.ElementTree as ET  # a file of the user's own description
+import xml.etree.ElementTree as ET  # only files of the user's own description are parsed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
 
-# Mesh formats that are text, Wavefront OBJ, COLLADA (DAE) and ASCII STL, as triangles.
+# -- text formats (Wavefront OBJ, COLLADA and ASCII STL) as triangles
 
 
 Triangle = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
@@ -41,7 +41,7 @@ def stl_triangles(content: bytes) -> list[Triangle]:
 
 
 def obj_triangles(content: bytes) -> list[Triangle]:
-    """Return the faces of a Wavefront file; without colours and normals. ValueError or IndexError if it is broken."""
+    """Return the faces of a Wavefront file, without colours and normals. ValueError or IndexError if it is broken."""
     points: list[tuple[float, ...]] = []
     triangles: list[Triangle] = []
     for line in content.decode("utf-8", "replace").splitlines():
@@ -56,7 +56,7 @@ def obj_triangles(content: bytes) -> list[Triangle]:
 
 
 def dae_triangles(content: bytes) -> list[Triangle]:
-    """Return the faces of a COLLADA file where its scene puts them, z up, in m; colours are left out.
+    """Return the faces of a COLLADA file as placed by its scene, z up, in m, without colours.
 
     ValueError, KeyError or IndexError if it is broken.
     """
@@ -137,13 +137,14 @@ _DAE_MOVES: Final[dict[str, Callable[[list[float]], Matrix]]] = {
 }
 
 
-MAX_BYTES: Final = 50_000_000  # of a file; more stands still in a browser and in a simulation
+MAX_BYTES: Final = 50_000_000  # per file; more would stall a browser and a simulation
 
 
 def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None = None) -> Path:
-    """Return the file of `package://NAME/...`, `file://...` or a path relative to the description; ConfigError if none.
+    """Return the file of `package://NAME/...`, `file://...` or a path relative to the description.
 
-    A package is one above the description, in ROS_PACKAGE_PATH, or in share/ of AMENT_PREFIX_PATH.
+    ConfigError if missing. A package is a folder above the description, in ROS_PACKAGE_PATH, or in share/ of
+    AMENT_PREFIX_PATH.
     """
     parts = urlsplit(uri)
     if parts.scheme not in ("", "file", "package", "model"):
@@ -163,7 +164,7 @@ def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None 
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """A file that browser and simulation can read, and its format: "stl", which is binary, or "glb" (no simulation)."""
+    """Mesh for browser and simulation, with its format: "stl" (binary), or "glb" (browser only)."""
 
     content: bytes
     format: str
@@ -202,7 +203,7 @@ def _read_glb(content: bytes) -> Mesh:
 
 
 def _as_stl(triangles: Sequence[Triangle]) -> Mesh:
-    """Return triangles as binary STL; normals are left to the reader, which makes them of the corners."""
+    """Return triangles as binary STL; normals are zero, and the reader computes them."""
     if not triangles:
         raise ValueError("there are no faces in it")
     rows = bytearray(80) + len(triangles).to_bytes(4, "little")

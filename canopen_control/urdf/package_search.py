@@ -1,8 +1,8 @@
-"""Finds ROS packages by name: around a file, in ROS_PACKAGE_PATH, and where ament has installed them.
+"""Search of ROS packages by name: near a file, in ROS_PACKAGE_PATH, and where ament installed them.
 
-A package is a folder of its name, or one whose package.xml has it. The nearest to the file goes first, so that the
-sources that somebody edits win over an older copy that is installed. ROS_PACKAGE_PATH is searched in depth, as rospack
-does, down to the first package.xml; AMENT_PREFIX_PATH has its packages in share/.
+A package is a folder with its name, or with its name in package.xml. The one nearest to the file takes precedence, so
+that edited sources win over an older installed copy. ROS_PACKAGE_PATH is searched in depth as by rospack, down to the
+first package.xml; AMENT_PREFIX_PATH has its packages in share/.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
 _INSTALLS = re.compile(r"\binstall\s*\(\s*DIRECTORY\b([^()]*)\)", re.IGNORECASE)
-_NEAR = 3  # folders above a file whose other folders are looked into for a package.xml of the name
-_DEPTH = 5  # of a path of ROS_PACKAGE_PATH
-_MOST = 5_000  # folders that are looked into in one of its paths
+_NEAR = 3  # number of folders above a file whose subfolders are searched
+_DEPTH = 5  # depth below a path of ROS_PACKAGE_PATH
+_MOST = 5_000  # maximum number of folders searched in one of its paths
 
 
 def find_package(package: str, beside: str, environment: Mapping[str, str] | None = None) -> str:
-    """Return the folder of a package; LookupError says where it was sought. `beside` is the file that names it."""
+    """Return the folder of a package; LookupError lists the places searched. `beside` is the file that names it."""
     for folder in package_folders(package, Path(beside), environment):
         return str(folder)
     raise LookupError(
@@ -35,14 +35,14 @@ def find_package(package: str, beside: str, environment: Mapping[str, str] | Non
 
 
 def package_folders(package: str, beside: Path, environment: Mapping[str, str] | None = None) -> Iterator[Path]:
-    """Yield the folders that are the package, the one to be taken first."""
+    """Yield the folders of the package, in order of precedence."""
     if _NAME.fullmatch(package):
         yield from _around(package, Path(os.path.realpath(beside)))
     yield from installed_packages(package, environment)
 
 
 def installed_packages(package: str, environment: Mapping[str, str] | None = None) -> Iterator[Path]:
-    """Yield the folders of the package that the environment knows."""
+    """Yield the folders of the package in the environment."""
     if not _NAME.fullmatch(package):
         return
     given = os.environ if environment is None else environment
@@ -53,16 +53,16 @@ def installed_packages(package: str, environment: Mapping[str, str] | None = Non
         if folder.is_dir():
             yield folder
     if environment is None:
-        with contextlib.suppress(Exception):  # ament_index_python is absent, or does not know it
+        with contextlib.suppress(Exception):  # ament_index_python is missing, or does not know it
             from ament_index_python.packages import get_package_share_directory
 
             yield Path(get_package_share_directory(package))
 
 
 def installed_file(package: Path, name: Path) -> Path:
-    """Return the file `name` of a package, where its sources have it: install(DIRECTORY ...) of CMake may move folders.
+    """Return a file of a package by its path in the sources, since CMake's install(DIRECTORY ...) may move folders.
 
-    The path below the package is returned where it exists, or where nothing installs it.
+    The path below the package is returned if it exists, or if no rule installs it.
     """
     plain = package / name
     if plain.exists():
@@ -95,7 +95,7 @@ def _installed_from(package: Path, name: Path) -> Iterator[Path]:
 
 
 def _around(package: str, file: Path) -> Iterator[Path]:
-    """Yield what is above a file, or beside what is above it."""
+    """Yield the folders above a file, and their siblings."""
     for distance, folder in enumerate(file.parents):
         for candidate in (folder, folder / package):
             if _names(candidate, package) or (candidate.name == package and candidate.is_dir()):
@@ -105,7 +105,7 @@ def _around(package: str, file: Path) -> Iterator[Path]:
 
 
 def _below(package: str, folder: Path, depth: int) -> Iterator[Path]:
-    """Yield the packages of that name in a folder, none of those inside another package."""
+    """Yield the packages with this name in a folder, excluding those inside another package."""
     left, level = _MOST, [folder]
     for _ in range(depth):
         deeper = list[Path]()
@@ -127,7 +127,7 @@ def _folders(folder: Path) -> list[Path]:
 
 
 def _names(folder: Path, package: str) -> bool:
-    """Whether the manifest in a folder is that of a package."""
+    """Whether the manifest in a folder has the name of the package."""
     try:
         return f"<name>{package}</name>" in (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
     except OSError:

@@ -1,4 +1,4 @@
-"""The links and joints of a description as a tree."""
+"""Links and joints of a description as a tree, and its wheel geometry."""
 
 from __future__ import annotations
 
@@ -22,22 +22,20 @@ if TYPE_CHECKING:
     from canopen_control.urdf.link_element import UrdfLink
 
 
-# What the description knows of a robot's wheels, for controllers that are not told it and to check those that are.
-#
-# Rules (ros_controllers noetic): the separation is the distance of two wheel joints' origins, in the
-# plane; the radius is that of the one cylinder or sphere of the wheel's link. Ours: joints that do not hang on the same
-# link are followed through fixed joints to a common one; what the description does not say is None, never a guess.
+# Wheel geometry (ros_controllers noetic): the separation is the distance of the origins of two wheel joints in the
+# plane; the radius is that of the only cylinder or sphere of the wheel's link. In addition, joints of different links
+# are followed through fixed joints to a common link. A value that the description lacks is None, never a guess.
 
 
 class WheelGeometry:
-    """The wheels of one description; lengths in m."""
+    """Wheel geometry of one description; lengths in m."""
 
     def __init__(self, model: RobotModel) -> None:
         self._joints, self._links = model.joints, model.links
         self._above = {joint.child: joint for joint in model.joints.values()}
 
     def separation(self, left: Sequence[str], right: Sequence[str]) -> float | None:
-        """Return the mean distance of the wheels of both sides across the robot, None if it is not known."""
+        """Return the mean distance between the wheels of both sides across the robot, None if unknown."""
         sides = [[self.place(name) for name in side] for side in (left, right)]
         if not all(sides) or any(place is None for side in sides for place in side):
             return None
@@ -48,7 +46,7 @@ class WheelGeometry:
         return math.dist(means[0], means[1])
 
     def radius(self, wheels: Sequence[str]) -> float | None:
-        """Return the radius of these wheels, None if it is not known or they differ."""
+        """Return the radius of these wheels, None if it is unknown or they differ."""
         found = {self._radius(name) for name in wheels}
         return found.pop() if len(found) == 1 else None
 
@@ -58,7 +56,7 @@ class WheelGeometry:
         return None if link is None else link.radius
 
     def place(self, joint: str) -> tuple[str, Vector] | None:
-        """Return where a joint is: the link above all fixed joints over it, and the point in that link's frame."""
+        """Return the link above all fixed joints over a joint, and the position of the joint in this link."""
         found = self._joints.get(joint)
         if found is None:
             return None
@@ -70,14 +68,14 @@ class WheelGeometry:
         return link, point
 
     def axis(self, joint: str) -> Vector | None:
-        """Return the axis of a joint in the frame of the link it hangs on."""
+        """Return the axis of a joint in the frame of its parent link."""
         found = self._joints.get(joint)
         return None if found is None else rotate(found.origin.rotation, found.axis)
 
 
 @dataclass(frozen=True)
 class RobotModel:
-    """A robot's links and joints by name, in the order of the file; `notes` say what of it cannot be drawn."""
+    """Links and joints of a robot by name, in the order of the file; `notes` list what cannot be drawn."""
 
     name: str
     links: dict[str, UrdfLink] = field(default_factory=dict)
@@ -86,19 +84,19 @@ class RobotModel:
 
     @property
     def root(self) -> str:
-        """The link that hangs on no joint, the first of several; of a circle, the first link of the file."""
+        """Link without a parent joint, the first of several; if the tree has a cycle, the first link of the file."""
         children = {joint.child for joint in self.joints.values()}
         free = (link for link in self.links if link not in children)
         return next(free, next(iter(self.links), "base"))
 
     @cached_property
     def from_root(self) -> tuple[Joint, ...]:
-        """The joints that hang on the root, each once and after the one that it hangs on."""
+        """Joints below the root, each once and after its parent."""
         return tuple(_parents_first(self.root, list(self.joints.values())))
 
 
 def read_model(urdf: str, path: str = "<urdf>") -> RobotModel:
-    """Return the links and joints of a URDF text; RobotConfigError names every mistake in them."""
+    """Return the links and joints of a URDF text; RobotConfigError with all mistakes."""
     document = read_document(urdf, path)
     model = model_of(document)
     document.raise_if_any()
@@ -106,7 +104,7 @@ def read_model(urdf: str, path: str = "<urdf>") -> RobotModel:
 
 
 def model_of(document: UrdfDocument) -> RobotModel:
-    """Return the links and joints of a description; what is wrong in them is reported to the document."""
+    """Return the links and joints of a description; mistakes are added to the document."""
     root, notes = document.root, list[str]()
     if root.tag != "robot":
         document.error(root, f"the root element is <{root.tag}>; a description starts with <robot name=...>")

@@ -1,4 +1,4 @@
-"""<ros2_control> tags of a description: who drives which joints through which interfaces."""
+"""<ros2_control> and <transmission> tags of a description: hardware, joints and their interfaces."""
 
 from __future__ import annotations
 
@@ -16,10 +16,8 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint_element import Joint, Mimic
 
 
-# Transmissions of a description: what is between the shaft of a motor and a joint.
-#
-# Both spellings are read: ROS 1's tag at the root (`<mechanicalReduction>`, `<hardwareInterface>`) and ros2_control's
-# inside its own tag (`<mechanical_reduction>`).
+# -- transmissions between the shaft of a motor and a joint, in both spellings: ROS 1's tag at the root
+# (`<mechanicalReduction>`, `<hardwareInterface>`) and ros2_control's inside its own tag (`<mechanical_reduction>`)
 
 
 SIMPLE: Final = "transmission_interface/SimpleTransmission"
@@ -35,9 +33,9 @@ HARDWARE_INTERFACES: Final = {
 
 @dataclass(frozen=True)
 class Transmission:
-    """A simple transmission: the actuator turns `reduction` times as far as the joint; `offset` in rad or m.
+    """Simple transmission: the actuator turns `reduction` times as far as the joint; `offset` in rad or m.
 
-    `interfaces` are the command interfaces that a ROS 1 tag names; "" there is a joint that is only read.
+    `interfaces` are the command interfaces of a ROS 1 tag, "" for a joint without a command.
     """
 
     name: str
@@ -50,14 +48,14 @@ class Transmission:
 
     @property
     def trivial(self) -> bool:
-        """Whether joint and actuator turn alike."""
+        """Whether joint and actuator have the same position."""
         return self.reduction == 1.0 and self.offset == 0.0
 
 
 def read_transmissions(
     document: UrdfDocument, elements: Iterable[Element], joints: Mapping[str, Joint]
 ) -> tuple[Transmission, ...]:
-    """Return the <transmission> tags, one for each joint; what is wrong in them is reported to the document."""
+    """Return the <transmission> tags, one per joint; mistakes are added to the document."""
     found: dict[str, Transmission] = {}
     for element in elements:
         each = _transmission(document, element)
@@ -110,7 +108,7 @@ _REDUCTIONS: Final = ("mechanicalReduction", "mechanical_reduction")
 def _transmission_interfaces(
     document: UrdfDocument, name: str, joint: Element | None, actuator: Element | None
 ) -> tuple[str, ...]:
-    """Return the command interfaces of the `<hardwareInterface>` tags, which older files have at the actuator."""
+    """Return the command interfaces of the `<hardwareInterface>` tags, which older files have in the actuator."""
     found: list[str] = []
     for place in (joint, actuator):
         for each in place.children if place is not None else ():
@@ -131,7 +129,7 @@ _CHILDREN: Final = ("hardware", "properties", "joint", "sensor", "gpio", "transm
 
 @dataclass(frozen=True)
 class ControlJoint:
-    """A <joint>, <sensor> or <gpio> of a <ros2_control> tag; its interfaces by name."""
+    """<joint>, <sensor> or <gpio> of a <ros2_control> tag, with its interfaces by name."""
 
     name: str
     parameters: dict[str, str] = field(default_factory=dict)
@@ -143,7 +141,7 @@ class ControlJoint:
 
 @dataclass(frozen=True)
 class Ros2ControlSystem:
-    """A <ros2_control> tag: `kind` is system, actuator or sensor, `plugin` what drives it."""
+    """<ros2_control> tag: `kind` is system, actuator or sensor, `plugin` the hardware plugin."""
 
     name: str
     kind: str
@@ -157,7 +155,7 @@ class Ros2ControlSystem:
 
 
 def read_system(document: UrdfDocument, element: Element, joints: Mapping[str, Joint]) -> Ros2ControlSystem:
-    """Return a <ros2_control> tag; what is wrong in it is reported to the document."""
+    """Return a <ros2_control> tag; mistakes are added to the document."""
     name, kind = document.name(element), element.attributes.get("type", "")
     if kind not in KINDS:
         document.error(element, f"<ros2_control name={name!r}>: type {kind!r}{nearest(kind, KINDS)}")
@@ -198,7 +196,7 @@ def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint])
 
 
 def check_owners(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem]) -> None:
-    """See to it that no interface is exported twice, and no tag name is used twice."""
+    """Report interfaces that are exported twice, and duplicate names of tags."""
     names: set[str] = set()
     owners: dict[str, str] = {}
     exported: dict[tuple[str, str], str] = {}
@@ -217,7 +215,7 @@ def check_owners(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem]) 
 
 
 def _interfaces(part: ControlJoint) -> Iterator[tuple[str, str]]:
-    """Yield what a part exports: a joint may stand in two tags, an actuator's and a sensor's (ros2_control)."""
+    """Yield the interfaces of a part; a joint may be in two tags, an actuator's and a sensor's (ros2_control)."""
     yield from (("command", name) for name in part.command_interfaces)
     yield from (("state", name) for name in part.state_interfaces)
 
@@ -228,7 +226,7 @@ ROS1_HARDWARE: Final = "canopen_control/CanopenSystem"
 
 
 def system_of_ros1(name: str, transmissions: tuple[Transmission, ...], *, simulated: bool) -> Ros2ControlSystem:
-    """Return what a <ros2_control> tag would say: ROS 1 names the drives by the actuators of the transmissions."""
+    """Return the equivalent <ros2_control> tag: ROS 1 names the drives by the actuators of the transmissions."""
     parts = tuple(
         ControlJoint(
             each.joint,

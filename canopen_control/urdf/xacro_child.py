@@ -1,11 +1,11 @@
-"""The process in which xacro runs: `main` reads a file and writes the URDF, or why there is none, to standard output.
+"""Program of the xacro process: `main` writes the URDF of a file, or an error, to standard output.
 
-Xacro evaluates its author's expressions, which may need for ever or all memory there is, so that
-limits are set before it begins and the kernel keeps them. The answer's first byte says what the rest is: `URDF` or
-`REFUSED`, a reason in UTF-8. `$(find package)` is answered by `package_search`.
+Xacro evaluates expressions of the file, which may need unlimited time or memory, so that limits are set first and
+enforced by the kernel. The first bytes of the answer give its kind: `URDF`, or `REFUSED` with a reason in UTF-8.
+`$(find package)` is answered by `package_search`.
 
-It runs as a file, without the package around it, and imports only what xacro does: it is on the way of every start;
-the search for packages only where a file asks for one.
+It runs as a script, without the package, and imports only what xacro does, because every start waits for it; the
+package search is imported only if a file needs it.
 """
 
 from __future__ import annotations
@@ -20,55 +20,55 @@ import select
 import signal
 import sys
 
-TYPE_CHECKING = False  # the module typing takes longer to import than the rest of this
+TYPE_CHECKING = False  # the module typing takes longer to import than the rest of this one
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
 
 URDF = b"U"
 REFUSED = b"R"
-LARGEST = 64 << 20  # bytes of a URDF; one with five hundred joints has half a million
+LARGEST = 64 << 20  # bytes of a URDF; a robot with five hundred joints needs half a million
 
 
 def main(arguments: list[str]) -> None:
     """Run xacro within limits.
 
-    `arguments` are the folders to import from, one a line, the file, s of the processor, s, bytes of memory, and
-    KEY:=VALUE for each argument of the file; `KEY?:=VALUE` is one that the file need not have.
+    `arguments` are the folders to import from, one per line, the file, processor time in s, elapsed time in s, memory
+    in bytes, and KEY:=VALUE for each argument of the file; `KEY?:=VALUE` is one that the file may lack.
     """
     folders, path, processor_s, wall_s, memory, *mappings = arguments
     sys.path[:0] = folders.splitlines()
     _end_with_starter()
     _limit(int(processor_s), int(wall_s), int(memory))
     answer = os.dup(1)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # whatever an expression prints is no answer
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # output of an expression is not part of the answer
     kind, text = _run(path, dict(each.split(":=", 1) for each in mappings))
     with os.fdopen(answer, "wb") as out:
         out.write(kind + text.encode("utf-8", "replace"))
 
 
 def _end_with_starter() -> None:
-    """Let the kernel end this process when standard input is closed: its other end dies with who started us."""
-    with contextlib.suppress(AttributeError, OSError):  # a system without it has the clock
+    """End this process when standard input is closed: its other end belongs to the starter."""
+    with contextlib.suppress(AttributeError, OSError):  # systems without it use the time limit
         signal.signal(signal.SIGIO, signal.SIG_DFL)
         fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
         fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_ASYNC)
-        if select.select([0], [], [], 0)[0]:  # it was closed before anybody was told
+        if select.select([0], [], [], 0)[0]:  # it was closed before the signal was set up
             sys.exit(1)
 
 
 def _limit(processor_s: int, wall_s: int, memory: int) -> None:
-    """Let the kernel end this process, whoever started it still lives or not."""
+    """Set kernel limits that end this process even if the starter has ended."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(wall_s)
     limits = {resource.RLIMIT_CPU: processor_s, resource.RLIMIT_AS: memory, resource.RLIMIT_CORE: 0}
     for what, value in limits.items():
-        with contextlib.suppress(ValueError, OSError):  # a system without it, or a lower limit that holds already
+        with contextlib.suppress(ValueError, OSError):  # a system without it, or a lower limit is already set
             resource.setrlimit(what, (value, value))
 
 
 class _Arguments(dict[str, str]):
-    """The arguments of a file as xacro keeps them; `asked` are those that the file declares or uses."""
+    """Arguments of a file as xacro keeps them; `asked` are those that the file declares or uses."""
 
     def __init__(self, given: Mapping[str, str]) -> None:
         super().__init__({name.removesuffix("?"): value for name, value in given.items()})
@@ -84,13 +84,13 @@ class _Arguments(dict[str, str]):
         return super().__getitem__(name)
 
     def unknown(self) -> str:
-        """Say which arguments nothing in the file asks for, "" where there is none; xacro itself says nothing."""
+        """Return the given arguments that the file does not use, "" for none; xacro itself ignores them."""
         strange = [name for name in self._wanted if name not in self.asked]
         return "; ".join(f"no argument {name!r}{_hint(name, self.asked)}" for name in strange)
 
 
 def _hint(name: str, known: Iterable[str]) -> str:
-    import difflib  # only a mistake needs it
+    import difflib  # needed only for a mistake
 
     near = difflib.get_close_matches(name, known, 1, 0.6)
     names = ", ".join(known)
@@ -124,12 +124,12 @@ _TOO_MUCH = {
 
 
 def _has_cause(error: BaseException, kind: type[BaseException]) -> bool:
-    """Whether an exception is of a kind, or was raised while one was handled: xacro tells the expression instead."""
+    """Whether an exception is of a kind, or was raised while one was handled: xacro replaces it by the expression."""
     return any(isinstance(each, kind) for each in _causes(error))
 
 
 def _absent_package(error: BaseException) -> str:
-    """Return what `find_package` said, "" where nothing was sought in vain; xacro says it twice, with its class."""
+    """Return the message of `find_package`, "" if no package was missing; xacro repeats it with its class."""
     return next((str(each) for each in _causes(error) if type(each) is LookupError), "")
 
 
@@ -140,11 +140,11 @@ def _causes(error: BaseException) -> Iterator[BaseException]:
         each = each.__cause__ or each.__context__
 
 
-_LONGEST_STACK = 5  # lines of a macro stack that are told; an endless one has hundreds
+_LONGEST_STACK = 5  # lines of a macro stack that are shown; an endless recursion has hundreds
 
 
 def _where(said: str) -> str:
-    """Return the macro stack that xacro wrote, on one line."""
+    """Return the macro stack written by xacro, on one line."""
     lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in said.splitlines()]
     told = [line for line in lines if line]
     more = ["..."] if len(told) > _LONGEST_STACK else []
@@ -153,7 +153,7 @@ def _where(said: str) -> str:
 
 @contextlib.contextmanager
 def _finding(path: str) -> Iterator[None]:
-    """Answer `$(find ...)` with `find_package` while xacro runs, and open its files where sources have them."""
+    """Answer `$(find ...)` with `find_package` while xacro runs, and open package files in their source folders."""
     import xacro
     from xacro import substitution_args  # after the limits
 
@@ -161,13 +161,13 @@ def _finding(path: str) -> Iterator[None]:
     folders: list[str] = []
 
     def find(package: str) -> str:
-        from canopen_control.urdf.package_search import find_package  # most files ask for none
+        from canopen_control.urdf.package_search import find_package  # needed by few files
 
         folders.append(find_package(package, path))
         return folders[-1]
 
     def open_installed(name: str, *more: object, **named: object) -> object:
-        """Open a file, of a package whose CMake installs its folder elsewhere too."""
+        """Open a file, also one of a package whose CMake installs its folder elsewhere."""
         if folders and not os.path.exists(name):
             from pathlib import Path
 
@@ -180,7 +180,7 @@ def _finding(path: str) -> Iterator[None]:
 
     substitution_args._eval_find = find  # noqa: SLF001 - as above
     substitution_args._eval_dict["find"] = find  # noqa: SLF001 - as above
-    xacro.open = open_installed  # the name that its functions look up before the built-in one
+    xacro.open = open_installed  # its functions find this name before the built-in one
     try:
         yield
     finally:
