@@ -93,6 +93,9 @@ BUS_YML: dict[str, dict[str, str]] = {
         "ignore_remote": "bit 9 (remote) of the statusword does not count, for drives that never set it",
         "mode_timeout_ms": "ms until 0x6061 shows a mode that was asked for; Festo CMMP-AS shows -1 for some seconds "
         "while it synchronises",
+        "switching_state": "state in which the mode changes: 2 SWITCH ON DISABLED, 3 READY TO SWITCH ON, "
+        "4 SWITCHED ON, 5 OPERATION ENABLED; an enabled drive goes down to it for a new mode, once it stands, and "
+        "comes back, for drives that change their mode only while they are disabled",
         "enable_settle_ms": "ms after OPERATION ENABLED in which the targets rest, for drives whose set-points count "
         "only when the brake has lifted (Elmo)",
         "transition_timeout_ms": "ms that the drive may take for a transition of CiA 402",

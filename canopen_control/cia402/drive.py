@@ -365,6 +365,7 @@ class DriveRequest:
         self.disabled_state = disabled_state
         self.state = EnableRequest.DISABLED
         self.goal = DriveGoal.DISABLED
+        self.detour: State | None = None  # where a drive that is enabled goes first, to change its mode there
         self._falls = 0
         self._stop_exit = QuickStopExit()
 
@@ -402,6 +403,8 @@ class DriveRequest:
         """Take a change from one state to another; returns whether a drive that was to be enabled has lost it."""
         if self.goal is not DriveGoal.ENABLED or LADDER[drive] >= LADDER[previous]:
             return False
+        if self.detour is not None and LADDER[drive] >= LADDER[self.detour]:
+            return False
         self._falls += 1
         if (previous is State.OPERATION_ENABLED and self.state is EnableRequest.ENABLED) or self._falls > _FALLS:
             return True
@@ -434,6 +437,9 @@ class DriveRequest:
         enable = self.goal is DriveGoal.ENABLED
         if self._is_leaving_quick_stop(drive):
             return self._stop_exit.command(enable, statusword or 0, standstill, may_enable)
+        if self.detour is not None and enable:
+            stays = drive is State.OPERATION_ENABLED and not standstill  # what would turn could coast
+            return Command.ENABLE_OPERATION if stays else next_command(drive, self.detour)
         if drive is State.SWITCHED_ON and enable and not may_enable:
             return Command.SWITCH_ON  # stay: the mode comes first
         return next_command(drive, state_of_goal(self.goal, self.disabled_state))
@@ -536,15 +542,22 @@ FAILED: Final = (_S.REFUSED, _S.RETURNING, _S.RETURNED)
 """The states after a mode that was not confirmed; they end when somebody asks again."""
 
 
+_CHANGING: Final = -1
+"""What Festo's CMMP-AS shows in 0x6061 while it changes to interpolated position: 3 to 6 s (ros_canopen, issue 457)."""
+_CHANGES: Final = 4  # times as long as another mode may be shown
+
+
 class ModeRequest:
     """What to write to 0x6060, and whether 0x6061 shows it.
 
-    `mode` is None as long as none is asked for; `deadline` is when an unconfirmed one has failed, `_NEVER` for none.
+    `mode` is None as long as none is asked for; `sent` is what stands in 0x6060, another one until the drive is in a
+    state in which it changes its mode; `deadline` is when an unconfirmed one has failed, `_NEVER` for none.
     """
 
     def __init__(self, timeout_ns: int) -> None:
         self.state = ModeState.NONE
         self.mode: int | None = None
+        self.sent: int | None = None
         self.display: int | None = None
         self.deadline = _NEVER
         self._timeout = timeout_ns
@@ -599,11 +612,13 @@ class ModeRequest:
                 self.deadline = now + (self._timeout // 2 if unshown else self._timeout)
                 self._fire(ModeTrigger.NOT_SHOWN)
         elif now >= self.deadline:
+            if display == _CHANGING and now < self.deadline + _CHANGES * self._timeout:
+                return None
             if self._halved and not unshown:  # it has shown 0 before, and has the other half of the time
                 self._halved, self.deadline = False, now + self._timeout - self._timeout // 2
                 return None
             if not (unshown and self._fire(ModeTrigger.NONE_SHOWN)):
-                return self._time_out(mode, now)
+                return self._time_out(mode, enabled, now)
             self.deadline = _NEVER
         return None
 
@@ -621,14 +636,15 @@ class ModeRequest:
         self._last_confirmed = mode
         return ModeConfirmed(now, mode)
 
-    def _time_out(self, mode: int, now: int) -> DriveEvent:
+    def _time_out(self, mode: int, enabled: bool, now: int) -> DriveEvent:
         back = self._last_confirmed if self._last_confirmed != mode else None
         self.mode, self.deadline = back, _NEVER
+        self.sent = back
         if back is None:
             self._fire(ModeTrigger.OVERDUE)
         else:
             self._fire(ModeTrigger.OVERDUE_STAYED if back == self.display else ModeTrigger.OVERDUE_RETURN)
-        return ModeTimedOut(now, mode, self.display, back)
+        return ModeTimedOut(now, mode, self.display, back, enabled)
 
 
 _AT_ONCE: Final = -1
@@ -652,6 +668,8 @@ class DriveMachine:
     stays the same, so does everything else). `ignore_remote` is for drives that leave bit 9 alone. `standstill` may be
     set by who knows that the motor stands; it shortens the wait for the end of a quick stop, nothing else.
     `mode_request` is what became of the mode that was asked for: confirmed by 0x6061, or failed to be.
+    `switching_state` is for drives that change their mode in or below a state only: an enabled one goes down to it for
+    a new mode, once it stands, and comes back (ros_canopen, issue 259).
     """
 
     def __init__(
@@ -666,6 +684,7 @@ class DriveMachine:
         disabled_state: State = State.SWITCH_ON_DISABLED,
         undefined_limit: int = 10,
         ignore_remote: bool = False,
+        switching_state: State = State.OPERATION_ENABLED,
     ) -> None:
         if disabled_state not in DISABLED_STATES:
             raise LocalProtocolError(f"{name}: {disabled_state.name} is no state of a disabled drive")
@@ -687,6 +706,8 @@ class DriveMachine:
         self._running_word = REMOTE  # the last one of a drive that had started: its bit 9 means something
         self._events: list[DriveEvent] = []
         self.mode_request = ModeRequest(mode_timeout_ns)
+        self._switching_state = switching_state
+        self._switches = False  # the mode asked for waits for that state
         self._mode_bits = 0
         self._reset = FaultReset(fault_reset_timeout_ns)
         self._deadline = _NEVER
@@ -754,8 +775,17 @@ class DriveMachine:
 
         Whether the drive has it (0x6502) was asked before: `modes.require_mode`.
         """
-        if self.mode_request.ask(mode):
+        request = self.mode_request
+        if request.ask(mode):
             self._due = _AT_ONCE
+            self._switches = self._switching_state is not State.OPERATION_ENABLED
+        if not self._switches or self._may_switch:
+            request.sent = request.mode
+
+    @property
+    def _may_switch(self) -> bool:
+        """Whether the drive is where it changes its mode; one that is not seen takes it with its first state."""
+        return self.state is None or self.fault or LADDER[self.state] <= LADDER[self._switching_state]
 
     @property
     def mode_bits(self) -> int:
@@ -942,7 +972,18 @@ class DriveMachine:
         self._fire(EnableTrigger.LOST)
 
     def _supervise_mode(self, display: int | None, now: int) -> None:
-        event = self.mode_request.update(display, self.state is State.OPERATION_ENABLED, now)
+        request = self.mode_request
+        if self._switches:
+            if self._may_switch:
+                request.sent = request.mode
+            elif display != request.mode:
+                self._detour()
+                request.display = display
+                return
+        event = request.update(display, self.state is State.OPERATION_ENABLED, now)
+        if self._switches:
+            self._switches = not (request.may_enable or request.failed)
+            self._detour()
         if event is None:
             return
         self._events.append(event)
@@ -950,6 +991,13 @@ class DriveMachine:
         stayed = self.mode_request.confirmed and self.state is State.OPERATION_ENABLED
         if isinstance(event, ModeTimedOut) and self.goal is DriveGoal.ENABLED and not stayed:
             self._lose(now, self.state)
+
+    def _detour(self) -> None:
+        """Let a drive that is to be enabled go where it changes its mode, as long as it has not."""
+        detour = self._switching_state if self._switches else None
+        if detour is not self._intent.detour:
+            self._intent.detour = detour
+            self._step.rearm()
 
     def _step_timed_out(self, now: int) -> None:
         event = self._intent.timed_out(self.state, self.statusword, now)
@@ -960,7 +1008,7 @@ class DriveMachine:
     def _choose(self) -> Command | None:
         may_enable = self.mode_request.may_enable and not self.held
         command = self._intent.choose(self.state, self.statusword, self.standstill, may_enable)
-        if self.state is State.QUICK_STOP_ACTIVE and self._intent.waits:
+        if self._switches or (self.state is State.QUICK_STOP_ACTIVE and self._intent.waits):
             self._due = _AT_ONCE  # `standstill` is no input of update
         return command
 

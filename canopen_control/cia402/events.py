@@ -123,21 +123,24 @@ class ModeConfirmed:
 class ModeTimedOut:
     """0x6061 did not show `mode` in time but `display`; the machine asks for `restored` again (None: for none).
 
-    An EnableLost follows unless the drive is enabled, and goes on, in the mode that is restored.
+    `enabled`: in OPERATION_ENABLED. An EnableLost follows unless it goes on in the mode that is restored.
     """
 
     time: int
     mode: int
     display: int | None
     restored: int | None
+    enabled: bool = False
 
     @property
     def text(self) -> str:
         """What happened, in words."""
         shown = "nothing" if self.display is None else mode_name(self.display)
         back = "" if self.restored is None else f"; back to {mode_name(self.restored)}"
-        late = "; mode_timeout_ms in bus.yml gives it more time" if self.display is not None else ""
-        return f"mode {mode_name(self.mode)} not confirmed, 0x6061 shows {shown}{back}{late}"
+        keys = "; mode_timeout_ms in bus.yml gives it more time" if self.display is not None else ""
+        if self.enabled and keys:
+            keys += ", and switching_state: 2 serves a drive that changes its mode only while it is disabled"
+        return f"mode {mode_name(self.mode)} not confirmed, 0x6061 shows {shown}{back}{keys}"
 
 
 @dataclass(frozen=True, slots=True)

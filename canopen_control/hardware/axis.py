@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
 from canopen_control.cia402.drive import DriveGoal, DriveMachine
+from canopen_control.cia402.state import State
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, PositionUnwrapper, Scale
 from canopen_control.errors import RobotConfigError, SdoAbort
 
@@ -73,7 +74,7 @@ class AxisStatus:
         if shown is not None and (showing := shown.pdo).stamp >= 0:
             display = showing.values[shown.position]
         if self._mode is not None and word is not None:
-            self._mode.step(self._machine.mode, now)
+            self._mode.step(self._machine.mode_request.sent, now)
             display = self._mode.display if shown is None else display
         self.display = display  # type: ignore[assignment]  # and so is a mode
 
@@ -359,6 +360,15 @@ class AxisProcessData:
         )
 
 
+_SWITCHING: Final = {
+    2: State.SWITCH_ON_DISABLED,
+    3: State.READY_TO_SWITCH_ON,
+    4: State.SWITCHED_ON,
+    5: State.OPERATION_ENABLED,
+}
+"""The numbers of ros_canopen's states."""
+
+
 def configured_machine(node: RemoteNode) -> DriveMachine:
     """Return the state machine of an axis, with the times that bus.yml gives."""
     motion = node.config.motion
@@ -368,6 +378,7 @@ def configured_machine(node: RemoteNode) -> DriveMachine:
         transition_timeouts={number: ms * 1_000_000 for number, ms in motion.transition_timeouts_ms.items()},
         mode_timeout_ns=motion.mode_timeout_ms * 1_000_000,
         ignore_remote=motion.ignore_remote,
+        switching_state=_SWITCHING[motion.switching_state],
     )
 
 

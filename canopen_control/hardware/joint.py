@@ -11,7 +11,7 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.events import FaultEntered
+from canopen_control.cia402.events import FaultEntered, ModeTimedOut
 from canopen_control.cia402.modes import OperationMode, require_mode
 from canopen_control.cia402.setpoint import SetPointReached, SetPointTaken
 from canopen_control.cia402.state import POWERED_STATES, State
@@ -506,11 +506,21 @@ class JointDrive(JointParts):
         if not run.was_enabled and self.wanted:
             self.stop(self._now)
 
+    def _is_unserved(self, event: ModeTimedOut) -> bool:
+        """Whether an enabled drive stays in a mode that does not serve the interface which a controller commands."""
+        claimed, restored = self.claimed, event.restored
+        if not event.enabled or claimed in (None, TARGET):
+            return False
+        return restored is None or self.targets.mode_serves(restored) != claimed
+
     def _take_events(self) -> None:
         for event in self.machine.events():
-            self._events.append(joint_event_of(event))
+            taken = joint_event_of(event)
             if isinstance(event, FaultEntered):
                 self.reason.ask()
+            elif isinstance(event, ModeTimedOut) and self._is_unserved(event):
+                taken = taken._replace(stops=True)
+            self._events.append(taken)
         if self.targets.current is not None:
             self._events += [
                 JointEvent("set_point", event.text, Level.INFO if isinstance(event, _FINE) else Level.WARNING)

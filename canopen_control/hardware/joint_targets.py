@@ -223,7 +223,7 @@ class JointTargets:
 
     def write_mode(self) -> None:
         """Send the mode, and the digital outputs."""
-        output, mode = self._axis.mode, self._request.mode
+        output, mode = self._axis.mode, self._request.sent
         if output is not None and mode is not None and mode != output.value:
             output.set(mode)
         if self._outputs is not None and self._axis.digital_outputs is not None:

@@ -220,6 +220,8 @@ class CanopenSystem(ComponentLifecycle):
             motion = [name for name in joint.commands if name != DIGITAL_OUTPUTS]
             if joint.targets.mode is None and motion:
                 joint.targets.set_mode(joint.targets.mode_for(motion[0]))
+            elif joint.targets.mode is not None and joint.machine.mode_request.failed:
+                joint.targets.set_mode(joint.targets.mode)  # a user's word, to try it again
             joint.require_enable()
 
     def enable(self, joints: Sequence[JointDrive]) -> None:

@@ -104,7 +104,6 @@ UNUSED_NODE = {
     "non_transmit_timeout": "sending never blocks",
     "diagnostics": "diagnostics are always on",
     "enable_lazy_load": "nodes join when they appear",
-    "switching_state": "modes change in any state the drive allows",
     "num_channels": "axes are taken from the EDS",
     "channel": "a joint names its axis in the description",
     "joint_name": "the description says which joint a node moves",
@@ -352,6 +351,7 @@ class MotionKeys:
     following_error_action: Literal["stop", "warn", "ignore"] = "stop"
     ignore_remote: bool = False
     mode_timeout_ms: int = setting(2000, low=1, high=600_000)
+    switching_state: int = setting(5, choices=(2, 3, 4, 5), hint="; 2 SWITCH ON DISABLED to 5 OPERATION ENABLED")
     enable_settle_ms: int = setting(0, low=0, high=60_000)
     transition_timeout_ms: int = setting(5000, low=1, high=600_000)
     transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)

@@ -79,7 +79,7 @@ class _ReadNode:
         seen: list[object] = [node.nmt_state, node.error, node.sdo_reads, node.sdo_writes, node.sdo_failed]
         for joint in self._joints:
             machine = joint.machine
-            seen += (joint.state, joint.statusword, machine.mode, machine.state)
+            seen += (joint.state, joint.statusword, _mode(joint), machine.state)
         for each in self._devices:
             seen += each.void_outputs(node)
         return tuple(seen)
@@ -92,13 +92,19 @@ class _ReadNode:
         self._void = tuple(name for each in self._devices for name in each.void_outputs(node))
 
 
+def _mode(joint: JointDrive) -> int | None:
+    """Return the mode that the drive shows, else the one that was asked for; None where none was."""
+    request = joint.machine.mode_request
+    return request.mode if request.mode is None else request.display or request.mode
+
+
 def _axis(joint: JointDrive) -> AxisReading:
-    state, machine = joint.state, joint.machine
+    state, mode = joint.state, _mode(joint)
     return AxisReading(
         joint.joint,
         joint.axis.number,
         state.name if state is not None else None,
         joint.statusword if state is not None else None,
-        mode_name(machine.mode) if machine.mode is not None else None,
-        joint.node.error if machine.fault else None,
+        mode_name(mode) if mode is not None else None,
+        joint.node.error if joint.machine.fault else None,
     )

@@ -91,11 +91,11 @@ def test_a_drive_that_is_enabled_and_shows_no_mode_in_time_has_failed():
     request.update(0, False, 0)
     request.update(0, False, 50)
     assert request.update(0, True, 60) is None
-    assert request.update(0, True, 160) == ModeTimedOut(160, 3, 0, None)
+    assert request.update(0, True, 160) == ModeTimedOut(160, 3, 0, None, True)
     assert (request.failed, request.may_enable) == (True, False)
 
 
-@pytest.mark.parametrize("display", [None, 1, -1])
+@pytest.mark.parametrize("display", [None, 1, -2])
 def test_a_drive_that_shows_another_mode_or_nothing_is_not_enabled_without(display):
     request = ModeRequest(100)
     request.ask(3)
@@ -103,6 +103,17 @@ def test_a_drive_that_shows_another_mode_or_nothing_is_not_enabled_without(displ
     assert not request.may_enable
     assert request.update(display, False, 100) == ModeTimedOut(100, 3, display, None)
     assert not request.may_enable
+
+
+def test_a_display_of_minus_one_is_a_change_under_way_and_has_five_times_the_time():
+    request = ModeRequest(100)
+    request.ask(7)
+    for now in (0, 100, 499):
+        assert request.update(-1, False, now) is None
+    assert request.update(7, False, 499) == ModeConfirmed(499, 7)
+    request.ask(8)
+    request.update(-1, False, 500)
+    assert request.update(-1, False, 1000) == ModeTimedOut(1000, 8, -1, 7)
 
 
 def test_a_drive_that_was_gone_confirms_again():

@@ -69,7 +69,7 @@ def test_while_the_tpdo_comes_it_is_the_tpdos():
 @pytest.mark.sources
 def test_a_wanted_mode_that_no_pdo_carries_goes_by_sdo():
     axis = make_axis(mode=False)
-    status = AxisStatus(axis, SimpleNamespace(mode=8))
+    status = AxisStatus(axis, SimpleNamespace(mode_request=SimpleNamespace(sent=8)))
     status.update(0)
     assert axis.node.writes == [(0x6060, b"\x08")]
     assert status.display == 9, "the one that the TPDO shows"

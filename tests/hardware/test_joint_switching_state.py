@@ -1,0 +1,115 @@
+"""Drives that change their mode of operation only while they are disabled (`switching_state`)."""
+
+import pytest
+from support.makers import drive, sentences
+from support.makers import robot as make_robot
+
+from canopen_control.cia402.state import State
+from canopen_control.virtual.virtual_drive import VirtualDrive
+
+
+@pytest.fixture
+def robot(tmp_path):
+    made = []
+
+    def make(*modes, **options):
+        made.append(make_robot(tmp_path, *modes, **options))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+@pytest.fixture
+def fixed_mode(monkeypatch):
+    """Drives that change their mode in the states of the set and below alone."""
+    refresh, states = VirtualDrive.refresh, {State.OPERATION_ENABLED, State.SWITCHED_ON}
+
+    def hold(self, now, **how):
+        mode = self.modes.number
+        if self.power.state in states and mode and self._values.get(self._mode_address, 0) != mode:
+            self._values[self._mode_address] = mode
+        return refresh(self, now, **how)
+
+    monkeypatch.setattr(VirtualDrive, "refresh", hold)
+    return states
+
+
+def _turn_then_position(made):
+    made.command("vel", 0.5, 0.0, seconds=0.3)
+    made.run(0.5)
+    made.activate("pos")
+    seen = set()
+    for _ in range(150):
+        made.run(0.01)
+        seen.add(drive(made, 2).state)
+    start = made.position("pan")
+    for step in range(20):
+        made.command("pos", start + 0.01 * (step + 1), 0.0)
+        made.run(0.02)
+    made.run(0.3)
+    return seen, made.position("pan") - start
+
+
+@pytest.mark.parametrize("number", [2, 3])
+@pytest.mark.usefixtures("fixed_mode")
+def test_an_enabled_drive_goes_down_to_change_its_mode_and_comes_back(robot, number):
+    made = robot("pv", "csp", keys=f"switching_state: {number}")
+    seen, way = _turn_then_position(made)
+    assert {State.OPERATION_ENABLED, State.READY_TO_SWITCH_ON} <= seen
+    assert (State.SWITCH_ON_DISABLED in seen) is (number == 2)
+    assert way == pytest.approx(0.2, abs=0.01)
+    assert made.state == "running"
+    assert made.breaches == []
+
+
+@pytest.mark.usefixtures("fixed_mode")
+def test_the_mode_is_sent_when_the_drive_stands_and_is_disabled(robot):
+    made = robot("pv", "csp", keys="switching_state: 2")
+    made.command("vel", 1.0, 0.0, seconds=0.3)
+    made.run(0.3)
+    made.activate("pos")
+    left = mode = None
+    for _ in range(200):
+        made.run(0.005)
+        axis = drive(made, 2)
+        if left is None and axis.state is not State.OPERATION_ENABLED:
+            left = abs(made.velocity("pan"))
+        if mode is None and axis.objects.number(0x6060) == 8:
+            mode = axis.state
+    assert left < 0.06
+    assert mode is State.SWITCH_ON_DISABLED
+
+
+@pytest.mark.usefixtures("fixed_mode")
+def test_without_the_key_the_switch_stops_the_robot_and_names_it_and_an_enable_tries_again(robot):
+    made = robot("pv", "csp")
+    made.activate("pos")
+    made.run(4)
+    assert made.state != "running"
+    assert any("switching_state: 2" in each and "stopping pan" in each for each in sentences(made))
+    made.enable()
+    made.until(lambda: made.state == "running", 3)
+    assert drive(made, 2).modes.number == 8
+    assert made.breaches == []
+
+
+def test_a_drive_that_changes_its_mode_while_enabled_stays_enabled(robot):
+    made = robot("pv", "csp")
+    seen, way = _turn_then_position(made)
+    assert seen == {State.OPERATION_ENABLED}
+    assert way == pytest.approx(0.2, abs=0.01)
+
+
+@pytest.mark.usefixtures("fixed_mode")
+def test_a_stop_in_the_middle_of_the_change_ends_disabled(robot):
+    made = robot("pv", "csp", keys="switching_state: 2")
+    made.activate("pos")
+    made.until(lambda: drive(made, 2).state is State.SWITCH_ON_DISABLED, 2)
+    made.disable()
+    made.run(1)
+    assert drive(made, 2).state is State.SWITCH_ON_DISABLED
+    made.enable()
+    made.until(lambda: made.state == "running", 3)
+    assert made.breaches == []
