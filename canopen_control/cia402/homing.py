@@ -6,6 +6,8 @@ Law of this file:
   those of the last homing, or of another mode: attained, or an error, count only when they were seen absent first.
 - A method that does not move may be over between two statuswords. Only for such a one a stale "attained" is believed,
   some updates after the start.
+- Some drives keep "attained" until they leave OPERATION_ENABLED (aidin_hand2): the next homing is seen only when they
+  have left it.
 - Every way out returns bit 4 to 0: done, failed, interrupted, aborted, too late. Only done sets `homed`.
 """
 
@@ -81,6 +83,10 @@ class HomingStatus(Enum):
 
 _STATUS = tuple(HomingStatus)
 _RUNNING = (HomingStatus.IN_PROGRESS, HomingStatus.ATTAINED)
+_LATCHED = (
+    "not done in time: bit 12 (homing attained) is 1 since before it began, so its end cannot be seen; disable and "
+    "enable the drive and home again, or give it `switching_state: 4` in bus.yml, to leave operation before each homing"
+)
 _ENDED = (HomingStatus.NOT_RUNNING, HomingStatus.COMPLETED)
 
 
@@ -194,7 +200,7 @@ class HomingSequence:
         if self._deadline == _NEVER:
             self._deadline = now + self._timeout
         if now >= self._deadline:
-            return self._fail("not done in time", status, now)
+            return self._fail("not done in time" if self._attained_absent else _LATCHED, status, now)
         self._updates += 1
         return self._prepare(status, now) if self._phase is _Phase.PREPARE else self._run(status, now)
 

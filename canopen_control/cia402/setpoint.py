@@ -7,6 +7,8 @@ Law of this file:
   has risen.
 - Bit 10 shows the previous target until the drive works on the new one. It counts when bit 12 has fallen again and bit
   10 was seen 0 since the acknowledgement, or some updates later, since a short move may pass unseen.
+- A drive may take no set-point while it is under way to the one before (ZLTECH ZLAC8015D). One that interrupted a
+  motion and is not acknowledged waits for the end of that motion, and is given once more.
 - Each phase has its time, and on every way out bit 4 is 0. What then happens to the motion is the owner's decision.
 """
 
@@ -79,6 +81,21 @@ class SetPointFailed:
 
 
 @dataclass(frozen=True, slots=True)
+class SetPointDeferred:
+    """The drive did not acknowledge the set-point on its way to another one; it is given again at the end of that."""
+
+    time: int
+    target: int
+
+    @property
+    def text(self) -> str:
+        """What happened, in words."""
+        return (
+            f"set-point {self.target} not acknowledged on the way to another one; given again when the drive is there"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class FollowingError:
     """Bit 13: the drive cannot follow its own profile. Told once per set-point; the drive's reaction is its own."""
 
@@ -92,7 +109,7 @@ class FollowingError:
         return f"following error on the way to {self.target} (statusword 0x{self.statusword:04X})"
 
 
-SetPointEvent = SetPointTaken | SetPointReached | SetPointFailed | FollowingError
+SetPointEvent = SetPointTaken | SetPointReached | SetPointFailed | SetPointDeferred | FollowingError
 
 
 class SetPointPhase(Enum):
@@ -103,6 +120,7 @@ class SetPointPhase(Enum):
     ACKNOWLEDGE = "the set-point was not acknowledged"
     RELEASE = "the acknowledge bit 12 stays 1 after the set-point"
     MOVING = "the target was not reached in time"
+    DEFERRED = "waits for the end of the motion before"
 
 
 _P = SetPointPhase
@@ -134,6 +152,7 @@ class SetPointHandshake:
             _P.ACKNOWLEDGE: acknowledge_timeout_ns,
             _P.RELEASE: release_timeout_ns,
             _P.MOVING: motion_timeout_ns,
+            _P.DEFERRED: motion_timeout_ns,
         }
         self._settle_updates = settle_updates
         self._current = SetPoint(0)
@@ -143,6 +162,7 @@ class SetPointHandshake:
         self._deadline = _NEVER
         self._updates = 0  # in this phase
         self._moved = False
+        self._interrupts = False  # a motion that was under way when the set-point was given
         self._lagged = False
         self._events: list[SetPointEvent] = []
 
@@ -202,7 +222,10 @@ class SetPointHandshake:
         if self._deadline == _NEVER:
             self._arm(now)
         elif now >= self._deadline:
-            return self._give_up(self.phase.value, now)
+            if self.phase is not SetPointPhase.ACKNOWLEDGE or not self._interrupts:
+                return self._give_up(self.phase.value, now)
+            self._events.append(SetPointDeferred(now, self._current.target))
+            self._go(SetPointPhase.DEFERRED)
         return self._bits
 
     def _arm(self, now: int) -> None:
@@ -210,12 +233,15 @@ class SetPointHandshake:
         self._deadline = _NEVER if timeout is None else now + timeout
 
     def _go(self, phase: SetPointPhase, bits: int = 0) -> None:
+        if phase is SetPointPhase.IDLE:
+            self._interrupts = False
         self.phase, self._bits = phase, bits
         self._deadline = _NEVER
         self._updates = 0
 
     def _proceed(self, statusword: int, now: int) -> None:
         if self._next is not None and self.phase in (SetPointPhase.IDLE, SetPointPhase.MOVING):
+            self._interrupts = self.phase is SetPointPhase.MOVING
             self._begin(self._next)
         acknowledged = bool(statusword & _ACKNOWLEDGED)
         if self.phase is SetPointPhase.LOW:
@@ -224,8 +250,15 @@ class SetPointHandshake:
         elif self.phase is SetPointPhase.ACKNOWLEDGE:
             if acknowledged:
                 self._go(SetPointPhase.RELEASE)
+                self._interrupts = False
                 self._moved = self._lagged = False
                 self._events.append(SetPointTaken(now, self._current.target))
+        elif self.phase is SetPointPhase.DEFERRED:
+            if not statusword & TARGET_REACHED:
+                self._updates = 0
+            elif self._updates >= self._settle_updates:
+                self._interrupts = False
+                self._begin(self._next or self._current)
         else:
             self._follow(statusword, acknowledged, now)
         self._updates += 1

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.events import FaultEntered, ModeTimedOut
 from canopen_control.cia402.modes import OperationMode, require_mode
-from canopen_control.cia402.setpoint import SetPointReached, SetPointTaken
+from canopen_control.cia402.setpoint import SetPointDeferred, SetPointReached, SetPointTaken
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import DriveError, RobotConfigError
 from canopen_control.hardware.axis import BLIND_STOP_NS, AxisProcessData, AxisStatus, configured_machine
@@ -167,7 +167,7 @@ def _holds_load(description: ControlJoint) -> bool:
     return text == "true"
 
 
-_FINE = (SetPointTaken, SetPointReached)
+_FINE = (SetPointTaken, SetPointReached, SetPointDeferred)
 _FOLLOWING: Final = AxisPhase.FOLLOWING  # for every cycle, see `hardware.interfaces.OK`
 _FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 

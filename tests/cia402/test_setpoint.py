@@ -10,6 +10,7 @@ from support.properties import examples
 
 from canopen_control.cia402.setpoint import (
     FollowingError,
+    SetPointDeferred,
     SetPointFailed,
     SetPointHandshake,
     SetPointPhase,
@@ -25,11 +26,12 @@ ENABLED, ACK, REACHED, FOLLOWING = 0x0237, 1 << 12, 1 << 10, 1 << 13
 class PositionDrive:
     """The drive's end of the handshake: takes a target on the edge of bit 4, moves `speed` per cycle.
 
-    `busy_ack`: bit 12 stays until the target is reached, as with drives that have no buffer.
+    `busy_ack`: bit 12 stays until the target is reached, as with drives that have no buffer; `single`: an edge on the
+    way to a target is lost.
     """
 
-    def __init__(self, speed: int = 10, busy_ack: bool = False) -> None:
-        self.speed, self.busy_ack = speed, busy_ack
+    def __init__(self, speed: int = 10, busy_ack: bool = False, single: bool = False) -> None:
+        self.speed, self.busy_ack, self.single = speed, busy_ack, single
         self.position = self.target = 0
         self.queue: list[int] = []
         self.ack = False
@@ -41,7 +43,8 @@ class PositionDrive:
         self.position += step
         if self.position == self.target and self.queue:
             self.target = self.queue.pop(0)
-        if bits & 0x10 and not self.last & 0x10 and not self.ack:
+        lost = self.single and self.position != self.target
+        if bits & 0x10 and not self.last & 0x10 and not self.ack and not lost:
             goal = target + (self.target if bits & 0x40 else 0)
             self.taken.append(goal)
             self.ack = True
@@ -157,6 +160,30 @@ def test_an_immediate_set_point_replaces_the_one_that_waits_and_interrupts_the_m
     assert drive.taken == [1000, 0]
     assert drive.position == 0
     assert isinstance(events[-1], SetPointReached)
+
+
+def test_a_set_point_that_is_lost_on_the_way_to_another_one_is_given_again_at_its_end():
+    machine, drive = SetPointHandshake(acknowledge_timeout_ns=10), PositionDrive(single=True)
+    machine.move(500, immediately=True)
+    run(machine, drive, 10)
+    machine.move(-300, immediately=True)
+    events = run(machine, drive, 200)
+    assert drive.taken == [500, -300]
+    assert drive.position == -300
+    assert [type(event) for event in events] == [SetPointDeferred, SetPointTaken, SetPointReached]
+    assert not machine.busy
+
+
+def test_a_newer_set_point_takes_the_place_of_one_that_waits_for_the_end_of_a_motion():
+    machine, drive = SetPointHandshake(acknowledge_timeout_ns=10), PositionDrive(single=True)
+    machine.move(500, immediately=True)
+    run(machine, drive, 10)
+    machine.move(-300, immediately=True)
+    run(machine, drive, 20)
+    assert machine.phase is SetPointPhase.DEFERRED
+    machine.move(100, immediately=True)
+    run(machine, drive, 200)
+    assert drive.taken == [500, 100]
 
 
 def test_relative_moves_add_up():

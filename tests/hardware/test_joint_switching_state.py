@@ -5,6 +5,9 @@ from support.makers import drive, sentences
 from support.makers import robot as make_robot
 
 from canopen_control.cia402.state import State
+from canopen_control.hardware.axis_statechart import Action
+from canopen_control.virtual.power_machine import PowerMachine
+from canopen_control.virtual.profile_modes import HomingMode
 from canopen_control.virtual.virtual_drive import VirtualDrive
 
 
@@ -113,3 +116,57 @@ def test_a_stop_in_the_middle_of_the_change_ends_disabled(robot):
     made.enable()
     made.until(lambda: made.state == "running", 3)
     assert made.breaches == []
+
+
+HOMING = "homing_timeout_seconds: 1.5"
+SPEEDS = """  sdo:
+    - {index: 0x6099, sub_index: 1, value: 400000}
+    - {index: 0x6099, sub_index: 2, value: 400000}
+    - {index: 0x609A, sub_index: 0, value: 9000000}
+"""
+
+
+@pytest.fixture
+def latched(monkeypatch):
+    """Drives whose bit 12 stays 1 after a homing until they leave operation."""
+    bits, attained = HomingMode.bits, set()
+
+    def stays(self):
+        found = bits(self)
+        if found & 0x1000:
+            attained.add(id(self.mover))
+        return found | (0x1000 if id(self.mover) in attained else 0)
+
+    enter = PowerMachine.enter
+
+    def entered(self, state, now):
+        if state is not State.OPERATION_ENABLED:
+            attained.discard(id(self._mover))
+        enter(self, state, now)
+
+    monkeypatch.setattr(HomingMode, "bits", stays)
+    monkeypatch.setattr(PowerMachine, "enter", entered)
+
+
+def _homed_twice(made):
+    found = []
+    for _ in range(2):
+        seen = len(made.events)
+        made.simulated.core.axis(Action.HOME, "all", lambda _error: None, method=34)
+        made.run(2.5)
+        found.append([each.sentence for each in made.events[seen:] if "pan_drive" in each.sentence])
+    return found
+
+
+@pytest.mark.usefixtures("latched")
+def test_a_homing_bit_that_stays_until_operation_is_left_is_named_with_its_key(robot):
+    first, second = _homed_twice(robot("csp", keys=HOMING))
+    assert any("homed" in each for each in first)
+    assert any("bit 12" in each and "switching_state: 4" in each for each in second)
+
+
+@pytest.mark.usefixtures("latched")
+def test_a_drive_that_leaves_operation_before_each_homing_homes_again(robot):
+    first, second = _homed_twice(robot("csp", keys=f"{HOMING}\nswitching_state: 4"))
+    assert any("homed" in each for each in first)
+    assert any("homed" in each for each in second)

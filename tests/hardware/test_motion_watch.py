@@ -10,6 +10,7 @@ from canopen_control.cia402.state import State
 from canopen_control.errors import BusConfigError
 from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
+from canopen_control.virtual.profile_modes import ProfilePosition
 from canopen_control.virtual.virtual_drive import Statusword, VirtualDrive
 
 MS = 1_000_000
@@ -164,3 +165,22 @@ def test_a_bit_10_that_flickers_on_the_way_is_no_arrival(robot, monkeypatch):
     while not any("pan_drive" in each and "reached" in each for each in sentences(made)):
         made.run(0.05)
     assert made.position("pan") > 0.4
+
+
+@pytest.mark.rest
+def test_a_set_point_that_a_drive_ignores_on_its_way_is_given_again(robot, monkeypatch):
+    control = ProfilePosition.control
+
+    def single(self, word, previous, now):
+        if not word & ~previous & 0x10 or self.mover.standing:
+            control(self, word, previous, now)
+
+    monkeypatch.setattr(ProfilePosition, "control", single)
+    made = robot("pp")
+    made.command("pos", 0.5, 0.5, seconds=0.4)
+    made.run(0.4)
+    made.command("pos", -0.3, -0.3, seconds=8)
+    made.run(9)
+    assert made.position("pan") == pytest.approx(-0.3, abs=0.01)
+    assert any("given again when the drive is there" in each for each in sentences(made))
+    assert not any("given up" in each for each in sentences(made))
