@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 from canopen_control.cia301.outbox import Outbox
 from canopen_control.errors import LocalProtocolError, RemoteProtocolError
@@ -405,7 +405,6 @@ class LssSlave:
         self._scanned = 0  # part that fast scan compares next
         self.outgoing: Outbox[CanFrame] = Outbox()
         self._events: Outbox[LssNodeIdAssigned | LssActivateBitTiming] = Outbox()
-        self._services: dict[int, Callable[[bytes], None]] = self._table()
 
     def reset(self) -> None:
         """Activate the pending node id and return to waiting (NMT reset communication)."""
@@ -417,11 +416,15 @@ class LssSlave:
         """Process a frame of the LSS master; ignore other frames."""
         if frame.can_id != MASTER_COB_ID:
             return
-        service = self._services.get(frame.data[0]) if len(frame.data) == 8 else None
-        if service is None:
+        command = frame.data[0] if len(frame.data) == 8 else -1
+        if (service := self._SERVICES.get(command)) is not None:
+            service(self, frame.data)
+        elif (service := self._CONFIGURING.get(command)) is None:
             self.malformed += 1
+        elif self.mode is LssMode.CONFIGURATION:
+            service(self, frame.data)
         else:
-            service(frame.data)
+            self.ignored += 1
 
     def tick(self, now: int) -> None:
         """Do nothing: this core has no timers."""
@@ -436,33 +439,6 @@ class LssSlave:
     def events(self) -> list[LssNodeIdAssigned | LssActivateBitTiming]:
         """Return and clear the events, in order."""
         return self._events.drain()
-
-    def _table(self) -> dict[int, Callable[[bytes], None]]:
-        table: dict[int, Callable[[bytes], None]] = {
-            LssCommand.SWITCH_GLOBAL: self._switch_global,
-            LssCommand.CONFIGURE_NODE_ID: self._configuring(self._configure_node_id),
-            LssCommand.CONFIGURE_BIT_TIMING: self._configuring(self._configure_bit_timing),
-            LssCommand.ACTIVATE_BIT_TIMING: self._configuring(self._activate_bit_timing),
-            LssCommand.STORE: self._configuring(self._store),
-            LssCommand.IDENTIFY_NON_CONFIGURED: self._identify_non_configured,
-            LssCommand.FAST_SCAN: self._fast_scan,
-            LssCommand.INQUIRE_NODE_ID: self._configuring(self._inquire_node_id),
-        }
-        for part in range(4):
-            table[LssCommand.SWITCH_SELECTIVE + part] = self._switch_selective
-            table[LssCommand.INQUIRE + part] = self._configuring(self._inquire)
-        for step in range(6):
-            table[LssCommand.IDENTIFY + step] = self._identify
-        return table
-
-    def _configuring(self, service: Callable[[bytes], None]) -> Callable[[bytes], None]:
-        def guarded(data: bytes) -> None:
-            if self.mode is LssMode.CONFIGURATION:
-                service(data)
-            else:
-                self.ignored += 1
-
-        return guarded
 
     def _answer(self, command: int, value: int = 0) -> None:
         self.outgoing.put(lss_frame(command, value, cob_id=SLAVE_COB_ID))
@@ -558,6 +534,24 @@ class LssSlave:
             if bit == 0 and following < part:
                 self.mode = LssMode.CONFIGURATION
             self._answer(LssCommand.IDENTIFIED)
+
+    _SERVICES: ClassVar[dict[int, Callable[[Any, bytes], None]]] = {
+        LssCommand.SWITCH_GLOBAL: _switch_global,
+        LssCommand.IDENTIFY_NON_CONFIGURED: _identify_non_configured,
+        LssCommand.FAST_SCAN: _fast_scan,
+        **dict.fromkeys(range(LssCommand.SWITCH_SELECTIVE, LssCommand.SWITCH_SELECTIVE + 4), _switch_selective),
+        **dict.fromkeys(range(LssCommand.IDENTIFY, LssCommand.IDENTIFY + 6), _identify),
+    }
+    """Served in both modes."""
+    _CONFIGURING: ClassVar[dict[int, Callable[[Any, bytes], None]]] = {
+        LssCommand.CONFIGURE_NODE_ID: _configure_node_id,
+        LssCommand.CONFIGURE_BIT_TIMING: _configure_bit_timing,
+        LssCommand.ACTIVATE_BIT_TIMING: _activate_bit_timing,
+        LssCommand.STORE: _store,
+        LssCommand.INQUIRE_NODE_ID: _inquire_node_id,
+        **dict.fromkeys(range(LssCommand.INQUIRE, LssCommand.INQUIRE + 4), _inquire),
+    }
+    """Served in the configuration mode alone."""
 
 
 def _number(data: bytes) -> int:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import enum
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -200,12 +200,19 @@ TABLE: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = MappingProxyType(
 _WATCHED: Final = (*RISING, *LIMITS_NS, _S.SETTLING, _S.QUICK_STOPPED, _S.UNSTOPPED)
 
 
+class PhaseObserver(Protocol):
+    """What follows the rows that a statechart takes."""
+
+    def row_taken(self, state: AxisPhase, trigger: PhaseTrigger) -> None:
+        """Take a row: the state before it, and its trigger."""
+
+
 class AxisStatechart:
     """Where one axis is in the chart; `fire` is the only way from one state to another.
 
     `following` is True in FOLLOWING alone, and the command interfaces say the same as `enabled`. `watched`: the drive
     has to be looked at in every cycle for what comes next. `since` is when the present stop began, `deadline` when the
-    state is overdue. `on_row` hears which rows are taken: the state before, and the trigger.
+    state is overdue. `observer` takes which rows are taken.
     """
 
     def __init__(
@@ -217,7 +224,7 @@ class AxisStatechart:
         self.since = 0
         self.deadline = _NEVER
         self.holds_load = holds_load
-        self.on_row: Callable[[AxisPhase, PhaseTrigger], object] | None = None
+        self.observer: PhaseObserver | None = None
         self._machine, self._commands = machine, commands
         for command in commands:
             command.enabled = False
@@ -242,8 +249,8 @@ class AxisStatechart:
         row = TABLE[self.state].get(trigger)
         if row is None:
             return False
-        if self.on_row is not None:
-            self.on_row(self.state, trigger)
+        if self.observer is not None:
+            self.observer.row_taken(self.state, trigger)
         changed = row.state is not self.state
         if changed:
             self._enter(row.state, now)

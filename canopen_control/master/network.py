@@ -19,7 +19,7 @@ from canopen_control.master.boot_config import value_of
 from canopen_control.master.cycle import ProcessImage
 from canopen_control.master.event_log import Event, Level
 from canopen_control.master.remote_node import RemoteNode
-from canopen_control.master.supervision import PdoWatch
+from canopen_control.master.supervision import BusReader, PdoWatch
 from canopen_control.rpc.messages.state import EventDetails
 
 if TYPE_CHECKING:
@@ -184,8 +184,7 @@ class Network:
     def __init__(self, name: str, config: BusConfig, report: Callable[[Event], None], cycle_ns: int) -> None:
         self.name, self.config, self._cycle_ns = name, config, cycle_ns
         self.unknown = 0
-        self.on_rerouted: Callable[[], None] = lambda: None
-        """Called when `identifiers` have changed."""
+        self.reader: BusReader | None = None
         self.sync = SyncProducer(overflow=config.master.sync_overflow)
         self.image = ProcessImage(refresh=max(1, REFRESH_NS // cycle_ns))
         self.outgoing: list[CanFrame] = []
@@ -422,7 +421,7 @@ class Network:
                 received.use(layout, planned.objects)
                 self._handlers[received.cob_id] = self._checked(node, received)
                 self._pdos[received.cob_id] = received
-                self.on_rerouted()
+                self._reroute()
         for planned, sent in zip(node.plan.rpdos, node.sent, strict=True):
             layout = own.get(("rpdo", planned.number), planned)
             if (sent.cob_id, sent.codec.objects) != (layout.cob_id, layout.objects):
@@ -430,8 +429,12 @@ class Network:
                     self._handlers.pop(sent.cob_id, None)
                 sent.use(layout, self.image.outputs_of(node.node_id, layout.objects))
                 self._handlers.setdefault(sent.cob_id, self._foreign.on_rpdo(sent.cob_id, node))
-                self.on_rerouted()
+                self._reroute()
         self.image.preset(node.node_id, result.presets)
+
+    def _reroute(self) -> None:
+        if self.reader is not None:
+            self.reader.follow_identifiers()
 
     def _written(self, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
         """Take what an SDO wrote into the RPDOs that carry the object, so that none of them undoes it."""

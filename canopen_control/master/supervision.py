@@ -6,10 +6,10 @@ returns what is to be told, once per occasion and never faster than the log can 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from canopen_control.master.cycle import ReceivedPdo
 
@@ -26,15 +26,25 @@ _RESET_ANSWERED_NS: Final = 3 * _SECOND  # a gateway or an adapter may hold a bo
 _STUCK: Final = 3  # distances as long as the one before
 
 
+class BusReader(Protocol):
+    """What reads the channel of a network."""
+
+    def catch_up(self) -> None:
+        """Read all that waits."""
+
+    def follow_identifiers(self) -> None:
+        """Take that the network's `identifiers` have changed."""
+
+
 class PdoWatch:
     """Counts the SYNCs that the synchronous TPDOs of a bus let pass; sets `overdue` of those that stay away.
 
     SYNCs that a late process sends close together count as one: their answers have the time that `period_ns` apart
-    would give them, and `least_ns` at least. `look` is called before anything is overdue, to have what waits read.
+    would give them, and `least_ns` at least. `reader` reads what waits before anything is overdue.
     """
 
     def __init__(self, period_ns: int = 0) -> None:
-        self.look: Callable[[], None] = lambda: None
+        self.reader: BusReader | None = None
         self.least_ns = 0
         self._period = period_ns
         self._pdos: list[ReceivedPdo] = []
@@ -75,7 +85,8 @@ class PdoWatch:
         time = max((2 * pdo.allowed_silence - 3) * self._period // 2, self.least_ns - self._period)
         if now - pdo.since < time:
             return False
-        self.look()
+        if self.reader is not None:
+            self.reader.catch_up()
         if pdo.count == pdo.checked:
             return pdo.expected
         pdo.checked, pdo.silent = pdo.count, 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.bus.port import BusEventKind
 from canopen_control.bus.port_abilities import Arrivals
@@ -149,6 +149,14 @@ LABEL: Final = "monitor"
 _AGAIN_NS: Final = 1_000_000_000
 
 
+class PortWatcher(Protocol):
+    """What reads a port as soon as something has come."""
+
+    def port_changed(self, port: Port | None) -> None:
+        """Watch this port from now on; None: the one before is gone."""
+        ...
+
+
 class BusTap:
     """Decodes what is on a bus and hands it to `take`; `problem` says why it hears nothing, "" while it does.
 
@@ -159,7 +167,7 @@ class BusTap:
         self.network, self.owner = network, owner
         self.meter = LoadMeter(network.bitrate)
         self.problem = "not opened yet"
-        self._on_port: Callable[[Port | None], None] = lambda _port: None
+        self._watcher: PortWatcher | None = None
         self._take = take
         self._decoder = Decoder(network)
         self._port: Port | None = None
@@ -171,11 +179,11 @@ class BusTap:
         """Frames that came faster than they were read."""
         return 0 if self._port is None else self._port.stats.lost
 
-    def watch(self, on_port: Callable[[Port | None], None]) -> None:
-        """Call `on_port` now and later with the port to watch for reading, and with None when it goes."""
-        self._on_port = on_port
+    def watch(self, watcher: PortWatcher) -> None:
+        """Give the port to a watcher, now and later, and None when it goes."""
+        self._watcher = watcher
         if self._port is not None:
-            on_port(self._port)
+            watcher.port_changed(self._port)
 
     def tick(self, now: int) -> None:
         """Open the bus if it is time to; `now` in monotonic ns."""
@@ -190,7 +198,8 @@ class BusTap:
             self.problem = str(error)
             return
         self.problem = ""
-        self._on_port(self._port)
+        if self._watcher is not None:
+            self._watcher.port_changed(self._port)
 
     def receive(self) -> None:
         """Take what has come."""
@@ -213,6 +222,7 @@ class BusTap:
     def close(self) -> None:
         """Leave the bus; a second call does nothing."""
         if self._port is not None:
-            self._on_port(None)
+            if self._watcher is not None:
+                self._watcher.port_changed(None)
             self._port.close()
             self._port = self._arrivals = None

@@ -611,7 +611,8 @@ class _Reader:
         self._tap, self._loop = tap, asyncio.get_running_loop()
         self._fd: int | None = None
 
-    def __call__(self, port: Port | None) -> None:
+    def port_changed(self, port: Port | None) -> None:
+        """Read this port from now on."""
         if self._fd is not None:
             self._loop.remove_reader(self._fd)
         self._fd = None if port is None else port.fileno()

@@ -264,7 +264,7 @@ _REPEATED: Final = 200  # newest events that are looked through, so that none is
 class RobotLink:
     """The robot `name`, or the only one; `start` and `close` it. `why` says what keeps it from the robot, or is "".
 
-    `on_sample` is called on the connection's thread when a sample has come.
+    `start` takes what is called on the connection's thread when a sample has come.
     """
 
     def __init__(self, name: str | None = None) -> None:
@@ -273,16 +273,16 @@ class RobotLink:
         self.layouts: Mapping[str, BusLayout] = {}
         self.places: Mapping[str, NodePlace] = {}
         self.state: StateSample | None = None
-        self.on_sample: Callable[[], None] = lambda: None
         self._events: deque[RobotEvent] = deque(maxlen=_KEPT_EVENTS)
         self._told: deque[RobotEvent] = deque(maxlen=_REPEATED)
         self._heard = 0.0
         self._robot: RobotClient | None = None
         self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="robot link", daemon=True)
+        self._thread: threading.Thread | None = None
 
-    def start(self) -> None:
+    def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
         """Begin to look for the robot."""
+        self._thread = threading.Thread(target=self._run, args=(on_sample,), name="robot link", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -291,7 +291,7 @@ class RobotLink:
         robot = self._robot
         if robot is not None:
             robot.close()
-        if self._thread.is_alive():
+        if self._thread is not None and self._thread.is_alive():
             self._thread.join(AGAIN_S)
 
     @property
@@ -313,12 +313,12 @@ class RobotLink:
             raise RemoteError("BusClosed", f"{ROBOT.of(type(request)).name} does not reach the robot: {self.why}")
         return robot.ask(request, timeout)
 
-    def _run(self) -> None:
+    def _run(self, on_sample: Callable[[], None]) -> None:
         while not self._closed.is_set():
             try:
                 with RobotClient.connect(self.name, timeout=_TIMEOUT_S) as robot:
                     self._begin(robot)
-                    self._follow(robot)
+                    self._follow(robot, on_sample)
             except CanopenError as error:
                 self.why = str(error)
             self._robot, self.state = None, None
@@ -333,14 +333,14 @@ class RobotLink:
             self._keep(event)
         self._robot, self.why = robot, ""
 
-    def _follow(self, robot: RobotClient) -> None:
+    def _follow(self, robot: RobotClient, on_sample: Callable[[], None]) -> None:
         while not self._closed.is_set():
             for message in robot.messages(_SILENCE_S):
                 if isinstance(message, RobotEvent):
                     self._keep(message)
                 elif isinstance(message, StateSample):
                     self.state, self._heard, self.why = message, time.monotonic(), ""
-                    self.on_sample()
+                    on_sample()
             self.why = f"robot {self.name} has been silent for more than {_SILENCE_S:g} s; does it hang?"
 
     def _keep(self, event: RobotEvent) -> None:
@@ -526,8 +526,7 @@ class LiveRobot:
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
         """Look for the robot."""
-        self._link.on_sample = on_sample
-        self._link.start()
+        self._link.start(on_sample)
 
     def close(self) -> None:
         """Leave robot and buses."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import heapq
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import mujoco
 import numpy as np
@@ -33,8 +33,15 @@ _LIGHTEST: Final = 1e-4  # kg that is left of a link
 _CHANGED: Final = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "geom_friction")  # of the model
 
 
+class JointBlocker(Protocol):
+    """What blocks joints."""
+
+    def block(self, robot: str, joint: str, on: bool) -> None:
+        """Block a joint of a robot, or release it."""
+
+
 class Disturbances:
-    """Acts on the simulation of robots; `begin` gives it its state, and `block` who blocks joints by robot and name.
+    """Acts on the simulation of robots; `begin` gives it its state, and `blocker` blocks joints by robot and name.
 
     A robot is named as in the file of the world, "" where it is alone.
     """
@@ -48,7 +55,7 @@ class Disturbances:
         self._floor, self._slide, self.patches = floor.friction, floor.caster_friction, world.patches
         self._grip = self._floor
         self._before = {name: getattr(self._model, name).copy() for name in _CHANGED}
-        self.block: Callable[[str, str, bool], None] = lambda _robot, _joint, _on: None
+        self.blocker: JointBlocker | None = None
         self._due: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
         self._timeline, self._steps = world.timeline(), world.steps
@@ -118,7 +125,8 @@ class Disturbances:
         elif isinstance(what, PushRobot):
             self._push(self._link(what.on, robot), np.array(what.force), now, round(what.seconds * 1e9))
         elif isinstance(what, BlockJoint):
-            self.block(robot, what.joint, what.on)
+            if self.blocker is not None:
+                self.blocker.block(robot, what.joint, what.on)
         else:
             self._grip = what.friction
             self.look_at_grip()

@@ -154,7 +154,7 @@ class PhysicsWorld:
         for robot in self._robots.values():
             robot.touch_down()
         self._rolling = [robot for robot in self._robots.values() if robot.rolls_sideways]
-        disturbances.block = self._block
+        disturbances.blocker = self
         disturbances.begin(self.data)
         disturbances.look_at_grip()
 
@@ -282,7 +282,8 @@ class PhysicsWorld:
         self._disturbances.act(what, self._age_ns(), self._first if robot is None else robot)
         self.wake()
 
-    def _block(self, robot: str, joint: str, on: bool) -> None:
+    def block(self, robot: str, joint: str, on: bool) -> None:
+        """Block a joint, or release it."""
         for (owner, _), plant in self._plants.items():
             if owner == robot and plant.joint == joint:
                 plant.stalled = on

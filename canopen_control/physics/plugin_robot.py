@@ -394,7 +394,7 @@ class DriverlessRobot:
         self._steps = 0  # since it began
         around = WorldDescription() if world is None else world
         self._disturbances = Disturbances({"": body}, around.floor or FloorContact(), around)
-        self._disturbances.block = self._block
+        self._disturbances.blocker = self
         self._disturbances.begin(self.data)
         self._look()
 
@@ -438,7 +438,9 @@ class DriverlessRobot:
         """Let something happen now; ConfigError for a link or joint that is not there."""
         self._disturbances.act(what, self._steps * self._period_ns)
 
-    def _block(self, _robot: str, joint: str, on: bool) -> None:
+    def block(self, robot: str, joint: str, on: bool) -> None:
+        """Block a joint, or release it."""
+        del robot
         self.body.joints[joint].hold(self.model, self.data, on)
 
     def reset(self, keyframe: str) -> None:

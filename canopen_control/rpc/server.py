@@ -6,7 +6,7 @@ wrong type is refused before a handler sees it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import msgspec
 
@@ -61,12 +61,19 @@ class Call(Generic[R_co]):
             self.refuse(ControlError(error))
 
 
+class ServerObserver(Protocol):
+    """What follows the requests to a server."""
+
+    def done(self, method: str, params: msgspec.Raw) -> None:
+        """Take a request that was not refused at once."""
+
+
 class Server(Generic[H, P]):
     """Serves an `Api` on a Unix socket from a reactor; `hello()` is what each client is greeted with.
 
     `keeps(connection)` names those who may stay although they are silent; SocketInUse when somebody serves the path
     already; `listener` is for who listens there before he serves. `check` tells whether every method has its handler.
-    `on_done` hears method and parameters of each request that was not refused at once, but of those that only read.
+    `observer` gets method and parameters of each request that was not refused at once, but of those that only read.
     """
 
     def __init__(
@@ -81,7 +88,7 @@ class Server(Generic[H, P]):
         listener: socket.socket | None = None,
     ) -> None:
         self._api, self._hello = api, hello
-        self.on_done: Callable[[str, msgspec.Raw], object] | None = None
+        self.observer: ServerObserver | None = None
         self._handlers: dict[str, tuple[msgspec.json.Decoder[Any], Callable[[Call[Any]], object]]] = {}
         self._server = LineServer(
             reactor,
@@ -145,8 +152,8 @@ class Server(Generic[H, P]):
             decoder, handler = self._handlers[name]
             call.request = decoder.decode(incoming.params)
             handler(call)
-            if self.on_done is not None and self._api.methods[name].effect is not Effect.READS:
-                self.on_done(name, incoming.params)
+            if self.observer is not None and self._api.methods[name].effect is not Effect.READS:
+                self.observer.done(name, incoming.params)
         except CanopenError as error:
             call.refuse(error)
         except (msgspec.DecodeError, ValueError, OverflowError, RecursionError) as error:

@@ -381,7 +381,7 @@ class ApiServer(RobotObserver):
         ParameterMethods(robot, self._server)
         SimulationMethods(robot, self._server)
         self._server.check()
-        self._server.on_done = self._push_request
+        self._server.observer = self
         robot.observers.append(self)
 
     def _answer(self) -> None:
@@ -457,7 +457,8 @@ class ApiServer(RobotObserver):
             watchers = [each for each, wanted in self._subscriptions.items() if wanted.pdos]
             self._server.push(messages.ProcessData(self._unix_time(), changes), watchers)
 
-    def _push_request(self, method: str, params: Raw) -> None:
+    def done(self, method: str, params: Raw) -> None:
+        """Tell a request to those who watch requests."""
         if self.observer is not None:
             self.observer.requested(messages.Asked(self._unix_time(), method, params))
         watchers = [connection for connection, wanted in self._subscriptions.items() if wanted.requests]

@@ -77,7 +77,7 @@ CAUGHT_UP: Final = 2  # skipped edges whose set-points are passed over
 class RobotCycle:
     """The cycle of a robot at the edges of `pacer`; `sent_at` is when the newest cycle's frames had left.
 
-    `advance` takes the steps of starting and stopping, None while the robot runs; `after` comes last. `clock` is the
+    The `robot` takes the steps of its start and its end, and comes last. `clock` is the
     time that the controllers have.
     """
 
@@ -87,12 +87,10 @@ class RobotCycle:
         made: Assembly,
         manager: ControllerManager,
         reactor: Reactor,
-        advance: Callable[[int], None],
-        after: Callable[[int], None],
+        robot: RobotCore,
     ) -> None:
         self.sent_at = 0
-        self.advance: Callable[[int], None] | None = advance
-        self._pacer, self._manager, self._reactor, self._after = pacer, manager, reactor, after
+        self._pacer, self._manager, self._reactor, self._robot = pacer, manager, reactor, robot
         self._registry = made.registry
         self._buses, self._systems = list(made.buses.values()), made.systems
         self._sync_first = [bus for bus in self._buses if bus.sends_sync_first]
@@ -123,8 +121,7 @@ class RobotCycle:
         for component in components:
             if component.read(now, period) is ERROR:
                 self._failed(component, "read", now)
-        if self.advance is not None:
-            self.advance(now)
+        self._robot.advance(now)
         manager.update(edge, period)
         for component in components:
             if component.write(now, self._period) is ERROR:
@@ -134,20 +131,19 @@ class RobotCycle:
         self.sent_at = self._reactor.now()
         manager.broadcast(edge, period)
         self._supervise(now)
-        self._after(now)
+        self._robot.after_cycle(now)
 
     def _simulate(self, now: int) -> None:
         """Do the cycle of a robot without buses, none while its time stands, or those that it is to step."""
         clock, edge, skipped = self.clock, self._pacer.edge, self._pacer.skipped
-        if self.advance is not None:
-            self.advance(now)
+        self._robot.advance(now)
         if clock.take(edge):
             self._turn(clock.edge, self._skip(skipped) if skipped and not clock.paused else self._period)
             until = now + self._pacer.period_ns // 2
             while clock.paused and self._reactor.now() < until and clock.take_step(edge):
                 self._turn(clock.edge, self._period)
         self.sent_at = self._reactor.now()
-        self._after(now)
+        self._robot.after_cycle(now)
         if clock.paused:
             clock.tell_steps()
 
@@ -242,7 +238,7 @@ class RobotCore:
             description=setup.description.joints,
             enable_status=DriveEnableStatus(self.joints),
         )
-        self.cycle = RobotCycle(self.pacer, made, self.manager, reactor, self._advance_start, self._after)
+        self.cycle = RobotCycle(self.pacer, made, self.manager, reactor, self)
         self.pacer.on_edge = self.cycle.step
         self._phase = RobotState.STARTING
         self._activated = self._was_latched = False
@@ -329,7 +325,7 @@ class RobotCore:
             return
         now = self.reactor.now()
         self.report(Event(now, "stopping", "", f"stopping: {why}"))
-        self._phase, self.cycle.advance = RobotState.STOPPING, self._advance_stop
+        self._phase = RobotState.STOPPING
         self._stopping_until = now + STOP_TIMEOUT_NS
         self.manager.running.forget(self.cycle.clock.now(), f"the robot is stopping ({why})")
         self._release_all(now)
@@ -345,7 +341,7 @@ class RobotCore:
         for request in self._requests:
             request.fail("the robot has stopped")
         self._requests.clear()
-        self._phase, self.cycle.advance = RobotState.STOPPED, None
+        self._phase = RobotState.STOPPED
 
     # ------------------------------------------------------------------------------------------- verbs
 
@@ -479,7 +475,7 @@ class RobotCore:
 
     # ------------------------------------------------------------------------------------------- cycle
 
-    def _after(self, now: int) -> None:
+    def after_cycle(self, now: int) -> None:
         """Tell what the cycle, whose frames are on their way, has brought."""
         if moved := self.wall.look(now):
             self._tell_clock_step(moved)
@@ -498,6 +494,13 @@ class RobotCore:
         for observer in self.observers:
             observer.after_cycle(now)
 
+    def advance(self, now: int) -> None:
+        """Take the next step of starting or stopping, if there is one."""
+        if self._phase is RobotState.STARTING:
+            self._advance_start(now)
+        elif self._phase is RobotState.STOPPING:
+            self._advance_stop(now)
+
     def _advance_start(self, now: int) -> None:
         """Take the next step of starting."""
         missing = [node for node in self.nodes.values() if node.config.required and not node.ready]
@@ -509,7 +512,7 @@ class RobotCore:
             for system in self.systems if self._was_latched else ():
                 system.stop(now)  # a release enables nothing
         elif self._activated and (startup_complete(self.nodes.values(), self.joints.values()) or now > self._deadline):
-            self._phase, self.cycle.advance = RobotState.RUNNING, None
+            self._phase = RobotState.RUNNING
             self.report(Event(now, "running", "", f"{self.setup.name} runs: {self.setup.runs}"))
             self.has_run = True
             for observer in self.observers:

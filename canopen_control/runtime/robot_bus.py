@@ -249,7 +249,7 @@ class RobotBus:
         self._data_bytes = 0
         self._away_ns = cycle_ns + max(cycle_ns, _AWAY_NS)
         self._looked_at = 0  # when no frame waited at the port
-        self.network.pdo_watch.look = self._catch_up
+        self.network.reader = self.network.pdo_watch.reader = self
         if is_simulated(channel):
             self.network.pdo_watch.least_ns = _SIMULATED_NS
         self.watched = True
@@ -315,7 +315,6 @@ class RobotBus:
             return
         self._pass_over()
         set_filter(self.port, self.network.identifiers)
-        self.network.on_rerouted = self._hear
         if self._followed is not None:
             self._followed.start(self._reactor.now())
         self._looked_at = self._reactor.now()
@@ -355,7 +354,8 @@ class RobotBus:
             frame.can_id - ERROR_CONTROL_COB_ID for frame in frames_of(records) if frame.data == _BOOT_UP
         )
 
-    def _hear(self) -> None:
+    def follow_identifiers(self) -> None:
+        """Have the channel pass the identifiers that the network now hears."""
         if self.port is not None:
             set_filter(self.port, self.network.identifiers)
 
@@ -382,7 +382,7 @@ class RobotBus:
         """Let time pass for the network's services, and send what that brings."""
         network = self.network
         if now - self._looked_at > self._away_ns:
-            self._catch_up()
+            self.catch_up()
             network.was_away(now - self._looked_at)
         self._looked_at = now
         network.tick(now)
@@ -417,7 +417,7 @@ class RobotBus:
         if port is not None and not port.stats.queued:  # else SYNC waits here as well
             network.synced(now)
 
-    def _catch_up(self) -> None:
+    def catch_up(self) -> None:
         """Read all that waits at the port, for a process that was late."""
         for _ in range(_BACKLOG):
             port = self.port

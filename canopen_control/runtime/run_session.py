@@ -201,8 +201,7 @@ class RunSession(RobotObserver):
         self.reactor.on_error = ProgramErrors(self.reactor.now, self.robot.report)
         for channel in setup.channels.values() if self.robot.buses else ():
             cleanup.callback(os.close, _claim(channel))
-        self.supervisor = Supervisor(setup.name, self.reactor, self.robot.report)
-        self.supervisor.on_started = self.realtime.release
+        self.supervisor = Supervisor(setup.name, self.reactor, self.robot.report, self.realtime)
         self.robot.missing_programs = self.supervisor.missing
         cleanup.callback(self.supervisor.end)
         try:
@@ -242,14 +241,18 @@ class RunSession(RobotObserver):
             bridge = ["canopen_control.ros.bridge", "--name", self.setup.name, *self.options.ros_arguments]
             self.supervisor.start_client("ros", bridge, ros=True, answers=True, restarts=Restarts())
         self.robot.join()
-        self.supervisor.when_ready(self._when_heard, self.robot.fail)
+        self.supervisor.when_ready(self)
 
-    def _when_heard(self, tries: int = _HEARING_TRIES) -> None:
+    def child_failed(self, text: str) -> None:
+        """End the run."""
+        self.robot.fail(text)
+
+    def children_ready(self, tries: int = _HEARING_TRIES) -> None:
         """Boot once the first words of the drives that were started have come: later they would be taken for news."""
         if self.robot.has_heard(self.supervisor.driven) or not tries:
             self._begin()
         else:
-            self.reactor.call_later(_HEARING_NS, lambda: self._when_heard(tries - 1))
+            self.reactor.call_later(_HEARING_NS, lambda: self.children_ready(tries - 1))
 
     def _begin(self) -> None:
         """Boot: all that was started is there."""

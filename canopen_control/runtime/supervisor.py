@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.bus.channel import may_host_virtual_drives, open_port, parse_channel
 from canopen_control.errors import CanopenError
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from canopen_control.host.spawn import Child
     from canopen_control.host.timer import Timer
     from canopen_control.master.config import BusConfig
+    from canopen_control.runtime.realtime import RealTime
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.virtual.node_host import NodeHost
 
@@ -57,21 +58,38 @@ _GRACE_S = 5.0  # for a child to end by itself after SIGTERM
 _RECORDER = lean_python("canopen_control.trace.flight")
 
 
-class Supervisor:
-    """Starts and ends the children of one robot; `report` is told when one dies unasked, `on_started` each pid."""
+class SupervisedRun(Protocol):
+    """What begins once its children are ready."""
 
-    def __init__(self, name: str, reactor: Reactor, report: Callable[[Event], None]) -> None:
+    def children_ready(self) -> None:
+        """Begin."""
+        ...
+
+    def child_failed(self, text: str) -> None:
+        """End, since a child cannot do its part; `text` says why."""
+        ...
+
+
+class Supervisor:
+    """Starts and ends the children of one robot; `report` is told when one dies unasked.
+
+    With `realtime` the children leave the scheduling of this process.
+    """
+
+    def __init__(
+        self, name: str, reactor: Reactor, report: Callable[[Event], None], realtime: RealTime | None = None
+    ) -> None:
         self._name, self._reactor, self._report = name, reactor, report
-        self.on_started: Callable[[int], None] = lambda _pid: None
+        self._realtime = realtime
         self._drives: list[Child] = []
         self._world: tuple[Child, tuple[str, ...]] | None = None  # the drives of one world, and their names
-        self._fail: Callable[[str], object] = lambda _text: None
         self.refused = False  # the drives could not begin, by their files
         self._clients: list[Child] = []
         self._recorder: Child | None = None
         self._hosts: list[tuple[NodeHost, Port]] = []
         self._awaited: dict[Child, Timer] = {}  # who has not said yet that he is ready, and his deadline
-        self._when_ready: Callable[[], object] | None = None
+        self._run: SupervisedRun | None = None
+        self._waiting = False  # whether `_run` waits for `children_ready`
         self._recorder_silent = False
         self._ending = self._over = False
         self._again: dict[Child, Callable[[], None]] = {}
@@ -170,16 +188,16 @@ class Supervisor:
                 self._again[self._recorder] = partial(self._restart, _FLIGHT, restarts, start)
             self._listen_to_recorder(self._recorder)
 
-    def when_ready(self, begin: Callable[[], object], fail: Callable[[str], object]) -> None:
-        """Call `begin` once all that was started is ready, or has died, which is told; now if that is so.
+    def when_ready(self, run: SupervisedRun) -> None:
+        """Call a run once all that was started is ready, or has died, which is told; now if that is so.
 
-        `fail(sentence)` is called instead for a drive that is not ready in time.
+        It fails instead for a drive that is not ready in time.
         """
-        self._when_ready, self._fail = begin, fail
+        self._run, self._waiting = run, True
         drives_ns = _READY_NS + _READY_EACH_NS * len(self._drives)
         for child in [child for child in (*self._drives, self._recorder) if child is not None]:
             is_drive = child is not self._recorder
-            late = partial(self._late, child, fail) if is_drive else partial(self._without_recorder, child)
+            late = partial(self._late, child, run) if is_drive else partial(self._without_recorder, child)
             self._awaited[child] = self._reactor.call_later(drives_ns if is_drive else _LISTENING_NS, late)
             child.watch_ready(self._reactor, partial(self._heard, child))
         self._look_whether_ready()
@@ -204,16 +222,16 @@ class Supervisor:
                 self._report(Event(self._reactor.now(), "physics", "", line.removeprefix(WORLD_NOTE)))
 
     def _look_whether_ready(self) -> None:
-        if not self._awaited and self._when_ready is not None:
-            begin, self._when_ready = self._when_ready, None
-            begin()
+        if not self._awaited and self._waiting and self._run is not None:
+            self._waiting = False
+            self._run.children_ready()
 
-    def _late(self, child: Child, fail: Callable[[str], object]) -> None:
+    def _late(self, child: Child, run: SupervisedRun) -> None:
         """End the run: a drive is there, and not on the bus."""
         self._wait_no_more()
         seconds = (_READY_NS + _READY_EACH_NS * len(self._drives)) / 1e9
         said = " | ".join(child.last_lines()[-3:]) or "nothing yet"
-        fail(
+        run.child_failed(
             f"process {child.name} (pid {child.pid}) was not ready within {seconds:g} s; it said: {said}; "
             "is the machine too busy?"
         )
@@ -224,7 +242,7 @@ class Supervisor:
         self._arrived(child)
 
     def _wait_no_more(self) -> None:
-        self._when_ready = None
+        self._waiting = False
         for timer in self._awaited.values():
             timer.cancel()
         self._awaited.clear()
@@ -325,7 +343,8 @@ class Supervisor:
     ) -> Child:
         log_dir = None if inherit_stdout else state_dir(self._name)
         child = spawn(argv, name=name, log_dir=log_dir, ros=ros, inherit_stdout=inherit_stdout, reports=reports)
-        self.on_started(child.pid)
+        if self._realtime is not None:
+            self._realtime.release(child.pid)
         child.watch(self._reactor, lambda returncode, lines: self._on_exit(child, returncode, lines))
         return child
 
@@ -342,7 +361,9 @@ class Supervisor:
         if returncode == _USAGE and child in self._awaited and self._world is not None and child is self._world[0]:
             self.refused = True
             self._wait_no_more()
-            self._fail("\n".join(line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE)))
+            text = "\n".join(line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE))
+            if self._run is not None:
+                self._run.child_failed(text)
             return
         text = f"process {child.name} (pid {child.pid}) {how}{said}"
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))

@@ -7,7 +7,6 @@ process or a bus). The states of axis power and boot are the robot's, those of C
 from __future__ import annotations
 
 from collections import Counter
-from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.nmt import NmtState, state_of_byte
@@ -51,13 +50,23 @@ EDGES: Final[Mapping[str, frozenset[Edge]]] = {
 """The edges that each machine has."""
 
 
+class _RowCounter:
+    """Counts the rows that statecharts of axes take."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[tuple[AxisPhase, PhaseTrigger]] = Counter()
+
+    def row_taken(self, state: AxisPhase, trigger: PhaseTrigger) -> None:
+        self.counts[state, trigger] += 1
+
+
 class StateCoverage:
     """Counts the edges that a robot walks; call `sampled` now and then, since a robot that is restarted is another."""
 
     def __init__(self, robot: RobotUnderTest, views: Iterable[WireView]) -> None:
         self._robot, self._nodes = robot, [node for view in views for node in view.nodes.values()]
         self._core: RobotCore | None = None
-        self._rows: Counter[tuple[AxisPhase, PhaseTrigger]] = Counter()
+        self._rows = _RowCounter()
         self.sampled()
 
     def sampled(self) -> None:
@@ -66,17 +75,13 @@ class StateCoverage:
         if core is not self._core:
             self._core = core
             for joint in core.joints.values():
-                joint.power.on_row = partial(self._take, self._rows)
-
-    @staticmethod
-    def _take(rows: Counter[tuple[AxisPhase, PhaseTrigger]], state: AxisPhase, trigger: PhaseTrigger) -> None:
-        rows[state, trigger] += 1
+                joint.power.observer = self._rows
 
     @property
     def walked(self) -> dict[Edge, int]:
         """How often each edge was walked, those that no diagram has included."""
         found: Counter[Edge] = Counter()
-        for (state, trigger), count in self._rows.items():
+        for (state, trigger), count in self._rows.counts.items():
             found[POWER, state.name, trigger.name] += count
         for node in self._nodes:
             for (before, after), count in node.drive_edges.items():

@@ -261,8 +261,8 @@ class Invariants(SimulationObserver):
         self._rules = list(rules)
         self._broken: set[str] = set()
         for (name, view), wire in zip(views.items(), self._wires, strict=True):
-            robot.wires[name].observe(view.hear, view.wants)
-            robot.wires[name].observe(wire.heard, wire.wants)
+            robot.wires[name].observe(view)
+            robot.wires[name].observe(wire)
         robot.observers.append(self)
         robot.time.later(_LOOK_NS, self._look)
 

@@ -7,7 +7,7 @@ an interface with `restart-ms` does. Times in ns.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.bus import error_frames
 from canopen_control.bus.arbitration import PacedWire
@@ -32,6 +32,16 @@ _MOST_IDENTIFIERS: Final = 2048
 _ID_SIZE: Final = 4  # bytes of a record's can_id
 
 
+class WireObserver(Protocol):
+    """What follows the frames on a wire."""
+
+    def wants(self, can_id: int) -> bool:
+        """Whether it takes frames with this identifier."""
+
+    def hear(self, now: int, label: str, record: bytes) -> None:
+        """Take a frame that has passed, of the sender `label`; `now` in ns."""
+
+
 class SimulatedWire:
     """One bus; `members` says which process a label is of, `heard` gets all that passed on the wire.
 
@@ -53,7 +63,7 @@ class SimulatedWire:
         self._time, self._wire = time, PacedWire(bitrate)
         self._wire.disturbed = self._is_disturbed
         self._ports: dict[int, SimulatedPort] = {}
-        self._observers: list[tuple[Heard, Callable[[int], bool]]] = []
+        self._observers: list[WireObserver] = []
         self._listeners: dict[bytes, Listeners] = {}  # by identifier, as records have it
         self._opened = 0
         self._planned = False  # whether it is on the clock when the frame on the wire ends
@@ -76,9 +86,9 @@ class SimulatedWire:
         self.refilter()
         return port
 
-    def observe(self, heard: Heard, wants: Callable[[int], bool]) -> None:
-        """Let `heard` get what passes on the wire with the identifiers that it `wants`."""
-        self._observers.append((heard, wants))
+    def observe(self, observer: WireObserver) -> None:
+        """Let an observer get what passes on the wire with the identifiers that it wants."""
+        self._observers.append(observer)
         self._listeners.clear()
 
     def refilter(self) -> None:
@@ -195,7 +205,7 @@ class SimulatedWire:
         if len(self._listeners) >= _MOST_IDENTIFIERS:
             self._listeners.clear()
         can_id: int = RECORD.unpack(record)[0]
-        observers = tuple(observe for observe, wants in self._observers if wants(can_id))
+        observers = tuple(observer.hear for observer in self._observers if observer.wants(can_id))
         ports = tuple(port for port in self._ports.values() if port.wanted is None or can_id in port.wanted)
         found = self._listeners[record[:_ID_SIZE]] = observers, ports
         return found
@@ -218,14 +228,16 @@ class SimulatedPort:
         self._fileno = actor.selector.allocate()
         self._queue: list[bytes] = []
         self._events = BusEventLog()
-        self.events: Callable[[], list[BusEvent]] = self._events.drain
-        """Return what happened since the last call."""
         self._closed = self._errors_wait = False
 
     @property
     def channel(self) -> str:
         """The channel's name."""
         return self._wire.channel
+
+    def events(self) -> list[BusEvent]:
+        """Return what happened since the last call."""
+        return self._events.drain()
 
     def fileno(self) -> int:
         """Return the number by which its reactor's selector knows it."""

@@ -224,10 +224,10 @@ class WireInvariants:
     # -- frames
 
     def wants(self, can_id: int) -> bool:
-        """Whether `heard` looks at frames with this identifier."""
+        """Whether `hear` looks at frames with this identifier."""
         return can_id in (0x80, self._heartbeat_id) or 0x580 < can_id < 0x600 or 0x600 < can_id < 0x680
 
-    def heard(self, now: int, label: str, record: bytes) -> None:
+    def hear(self, now: int, label: str, record: bytes) -> None:
         """Take a frame that has passed."""
         can_id, length, data = RECORD.unpack(record)
         if label == MASTER:

@@ -7,7 +7,7 @@ counted.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 from canopen_control.cia301.abort import abort_text
 from canopen_control.cia301.sdo_codec import (
@@ -60,24 +60,6 @@ class SdoConversation:
 
     def __init__(self, od: ObjectDictionary | None, words: NodeWords) -> None:
         self._od, self._words = od, words
-        self._client: dict[int, Callable[[bytes], SdoText]] = {
-            DOWNLOAD: self._download,
-            SEGMENT: lambda data: self._segment(data, "write"),
-            UPLOAD: self._upload,
-            UPLOAD_SEGMENT: lambda _data: SdoText(f"next segment of {self._where()}"),
-            BLOCK_UPLOAD & COMMAND_MASK: self._block_upload_client,
-            BLOCK_DOWNLOAD & COMMAND_MASK: self._block_download_client,
-            ABORT: lambda data: self._abort(data, "the client"),
-        }
-        self._server: dict[int, Callable[[bytes], SdoText]] = {
-            DOWNLOAD_ANSWER: self._download_answer,
-            DOWNLOAD_SEGMENT_ANSWER: self._segment_answer,
-            UPLOAD: self._upload_answer,
-            SEGMENT: lambda data: self._segment(data, "read"),
-            BLOCK_DOWNLOAD_ANSWER & COMMAND_MASK: self._block_download_server,
-            BLOCK_UPLOAD_ANSWER & COMMAND_MASK: self._block_upload_server,
-            ABORT: lambda data: self._abort(data, "the node"),
-        }
         self._end()
 
     def _end(self) -> None:
@@ -99,8 +81,8 @@ class SdoConversation:
         data = data.ljust(8, b"\0")
         if self._streams and from_client == (self._kind == "block write") and data[0] != ABORT:
             return self._block_segment(data)
-        handler = (self._client if from_client else self._server).get(data[0] & COMMAND_MASK)
-        return SdoText(f"unknown command 0x{data[0]:02X}") if handler is None else handler(data)
+        handler = (self._CLIENT if from_client else self._SERVER).get(data[0] & COMMAND_MASK)
+        return SdoText(f"unknown command 0x{data[0]:02X}") if handler is None else handler(self, data)
 
     # -- object of the transfer
 
@@ -286,3 +268,22 @@ class SdoConversation:
         value = self._value(bytes(self._data[: self._length])) if whole else None
         verb = "write " if kind == "block write" else ""
         return SdoText(f"{verb}{self._where()} = {value.text if value else f'{self._length} bytes'}", value)
+
+    _CLIENT: ClassVar[dict[int, Callable[[Any, bytes], SdoText]]] = {
+        DOWNLOAD: _download,
+        SEGMENT: lambda self, data: self._segment(data, "write"),
+        UPLOAD: _upload,
+        UPLOAD_SEGMENT: lambda self, _data: SdoText(f"next segment of {self._where()}"),
+        BLOCK_UPLOAD & COMMAND_MASK: _block_upload_client,
+        BLOCK_DOWNLOAD & COMMAND_MASK: _block_download_client,
+        ABORT: lambda self, data: self._abort(data, "the client"),
+    }
+    _SERVER: ClassVar[dict[int, Callable[[Any, bytes], SdoText]]] = {
+        DOWNLOAD_ANSWER: _download_answer,
+        DOWNLOAD_SEGMENT_ANSWER: _segment_answer,
+        UPLOAD: _upload_answer,
+        SEGMENT: lambda self, data: self._segment(data, "read"),
+        BLOCK_DOWNLOAD_ANSWER & COMMAND_MASK: _block_download_server,
+        BLOCK_UPLOAD_ANSWER & COMMAND_MASK: _block_upload_server,
+        ABORT: lambda self, data: self._abort(data, "the node"),
+    }

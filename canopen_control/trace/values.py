@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from canopen_control.cia301.emcy import error_text, register_text
 from canopen_control.cia301.pdo import DUMMY_TYPES, INVALID_BIT, parse_mapping_entry
@@ -147,14 +147,6 @@ class NodeWords:
         self._od: ObjectDictionary | None = node.od
         self._is_drive = node.is_drive
         self._axes: dict[int, AxisWords] = {}
-        self._drive_words: dict[int, Callable[[AxisWords, int], str]] = {
-            objects.STATUSWORD: _statusword,
-            objects.CONTROLWORD: _controlword,
-            objects.MODES_OF_OPERATION: lambda _axis, mode: _mode_text(mode),
-            objects.MODES_OF_OPERATION_DISPLAY: _mode_display,
-            objects.ERROR_CODE: lambda _axis, code: f"0x{code:04X} {error_text(code)}",
-            objects.SUPPORTED_DRIVE_MODES: _supported,
-        }
 
     def name(self, index: int, subindex: int) -> str:
         """Return the name of the object, by the EDS or else by the profile."""
@@ -179,7 +171,7 @@ class NodeWords:
         if isinstance(value, float):
             return f"{value:.9g}"
         base, number = objects.axis_of(index)
-        words = self._drive_words.get(base) if self._is_drive and not subindex else None
+        words = _DRIVE_WORDS.get(base) if self._is_drive and not subindex else None
         if words is not None:
             return words(self._axes.setdefault(number, AxisWords()), value)
         return self._communication(index, subindex, value) or str(value)
@@ -285,6 +277,14 @@ def _microseconds(_words: NodeWords, _subindex: int, value: int) -> str:
     return f"{value} us"
 
 
+_DRIVE_WORDS: Final[dict[int, Callable[[AxisWords, int], str]]] = {
+    objects.STATUSWORD: _statusword,
+    objects.CONTROLWORD: _controlword,
+    objects.MODES_OF_OPERATION: lambda _axis, mode: _mode_text(mode),
+    objects.MODES_OF_OPERATION_DISPLAY: _mode_display,
+    objects.ERROR_CODE: lambda _axis, code: f"0x{code:04X} {error_text(code)}",
+    objects.SUPPORTED_DRIVE_MODES: _supported,
+}
 # first and last index, lowest subindex, text; CiA 301, 7.5.2
 _COMMUNICATION: tuple[tuple[int, int, int, Callable[[NodeWords, int, int], str]], ...] = (
     (0x1000, 0x1000, 0, _device_type),

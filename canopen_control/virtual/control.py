@@ -6,7 +6,7 @@ Whatever is asked, the node is brought to the present before it is answered, and
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_args
 
 from canopen_control.cia301.nmt import NmtState
 from canopen_control.errors import ConfigError
@@ -63,28 +63,16 @@ class NodeMethods:
     def __init__(self, host: NodeHost, node: VirtualNode, world: World | None = None) -> None:
         self._host, self._node, self._world = host, node, world
         self._switches = node.switches or FaultSwitches(node)
-        self._work: dict[type[Request[Any]], Callable[[Any], Any]] = {
-            messages.ListFaults: self._faults,
-            messages.SwitchFault: self._switch_fault,
-            messages.GetDriveState: self._state,
-            messages.SetInputs: self._set_inputs,
-            messages.SetSignals: self._set_signals,
-            messages.SetPlant: self._set_plant,
-            messages.RestartQuality: self._restart_quality,
-            **dict.fromkeys(get_args(messages.WorldAct), self._act),
-            messages.GetWorld: self._tell_world,
-            messages.GetWorldShapes: self._tell_shapes,
-        }
 
     @property
     def kinds(self) -> tuple[type[Request[Any]], ...]:
         """What can be asked."""
-        return tuple(self._work)
+        return tuple(self._WORK)
 
     def do(self, request: Request[A]) -> A:
         """Do what is asked, also for somebody in this process; ConfigError for what this node does not have."""
         self._node.tick(self._host.reactor.now())
-        answer: A = self._work[type(request)](request)
+        answer: A = self._WORK[type(request)](self, request)
         self._host.wake(self._node)
         return answer
 
@@ -147,6 +135,19 @@ class NodeMethods:
         if drive is None:
             raise ConfigError(f"the node has no axis {axis}; it has: {', '.join(map(str, self._node.drives))}")
         return drive
+
+    _WORK: ClassVar[dict[type[Request[Any]], Callable[[Any, Any], Any]]] = {
+        messages.ListFaults: _faults,
+        messages.SwitchFault: _switch_fault,
+        messages.GetDriveState: _state,
+        messages.SetInputs: _set_inputs,
+        messages.SetSignals: _set_signals,
+        messages.SetPlant: _set_plant,
+        messages.RestartQuality: _restart_quality,
+        **dict.fromkeys(get_args(messages.WorldAct), _act),
+        messages.GetWorld: _tell_world,
+        messages.GetWorldShapes: _tell_shapes,
+    }
 
 
 class NodeControl:

@@ -37,8 +37,6 @@ from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.node_events import ControlwordIgnored, DriveFaulted, DriveStateChanged
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from canopen_control.cia301.nmt import NmtSlave
     from canopen_control.virtual.axis_motion import AxisMotion
     from canopen_control.virtual.axis_objects import AxisObjects
@@ -91,15 +89,6 @@ class PowerMachine:
         self.fault_on_enable: InjectionPoint[int] = InjectionPoint(0)
         self.serves_preop: InjectionPoint[bool] = InjectionPoint(False)
         self._ignored: tuple[int, str] | None = None  # the controlword that was told last, until another one does more
-        # transition number to what it does; the others only change the state
-        self._acts: dict[int, Callable[[Transition, int], None]] = {
-            4: self._enable,
-            5: self._leave,
-            8: self._leave,
-            11: self._quick_stop,
-            15: self._reset_fault,
-            16: self._enable_again,
-        }
 
     @property
     def running(self) -> bool:
@@ -161,14 +150,27 @@ class PowerMachine:
         before = self.state
         if before not in transition.sources:
             return  # something else happened during its delay
-        self._acts.get(transition.number, self._plain)(transition, now)
+        self._act(transition, now)
         # A command that was held during a delay, or 0x0F in READY_TO_SWITCH_ON, goes on from here.
         command = command_of(self.controlword, self.controlword)
         if self.state is not before and self.state is State.SWITCHED_ON and command is Command.ENABLE_OPERATION:
             self.obey(command, now)
 
-    def _plain(self, transition: Transition, now: int) -> None:
-        self.enter(transition.target, now)
+    def _act(self, transition: Transition, now: int) -> None:
+        """Do what a transition of CiA 402 does by its number; the others only change the state."""
+        match transition.number:
+            case 4:
+                self._enable(transition, now)
+            case 5 | 8:
+                self._leave(transition, now)
+            case 11:
+                self._quick_stop(transition, now)
+            case 15:
+                self._reset_fault(transition, now)
+            case 16:
+                self._enable_again(transition, now)
+            case _:
+                self.enter(transition.target, now)
 
     def _enable(self, _transition: Transition, now: int) -> None:
         """Transition 4: only with supply, and only while set-points can come (NMT OPERATIONAL)."""

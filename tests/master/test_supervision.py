@@ -1,5 +1,7 @@
 """Stale process data, floods, and two nodes with one id."""
 
+from types import SimpleNamespace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -186,9 +188,9 @@ def test_what_waits_to_be_read_has_come():
     pdo, _ = make_pdo(1)
     watch = PdoWatch(20 * MS)
     watch.add(pdo)
-    watch.look = lambda: pdo.receive(bytes(8), 2, 60 * MS)
+    watch.reader = SimpleNamespace(catch_up=lambda: pdo.receive(bytes(8), 2, 60 * MS))
     assert not any(watch.sync(now * MS) for now in range(0, 200, 20))
-    watch.look = lambda: None
+    watch.reader = None
     assert any(watch.sync(now * MS) for now in range(200, 300, 20))
 
 

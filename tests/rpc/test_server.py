@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import pytest
 from support.host import use_private_folders
@@ -77,7 +78,7 @@ def test_a_handler_gets_the_request_as_its_type_and_answers_under_its_number(sto
 
 def test_what_was_done_is_heard_but_not_what_was_read_or_refused(store):
     heard = []
-    store.server.on_done = lambda method, params: heard.append((method, bytes(params)))
+    store.server.observer = SimpleNamespace(done=lambda method, params: heard.append((method, bytes(params))))
     store.ask("put", key="a", number=2)
     store.ask("get", key="a")
     store.ask("put", number=2)

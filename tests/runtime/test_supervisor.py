@@ -3,6 +3,7 @@ import re
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -175,7 +176,7 @@ def test_the_robot_begins_when_its_drives_are_ready_and_not_before(supervisor, m
     wait = f"import os, time; [time.sleep(0.01) for _ in iter(lambda: os.path.exists({str(tmp_path / 'go')!r}), True)]"
     supervisor.start_drives(drives_that(monkeypatch, SAYS_READY.format(wait)))
     began = []
-    supervisor.when_ready(lambda: began.append(True), pytest.fail)
+    supervisor.when_ready(SimpleNamespace(children_ready=lambda: began.append(True), child_failed=pytest.fail))
     assert supervisor.driven == ["left_drive", "right_drive"]
     assert supervisor.reactor.run_for(SECOND // 2)
     assert began == []
@@ -188,7 +189,7 @@ def test_the_drives_of_a_world_are_one_process_and_what_it_guessed_is_told(super
     setup = drives_that(monkeypatch, SAYS_READY.format("print('world: a mass'); print('other', flush=True)"))
     supervisor.start_drives(setup, tmp_path / "plant.yml")
     began = []
-    supervisor.when_ready(lambda: began.append(True), pytest.fail)
+    supervisor.when_ready(SimpleNamespace(children_ready=lambda: began.append(True), child_failed=pytest.fail))
     assert list(supervisor.pids) == ["drives"]
     assert supervisor.driven == ["left_drive", "right_drive"]
     assert supervisor.reactor.run_until(lambda: bool(began), 20 * SECOND)
@@ -200,7 +201,7 @@ def test_a_world_whose_file_is_wrong_ends_the_run_with_what_it_said(supervisor, 
     said = "print('canopen-control: plant.yml:3:1: no', flush=True); raise SystemExit(2)"
     supervisor.start_drives(drives_that(monkeypatch, said), tmp_path / "plant.yml")
     failed = []
-    supervisor.when_ready(lambda: pytest.fail("it began"), failed.append)
+    supervisor.when_ready(SimpleNamespace(children_ready=lambda: pytest.fail("it began"), child_failed=failed.append))
     assert supervisor.reactor.run_until(lambda: bool(failed), 20 * SECOND)
     assert failed == ["plant.yml:3:1: no"]
     assert supervisor.refused
@@ -208,7 +209,7 @@ def test_a_world_whose_file_is_wrong_ends_the_run_with_what_it_said(supervisor, 
 
 def test_what_has_nothing_to_wait_for_begins_at_once(supervisor):
     began = []
-    supervisor.when_ready(lambda: began.append(True), pytest.fail)
+    supervisor.when_ready(SimpleNamespace(children_ready=lambda: began.append(True), child_failed=pytest.fail))
     assert began == [True]
 
 
@@ -217,7 +218,7 @@ def test_a_drive_that_is_not_ready_in_time_is_named_with_what_it_said(supervisor
     monkeypatch.setattr("canopen_control.runtime.supervisor._READY_EACH_NS", SECOND)
     supervisor.start_drives(drives_that(monkeypatch, SAYS_READY.format("signal.pause()")))
     failed = []
-    supervisor.when_ready(lambda: pytest.fail("it began"), failed.append)
+    supervisor.when_ready(SimpleNamespace(children_ready=lambda: pytest.fail("it began"), child_failed=failed.append))
     assert supervisor.reactor.run_until(lambda: bool(failed), 20 * SECOND)
     (text,) = failed
     assert re.match(r"process drive-\w+ \(pid \d+\) was not ready within 3 s; it said: ", text)
@@ -227,7 +228,9 @@ def test_a_drive_that_is_not_ready_in_time_is_named_with_what_it_said(supervisor
 def test_a_drive_that_dies_before_it_is_ready_is_told_and_not_waited_for(supervisor, monkeypatch):
     supervisor.start_drives(drives_that(monkeypatch, "raise SystemExit('no such thing')"))
     began = []
-    supervisor.when_ready(lambda: began.append(len(supervisor.events)), pytest.fail)
+    supervisor.when_ready(
+        SimpleNamespace(children_ready=lambda: began.append(len(supervisor.events)), child_failed=pytest.fail)
+    )
     assert supervisor.reactor.run_until(lambda: bool(began) and len(supervisor.events) == 2, 20 * SECOND)
     assert all("no such thing" in event.text for event in supervisor.events)
 
@@ -240,7 +243,7 @@ def test_a_recorder_that_does_not_listen_in_time_is_a_warning_and_the_robot_begi
     monkeypatch.setattr("canopen_control.runtime.supervisor._LISTENING_NS", SECOND // 10)
     supervisor.start_recorder({})
     began = []
-    supervisor.when_ready(lambda: began.append(True), pytest.fail)
+    supervisor.when_ready(SimpleNamespace(children_ready=lambda: began.append(True), child_failed=pytest.fail))
     assert began == []
     assert supervisor.reactor.run_until(lambda: bool(began), 20 * SECOND)
     assert [event.kind for event in supervisor.events] == ["no_recorder"]
@@ -258,7 +261,7 @@ def test_a_recorder_that_is_stopped_is_told_and_so_is_that_it_goes_on(supervisor
     monkeypatch.setattr("canopen_control.runtime.supervisor._SILENCE_NS", SECOND // 2)
     supervisor.start_recorder({})
     began = []
-    supervisor.when_ready(lambda: began.append(True), pytest.fail)
+    supervisor.when_ready(SimpleNamespace(children_ready=lambda: began.append(True), child_failed=pytest.fail))
     assert supervisor.reactor.run_until(lambda: bool(began), 20 * SECOND)
     assert supervisor.reactor.run_for(SECOND // 5)
     assert supervisor.events == []

@@ -26,7 +26,7 @@ class Judged:
 
     def hear(self, can_id, data=b"", *, after=0, label=MASTER):
         self.now += after
-        self.rules.heard(self.now, label, pack_records([CanFrame(can_id, data)]))
+        self.rules.hear(self.now, label, pack_records([CanFrame(can_id, data)]))
 
 
 @pytest.fixture
