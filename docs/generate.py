@@ -287,6 +287,26 @@ def faults() -> str:
     )
 
 
+def quirks() -> str:
+    """Return the quirks of virtual drives, each with what it departs from and its source."""
+    from canopen_control.virtual.quirks import QUIRKS
+
+    rows = []
+    for each in QUIRKS.values():
+        shown = each.listing()
+        bounds = "" if shown.default is None else f"{shown.low:g} to {shown.high:g} {shown.unit}, {shown.default:g}"
+        where = "" if each.axis is not None else " (the node as a whole)"
+        rows.append(f"| `{each.name}` | {each.does}{where} | {bounds} | {each.clause} | {each.source} |")
+    return (
+        "# Quirks of virtual drives\n\n"
+        "A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402-2; what breaks is a "
+        "[fault](faults.md). A drive has quirks from its start with `canopen-control drive --quirk "
+        "NAME[=VALUE][@AXIS]`; `canopen-control quirk NODE NAME on` and the key `quirk` of a scenario switch one while "
+        "it runs. Of the strength the bounds and the default are listed. `unsourced`: users have seen it, and no "
+        "public source is known.\n\n" + _table("| quirk | the drive | strength | departs from | source |", rows)
+    )
+
+
 def command_line() -> str:
     """Return the help of every verb."""
     import importlib
@@ -440,6 +460,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "bus_yml.md": bus_yml,
     "controllers.md": controllers,
     "faults.md": faults,
+    "quirks.md": quirks,
     "command_line.md": command_line,
     "robot_socket.md": robot_socket,
     "drive_socket.md": drive_socket,

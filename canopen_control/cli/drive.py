@@ -1,12 +1,13 @@
 """Run virtual drives, or any device that has an EDS, until Ctrl-C.
 
 It prints one line when the drives are on the bus, then their events. --store keeps what 0x1010 and LSS store.
---scenario is a YAML timeline of faults:
+--scenario is a YAML timeline of faults and quirks:
 
     steps:
       - {at: 5s, node: 3, fault: heartbeat_lost}
       - {at: 8s, node: 3, fault: heartbeat_lost, state: off}
       - {at: 500ms, node: 2, fault: silent, for: 2s}
+      - {at: 9s, node: 3, quirk: brake_delay=0.5}
       - {at: 12s, node: 3, plant: {stalled: 1}}
 
 --plant describes the simulated mechanics of the axes: motors with torque limit, inertia, friction, external torque and
@@ -55,7 +56,8 @@ def state_lines(state: DriveState) -> Iterator[str]:
     """Yield what a node is doing, a line for it and some for each axis."""
     errors = "".join(f", error 0x{code:04X}" for code in state.errors)
     faults = f"; faults that are on: {', '.join(state.faults)}" if state.faults else ""
-    yield f"node {state.node_id}, {state.name}: {state.nmt_state}{errors}{faults}"
+    quirks = f"; quirks: {', '.join(state.quirks)}" if state.quirks else ""
+    yield f"node {state.node_id}, {state.name}: {state.nmt_state}{errors}{faults}{quirks}"
     for axis in state.axes:
         yield _axis_line(axis)
         if axis.set_points is not None:
@@ -135,6 +137,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="F[@T]",
         help="inject a fault, at the start or T seconds later (repeatable)",
     )
+    parser.add_argument(
+        "--quirk",
+        action="append",
+        default=[],
+        metavar="Q[=V][@AXIS]",
+        help="behave as a manufacturer's drive does; canopen-control quirk list explains all (repeatable)",
+    )
     parser.add_argument("--scenario", metavar="FILE", help="a timeline of faults, see above")
     parser.add_argument(
         "--plant", metavar="FILE", help="simulated mechanics of the axes, see above (default: ideal axes)"
@@ -172,13 +181,13 @@ def run(args: argparse.Namespace) -> int:
     node_ids = parse_node_ids(args.node_id)
     eds, others = _eds_files(args.eds, node_ids)
     files = {name: None if (text := getattr(args, name)) is None else Path(text) for name in _FILES}
-    options = DriveOptions(faults=args.fault, serial=args.serial, others=others, **files)
+    options = DriveOptions(faults=args.fault, quirks=args.quirk, serial=args.serial, others=others, **files)
     return run_drives(node_ids, eds, args.can, options, _say)
 
 
 def _run_buses(args: argparse.Namespace) -> int:
     """Run the drives of a file of several buses."""
-    given = [name for name in ("node_id", "can", "eds", "status", *_FILES) if getattr(args, name)]
+    given = [name for name in ("node_id", "can", "eds", "status", "quirk", *_FILES) if getattr(args, name)]
     if given:
         raise ConfigError(f"--buses: its file says everything; leave --{given[0].replace('_', '-')} away")
     from canopen_control.virtual.bus_group import run_group

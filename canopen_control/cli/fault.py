@@ -63,8 +63,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb: 0 good, 1 the drive is not there, 2 wrong usage."""
     if args.what == "list":
         return _list(args)
-    channel, node_id = _drive(args.what, args.can)
-    with _connect(channel, node_id) as client:
+    channel, node_id = drive_of(args.what, args.can)
+    with connect_to(channel, node_id) as client:
         if args.name is None:
             return _tell(args, [fault.name for fault in client.ask(ListFaults()) if fault.on], node_id)
         if "=" in args.name:
@@ -101,7 +101,7 @@ def _sentence(does: str) -> str:
 # -- one drive
 
 
-def _drive(word: str, can: str | None) -> tuple[str, int]:
+def drive_of(word: str, can: str | None) -> tuple[str, int]:
     """Return the channel and the node id of the drive that is meant; ConfigError with what to write instead."""
     nodes, silent = ask_nodes(can)
     node = find_node(word, nodes)
@@ -160,7 +160,8 @@ def _check(name: str) -> None:
     find_fault(name)
 
 
-def _connect(channel: str, node_id: int) -> DriveClient:
+def connect_to(channel: str, node_id: int) -> DriveClient:
+    """Connect to the control socket of a virtual drive; RemoteError with the drives that there are."""
     try:
         return DriveClient.connect(channel, node_id)
     except RemoteError as error:

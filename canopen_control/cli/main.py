@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 #: verbs that only ask who runs: no code but ours runs in them
 _ASKING = frozenset(
-    {"status", "command", "twist", "stop", "shutdown", "controller", "axis", "sdo", "nmt", "fault", "bus"}
+    {"status", "command", "twist", "stop", "shutdown", "controller", "axis", "sdo", "nmt", "fault", "quirk", "bus"}
 )
 _OUTPUT_LOST = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 

@@ -77,6 +77,7 @@ GROUPS: Final = {
         "drive": "run virtual drives",
         "device": "run virtual I/O modules, encoders or any device with an EDS",
         "fault": "inject and clear faults in a virtual drive; set its inputs",
+        "quirk": "let a virtual drive behave as a manufacturer's drive does",
         "world": "show the true pose in a physics simulation, and disturb it",
     },
     "This program": {

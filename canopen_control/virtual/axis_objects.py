@@ -53,6 +53,7 @@ class DriveUnits:
     def __init__(self) -> None:
         self.position = self.velocity = self.length = self.speed = self.acceleration = self.turn = 1.0
         self.zero = 0.0
+        self.own_speed = 1.0  # of a velocity unit that no object names
 
     def update(self, objects: AxisObjects) -> None:
         """Take the objects as they are now."""
@@ -62,7 +63,7 @@ class DriveUnits:
         if is_feed(feed):
             resolution, gear = objects.ratio(o.POSITION_ENCODER_RESOLUTION), objects.ratio(o.GEAR_RATIO)
             self.length = resolution * gear / objects.ratio(o.FEED_CONSTANT)
-        per_second = objects.speed_unit or self.length
+        per_second = (objects.speed_unit or self.length) * self.own_speed
         self.speed = per_second / objects.ratio(o.VELOCITY_FACTOR)
         self.acceleration = per_second / objects.ratio(o.ACCELERATION_FACTOR)
         self.turn = -1.0 if polarity & _TURN_VELOCITY else 1.0

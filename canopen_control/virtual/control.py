@@ -16,16 +16,19 @@ from canopen_control.rpc.messages.declare import PROTOCOL, Done
 from canopen_control.rpc.messages.drive import (
     DRIVE,
     ActiveFaults,
+    ActiveQuirks,
     DriveEvent,
     DriveHello,
     DriveState,
     FaultListing,
+    QuirkListing,
     WorldState,
 )
 from canopen_control.rpc.server import Server
 from canopen_control.version import __version__
 from canopen_control.virtual.fault_table import FAULTS, FaultSwitches
 from canopen_control.virtual.plant import AcceptsEvents, HasScenery
+from canopen_control.virtual.quirks import QUIRKS, switches_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,6 +57,7 @@ def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
         axes=tuple(drive.describe() for drive in node.drives.values()),
         world=world,
         signals=() if node.function is None else node.function.describe(),
+        quirks=[] if node.quirks is None else node.quirks.active,
     )
 
 
@@ -63,6 +67,7 @@ class NodeMethods:
     def __init__(self, host: NodeHost, node: VirtualNode, world: World | None = None) -> None:
         self._host, self._node, self._world = host, node, world
         self._switches = node.switches or FaultSwitches(node)
+        self._quirks = switches_of(node)
 
     @property
     def kinds(self) -> tuple[type[Request[Any]], ...]:
@@ -84,6 +89,14 @@ class NodeMethods:
     def _switch_fault(self, request: messages.SwitchFault) -> ActiveFaults:
         self._switches.set(request.name, request.on, self._host.reactor.now())
         return ActiveFaults(self._switches.active)
+
+    def _list_quirks(self, _request: messages.ListQuirks) -> tuple[QuirkListing, ...]:
+        shown = [quirk for quirk in QUIRKS.values() if quirk.axis is None or self._node.drives]
+        return tuple(quirk.listing(self._quirks.settings(quirk.name)) for quirk in shown)
+
+    def _switch_quirk(self, request: messages.SwitchQuirk) -> ActiveQuirks:
+        self._quirks.set(request.quirk, request.on, self._host.reactor.now())
+        return ActiveQuirks(self._quirks.active)
 
     def _state(self, _request: messages.GetDriveState) -> DriveState:
         return describe(self._node, None if self._world is None else self._world.describe())
@@ -139,6 +152,8 @@ class NodeMethods:
     _WORK: ClassVar[dict[type[Request[Any]], Callable[[Any, Any], Any]]] = {
         messages.ListFaults: _faults,
         messages.SwitchFault: _switch_fault,
+        messages.ListQuirks: _list_quirks,
+        messages.SwitchQuirk: _switch_quirk,
         messages.GetDriveState: _state,
         messages.SetInputs: _set_inputs,
         messages.SetSignals: _set_signals,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ from canopen_control.virtual.device_function import ShaftFollower
 from canopen_control.virtual.device_model import GENERIC, DeviceModel, Limit, MissingSetPoint, vendor_model
 from canopen_control.virtual.fault_table import FaultSwitches
 from canopen_control.virtual.plant import WORLD_NOTE, IndependentPlants, ReportsAssumptions, World
+from canopen_control.virtual.quirks import switches_of
 from canopen_control.virtual.shaft import ShaftWorld
 from canopen_control.virtual.virtual_node import VirtualNode
 
@@ -233,17 +235,21 @@ def make_device(
     serial: int | None = None,
     plant: Callable[[int], Plant] | None = None,
     model: DeviceModel | None = None,
+    quirks: Sequence[str] = (),
 ) -> VirtualNode:
     """Make the virtual device of an EDS (a path, or a dictionary that is read already).
 
-    `plant` makes the plant of an axis; `faults` are switched on from the start, ``name`` or ``name@seconds``.
-    Raises EdsError for a file that cannot be used, ConfigError for an unknown fault.
+    `plant` makes the plant of an axis; `faults` are switched on from the start, ``name`` or ``name@seconds``, `quirks`
+    ``name``, ``name=value`` or ``name=value@axis`` are there from the power-on.
+    Raises EdsError for a file that cannot be used, ConfigError for an unknown fault or quirk.
     """
     od = read_eds(source, node_id).od if isinstance(source, str | Path) else source.for_node(node_id)
     node = VirtualNode(od, node_id, serial=serial, model=model or device_model_of(od), plant=plant)
     switches = FaultSwitches(node)
     for fault in faults:
         switches.schedule(fault)
+    if quirks:
+        switches_of(node).start_with(quirks)
     return node
 
 
@@ -262,6 +268,7 @@ def make_devices(
     say: Callable[[str], None],
     *,
     faults: Sequence[str] = (),
+    quirks: Sequence[str] = (),
     serial: int | None = None,
     store: Path | None = None,
     scenario: Path | None = None,
@@ -286,7 +293,12 @@ def make_devices(
     file = None if store is None else ParameterFile(store, say)
     nodes = [
         _node(
-            ods[files[node_id]], node_id, faults, _serial(node_id) if serial is None else serial + number, world, file
+            ods[files[node_id]],
+            node_id,
+            (faults, quirks),
+            _serial(node_id) if serial is None else serial + number,
+            world,
+            file,
         )
         for number, node_id in enumerate(node_ids)
     ]
@@ -311,10 +323,18 @@ def _world(path: Path) -> World:
 
 
 def _node(
-    od: ObjectDictionary, node_id: int, faults: Sequence[str], serial: int, world: World, file: ParameterFile | None
+    od: ObjectDictionary,
+    node_id: int,
+    breaks: tuple[Sequence[str], Sequence[str]],
+    serial: int,
+    world: World,
+    file: ParameterFile | None,
 ) -> VirtualNode:
+    """Make a node of a world, with the faults and quirks of `breaks`."""
     active = node_id if file is None else file.node_id(node_id)
-    node = make_device(od, active, faults, serial=serial, plant=lambda axis: world.plant(node_id, axis))
+    faults, quirks = breaks
+    plant = partial(world.plant, node_id)
+    node = make_device(od, active, faults, serial=serial, plant=plant, quirks=quirks)
     if file is not None:
         file.attach(node, node_id)
     if isinstance(world, ShaftWorld) and isinstance(node.function, ShaftFollower):

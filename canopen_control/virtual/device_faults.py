@@ -186,9 +186,15 @@ def clamped(node: VirtualNode, on: bool, _now: int) -> None:
     node.store.ceilings.switch(on, {o.PROFILE_ACCELERATION: 1000})
 
 
+def _undefined(_word: int) -> int:
+    return 0x0001
+
+
 def no_state(drive: VirtualDrive, on: bool, _now: int) -> None:
     """Show a statusword that is no state."""
-    drive.readings.statusword.replaced.switch(on, 0x0001)
+    statusword = drive.readings.statusword
+    others = tuple(change for change in statusword.changes if change is not _undefined)
+    statusword.changes = (*others, _undefined) if on else others
 
 
 def inputs(kind: str) -> Switch:

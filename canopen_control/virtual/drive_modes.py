@@ -9,7 +9,7 @@ from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode
 from canopen_control.virtual.cyclic_modes import CyclicPosition, CyclicVelocity, InterpolatedPosition, Torque
 from canopen_control.virtual.injection_point import InjectionPoint
-from canopen_control.virtual.mode_base import Mode
+from canopen_control.virtual.mode_base import GatedMode, Mode, ModeGate
 from canopen_control.virtual.node_events import ModeChanged
 from canopen_control.virtual.profile_modes import HomingMode, ProfilePosition, ProfileVelocity, VelocityMode
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.virtual.axis_objects import AxisObjects
+    from canopen_control.virtual.device_model import DeviceModel
     from canopen_control.virtual.mode_base import AxisParts
 
 
@@ -44,31 +45,44 @@ def possible_modes(objects: AxisObjects) -> int:
 class DriveModes:
     """The modes of one axis: `number` is 0x6061, `active` its motion.
 
-    Seams: `stuck`, the mode never changes; `delay_ns`, how late it changes; `homing.fails`.
+    It changes only while all `conditions` hold. Seams: `stuck`, it never changes; `delay_ns`, how late it changes;
+    `homing.fails`.
     """
 
     def __init__(self, axis: AxisParts) -> None:
         self._axis = axis
         self._all = {number: make(axis) for number, make in MODES.items()}
+        homing, interpolated = self._all[OperationMode.HM], self._all[OperationMode.IP]
+        assert isinstance(homing, HomingMode)
+        assert isinstance(interpolated, InterpolatedPosition)
+        self.homing, self.interpolated = homing, interpolated
         self._none = Mode(axis)
         self.number: int = 0
         self.active: Mode = self._none
         self.stuck: InjectionPoint[bool] = InjectionPoint(False)
         self.delay_ns: InjectionPoint[int] = InjectionPoint(0)
+        self.conditions: tuple[Callable[[], bool], ...] = ()
 
-    @property
-    def homing(self) -> HomingMode:
-        """The homing mode."""
-        homing = self._all[OperationMode.HM]
-        assert isinstance(homing, HomingMode)
-        return homing
+    def add(self, number: int, like: int) -> None:
+        """Have a further mode, a manufacturer's, that moves as another one does."""
+        self._all[number] = MODES[like](self._axis)
 
-    @property
-    def interpolated(self) -> InterpolatedPosition:
-        """The interpolated position mode."""
-        interpolated = self._all[OperationMode.IP]
-        assert isinstance(interpolated, InterpolatedPosition)
-        return interpolated
+    def remove(self, number: int) -> None:
+        """Have a manufacturer's mode no more."""
+        self._all.pop(number, None)
+
+    def set_gate(self, gate: ModeGate | None) -> None:
+        """Put a gate before every mode; None: as it was."""
+        for number, mode in self._all.items():
+            inner = mode.inner if isinstance(mode, GatedMode) else mode
+            self._all[number] = inner if gate is None else GatedMode(inner, gate)
+        if self.active is not self._none:
+            self.active = self._all.get(self.number, self._none)
+
+    def set_model(self, model: DeviceModel) -> None:
+        """Behave as another device model does."""
+        for mode in (self._none, *self._all.values()):
+            mode.set_model(model)
 
     def clear(self) -> None:
         """Have no mode: power-on."""
@@ -82,7 +96,7 @@ class DriveModes:
     def select(self, now: int) -> None:
         """Take 0x6060: at once in every state; in operation the new mode goes on from the present motion."""
         mover, delay = self._axis.mover, self.delay_ns.value
-        if self.stuck.value:
+        if self.stuck.value or (self.conditions and not all(holds() for holds in self.conditions)):
             return
         if not delay:
             self._take(now)

@@ -175,7 +175,7 @@ def deaf_to_sync(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | No
     return None if frame.can_id == node.sync.cob_id else frame
 
 
-def _refusing(code: AbortCode, concerns: Callable[[int, int], bool]) -> Incoming:
+def refusing(code: AbortCode, concerns: Callable[[int, int], bool]) -> Incoming:
     """Answer SDO initiates that `concerns` (command, index) with an abort, before the server sees them."""
 
     def incoming(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
@@ -192,13 +192,13 @@ def _refusing(code: AbortCode, concerns: Callable[[int, int], bool]) -> Incoming
 
 
 _OPTIONAL = frozenset((o.ERROR_CODE, o.ABORT_CONNECTION_OPTION, o.INTERPOLATION_TIME_PERIOD))
-refuses_writes: Incoming = _refusing(AbortCode.DEVICE_STATE, lambda command, _index: command >> 5 in (1, 6))
-lacks_optional: Incoming = _refusing(AbortCode.NO_OBJECT, lambda _command, index: index in _OPTIONAL)
-refuses_mapping: Incoming = _refusing(
+refuses_writes: Incoming = refusing(AbortCode.DEVICE_STATE, lambda command, _index: command >> 5 in (1, 6))
+lacks_optional: Incoming = refusing(AbortCode.NO_OBJECT, lambda _command, index: index in _OPTIONAL)
+refuses_mapping: Incoming = refusing(
     AbortCode.READ_ONLY,
     lambda command, index: command >> 5 in (1, 6) and (0x1600 <= index < 0x1800 or 0x1A00 <= index < 0x1C00),
 )
-refuses_blocks: Incoming = _refusing(AbortCode.UNKNOWN_COMMAND, lambda command, _index: command >> 5 in (5, 6))
+refuses_blocks: Incoming = refusing(AbortCode.UNKNOWN_COMMAND, lambda command, _index: command >> 5 in (5, 6))
 
 
 # ruff: noqa: E501 - one fault is one line of the table
@@ -377,6 +377,8 @@ class FaultSwitches:
         self._started = False
         self._flood_at: int | None = None
         self._second: VirtualNode | None = None
+        self._outgoing: tuple[Outgoing, ...] = ()  # of quirks, which act nearer to the node than faults
+        self._incoming: tuple[Incoming, ...] = ()
         node.switches = self
 
     @property
@@ -399,6 +401,14 @@ class FaultSwitches:
             raise ConfigError(
                 f"{fault.name} is a fault of a device that is {which}; node {node.node_id} is {node.name}"
             )
+
+    def set_quirks(self, outgoing: tuple[Outgoing, ...], incoming: tuple[Incoming, ...]) -> None:
+        """Let quirks of the drive change its frames, these and no others."""
+        self._outgoing, self._incoming = outgoing, incoming
+        if outgoing or incoming:
+            self._node.filter = self
+        else:
+            self._retire()
 
     def set(self, name: str, on: bool, now: int) -> None:
         """Switch a fault; no-op where it is as wanted. ConfigError for a name that this node does not have."""
@@ -435,6 +445,8 @@ class FaultSwitches:
                 heard = fault.incoming(self._node, heard, now)
                 if heard is None and fault.once:
                     self._off(fault.name)
+        for hook in self._incoming:
+            heard = heard and hook(self._node, heard, now)
         return heard
 
     def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
@@ -482,10 +494,9 @@ class FaultSwitches:
 
     def _changed(self, frame: CanFrame, now: int) -> list[tuple[int, CanFrame]]:
         changed = [(0, frame)]
-        for fault in self._on.values():
-            if fault.outgoing is not None:
-                hook = fault.outgoing
-                changed = [(a + b, last) for a, first in changed for b, last in hook(self._node, first, now)]
+        faults = [fault.outgoing for fault in self._on.values() if fault.outgoing is not None]
+        for hook in (*self._outgoing, *faults):
+            changed = [(a + b, last) for a, first in changed for b, last in hook(self._node, first, now)]
         return changed
 
     def _off(self, name: str) -> None:
@@ -494,7 +505,8 @@ class FaultSwitches:
 
     def _retire(self) -> None:
         """Get out of the way when nothing is on, planned or held."""
-        if not (self._on or self._planned or self._held or self._due) and self._started:
+        quirks = self._outgoing or self._incoming
+        if not (self._on or self._planned or self._held or self._due or quirks) and self._started:
             self._node.filter = None
 
 

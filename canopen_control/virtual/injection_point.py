@@ -1,6 +1,6 @@
-"""Injection points of faults: values of a service that only a fault changes, and a filter between node and wire.
+"""Injection points: values of a service that only a fault or a quirk changes, and a filter between node and wire.
 
-A node depends on these two alone; `fault_table` has the faults.
+A node depends on these alone; `fault_table` has the faults, `quirks` the quirks.
 """
 
 from __future__ import annotations
@@ -33,6 +33,17 @@ class InjectionPoint(Generic[T]):
     def clear(self) -> None:
         """Restore the healthy value."""
         self.value = self.healthy
+
+
+class NodeQuirks(Protocol):
+    """The quirks of a node: what it does differently from the standards as a healthy drive of its manufacturer."""
+
+    @property
+    def active(self) -> list[str]:
+        """The active quirks as they are written, ``NAME``, ``NAME=VALUE`` or ``NAME=VALUE@AXIS``."""
+
+    def set(self, text: str, on: bool, now: int) -> None:
+        """Switch a quirk; ConfigError for one that the node cannot have."""
 
 
 class FaultFilter(Protocol):

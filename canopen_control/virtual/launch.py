@@ -24,13 +24,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class DriveOptions:
-    """What to start besides the nodes: files, and faults ``name`` or ``name@seconds``.
+    """What to start besides the nodes: files, faults ``name`` or ``name@seconds``, and quirks ``name=value@axis``.
 
     `serial` is 0x1018:04, of several nodes the first one's; None: the node id. `others` are the EDS files of the nodes
     that have another one.
     """
 
     faults: Sequence[str] = ()
+    quirks: Sequence[str] = ()
     serial: int | None = None
     store: Path | None = None
     scenario: Path | None = None
@@ -58,6 +59,7 @@ def run_drives(
                 eds,
                 say,
                 faults=options.faults,
+                quirks=options.quirks,
                 serial=options.serial,
                 store=options.store,
                 scenario=options.scenario,

@@ -16,8 +16,11 @@ from canopen_control.rpc.messages.drive import SetPointQuality, Spread
 from canopen_control.virtual.trajectory import INFINITE, ramp_to
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from canopen_control.virtual.axis_motion import AxisMotion
     from canopen_control.virtual.axis_objects import AxisObjects
+    from canopen_control.virtual.device_model import DeviceModel
     from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
     from canopen_control.virtual.power_machine import DriveLimits, PowerMachine
     from canopen_control.virtual.trajectory import DemandCurve
@@ -262,6 +265,10 @@ class Mode:
         self.outbox, self.clock, self.meter = axis.outbox, axis.clock, axis.meter
         self.reset()
 
+    def set_model(self, model: DeviceModel) -> None:
+        """Behave as another device model does."""
+        self.model = model
+
     def reset(self) -> None:
         """Forget everything: the axis is not in operation, or in another mode."""
 
@@ -321,6 +328,98 @@ class Mode:
     def can_halt(self) -> bool:
         """Whether controlword bit 8 does anything."""
         return True
+
+
+class ModeGate:
+    """What all modes of one axis heed of its quirks: set-points count while `closed_by` names nothing.
+
+    Of the controlword only that is passed on which all of `takes` (word, previous word, time) let pass.
+    """
+
+    def __init__(self) -> None:
+        self.closed_by: set[str] = set()
+        self.takes: list[Callable[[int, int, int], bool]] = []
+
+
+class GatedMode(Mode):
+    """The mode `inner` behind a gate: while that is closed the motor holds where it is."""
+
+    def __init__(self, inner: Mode, gate: ModeGate) -> None:
+        self.inner, self.gate, self.set_point = inner, gate, inner.set_point
+        self.objects, self.units, self.model = inner.objects, inner.units, inner.model
+        self.mover, self.power, self.limits = inner.mover, inner.power, inner.limits
+        self.outbox, self.clock, self.meter = inner.outbox, inner.clock, inner.meter
+
+    def set_model(self, model: DeviceModel) -> None:
+        """Behave as another device model does."""
+        self.model = model
+        self.inner.set_model(model)
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.inner.reset()
+
+    def start(self, now: int) -> None:
+        """Begin, or stand while the gate is closed."""
+        if self.gate.closed_by:
+            super().start(now)
+        else:
+            self.inner.start(now)
+
+    def stop(self, now: int, reaction: Reaction) -> None:
+        """Bring the motor to rest."""
+        self.inner.stop(now, reaction)
+
+    def update(self, now: int) -> None:
+        """Take set-points."""
+        if not self.gate.closed_by:
+            self.inner.update(now)
+
+    def take(self, now: int) -> None:
+        """Take the set-point that an RPDO brought."""
+        if not self.gate.closed_by:
+            self.inner.take(now)
+
+    def missed(self) -> None:
+        """Note that a SYNC came without a set-point."""
+        self.inner.missed()
+
+    def control(self, word: int, previous: int, now: int) -> None:
+        """Take the mode's own bits of the controlword."""
+        if not self.gate.closed_by and all(takes(word, previous, now) for takes in self.gate.takes):
+            self.inner.control(word, previous, now)
+
+    def control_unpowered(self, word: int, previous: int, now: int) -> None:
+        """Take the mode's own bits of the controlword while the motor has no power."""
+        self.inner.control_unpowered(word, previous, now)
+
+    def arrived(self, now: int) -> None:
+        """Go on at the end of a demand."""
+        self.inner.arrived(now)
+
+    def bits(self) -> int:
+        """Return the mode's own bits of the statusword."""
+        return self.inner.bits()
+
+    def unpowered_bits(self) -> int:
+        """Return the mode's own bits of the statusword outside operation."""
+        return self.inner.unpowered_bits()
+
+    def measured_velocity(self) -> float:
+        """Return the velocity that the drive measures."""
+        return self.inner.measured_velocity()
+
+    def deceleration(self) -> float:
+        """Return the slow-down ramp."""
+        return self.inner.deceleration()
+
+    def quick_stop_deceleration(self) -> float:
+        """Return the quick-stop ramp."""
+        return self.inner.quick_stop_deceleration()
+
+    def can_halt(self) -> bool:
+        """Whether controlword bit 8 does anything."""
+        return self.inner.can_halt()
 
 
 class FollowingMode(Mode):

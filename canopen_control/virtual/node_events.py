@@ -77,6 +77,14 @@ class FaultSwitched:
 
 
 @dataclass(frozen=True, slots=True)
+class QuirkSwitched:
+    """A quirk went on or off; `text` as it is written, with strength and axis."""
+
+    text: str
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
 class NodeIdChanged:
     """LSS gave the node another id."""
 
@@ -129,6 +137,7 @@ _WORDS: dict[type, Callable[..., str]] = {
     ),
     BitRateActivated: lambda event: f"LSS: bit rate {event.bitrate or 'detected by itself'}",
     FaultSwitched: lambda event: f"fault {event.name} {'on' if event.on else 'off'}",
+    QuirkSwitched: lambda event: f"quirk {event.text} {'on' if event.on else 'off'}",
 }
 
 

@@ -159,10 +159,14 @@ def mapping_of(communication: int) -> int:
 
 
 class PdoRecords:
-    """The records in `store`; `rtr_supported` false: the COB-IDs of TPDOs must keep bit 30."""
+    """The records in `store`; `rtr_supported` false: the COB-IDs of TPDOs must keep bit 30.
+
+    `remaps_valid`: a PDO need not be invalid for another mapping.
+    """
 
     def __init__(self, store: VirtualStore, *, rtr_supported: bool) -> None:
         self._store, self._rtr_supported = store, rtr_supported
+        self.remaps_valid = False
         self._communication = [base + number for base in (RPDO, TPDO) for number in self.numbers(base)]
 
     def numbers(self, base: int) -> list[int]:
@@ -209,7 +213,7 @@ class PdoRecords:
 
         def judge(entry: Entry, value: Value) -> Value:
             present, count = self.parameters(communication), self._store.number(entry.index)
-            if fixed:
+            if fixed or self.remaps_valid:
                 present = replace(present, enabled=False)
             if entry.subindex:
                 refuse(rules.check_mapping_entry(entry.subindex, int(value), present, count))
@@ -358,9 +362,9 @@ class PdoExchange:
         self.refused = 0
         self._refusing: set[int] = set()  # RPDOs
         self.input = RpdoInput()
-        self._records = PdoRecords(store, rtr_supported=model.rtr_supported)
-        self.rpdos = {number: MappedRpdo(number) for number in self._records.numbers(RPDO)}
-        self.tpdos = {number: MappedTpdo(number) for number in self._records.numbers(TPDO)}
+        self.records = PdoRecords(store, rtr_supported=model.rtr_supported)
+        self.rpdos = {number: MappedRpdo(number) for number in self.records.numbers(RPDO)}
+        self.tpdos = {number: MappedTpdo(number) for number in self.records.numbers(TPDO)}
         self.has_event_pdos = False
         self.gate: EventGate | None = None
         self.outgoing: tuple[deque[CanFrame], ...] = ()
@@ -371,7 +375,7 @@ class PdoExchange:
         self._timed: list[TpdoProducer | RpdoConsumer] = []
         for base, numbers in ((RPDO, [*self.rpdos]), (TPDO, [*self.tpdos])):
             for number in numbers:
-                self._records.guard(base, base + number)
+                self.records.guard(base, base + number)
                 watched = [base + number, mapping_of(base + number)]
                 store.on_write(watched, partial(self._rebuilt, base, number))
 
@@ -386,13 +390,13 @@ class PdoExchange:
         self._survey()
         for base, kind, numbers in ((RPDO, "RPDO", self.rpdos), (TPDO, "TPDO", self.tpdos)):
             for number in numbers:
-                if self._records.is_valid(base + number) and not self._is_valid(base, number):
-                    cob_id = self._records.parameters(base + number).cob_id
+                if self.records.is_valid(base + number) and not self._is_valid(base, number):
+                    cob_id = self.records.parameters(base + number).cob_id
                     self._outbox.tell(PdoLeftOff(kind, number + 1, cob_id))
 
     def _rebuilt(self, base: int, number: int, _entry: Entry, _value: Value) -> None:
         before = self._is_valid(base, number)
-        if not (before or self._records.is_valid(base + number)):
+        if not (before or self.records.is_valid(base + number)):
             return  # what becomes valid is made of all of its record
         if base == RPDO:
             self._make_rpdo(number)
@@ -406,7 +410,7 @@ class PdoExchange:
         """Make the PDOs whose identifier another one had until now."""
         for base, numbers in ((RPDO, self.rpdos), (TPDO, self.tpdos)):
             for number in numbers:
-                if self._records.is_valid(base + number) and not self._is_valid(base, number):
+                if self.records.is_valid(base + number) and not self._is_valid(base, number):
                     if base == RPDO:
                         self._make_rpdo(number)
                     else:
@@ -418,9 +422,9 @@ class PdoExchange:
 
     def _make_rpdo(self, number: int) -> None:
         rpdo = self.rpdos[number]
-        rpdo.codec, rpdo.entries = self._records.codec(mapping_of(RPDO + number))
+        rpdo.codec, rpdo.entries = self.records.codec(mapping_of(RPDO + number))
         rpdo.consumer.window_ns = self._store.number(0x1007) * 1000
-        parameters = self._records.parameters(RPDO + number)
+        parameters = self.records.parameters(RPDO + number)
         rpdo.consumer.configure(parameters, rpdo.codec.length)
         addresses = (o.axis_of(entry.index) for entry in rpdo.entries if entry is not None and entry.index >= 0x6000)
         rpdo.set_points = tuple((axis, base) for base, axis in addresses if base in _SET_POINTS and axis in self._axes)
@@ -432,11 +436,11 @@ class PdoExchange:
 
     def _make_tpdo(self, number: int, now: int) -> None:
         tpdo = self.tpdos[number]
-        tpdo.codec, entries = self._records.codec(mapping_of(TPDO + number))
+        tpdo.codec, entries = self.records.codec(mapping_of(TPDO + number))
         tpdo.sources = tuple(self._source(entry) for entry in entries if entry is not None)
         tpdo.mapped = tuple(entry.address for entry in entries if entry is not None)
         tpdo.moving = any(entry is not None and o.axis_of(entry.index)[0] not in _NO_EVENTS for entry in entries)
-        tpdo.producer.configure(self._records.parameters(TPDO + number), now)
+        tpdo.producer.configure(self.records.parameters(TPDO + number), now)
 
     def _source(self, entry: Entry) -> Callable[[], Value]:
         source = self._store.source_of(entry.index, entry.subindex)
@@ -444,6 +448,15 @@ class PdoExchange:
             return source
         values, address = self._store.values, entry.address
         return lambda: values[address]
+
+    def rules_changed(self) -> None:
+        """Take over that other sources make the values of objects, and other guards judge them."""
+        for number, tpdo in self.tpdos.items():
+            entries = self.records.codec(mapping_of(TPDO + number))[1]
+            tpdo.sources = tuple(self._source(entry) for entry in entries if entry is not None)
+        for rpdo in self.rpdos.values():
+            rpdo.version = -1
+            rpdo.by_values = all(self._store.judges_by_values(entry.index) for entry in rpdo.entries if entry)
 
     def _survey(self) -> None:
         self._valid_rpdos = [rpdo for rpdo in self.rpdos.values() if rpdo.consumer.parameters.enabled]

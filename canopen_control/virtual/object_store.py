@@ -153,6 +153,19 @@ class VirtualStore:
             self._moody.update(added)
         self.version += 1
 
+    def guard_of(self, index: int) -> tuple[Guard | None, bool]:
+        """Return what judges writes to an index, None: nothing, and whether it judges by values alone."""
+        return self._guards.get(index), index not in self._moody
+
+    def set_guard(self, index: int, guard: Guard | None, *, by_values: bool = False) -> None:
+        """Let another guard judge writes to an index, None: none."""
+        if guard is not None:
+            self.guard([index], guard, by_values=by_values)
+            return
+        self._guards.pop(index, None)
+        self._moody.discard(index)
+        self.version += 1
+
     def gate(self, index: int, check: Callable[[], None]) -> None:
         """Let `check` raise SdoServerAbort before the data of a download in several frames come."""
         self._gates[index] = check
@@ -161,6 +174,29 @@ class VirtualStore:
         """Let `watcher` hear of every value taken at `indices`, after it is in place."""
         for index in indices:
             self._watchers.setdefault(index, []).append(watcher)
+
+    def set_source(self, index: int, subindex: int, source: Source | None) -> None:
+        """Let another source make the value of an entry; None: it is stored."""
+        if source is None:
+            self._sources.pop((index, subindex), None)
+        else:
+            self.on_read(index, subindex, source)
+
+    def unwatch(self, index: int, watcher: Watcher) -> None:
+        """Let a watcher hear no more of what is taken at an index."""
+        self._watchers[index].remove(watcher)
+
+    def unset_preset(self, index: int, subindex: int, preset: Value | None, power_on: Value | None) -> None:
+        """Take a preset back: have these presets and power-on values again, None: the file's."""
+        for values, value in ((self._presets, preset), (self.power_on, power_on)):
+            if value is None:
+                values.pop((index, subindex), None)
+            else:
+                values[index, subindex] = value
+
+    def preset_of(self, index: int, subindex: int) -> tuple[Value | None, Value | None]:
+        """Return preset and power-on value of an entry, None: the file's."""
+        return self._presets.get((index, subindex)), self.power_on.get((index, subindex))
 
     def source_of(self, index: int, subindex: int) -> Source | None:
         """Return what makes the value of an entry, None where it is stored."""

@@ -1,7 +1,7 @@
 """The power state machine of one axis: states, transitions, and how each stops the motor (CiA 402-2, 6.3).
 
 A command is what the table of `cia402.state` makes of the controlword in the present state. What a transition does is a
-row of `_acts`; how a stop is made is what the option code says. The motor has power in OPERATION_ENABLED,
+case of `_act`; how a stop is made is what the option code says. The motor has power in OPERATION_ENABLED,
 QUICK_STOP_ACTIVE and FAULT_REACTION_ACTIVE only, and the first begins only while the node is OPERATIONAL.
 """
 
@@ -37,6 +37,8 @@ from canopen_control.virtual.injection_point import InjectionPoint
 from canopen_control.virtual.node_events import ControlwordIgnored, DriveFaulted, DriveStateChanged
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from canopen_control.cia301.nmt import NmtSlave
     from canopen_control.virtual.axis_motion import AxisMotion
     from canopen_control.virtual.axis_objects import AxisObjects
@@ -68,8 +70,11 @@ class PowerMachine:
 
     `bits` are those of the statusword that are the state, `controlword` is the one last acted on, `stop_target` the
     state that a ramp under way ends in, `halted` whether the halt bit holds the motor, `causes` those of faults that
-    cannot be reset yet. Seams: `voltage`, whether the power stage has supply; `transition_delay_ns`, of every
-    transition; `reset_deaf`; `fault_on_enable`, a code; `serves_preop`, whether it is enabled in PRE-OPERATIONAL too.
+    cannot be reset yet. `acts` do transitions by number in place of `_act`, `delays_ns` is how long they take, and
+    `ends` where a stop leads to instead, by the state that it is made in (None: it never ends); `unsupplied` is the
+    state after a loss of the supply in a state with power. Seams: `voltage`, whether the power stage has supply;
+    `transition_delay_ns`, of every transition; `reset_deaf`; `fault_on_enable`, a code; `serves_preop`, whether it is
+    enabled in PRE-OPERATIONAL too.
     """
 
     def __init__(
@@ -88,7 +93,11 @@ class PowerMachine:
         self.reset_deaf: InjectionPoint[bool] = InjectionPoint(False)
         self.fault_on_enable: InjectionPoint[int] = InjectionPoint(0)
         self.serves_preop: InjectionPoint[bool] = InjectionPoint(False)
+        self.delays_ns: dict[int, int] = {}
+        self.ends: dict[State, State | None] = {}
+        self.unsupplied = State.SWITCH_ON_DISABLED
         self._ignored: tuple[int, str] | None = None  # the controlword that was told last, until another one does more
+        self.acts: dict[int, Callable[[Transition, int], None]] = {}
 
     @property
     def running(self) -> bool:
@@ -141,6 +150,7 @@ class PowerMachine:
     def _begin(self, transition: Transition, now: int) -> None:
         index = self._objects.model.delays.get(transition.number)
         delay = (self._objects.number(index) * _MS if index else 0) + self.transition_delay_ns.value
+        delay += self.delays_ns.get(transition.number, 0)
         if delay and transition.target is not State.SWITCH_ON_DISABLED:
             self._mover.at("transition", now + delay, lambda then: self._perform(transition, then))
         else:
@@ -150,11 +160,15 @@ class PowerMachine:
         before = self.state
         if before not in transition.sources:
             return  # something else happened during its delay
-        self._act(transition, now)
+        self.act_of(transition.number)(transition, now)
         # A command that was held during a delay, or 0x0F in READY_TO_SWITCH_ON, goes on from here.
         command = command_of(self.controlword, self.controlword)
         if self.state is not before and self.state is State.SWITCHED_ON and command is Command.ENABLE_OPERATION:
             self.obey(command, now)
+
+    def act_of(self, number: int) -> Callable[[Transition, int], None]:
+        """Return what does a transition: a quirk, or `_act`."""
+        return self.acts.get(number, self._act)
 
     def _act(self, transition: Transition, now: int) -> None:
         """Do what a transition of CiA 402 does by its number; the others only change the state."""
@@ -232,9 +246,12 @@ class PowerMachine:
 
     def finish(self, target: State, now: int) -> None:
         """End a stop: transition 5, 8, 14, or 12 by itself."""
+        end = self.ends.get(self.state, target)
+        if end is None:
+            return
         self.stop_target = None
-        if target is not self.state:
-            self.enter(target, now)
+        if end is not self.state:
+            self.enter(end, now)
 
     def enter(self, state: State, now: int) -> None:
         """Be in `state`; what leaves the powered ones takes the power away."""
@@ -303,7 +320,7 @@ class PowerMachine:
         self.voltage.inject(False)
         self._mover.cancel("transition")
         if self.state not in (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE, State.FAULT):
-            self.enter(State.SWITCH_ON_DISABLED, now)
+            self.enter(self.unsupplied if self.state in POWERED_STATES else State.SWITCH_ON_DISABLED, now)
         self._outbox.values_changed()
 
     def abort_connection(self, code: int, now: int) -> None:

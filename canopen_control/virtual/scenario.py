@@ -8,6 +8,7 @@ and the others go on.
       - {at: 5s, node: 3, fault: heartbeat_lost}              # on, and it stays
       - {at: 8s, node: 3, fault: heartbeat_lost, state: off}
       - {at: 500ms, node: 2, fault: silent, for: 2s}          # on, and off again after 2 s
+      - {at: 9s, node: 3, quirk: brake_delay=0.5@1}           # a quirk of a drive; state: off ends it
       - {at: 12s, node: 3, plant: {stalled: 1, external: -300}}
       - {at: 14s, payload: {mass: 12}}                        # with physics only
       - {at: 16s, block: left_wheel_joint, for: 2s}
@@ -25,8 +26,17 @@ from typing import TYPE_CHECKING
 
 from canopen_control.errors import ConfigError, nearest
 from canopen_control.frame import MAX_NODE_ID
-from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip, SetPlant, SwitchFault
+from canopen_control.rpc.messages.drive import (
+    AddPayload,
+    BlockJoint,
+    PushRobot,
+    SetGrip,
+    SetPlant,
+    SwitchFault,
+    SwitchQuirk,
+)
 from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.quirks import parse_quirk
 from canopen_control.yamlfile.convert import position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
 from canopen_control.yamlfile.reader import load
@@ -116,7 +126,7 @@ _LONGEST_S = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Switching:
-    """What happens `at_ns` after the start: a fault goes on or off, numbers of a plant are set, or the world acts."""
+    """What happens `at_ns` after the start: a fault or quirk is switched, a plant gets numbers, or the world acts."""
 
     at_ns: int
     node_id: int
@@ -125,6 +135,7 @@ class Switching:
     axis: int = 0
     plant: tuple[tuple[str, float], ...] = ()
     act: WorldAct | None = None
+    quirk: str = ""
 
 
 class ScenarioError(ConfigError):
@@ -145,6 +156,7 @@ class ScenarioEntry(Happening):
 
     at: float | str
     fault: str = ""
+    quirk: str = ""
     state: bool = True
     node: int | None = setting(None, low=1, high=MAX_NODE_ID)
     axis: int = setting(0, low=0, high=7)
@@ -180,27 +192,36 @@ def _switchings(step: ScenarioEntry, node_ids: Sequence[int]) -> list[Switching]
         step.here.error(f"which node? node: one of {', '.join(map(str, node_ids))}")
     elif node_id not in node_ids:
         step.here.error(f"there is no node {node_id} in this process; there are: {', '.join(map(str, node_ids))}")
-    if bool(step.fault) == bool(step.plant):
-        step.here.error("a step has either a fault or a plant, or what happens in the world")
+    if sum(map(bool, (step.fault, step.quirk, step.plant))) != 1:
+        step.here.error("a step has either a fault, a quirk or a plant, or what happens in the world")
+    elif step.quirk:
+        _check_quirk(step)
     elif step.fault and step.fault not in FAULTS:
         step.here.error(f"no fault {step.fault!r}{nearest(step.fault, list(FAULTS))}; see: canopen-control fault list")
     at_ns, for_ns = _nanoseconds(step, step.at), _nanoseconds(step, step.length)
     plant = tuple(step.plant.items())
-    first = Switching(at_ns or 0, node_id, step.fault, step.state, step.axis, plant)
+    first = Switching(at_ns or 0, node_id, step.fault, step.state, step.axis, plant, quirk=step.quirk)
     if for_ns is None:
         return [first]
     if step.plant or not step.state:
-        step.here.error("for: goes with a fault that is switched on")
-    return [first, Switching(first.at_ns + for_ns, node_id, step.fault, on=False)]
+        step.here.error("for: goes with a fault or quirk that is switched on")
+    return [first, Switching(first.at_ns + for_ns, node_id, step.fault, on=False, quirk=step.quirk)]
+
+
+def _check_quirk(step: ScenarioEntry) -> None:
+    try:
+        parse_quirk(step.quirk)
+    except ConfigError as error:
+        step.here.error(str(error))
 
 
 def _world_switchings(step: ScenarioEntry, node_ids: Sequence[int]) -> list[Switching]:
     """Return what happens in the world that all nodes share; a joint that is blocked may be let go again."""
     acts, at_ns, for_ns = step.acts(), _nanoseconds(step, step.at), _nanoseconds(step, step.length)
-    if len(acts) > 1 or step.fault or step.plant or step.node is not None:
-        step.here.error("a step has one of payload, push, block and friction, and no node, fault or plant then")
+    if len(acts) > 1 or step.fault or step.quirk or step.plant or step.node is not None:
+        step.here.error("a step has one of payload, push, block and friction, and no node, fault, quirk or plant then")
     if for_ns is not None and not step.block:
-        step.here.error("for: goes with block, or with a fault that is switched on")
+        step.here.error("for: goes with block, or with a fault or quirk that is switched on")
     found = [Switching(at_ns or 0, node_ids[0], act=act) for act in acts]
     if for_ns is not None and step.block:
         found.append(Switching((at_ns or 0) + for_ns, node_ids[0], act=BlockJoint(joint=step.block, on=False)))
@@ -245,6 +266,8 @@ class Timeline:
                 control.do(switching.act)
             elif switching.fault:
                 control.do(SwitchFault(name=switching.fault, on=switching.on))
+            elif switching.quirk:
+                control.do(SwitchQuirk(quirk=switching.quirk, on=switching.on))
             else:
                 control.do(SetPlant(numbers=dict(switching.plant), axis=switching.axis))
         except ConfigError as error:

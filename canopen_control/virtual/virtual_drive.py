@@ -63,7 +63,7 @@ def clamp(value: float, bits: int = 32) -> int:
 class Statusword:
     """0x6041 of one axis.
 
-    Seams: `remote` (bit 9), `warning` (bit 7), the bits `forced` and `suppressed`, and `replaced`, the word as a whole.
+    Seams: `remote` (bit 9), `warning` (bit 7), the bits `forced` and `suppressed`; `changes` are made to the word.
     """
 
     def __init__(self, axis: AxisParts, modes: DriveModes) -> None:
@@ -73,12 +73,10 @@ class Statusword:
         self.warning: InjectionPoint[bool] = InjectionPoint(False)
         self.forced: InjectionPoint[int] = InjectionPoint(0)
         self.suppressed: InjectionPoint[int] = InjectionPoint(0)
-        self.replaced: InjectionPoint[int | None] = InjectionPoint(None)
+        self.changes: tuple[Callable[[int], int], ...] = ()
 
     def value(self) -> int:
         """Return the word at the time the axis was brought to."""
-        if self.replaced.value is not None:
-            return self.replaced.value
         power, mode = self._power, self._modes.active
         word = power.bits | self.forced.value
         if self._velocity_bits is not None:
@@ -95,7 +93,11 @@ class Statusword:
         bits = mode.bits() if enabled else mode.unpowered_bits()
         if not enabled or power.halted:
             bits = bits & ~TARGET_REACHED | (TARGET_REACHED if self._mover.standing else 0)
-        return (word | bits) & ~self.suppressed.value
+        word = (word | bits) & ~self.suppressed.value
+        if self.changes:
+            for change in self.changes:
+                word = change(word)
+        return word
 
 
 class AxisReadings:
@@ -416,8 +418,16 @@ class VirtualDrive:
         self._tune()
         self.modes.clear()
         power.enter(State.NOT_READY_TO_SWITCH_ON, now)
-        power.enter(State.SWITCH_ON_DISABLED, now)
+        if delay := power.delays_ns.get(1):
+            self.mover.at("ready", now + delay, lambda then: power.enter(State.SWITCH_ON_DISABLED, then))
+        else:
+            power.enter(State.SWITCH_ON_DISABLED, now)
         self.modes.select(now)
+
+    def set_model(self, model: DeviceModel) -> None:
+        """Behave as another device model does, from now on."""
+        self.objects.model = model
+        self.modes.set_model(model)
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
         """Act on objects that were written: mode, then controlword, then set-points.

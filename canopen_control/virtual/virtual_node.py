@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from canopen_control.frame import CanFrame
     from canopen_control.od.model import ObjectDictionary, Value
     from canopen_control.virtual.device_function import DeviceFunction
-    from canopen_control.virtual.injection_point import FaultFilter
+    from canopen_control.virtual.injection_point import FaultFilter, NodeQuirks
     from canopen_control.virtual.plant import Plant
 
     Receiver = Callable[[CanFrame, int], None]
@@ -235,7 +235,8 @@ class Timed(Protocol):
 class VirtualNode:
     """One node; `serial` (default: the node id) fills 0x1018:04 where the file has none, `plant` makes an axis's plant.
 
-    `filter` is the injected faults while one is on, `switches` those that can be. Seam `starts_itself`: OPERATIONAL
+    `filter` is the injected faults while one is on, `switches` those that can be; `quirks` switches
+    those. Seam `starts_itself`: OPERATIONAL
     without a command, whatever the dictionary says. `routing` is who takes which frames; its `version` grows when
     `routes` changes.
     """
@@ -252,6 +253,7 @@ class VirtualNode:
         self.od, self.node_id, self.model = od, node_id, model
         self.filter: FaultFilter | None = None
         self.switches: FaultFilter | None = None
+        self.quirks: NodeQuirks | None = None
         self.starts_itself: InjectionPoint[bool] = InjectionPoint(False)
         self._boot_at: int | None = 0
         self._reset_delay_ns: int | None = 0  # before the boot-up message, None: it never boots

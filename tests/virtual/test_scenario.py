@@ -27,6 +27,7 @@ def test_a_timeline_is_read_in_order_whatever_its_order_in_the_file(tmp_path):
       - {at: 8s, node: 3, fault: heartbeat_lost, state: off}
       - {at: 5s, node: 3, fault: heartbeat_lost}
       - {at: 500ms, node: 2, fault: silent, for: 2s}
+      - {at: 9s, node: 2, quirk: brake_delay=0.7, for: 1s}
       - {at: 12, node: 3, plant: {stalled: 1, external: -300.5}}
     """
     assert read(tmp_path, text, (2, 3)) == [
@@ -34,6 +35,8 @@ def test_a_timeline_is_read_in_order_whatever_its_order_in_the_file(tmp_path):
         Switching(5 * S // 2, 2, "silent", on=False),
         Switching(5 * S, 3, "heartbeat_lost"),
         Switching(8 * S, 3, "heartbeat_lost", on=False),
+        Switching(9 * S, 2, quirk="brake_delay=0.7"),
+        Switching(10 * S, 2, on=False, quirk="brake_delay=0.7"),
         Switching(12 * S, 3, plant=(("stalled", 1.0), ("external", -300.5))),
     ]
 
@@ -62,6 +65,8 @@ def test_every_mistake_is_told_at_once_with_its_line(tmp_path):
   - {at: 1s, node: 3, fault: silent, plant: {stalled: 1}}
   - {at: 1s, node: 3, fault: silent, state: off, for: 1s}
   - {at: 1s, fault: silent}
+  - {at: 1s, node: 3, quirk: brake_dely}
+  - {at: 1s, node: 3, quirk: brake_delay=99}
 """
     with pytest.raises(ScenarioError) as caught:
         read(tmp_path, text, (2, 3))
@@ -70,10 +75,12 @@ def test_every_mistake_is_told_at_once_with_its_line(tmp_path):
         (2, "there is no node 9"),
         (3, "no time"),
         (4, "did you mean 'silent'"),
-        (5, "either a fault or a plant"),
-        (6, "either a fault or a plant"),
+        (5, "either a fault, a quirk or a plant"),
+        (6, "either a fault, a quirk or a plant"),
         (7, "for: goes with"),
         (8, "which node?"),
+        (9, "did you mean 'brake_delay'"),
+        (10, "its strength is a number, 0.001 to 60 s"),
     ):
         assert f"scenario.yml:{line}:" in said
         assert words in said
@@ -133,7 +140,7 @@ def test_the_world_acts_too_without_a_node(tmp_path):
     ("step", "words"),
     [
         ("payload: {mass: 5}, friction: 1", "a step has one of payload, push, block and friction"),
-        ("payload: {mass: 5}, fault: silent", "and no node, fault or plant then"),
+        ("payload: {mass: 5}, fault: silent", "and no node, fault, quirk or plant then"),
         ("payload: {mass: 5}, for: 1s", "for: goes with block"),
     ],
 )

@@ -223,6 +223,12 @@ def _verbs(_line: argparse.Namespace) -> Found:
     return VERBS.items()
 
 
+def _quirks(_line: argparse.Namespace) -> Found:
+    from canopen_control.virtual.quirks import QUIRKS
+
+    return [(quirk.name, quirk.does) for quirk in QUIRKS.values()]
+
+
 def _faults(_line: argparse.Namespace) -> Found:
     from canopen_control.virtual.fault_table import FAULTS
 
@@ -248,7 +254,11 @@ _KINDS: Final[dict[tuple[str, str] | str, Callable[[argparse.Namespace], Found]]
     ("fault", "name"): _faults,
     ("fault", "what"): lambda line: [("list", "explain all faults"), *_drives(line)],
     ("bus", "label"): lambda line: [*_drives(line), ("master", "the running robot")],
+    ("quirk", "name"): _quirks,
+    ("quirk", "what"): lambda line: [("list", "explain all quirks"), *_drives(line)],
     ("drive", "--fault"): _faults,
+    ("drive", "--quirk"): _quirks,
+    ("device", "--quirk"): _quirks,
     ("device", "--fault"): _faults,
     ("axis", "mode"): _modes,
     ("axis", "node"): _nodes_or_all,

@@ -95,6 +95,48 @@ class SwitchFault(Request[ActiveFaults], frozen=True, kw_only=True):
     on: bool = True
 
 
+# -- quirks
+
+
+class QuirkListing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A quirk that drives can have: how a healthy drive of a manufacturer departs from the standards.
+
+    `does` is what the drive does, `clause` what it departs from, `source` who tells it, `acts` where it acts, "axis" or
+    "node". One with a strength has a `unit`, a `default` and the bounds `low` and `high`. `on` is how it is on, such as
+    "brake_delay=0.5@1".
+    """
+
+    name: str
+    does: str
+    clause: str
+    source: str
+    acts: str
+    unit: str = ""
+    default: float | None = None
+    low: float | None = None
+    high: float | None = None
+    on: list[str] = []
+
+
+@DRIVE.method("quirks", Effect.READS)
+class ListQuirks(Request[tuple[QuirkListing, ...]], frozen=True):
+    """Every quirk that the node can have."""
+
+
+class ActiveQuirks(msgspec.Struct, frozen=True):
+    """The quirks that are on, as they are written."""
+
+    active: list[str]
+
+
+@DRIVE.method("quirk", Effect.CHANGES)
+class SwitchQuirk(Request[ActiveQuirks], frozen=True, kw_only=True):
+    """Switch a quirk on or off; `quirk` is NAME, NAME=VALUE, NAME@AXIS or NAME=VALUE@AXIS."""
+
+    quirk: str
+    on: bool = True
+
+
 # -- what the node is doing
 
 
@@ -198,8 +240,8 @@ class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):
 class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A node: its NMT state, such as "OPERATIONAL", and what is wrong with it; `world` where its axes are part of one.
 
-    `error_register` is 0x1001, `errors` are the EMCY codes that are active, `faults` those that are switched on.
-    `signals` are those of a device that is no drive.
+    `error_register` is 0x1001, `errors` are the EMCY codes that are active, `faults` those that are switched on,
+    `quirks` too, as they are written. `signals` are those of a device that is no drive.
     """
 
     node_id: int
@@ -211,6 +253,7 @@ class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     axes: tuple[AxisState, ...]
     world: WorldState | None = None
     signals: tuple[SignalState, ...] = ()
+    quirks: list[str] = []
 
 
 @DRIVE.method("state", Effect.READS)

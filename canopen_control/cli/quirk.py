@@ -1,0 +1,83 @@
+"""Let a running virtual drive behave as a manufacturer's drive does.
+
+A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402; what breaks is a fault.
+`quirk list` explains every quirk, its strength and its source. `quirk NODE NAME on|off` switches one, for all axes of
+the drive or for one of them: NAME, NAME=VALUE, NAME@AXIS or NAME=VALUE@AXIS. `quirk NODE` lists the quirks that are on.
+NODE is a node or a joint of a running robot, by name; or a node id, with --can CHANNEL if no robot runs. A drive has
+quirks from its start with `drive --quirk`.
+
+Exit codes: 0 done; 1 the drive refused it, or does not answer; 2 wrong usage, no such node or quirk.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING
+
+from canopen_control.cli.fault import connect_to, drive_of
+from canopen_control.cli.support.output import json_text
+from canopen_control.errors import ConfigError
+from canopen_control.rpc.messages.drive import GetDriveState, SwitchQuirk
+from canopen_control.virtual.quirks import QUIRKS, parse_quirk
+
+if TYPE_CHECKING:
+    import argparse
+
+
+EXAMPLE = """canopen-control quirk list
+         canopen-control quirk left_drive brake_delay=0.5 on
+         canopen-control quirk left_drive brake_delay off
+         canopen-control quirk 3 mode_display_zero_until_enabled@1 --can local:robby"""
+
+_WIDTH = 110
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.usage = (
+        "canopen-control quirk list [--json]\n"
+        "       canopen-control quirk NODE [NAME[=VALUE][@AXIS] on|off] [--can CHANNEL]"
+    )
+    parser.add_argument(
+        "what", metavar="list|NODE", help="list: explain all quirks; otherwise a node, a joint or a node id"
+    )
+    parser.add_argument("name", nargs="?", metavar="NAME", help="the quirk; without it those that are on are listed")
+    parser.add_argument("state", nargs="?", choices=["on", "off"], help="default: on")
+    parser.add_argument("--can", metavar="CHANNEL", help="channel of the drive (default: that of the running robot)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the verb: 0 good, 1 the drive is not there, 2 wrong usage."""
+    if args.what == "list":
+        return _list(args)
+    if args.name is not None:
+        parse_quirk(args.name)
+    channel, node_id = drive_of(args.what, args.can)
+    with connect_to(channel, node_id) as client:
+        if args.name is None:
+            active = client.ask(GetDriveState()).quirks
+        else:
+            active = client.ask(SwitchQuirk(quirk=args.name, on=args.state != "off")).active
+    if args.json:
+        print(json_text({"node_id": node_id, "active": active}, indent=None))
+    else:
+        print(f"node {node_id}: {', '.join(active) or 'no quirk is on'}")
+    return 0
+
+
+def _list(args: argparse.Namespace) -> int:
+    if args.name is not None:
+        raise ConfigError("quirk list takes no more words; those of one drive: quirk NODE --can CHANNEL")
+    listings = [quirk.listing() for quirk in QUIRKS.values()]
+    if args.json:
+        keys = ("name", "acts", "does", "clause", "source", "unit", "default", "low", "high")
+        print(json_text([{key: getattr(listing, key) for key in keys} for listing in listings]))
+        return 0
+    for listing in listings:
+        strength = ""
+        if listing.default is not None:
+            strength = f" Strength: {listing.low:.10g} to {listing.high:.10g} {listing.unit}, {listing.default:g}."
+        text = f"The drive {listing.does}.{strength} Departs from {listing.clause}. Source: {listing.source}."
+        print(listing.name)
+        print(textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    "))
+    return 0

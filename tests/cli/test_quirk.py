@@ -1,0 +1,87 @@
+"""The verb quirk, as its user sees it, on a virtual drive that runs in a thread."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from support.host import use_private_folders
+from support.virtualbench import served, servo
+
+from canopen_control.cli.main import main
+from canopen_control.virtual.quirks import QUIRKS
+
+CAN = "memory:cli-quirk"
+
+
+@pytest.fixture
+def node(tmp_path, monkeypatch):
+    use_private_folders(monkeypatch, tmp_path)
+    device = servo(5)
+    with served(CAN, device):
+        yield device
+
+
+def test_list_explains_every_quirk_with_clause_and_source(capsys):
+    assert main(["quirk", "list"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    for quirk in QUIRKS.values():
+        assert f"{quirk.name} The drive {quirk.does}." in said
+    assert said.count("Source:") == said.count("Departs from") == len(QUIRKS)
+    assert "Strength: 0.001 to 60 s, 0.5." in said
+
+
+def test_list_as_json_has_one_entry_for_each(capsys):
+    assert main(["quirk", "list", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert [each["name"] for each in listed] == list(QUIRKS)
+    assert listed[0].keys() == {"name", "acts", "does", "clause", "source", "unit", "default", "low", "high"}
+
+
+def test_a_quirk_goes_on_and_off_without_a_master(node, capsys):
+    assert main(["quirk", "5", "--can", CAN]) == 0
+    assert main(["quirk", "5", "brake_delay=0.7", "--can", CAN]) == 0
+    assert main(["quirk", "5", "remote_never", "on", "--can", CAN]) == 0
+    assert main(["quirk", "5", "--can", CAN]) == 0
+    assert main(["drive", "--node-id", "5", "--can", CAN, "--status"]) == 0
+    assert main(["quirk", "5", "brake_delay", "off", "--can", CAN, "--json"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:4] == [
+        "node 5: no quirk is on",
+        "node 5: brake_delay=0.7",
+        "node 5: brake_delay=0.7, remote_never",
+        "node 5: brake_delay=0.7, remote_never",
+    ]
+    assert lines[4].endswith("; quirks: brake_delay=0.7, remote_never")
+    assert lines[-1] == '{"node_id": 5, "active": ["remote_never"]}'
+    assert not node.drives[0].statusword() & 1 << 9
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["5", "brake_dely"], "no quirk 'brake_dely'"),
+        (["5", "brake_delay=99"], "its strength is a number, 0.001 to 60 s"),
+        (["5", "brake_delay@1"], "node 5 has no axis 1; it has: 0"),
+        (["list", "brake_delay"], "quirk list takes no more words"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(node, capsys, words, sentence):
+    assert main(["quirk", *words, "--can", CAN]) == 2
+    error = capsys.readouterr().err
+    assert sentence in error
+    assert len(error.splitlines()) == 1
+
+
+def test_excluded_by_another(node, capsys):
+    assert main(["quirk", "5", "remote_never", "--can", CAN]) == 0
+    assert main(["quirk", "5", "remote_when_enabled", "--can", CAN]) == 2
+    assert "exclude each other" in capsys.readouterr().err
+
+
+def test_a_drive_is_not_started_with_what_is_no_quirk(capsys):
+    start = ["drive", "--node-id", "3", "--eds", "generic_cia402.eds", "--can", "memory:no-quirk", "--quirk"]
+    assert main([*start, "brake_dely"]) == 2
+    assert "did you mean 'brake_delay'" in capsys.readouterr().err
+    assert main([*start, "brake_delay@4"]) == 2
+    assert "node 3 has no axis 4" in capsys.readouterr().err
