@@ -43,7 +43,7 @@ ERROR_FLAG: Final = 0x20000000  # CAN_ERR_FLAG: the identifier contains error cl
 BROADCAST: Final = 0  # node id for all nodes
 MAX_NODE_ID: Final = 127
 FRAME_BITS: Final = 47
-"""Of a frame with an 11-bit identifier and no data on the wire: intermission included, stuff bits not."""
+"""Length in bits of a frame with an 11-bit identifier and no data, with intermission, without stuff bits."""
 
 RECORD: Final = struct.Struct("=IB3x8s")  # can_id with flags, length, padding, data
 RECORD_SIZE: Final = RECORD.size

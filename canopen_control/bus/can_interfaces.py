@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     Run = Callable[[Sequence[str]], "CommandResult"]
-    """Runs a command to its end; OSError if it cannot be started."""
+    """Function that runs a command to its end; OSError if it cannot be started."""
 
 
 # Open CAN sockets of an interface: processes, identifiers and cyclic transmissions. The kernel has no table of raw CAN

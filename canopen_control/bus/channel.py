@@ -38,7 +38,7 @@ _SOCKETCAND = "socketcand"
 _SERVED = re.compile(r"(?P<host>[^\s:/]+)(?::(?P<port>\d{1,5}))?/(?P<channel>[^\s/]+)")
 _SOCKETCAND_PORT = "29536"
 SERVED: Final = frozenset({"remote", _SOCKETCAND, "udp_multicast"})
-"""Interfaces of python-can that reach a bus through a server or a network, where several can be."""
+"""Interfaces of python-can that reach a bus through a server or a network, which several processes can share."""
 
 
 class ChannelKind(enum.Enum):

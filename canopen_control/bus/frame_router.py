@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 
 QUEUE_LIMIT = 16384 * RECORD_SIZE
-"""Bytes that wait for one reader, beside what the kernel holds for it."""
+"""Maximum number of bytes waiting for one reader, in addition to those in the kernel."""
 BACKLOG_LIMIT = 256
-"""Frames of one sender that wait for a paced wire before it is read no more."""
+"""Number of frames waiting for a paced wire above which a sender is not read."""
 DELAY_LIMIT = 65536
-"""Chunks of frames that a delay may hold back."""
+"""Maximum number of delayed chunks."""
 
 
 class RouterPort:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Port
 
     Predicate = Callable[[str, CanFrame], bool]
-    """Label of the sender and the frame -> whether the knob takes it."""
+    """Function of the sender's label and the frame: whether the fault applies to it."""
 
 
 QUEUE_LIMIT = 65536 * RECORD_SIZE  # bytes that wait for one reader

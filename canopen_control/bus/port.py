@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 Records = bytes | bytearray | memoryview
-"""Frames, 16 bytes each, one after the other."""
+"""Concatenated frames of 16 bytes each."""
 
 
 class BusEventKind(enum.Enum):
@@ -111,7 +111,7 @@ EVENT_LIMIT: Final = 1000
 _ONE: Final = (1).to_bytes(8, sys.byteorder)  # increment written to an eventfd
 _MOST: Final = 4096
 SEND_LIMIT: Final = 4096
-"""Frames that may wait: most of a second at 1 Mbit/s; what is older would only confuse."""
+"""Maximum number of waiting frames: most of a second at 1 Mbit/s; older frames would be obsolete."""
 
 
 class BusEventLog:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Records
 
     Ancillary = Sequence[tuple[int, int, bytes]]
-    """What the kernel says beside a frame: level, kind, data."""
+    """Ancillary data of a frame: level, type, data."""
 
 
 CAN_RAW = 1

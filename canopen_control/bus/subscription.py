@@ -168,13 +168,13 @@ def _refuse(sock: socket.socket) -> None:
 
 TAKES_SUBSCRIPTION: Final = 1
 GIVES_STAMPS: Final = 2
-"""Abilities of a hub, in its greeting: it takes identifiers; it gives stamps, and own frames back."""
+"""Abilities of a hub, in its greeting: it supports subscriptions; it supports stamps and echo."""
 STAMP_STEP_NS: Final = 1000
-"""Between the frames of one chunk, which came at the same time: the least that a recording in microseconds keeps."""
+"""Distance of the stamps of one chunk, whose frames arrived together: the resolution of recordings in us."""
 _RECORD: Final = struct.Struct("=5sBxxII")  # mark, kind, identifiers
 _STAMP: Final = struct.Struct("=5sBxxq")  # mark, _OWN or 0, monotonic ns of the first frame
 MARK: Final = b"\xff" * 5
-"""What such a record begins with."""
+"""Beginning of a control record."""
 _COUNT: Final = 0x03
 _STAMPS: Final = 0x10
 _ECHO: Final = 0x20

@@ -1,7 +1,7 @@
-"""The base of a running robot, as a calibration drives it: twists with a dead man, its odometry, its wheel values.
+"""Connection of a calibration to the base of a running robot: twists, odometry, wheel values.
 
-The law of the file: it commands on one connection, by twists that end with it and by the controller's own time-out; a
-command that is refused, a stop, a fault, or a robot that says nothing more ends the drive with a sentence.
+It sends commands on one connection; they end with the connection and with the controller's timeout. A refused command,
+a stop, a fault, or a silent robot ends the drive with a sentence.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading, Planar, TruePose
 
 
-# Where a base ended, as somebody measured it: typed when asked, or from a file; X and Y in m, one end a line.
+# -- measured end positions of a base, typed by the user or from a file; X and Y in m, one end per line
 
 
 def parse_end(text: str) -> tuple[float, float]:
-    """Return X and Y of ``0.012 -0.034``, with or without a comma; ConfigError with what to write instead."""
+    """Return X and Y of ``0.012 -0.034``, with or without a comma; ConfigError with the valid form otherwise."""
     words = text.replace(",", " ").split()
     try:
         x, y = (float(word) for word in words)
@@ -44,7 +44,7 @@ def parse_end(text: str) -> tuple[float, float]:
 
 
 class TypedEnds:
-    """Asks somebody at a terminal; `ask` shows a text and returns a line, or raises EOFError."""
+    """End positions typed at a terminal; `ask` shows a text and returns a line, or raises EOFError."""
 
     def __init__(self, ask: Callable[[str], str], say: Callable[[str], object]) -> None:
         self._ask, self._say = ask, say
@@ -55,7 +55,7 @@ class TypedEnds:
         self._line("  put the base at its start, keep clear, and press Enter: it drives ")
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - of the others
-        """Ask until an end is typed that can be read."""
+        """Ask for an end position until the answer is valid."""
         while True:
             try:
                 return parse_end(self._line("  where did it end? X Y, m ahead and to the left of its start: "))
@@ -70,22 +70,25 @@ class TypedEnds:
 
 
 class FiledEnds:
-    """Ends of a file, in their order."""
+    """End positions from a file, in its order."""
 
     def __init__(self, ends: Sequence[tuple[float, float]], say: Callable[[str], object]) -> None:
         self._ends, self._say = list(ends), say
 
     def before(self, text: str) -> None:
-        """Tell it, and go on."""
+        """Report the next square without waiting."""
         self._say(text)
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - of the others
-        """Return the next one."""
+        """Return the next end position."""
         return self._ends.pop(0)
 
 
 def read_ends(path: Path, wanted: int, say: Callable[[str], object]) -> FiledEnds:
-    """Read a file of ends, empty lines and ``# comments`` aside; ConfigError with every mistake and its line."""
+    """Return the end positions of a file, without empty lines and ``# comments``.
+
+    ConfigError with all mistakes and their lines.
+    """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -104,20 +107,20 @@ def read_ends(path: Path, wanted: int, say: Callable[[str], object]) -> FiledEnd
     return FiledEnds(ends, say)
 
 
-#: the parameters that a calibration changes: track, left and right radius
+#: parameters that a calibration changes: track, left and right radius
 FACTORS: Final = ("wheel_separation_multiplier", "left_wheel_radius_multiplier", "right_wheel_radius_multiplier")
 _SOURCE: Final = "calibrate"
 _TYPE: Final = "diff_drive_controller/DiffDriveController"
-_RATE: Final = 50.0  # Hz of odometry at most
-_SILENT_S: Final = 1.0  # a robot that tells nothing for so long hangs
-_BEGIN_S: Final = 3.0  # for the first odometry, which comes after the first twist
-_REST_S: Final = 3.0  # for a base to come to rest before its values are set
+_RATE: Final = 50.0  # maximum rate of odometry in Hz
+_SILENT_S: Final = 1.0  # time after which a silent robot counts as lost
+_BEGIN_S: Final = 3.0  # timeout of the first odometry, which follows the first twist
+_REST_S: Final = 3.0  # time allowed for a base to stop before its values are set
 _ENDING: Final = ("stopping", "stopped")
 
 
 @dataclass(frozen=True, slots=True)
 class WheelValues:
-    """The wheels as a controller has them: the track in m after its multiplier, and the multipliers by `FACTORS`."""
+    """Wheel values of a controller: the track in m after its multiplier, and the multipliers by `FACTORS`."""
 
     separation: float
     factors: tuple[float, float, float]
@@ -129,14 +132,14 @@ class WheelValues:
 
 @dataclass(frozen=True, slots=True)
 class Driven:
-    """Where a square ended, as seen from its start: by odometry, and in truth where that is known."""
+    """End of a square relative to its start: by odometry, and the true one if known."""
 
     odometry: Planar
     truth: Planar | None = None
 
 
 def choose_base(controllers: tuple[ControllerReading, ...], wanted: str | None) -> ControllerReading:
-    """Return the diff drive controller to calibrate: the one wanted, or the only one; ConfigError with what to do."""
+    """Return the diff drive controller to calibrate: the requested one, or the only one; ConfigError with advice."""
     names = ", ".join(each.name for each in controllers)
     bases = [each for each in controllers if each.type == _TYPE]
     found = [each for each in bases if each.name == wanted] if wanted is not None else bases
@@ -156,14 +159,14 @@ def choose_base(controllers: tuple[ControllerReading, ...], wanted: str | None) 
 
 
 class BaseLink:
-    """A connection to the robot; `controller` is its base."""
+    """Connection to the robot; `controller` is its base."""
 
     def __init__(self, robot: RobotClient, wanted: str | None = None) -> None:
         self._robot = robot
         self.controller = choose_base(robot.ask(ListControllers()), wanted).name
 
     def wheel_values(self) -> WheelValues:
-        """Return the wheels as the controller has them; ConfigError where one value overrides both sides' own."""
+        """Return the wheel values of the controller; ConfigError if one value overrides those of both sides."""
         found = {each.name: each.plain for each in self._robot.ask(GetParameters(controller=self.controller))}
 
         def value(name: str, otherwise: float = math.nan) -> float:
@@ -187,7 +190,7 @@ class BaseLink:
         )
 
     def set_factors(self, factors: tuple[float, float, float]) -> None:
-        """Have the controller use other multipliers, once the base stands; RemoteError where it refuses."""
+        """Set the multipliers of the controller once the base stands; RemoteError if it refuses."""
         values = tuple(
             ParameterValue(name=name, kind="double", value=value) for name, value in zip(FACTORS, factors, strict=True)
         )
@@ -203,14 +206,14 @@ class BaseLink:
                 return
 
     def true_pose(self) -> TruePose | None:
-        """Return where the base truly is, None where that is not known: it is no simulation."""
+        """Return the true pose of the base, None if it is unknown because the robot is not simulated."""
         with self._watching():
             for state in self._states():
                 return state.true_pose
         return None
 
     def drive(self, path: SquarePath) -> Driven:
-        """Drive a square to its end; ControlError or RemoteError where it cannot go on, and then the base stops."""
+        """Drive a square to its end; ControlError or RemoteError if that fails, and then the base stops."""
         starts: tuple[Planar, TruePose | None] | None = None
         begun = time.monotonic()
         with self._watching():
@@ -227,12 +230,12 @@ class BaseLink:
                     if path.done:
                         return Driven(relative(pose, starts[0]), _true_way(starts[1], state.true_pose))
             finally:
-                with contextlib.suppress(RemoteError):  # who is gone or refuses does not move by us
+                with contextlib.suppress(RemoteError):  # a robot that is gone or refuses gets no commands from here
                     self._twist(0.0, 0.0)
         raise ControlError("the robot tells nothing more")
 
     def _odometry(self, state: StateSample, begun: float) -> OdometrySample | None:
-        """Return the odometry of a sample, None before there is any; ControlError where the base may not move."""
+        """Return the odometry of a sample, None before the first one; ControlError if the base may not move."""
         if state.latched:
             raise ControlError(f"STOP, by {state.latched_by or 'somebody'}")
         if state.hint is not None:
@@ -261,7 +264,7 @@ class BaseLink:
 
     @contextlib.contextmanager
     def _watching(self) -> Iterator[None]:
-        """Have samples of the state while this lasts: nobody reads them in between."""
+        """Subscribe to state samples for the duration of the context, although none are read."""
         self._robot.ask(Subscribe(state_rate=_RATE))
         try:
             yield
@@ -272,7 +275,7 @@ class BaseLink:
                     pass
 
     def _states(self) -> Iterator[StateSample]:
-        """Yield samples as they come, of several that wait the newest; ControlError where none comes any more."""
+        """Yield state samples, skipping older ones; ControlError if no more arrive."""
         while True:
             newest: StateSample | None = None
             for message in self._robot.messages(_SILENT_S):

@@ -1,8 +1,7 @@
-"""A copy of a ros2_controllers.yaml with other values of a few parameters of one controller; all else stays as it was.
+"""Copy of a ros2_controllers.yaml with changed parameters of one controller; everything else is unchanged.
 
-The law of the file: the text is changed in the places of the values alone, so that comments and layout stay; what is
-not there yet is put in front of the wheels' own keys. The copy is read back and compared: one that says anything else
-than the file and the changes is not left behind.
+Only the texts of the values are replaced, so that comments and layout remain; missing parameters are inserted before
+the wheels' own keys. The copy is read back and compared; it is deleted if it differs in anything but the changes.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ _ANCHORS: Final = ("wheel_separation", "wheel_radius", "left_wheel_names", "righ
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A parameter that was changed, or added where `before` is None, at a line of the copy."""
+    """Changed parameter, new if `before` is None, at a line of the copy."""
 
     name: str
     before: float | None
@@ -40,7 +39,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class _Edit:
-    """A piece of text that takes the place of `length` characters at a line and column, both from 0."""
+    """Replacement of `length` characters at a line and column, both from 0."""
 
     line: int
     column: int
@@ -49,13 +48,13 @@ class _Edit:
 
 
 def given_in(path: Path, controller: str, names: Sequence[str]) -> dict[str, float | None]:
-    """Return what a file says of parameters of a controller, None where it does not; ConfigError without it."""
+    """Return parameters of a controller in a file, None for missing ones; ConfigError without the controller."""
     flat = _flat(read_controllers(path), controller)
     return {name: _number(flat, name) for name in names}
 
 
 def write_corrected(path: Path, copy: Path, controller: str, values: Mapping[str, float]) -> list[Change]:
-    """Write the copy; returns what was changed, by line. ConfigError where it cannot be, and then there is no copy."""
+    """Write the copy and return the changes by line; ConfigError, without a copy, if that fails."""
     if copy.exists() and copy.samefile(path):
         raise ConfigError(f"{copy} is the robot's own file; the values go to a copy, give another name with --output")
     file = read_controllers(path)
@@ -90,7 +89,7 @@ def _number(flat: Node, name: str) -> float | None:
 
 
 def _edit(path: Path, lines: Sequence[str], flat: Node, name: str, value: float) -> _Edit:
-    """Return what writes a value: in the place of the old one, or in front of another key of the same block."""
+    """Return the edit of a value: a replacement, or an insertion before another key of the same block."""
     node = flat.get(name)
     if node is not None:
         _require_same(path, node, name)
@@ -100,7 +99,7 @@ def _edit(path: Path, lines: Sequence[str], flat: Node, name: str, value: float)
         raise ConfigError(f"{path}: nothing there names the wheels of the base; write {name}: {value:.9g} by hand")
     _require_same(path, anchor, name)
     indent = lines[anchor.line - 1][: anchor.column - 1]
-    if indent.strip():  # within braces
+    if indent.strip():  # flow style
         return _Edit(anchor.line - 1, anchor.column - 1, 0, f"{name}: {value:.9g}, ")
     end = "\r\n" if lines[anchor.line - 1].endswith("\r\n") else "\n"
     return _Edit(anchor.line - 1, 0, 0, f"{indent}{name}: {value:.9g}{end}")
@@ -115,7 +114,7 @@ def _require_same(path: Path, node: Node, name: str) -> None:
 
 
 def _applied(lines: Sequence[str], edits: Sequence[_Edit]) -> list[str]:
-    """Return the lines after all edits, the last place first."""
+    """Return the lines after all edits, applied from the last to the first."""
     changed = list(lines)
     for each in sorted(edits, key=lambda edit: (edit.line, edit.column))[::-1]:
         old = changed[each.line]
@@ -124,7 +123,7 @@ def _applied(lines: Sequence[str], edits: Sequence[_Edit]) -> list[str]:
 
 
 def _check(file: ControllersFile, copy: Path, controller: str, values: Mapping[str, float]) -> None:
-    """Raise ConfigError, and remove the copy, where it says anything else than the file and the values."""
+    """Delete the copy and raise ConfigError if it differs from the file in anything but the values."""
     wanted = _values(file)
     wanted[controller] |= {name: float(f"{value:.9g}") for name, value in values.items()}
     try:

@@ -1,9 +1,9 @@
-"""UMBmark (Borenstein, Feng 1996): wheel radii and track of a differential drive base, from squares driven both ways.
+"""UMBmark calibration (Borenstein, Feng 1996): wheel radii and track of a differential drive base.
 
-The base drives squares of one side clockwise and counter-clockwise, by its odometry. The error of a run is where it
-truly ended less where odometry says it ended, both seen from its start: x ahead and y to the left, in m. A wrong track
-turns both ways alike and unequal wheels bend both ways to one side, so that the two are told apart by both directions
-together; one direction alone may hide both. The mean radius, the scale of distances, is not seen by a closed square.
+The base drives squares clockwise and counter-clockwise by its odometry. The error of a run is the true end minus the
+end by odometry, both relative to its start: x ahead and y to the left, in m. A wrong track has the same effect on turns
+in both directions, and unequal wheels bend both paths to the same side; both directions together separate the two,
+while in one direction they may cancel. The mean radius, the scale of distances, is not observable from a closed square.
 """
 
 from __future__ import annotations
@@ -21,35 +21,32 @@ if TYPE_CHECKING:
 
 Planar = tuple[float, float, float]
 _CORNER: Final = math.pi / 2
-_LARGEST: Final = 1000.0  # m, more than any hall
+_LARGEST: Final = 1000.0  # m, larger than any hall
 _FAR: Final = 1.0
-"""The farthest end, as a part of the side; what ends further away was not measured right, or did not drive that square.
-
-The worst base as it is first put together has wheels that differ by 1 % and a track that is wrong by 10 %: 0.24 m wide
-it ends 0.93 of a side of 4 m away. A length in centimetres that was taken for metres is further away from 1 % of the
-side on.
-"""
+"""Maximum distance of a plausible end, as a fraction of the side: an end further away was measured wrongly, or belongs
+to another path. A newly assembled base with wheels that differ by 1 % and a track of 0.24 m that is wrong by 10 % ends
+0.93 of a side of 4 m away. A length in cm taken for m exceeds the limit from 1 % of the side on."""
 
 
 class ImplausibleEnds(ConfigError):
-    """Runs that no calibration can be made of."""
+    """Runs that no calibration can be computed from."""
 
 
 class Direction(enum.Enum):
-    """Which way round a square is driven; the sign is that of its turns."""
+    """Direction of a square; the sign is that of its turns."""
 
     CCW = 1
     CW = -1
 
     @property
     def word(self) -> str:
-        """The direction in words."""
+        """Name of the direction."""
         return "counter-clockwise" if self is Direction.CCW else "clockwise"
 
 
 @dataclass(frozen=True, slots=True)
 class SquareRun:
-    """One square: where it truly ended less where odometry says, m ahead and to the left of its start."""
+    """One square: true end minus end by odometry, m ahead and to the left of its start."""
 
     direction: Direction
     x: float
@@ -58,24 +55,25 @@ class SquareRun:
 
 @dataclass(frozen=True, slots=True)
 class WheelFactors:
-    """What the wheel values in use are multiplied by: the track, and the radius of each side."""
+    """Multipliers of the current wheel values: track, and radius of each side."""
 
     separation: float = 1.0
     left: float = 1.0
     right: float = 1.0
 
     def after(self, before: WheelFactors) -> WheelFactors:
-        """Return these on top of others."""
+        """Return these multipliers combined with earlier ones."""
         return WheelFactors(self.separation * before.separation, self.left * before.left, self.right * before.right)
 
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """What squares tell: E_b is the true track by the one in use, E_d the right wheel's diameter by the left one's.
+    """Result of the squares.
 
-    `largest` is the systematic error E_max,syst in m, the larger distance of the two directions' mean ends from no
-    error; `scatter` in m is three standard deviations of the single runs about them, what no calibration takes away,
-    None where there is one run of each direction.
+    E_b is the true track over the current one, E_d the right wheel's diameter over the left one's. `largest` is the
+    systematic error E_max,syst in m, the larger distance of the mean ends of both directions from zero; `scatter` in m
+    is three standard deviations of the runs about these means, which calibration cannot remove, None with one run per
+    direction.
     """
 
     e_b: float
@@ -85,22 +83,21 @@ class Correction:
 
     @property
     def factors(self) -> WheelFactors:
-        """What to multiply the wheel values by; the mean of both radii stays."""
+        """Multipliers of the wheel values; the mean of both radii is unchanged."""
         return WheelFactors(self.e_b, 2.0 / (self.e_d + 1.0), 2.0 / (1.0 / self.e_d + 1.0))
 
 
 def relative(end: Planar, start: Planar) -> Planar:
-    """Return a pose as it is seen from another one."""
+    """Return a pose relative to another one."""
     cosine, sine = math.cos(start[2]), math.sin(start[2])
     x, y = end[0] - start[0], end[1] - start[1]
     return cosine * x + sine * y, cosine * y - sine * x, end[2] - start[2]
 
 
 def correction(runs: Sequence[SquareRun], side: float, separation: float, least: int = 1) -> Correction:
-    """Return what runs around squares of `side` tell of a base whose track is believed to be `separation`, both in m.
+    """Return the correction from runs around squares of `side` with an assumed track of `separation`, both in m.
 
-    Raises ImplausibleEnds for numbers that are none, ends that are further away than the side, or fewer than `least`
-    runs of a direction.
+    ImplausibleEnds for invalid numbers, ends further away than the side, or fewer than `least` runs of a direction.
     """
     _refuse_sizes(side, separation)
     for number, run in enumerate(runs, 1):
@@ -109,11 +106,11 @@ def correction(runs: Sequence[SquareRun], side: float, separation: float, least:
     _refuse_count(by_direction, least)
     means = {each: _mean(found) for each, found in by_direction.items()}
     (x_ccw, y_ccw), (x_cw, y_cw) = means[Direction.CCW], means[Direction.CW]
-    # in rad; x and y give both, each off by the second order of the other error, so that their mean is taken
+    # in rad; x and y each give it with an error of second order in the other angle, so that their mean is used
     alpha = ((x_cw + x_ccw) + (y_cw - y_ccw)) / (-8.0 * side)
     beta = ((x_cw - x_ccw) + (y_cw + y_ccw)) / (-8.0 * side)
     e_b = _CORNER / (_CORNER - alpha)
-    bend = 2.0 * math.sin(beta / 2.0) * (separation / 2.0) / side  # half the track by the radius of the bent leg
+    bend = 2.0 * math.sin(beta / 2.0) * (separation / 2.0) / side  # half the track over the radius of the bent side
     largest = max(math.hypot(x, y) for x, y in means.values())
     return Correction(e_b, (1.0 + bend) / (1.0 - bend), largest, _scatter(by_direction, means))
 
@@ -170,31 +167,29 @@ def _squares(runs: Iterable[SquareRun], mean: tuple[float, float]) -> float:
     return math.fsum((run.x - mean[0]) ** 2 + (run.y - mean[1]) ** 2 for run in runs)
 
 
-# A square driven by odometry, as UMBmark wants it: straight sides, a stop at each corner, turns on the spot.
-#
-# The law of the file: it is sans-IO; each pose of odometry becomes the twist to command until `done`. Speeds fall along
-# a ramp towards the end of a side or turn, so that the odometry at the end is where the square ends but for some mm,
-# which the measurement takes into account. A base that does not do as it is told ends it with a sentence. Clockwise is
-# the mirror image of counter-clockwise, to the last bit.
+# Square path by odometry: straight sides, a stop at each corner, turns in place. The code is sans-IO: each pose of
+# odometry gives the twist to command until `done`. Speeds ramp down towards the end of a side or turn, so that the
+# odometry ends within some mm of the end of the square, which the measurement takes into account. A base that deviates
+# ends it with a sentence. Clockwise is the exact mirror image of counter-clockwise.
 
 
 _CORNERS: Final = 4
 _TURN: Final = math.pi / 2
 _NEAR: Final = 0.001  # m
 _STRAIGHT: Final = 0.001  # rad
-_CREEP: Final = (0.01, 0.02)  # m/s and rad/s: what a ramp ends with
-_STANDS: Final = (0.002, 0.005)  # m and rad: what an encoder may tell of a base that stands
-_STEER: Final = (2.0, 1.0)  # rad/s for each rad off the side's heading, and for each m off its line over 0.1 m
+_CREEP: Final = (0.01, 0.02)  # m/s and rad/s: speed at the end of a ramp
+_STANDS: Final = (0.002, 0.005)  # m and rad: maximum motion of a standing base
+_STEER: Final = (2.0, 1.0)  # rad/s per rad of heading error, and per m of lateral error over 0.1 m
 _MOST_STEER: Final = 0.2  # rad/s
-_OFF: Final = 0.3  # of the side, at least 0.2 m: so far from the square it is another motion
-_PATIENCE_S: Final = 5.0  # beyond twice the time that a side or turn should take
+_OFF: Final = 0.3  # fraction of the side, at least 0.2 m: maximum deviation from the square
+_PATIENCE_S: Final = 5.0  # added to twice the expected time of a side or turn
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How fast a square is driven: m/s and rad/s, and the ramps to a stop in m/s^2 and rad/s^2.
+    """Speeds of a square in m/s and rad/s, and the ramps to a stop in m/s^2 and rad/s^2.
 
-    `settle` in s is how long the base stands at each corner.
+    `settle` in s is the pause at each corner.
     """
 
     speed: float = 0.2
@@ -206,9 +201,9 @@ class Pace:
 
 class _Phase(enum.Enum):
     SIDE = "side"
-    CORNER = "corner"  # stands before a turn
+    CORNER = "corner"  # pause before a turn
     TURN = "turn"
-    REST = "rest"  # stands after it
+    REST = "rest"  # pause after it
     DONE = "done"
 
 
@@ -222,15 +217,15 @@ _MOVES: Final = frozenset({_Phase.SIDE, _Phase.TURN})
 
 
 class SquarePath:
-    """One square of `side` m in a direction, from wherever the first pose is; `corner` is how many turns are done."""
+    """One square of `side` m in a direction, starting at the first pose; `corner` is the number of completed turns."""
 
     def __init__(self, side: float, direction: Direction, pace: Pace) -> None:
         self.side, self.direction, self.pace = side, direction, pace
         self.corner = 0
         self._phase = _Phase.SIDE
         self._start: Planar | None = None
-        self._since = 0.0  # s, of the phase
-        self._stood: tuple[Planar, float] | None = None  # where, and since when
+        self._since = 0.0  # start of the phase in s
+        self._stood: tuple[Planar, float] | None = None  # pose of a standing base, and since when
 
     @property
     def done(self) -> bool:
@@ -238,9 +233,9 @@ class SquarePath:
         return self._phase is _Phase.DONE
 
     def twist(self, pose: Planar, now: float) -> tuple[float, float]:
-        """Return the twist to command, m/s and rad/s, where odometry is at `pose` at `now` in s.
+        """Return the twist to command, m/s and rad/s, for the odometry `pose` at `now` in s.
 
-        Raises ControlError where the base is not on its way any more.
+        ControlError if the base deviates from the square.
         """
         if self._start is None:
             self._start, self._since = pose, now
@@ -271,7 +266,7 @@ class SquarePath:
         return False
 
     def _along(self, seen: Planar) -> tuple[float, float] | None:
-        """Return the twist along the side that is under way, None at its end."""
+        """Return the twist along the current side, None at its end."""
         ahead, aside, turned = self._from_corner(seen)
         left = self.side - ahead
         if left <= _NEAR:
@@ -281,7 +276,7 @@ class SquarePath:
         return speed, max(-_MOST_STEER, min(_MOST_STEER, steer))
 
     def _around(self, seen: Planar) -> tuple[float, float] | None:
-        """Return the twist of the turn that is under way, None at its end."""
+        """Return the twist of the current turn, None at its end."""
         sign = self.direction.value
         left = (self.corner + 1) * _TURN - sign * seen[2]
         if left <= _STRAIGHT:
@@ -290,20 +285,20 @@ class SquarePath:
         return 0.0, sign * speed
 
     def _from_corner(self, seen: Planar) -> Planar:
-        """Return the pose as it is seen from the corner that the side begins at, along the side."""
+        """Return the pose relative to the corner at which the side begins, along the side."""
         corners = ((0.0, 0.0), (self.side, 0.0), (self.side, self.side), (0.0, self.side))
         x, y = corners[self.corner % _CORNERS]
         sign = self.direction.value
         heading = self.corner * _TURN
         cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[self.corner % _CORNERS]
-        along, aside = seen[0] - x, sign * seen[1] - y  # of the mirror image that goes counter-clockwise
+        along, aside = seen[0] - x, sign * seen[1] - y  # mirrored to counter-clockwise
         return cosine * along + sine * aside, sign * (cosine * aside - sine * along), seen[2] - sign * heading
 
     def _check(self, seen: Planar, now: float) -> None:
-        """Raise ControlError where the base is somewhere else, or takes too long."""
+        """Raise ControlError if the base deviates, or takes too long."""
         x, y = seen[0], self.direction.value * seen[1]
         off = max(-x, x - self.side, -y, y - self.side)
-        if not off <= max(0.2, _OFF * self.side):  # no number is nowhere, too
+        if not off <= max(0.2, _OFF * self.side):  # nan too
             raise ControlError(
                 f"the base has left the square of {self.side:g} m: odometry is at {seen[0]:.2f}, {seen[1]:.2f} m from "
                 "its start; does anybody else drive it?"

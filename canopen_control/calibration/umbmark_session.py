@@ -1,7 +1,7 @@
-"""A calibration from its first square to the gain: drive both ways, correct, drive again with the corrected values.
+"""Calibration run: drive in both directions, correct, drive again with the corrected values.
 
-The law of the file: the values that a robot began with are given back to it unless the calibration ends with a gain.
-Where the true pose is known the ends are measured by it, else somebody is asked.
+Unless the calibration ends with an improvement, the robot gets its initial values back. Ends are measured by the true
+pose if it is known, otherwise the user is asked.
 """
 
 from __future__ import annotations
@@ -29,47 +29,47 @@ if TYPE_CHECKING:
     from canopen_control.calibration.base_link import Driven, WheelValues
 
 
-EXACT: Final = 0.001  # m; an error that is nothing to correct
-_NO_BETTER: Final = 0.0002  # m; one that another pass does not lessen
-_OF_LIMIT: Final = 0.8  # of the ramps that a controller allows: the rest is for its own delay
-_MARGIN: Final = 0.3  # of the side, at least 0.2 m: where a square that goes wrong is ended
+EXACT: Final = 0.001  # m; a smaller error is not corrected
+_NO_BETTER: Final = 0.0002  # m; a smaller improvement does not justify another pass
+_OF_LIMIT: Final = 0.8  # fraction of the controller's ramps: the rest is for its own delay
+_MARGIN: Final = 0.3  # fraction of the side, at least 0.2 m: deviation at which a square is ended
 
 
 class Base(Protocol):
-    """What is calibrated."""
+    """Base to calibrate."""
 
     def wheel_values(self) -> WheelValues:
-        """Return the wheels as they are believed to be."""
+        """Return the current wheel values."""
 
     def set_factors(self, factors: tuple[float, float, float]) -> None:
-        """Believe in other multipliers."""
+        """Set other multipliers."""
 
     def drive(self, path: SquarePath) -> Driven:
         """Drive a square to its end."""
 
 
 class Ends(Protocol):
-    """Who knows where the base ended."""
+    """Source of true end positions."""
 
     def before(self, text: str) -> None:
-        """Wait until the next square may begin, which `text` names."""
+        """Return when the next square may begin; `text` describes it."""
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:
-        """Return where the base truly ended, m ahead and to the left of where that square began."""
+        """Return the true end of the base, m ahead and to the left of the start of the square."""
 
 
 class TrueEnds:
-    """The true pose of a simulated base."""
+    """True pose of a simulated base."""
 
     def __init__(self, say: Callable[[str], object]) -> None:
         self._say = say
 
     def before(self, text: str) -> None:
-        """Tell it, and go on."""
+        """Report the next square without waiting."""
         self._say(text)
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:
-        """Return what the simulation says."""
+        """Return the end by the simulation."""
         if driven.truth is None:
             raise ControlError(f"{text}: the simulation has told no true pose")
         return driven.truth[0], driven.truth[1]
@@ -77,7 +77,7 @@ class TrueEnds:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPlan:
-    """Squares of `side` m: so many `runs` of each direction, `passes` of corrections, at a pace."""
+    """Squares of `side` m: number of `runs` per direction, `passes` of corrections, and pace."""
 
     side: float = 1.0
     runs: int = 1
@@ -86,12 +86,12 @@ class CalibrationPlan:
 
     @property
     def squares(self) -> int:
-        """How many squares are driven in all."""
+        """Total number of squares."""
         return 2 * self.runs * (self.passes + 1)
 
     @property
     def seconds(self) -> float:
-        """About how long the driving takes."""
+        """Approximate driving time in s."""
         pace = self.pace
         side = self.side / pace.speed + pace.speed / pace.ramp + pace.settle
         turn = math.pi / 2 / pace.turn + pace.turn / pace.turn_ramp + pace.settle
@@ -100,7 +100,7 @@ class CalibrationPlan:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
-    """What a calibration has come to: the first and the last squares, and the multipliers that the last had."""
+    """Result of a calibration: the first and the last squares, and the multipliers of the last."""
 
     first: Correction
     last: Correction
@@ -108,12 +108,12 @@ class CalibrationResult:
 
     @property
     def gain(self) -> float:
-        """How many times smaller the largest error has become."""
+        """Ratio of the largest error before and after."""
         return self.first.largest / self.last.largest if self.last.largest else math.inf
 
 
 def fitting_pace(wanted: Pace, wheels: WheelValues) -> Pace:
-    """Return a pace that the controller's own limits let through."""
+    """Return the pace within the controller's own limits."""
     return replace(
         wanted,
         speed=min(wanted.speed, wheels.most_linear),
@@ -124,7 +124,7 @@ def fitting_pace(wanted: Pace, wheels: WheelValues) -> Pace:
 
 
 def space(side: float) -> str:
-    """Return the room that the squares need, in words."""
+    """Return the space that the squares need, as text."""
     margin = max(0.2, _MARGIN * side)
     return (
         f"{side + margin:.2f} m ahead of its start and as much to its left and to its right, {margin:.2f} m behind it, "
@@ -139,9 +139,9 @@ def calibrate(
     say: Callable[[str], object],
     corrected: Callable[[dict[str, float]], object] = lambda _: None,
 ) -> CalibrationResult:
-    """Calibrate a base; `say` is told each step, `corrected` each set of new multipliers, by parameter.
+    """Calibrate a base; `say` receives each step, `corrected` each set of new multipliers, by parameter.
 
-    Raises ControlError, RemoteError or ImplausibleEnds where it cannot go on; the robot then has its old values again.
+    ControlError, RemoteError or ImplausibleEnds if it fails; the robot then has its old values again.
     """
     wheels = base.wheel_values()
     original = wheels.factors
@@ -163,7 +163,7 @@ def calibrate(
             )
     except BaseException:
         if wheels.factors != original:
-            with contextlib.suppress(CanopenError):  # a robot that is gone has forgotten them anyway
+            with contextlib.suppress(CanopenError):  # a robot that is gone has lost them anyway
                 base.set_factors(original)
         raise
     return CalibrationResult(first, last, dict(zip(FACTORS, wheels.factors, strict=True)))
@@ -172,7 +172,7 @@ def calibrate(
 def _round(
     base: Base, ends: Ends, plan: CalibrationPlan, separation: float, what: str, say: Callable[[str], object]
 ) -> Correction:
-    """Drive all squares once with the values in use; returns what they tell."""
+    """Drive all squares once with the current values; return the correction."""
     found = []
     for number in range(1, plan.runs + 1):
         for direction in Direction:
@@ -193,7 +193,7 @@ def _round(
 
 
 def _written(value: float) -> float:
-    """Return a value as a file says it, so that robot and file have the same."""
+    """Return a value as written to a file, so that robot and file have the same."""
     return float(f"{value:.9g}")
 
 

@@ -62,7 +62,7 @@ class AbortCode(enum.IntEnum):
 BUSY_CODES = frozenset(
     (AbortCode.OUT_OF_MEMORY, AbortCode.NO_RESOURCE, AbortCode.LOCAL_CONTROL, AbortCode.DEVICE_STATE),
 )
-"""What a server may answer now and not in a second: worth another try after a pause."""
+"""Abort codes that may disappear after a pause, so that another try is worthwhile."""
 
 _TEXTS = {int(code): code.text for code in AbortCode}
 

@@ -58,7 +58,7 @@ COMMAND_NAMES: Final[Mapping[str, NmtCommand]] = {
     "reset-node": NmtCommand.RESET_NODE,
     "reset-comm": NmtCommand.RESET_COMMUNICATION,
 }
-"""What users and clients of the API call the commands."""
+"""Names of the commands for users and clients of the API."""
 
 
 class CommunicationService(enum.Enum):

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Entry
 
     FirstPhase = Callable[["SdoTransfer", "SdoRequest"], tuple["Phase", bytes]]
-    """Returns what a try waits for first, and its first frame."""
+    """Function that returns the first phase of a try, and its first frame."""
 
 
 # An SDO request as its caller holds it, the client's options, and how often is tried again.

@@ -114,7 +114,7 @@ _CODES_OF = {
         *(range(index, index + 1) for index in (0x6048, 0x6049, 0x604A, 0x60C2, 0x60C4)),
     ),
 }
-"""What the standards say of objects with subindices."""
+"""Object codes of objects with subindices in CiA 301 and CiA 402-2."""
 _STRUCTURE_SUB = 0xFF  # describes the type of the object and is not counted (CiA 301, 7.4.4)
 
 
@@ -385,7 +385,7 @@ def _add_sub0(od: ObjectDictionary, index: int, count: int, access: str) -> None
 
 
 MAX_BYTES = 32_000_000
-"""Of a file: the largest in use have a few MB."""
+"""Maximum length of a file: the largest in use have a few MB."""
 _OBJECT = re.compile(r"([0-9a-f]{4})(?: ?sub ?([0-9a-f]{1,2}))?")
 _RANGE_SUB = re.compile(r"([0-9a-f]{2,4}) ?sub ?0?1")
 _RANGES = range(0x40, 0x260)  # manufacturer-specific data types (CiA 301, 7.4.7)

@@ -1,9 +1,9 @@
-"""A robot as a model of MuJoCo: its root freed where wheels carry it, on a floor, with a motor on each driven joint.
+"""MuJoCo model of a robot: on a floor, its root free if it has wheels, with a motor on each driven joint.
 
-Wheels become ellipsoids of their radius and width: these have one point of contact and turn as odometry expects, while
-a cylinder scrubs by an amount that depends on the step. Everything touches the floor and nothing of the robot itself.
-Each driven joint gets the motor's rotor, the friction and damping that its <dynamics> gives or else the motor's, and a
-lock for its brake and for a blocked shaft.
+Wheels become ellipsoids with their radius and width: these have one contact point and turn as odometry expects, while a
+cylinder scrubs by an amount that depends on the time step. Everything touches the floor; parts of the robot do not
+touch each other. Each driven joint gets the motor's rotor, the friction and damping of its <dynamics> or else of the
+motor, and a lock for its brake and for a blocked shaft.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ _LOCK: Final = "lock of "
 _SOLIMP: Final = (0.95, 0.99, 0.0005, 0.5, 2.0)
 _LOG: Final = logging.getLogger(__name__)
 _SETTLE_STEPS: Final = 300
-#: What MuJoCo counts when a state is not finite or grows without bound; it then begins anew by itself.
+#: warnings of MuJoCo for a state that is not finite or grows without bound; it then resets by itself
 _UNSTABLE: Final = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
-_ROBOT, _WORLD = 2, 1  # kinds of contact: the robot touches the world, and not itself
-_EVERY_ROBOT: Final = 0x7FFFFFFE  # of several, each of a kind of its own
+_ROBOT, _WORLD = 2, 1  # contact bits: the robot touches the world, and not itself
+_EVERY_ROBOT: Final = 0x7FFFFFFE  # contact bits of several robots, each with one bit
 _TYRE: Final = " tyre"
 
 
 @dataclass(frozen=True)
 class JointPlace:
-    """Where a joint is in the model: its numbers in qpos and qvel, of its lock, and whose motor moves it."""
+    """Joint in the model: its indices in qpos and qvel, its lock, and its motor."""
 
     qpos: int
     dof: int
@@ -63,7 +63,7 @@ class JointPlace:
     motor: EstimatedMotor
 
     def hold(self, model: Any, data: Any, on: bool) -> None:  # noqa: ANN401 - MuJoCo has no types
-        """Hold the joint where it is, or let it go."""
+        """Lock the joint at its position, or release it."""
         if on:
             model.eq_data[self.lock, 0] = data.qpos[self.qpos] - model.qpos0[self.qpos]
         data.eq_active[self.lock] = on
@@ -71,10 +71,10 @@ class JointPlace:
 
 @dataclass(frozen=True)
 class Body:
-    """A robot in a compiled model, its driven joints by name; `base` is the number of the freed root, None: no wheels.
+    """Robot in a compiled model, its driven joints by name; `base` is the index of the free root, None without wheels.
 
-    `notes` tell what was guessed; `wheels` and `casters` are the numbers of the shapes on the floor. In a model of
-    several robots everything of this one is named with its `prefix`, such as "robby1/".
+    `notes` list guesses; `wheels` and `casters` are the indices of the shapes on the floor. In a model of several
+    robots all names of this one begin with its `prefix`, such as "robby1/".
     """
 
     model: Any
@@ -88,14 +88,14 @@ class Body:
 
     @property
     def links(self) -> dict[str, int]:
-        """The numbers of its links by their own names."""
+        """Indices of its links by their own names."""
         names = ((str(self.model.body(number).name), number) for number in range(1, self.model.nbody))
         return {name.removeprefix(self.prefix): number for name, number in names if name.startswith(self.prefix)}
 
 
 @dataclass(frozen=True)
 class PreparedRobot:
-    """A robot before it is in a world: its specification, what of it touches the floor, and its motors by joint."""
+    """Robot before it is added to a world: its specification, its contacts with the floor, and its motors by joint."""
 
     spec: Any
     root: str
@@ -106,7 +106,7 @@ class PreparedRobot:
     notes: tuple[str, ...]
 
     def body(self, model: Any, prefix: str = "") -> Body:  # noqa: ANN401 - as above
-        """Return it as it is in the model of a world."""
+        """Return the robot in the compiled model of a world."""
         return Body(
             model,
             {name: placed(model, name, motor, prefix) for name, motor in self.motors.items()},
@@ -118,7 +118,7 @@ class PreparedRobot:
 
 
 def read_spec(urdf: RepairedUrdf, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
-    """Return what MuJoCo makes of a URDF; PhysicsError where it makes nothing of it."""
+    """Return MuJoCo's specification of a URDF; PhysicsError if MuJoCo refuses it."""
     try:
         return mujoco.MjSpec.from_string(urdf.text, assets=urdf.meshes)
     except ValueError as error:
@@ -130,7 +130,7 @@ def _first_line(error: ValueError) -> str:
 
 
 def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
-    """Return the model of a specification; PhysicsError where it cannot be simulated."""
+    """Return the compiled model of a specification; PhysicsError if it cannot be simulated."""
     try:
         return spec.compile()
     except ValueError as error:
@@ -138,7 +138,7 @@ def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
 
 
 def alone(robot: PreparedRobot, world: WorldDescription, step: float, path: str) -> Body:
-    """Put a robot on a floor of its own, where one that is bolted down reaches it at its lowest point."""
+    """Put a robot on a floor of its own; a fixed robot touches it at its lowest point."""
     lay_floor(robot.spec, step, 0.0 if robot.free else min(0.0, -robot.ground.lift))
     add_scenery(robot.spec, world, solref(step))
     return robot.body(compiled(robot.spec, path))
@@ -157,9 +157,10 @@ def prepared(
     start: Start,
     sensors: Sequence[WorldSensor] = (),
 ) -> PreparedRobot:
-    """Make everything of a robot but its world; `axes` by their joints, `free`: its root is, None: if it rolls.
+    """Return a robot with everything but its world; `axes` by their joints.
 
-    Lengths in m, `step` in s. PhysicsError, with a line in the file at `path`, for a joint that is not there.
+    `free` is whether its root is free, None: if it has wheels. Lengths in m, `step` in s. PhysicsError, with a line in
+    the file at `path`, for a missing joint.
     """
     _check_joints(axes, description, path)
     for number, geom in enumerate(spec.geoms):
@@ -195,7 +196,7 @@ def _described(joint: Joint) -> Described:
 
 
 def give_locks(spec: Any, axes: Mapping[str, AxisSettings], step: float) -> None:  # noqa: ANN401 - as above
-    """Add what holds each driven joint, off until a brake or a blocked shaft needs it."""
+    """Add a lock to each driven joint, off until a brake or a blocked shaft needs it."""
     for joint in axes:
         lock = spec.add_equality(name=f"{_LOCK}{joint}", type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, active=False)
         lock.objtype = mujoco.mjtObj.mjOBJ_JOINT
@@ -217,15 +218,16 @@ def _check_joints(axes: Mapping[str, AxisSettings], description: UrdfDescription
 
 
 def set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
-    """Choose how the world is stepped, `step` in s."""
+    """Set the solver options for a time step of `step` s."""
     spec.option.timestep = step
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # friction and damping are stable at any size
-    spec.option.impratio = 1.25  # tyres creep; at 1.5 strained wheels relax too late, at 1 odometry slips a fifth more
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # friction and damping are stable for any values
+    # tyre creep: with 1.5 strained wheels relax too late, with 1 odometry slips a fifth more
+    spec.option.impratio = 1.25
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
 
 
 def _touch_floor(spec: Any, ground: Ground, floor: FloorContact, step: float) -> None:  # noqa: ANN401 - as above
-    """Give each shape what it does on the floor."""
+    """Set the contact of each shape with the floor."""
     touches = {touch.geom: touch for touch in ground.touches}
     rolling = {touch.geom for touch in ground.touches if touch.part is not ContactPart.CASTER}
     turning = {geom.parent.name for geom in spec.geoms if geom.name in rolling}
@@ -233,7 +235,7 @@ def _touch_floor(spec: Any, ground: Ground, floor: FloorContact, step: float) ->
         touch = touches.get(geom.name)
         part = ContactPart.CASTER if touch is None else touch.part
         _set_contact(geom, floor.caster_friction if part is ContactPart.CASTER else floor.friction, step)
-        if touch is None and geom.parent.name in turning:  # spokes and treads that are drawn turn with it
+        if touch is None and geom.parent.name in turning:  # visual spokes and treads turn with it
             geom.contype = geom.conaffinity = 0
         if touch is None or part is ContactPart.CASTER:
             continue
@@ -251,12 +253,12 @@ def _set_contact(geom: Any, friction: float, step: float) -> None:  # noqa: ANN4
 
 
 def solref(step: float) -> list[float]:
-    """Return time constant and damping of a contact: of 4 ms, and no less than the solver needs."""
+    """Return time constant and damping of a contact: 4 ms, or more if the solver needs it."""
     return [max(0.004, 2.0 * step), 1.0]
 
 
 def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 - as above
-    """Put half of a cylinder on an axle of its own, on which it turns freely; the other half is the hub."""
+    """Put half of a cylinder on a free axle of its own; the other half is the hub."""
     geom.contype = geom.conaffinity = 0
     geom.density = 0.5 * geom.density
     wheel = geom.parent.add_body(name=f"{geom.name} rolling", pos=geom.pos, quat=geom.quat)
@@ -270,7 +272,7 @@ def lay_floor(spec: Any, step: float, height: float) -> None:  # noqa: ANN401 - 
     """Add the floor, which touches every robot."""
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = spec.worldbody.add_geom(name=_FLOOR, type=plane, size=[0, 0, 0.05], pos=[0, 0, height])
-    _set_contact(floor, 0.0, step)  # the larger friction of two counts: that of the wheel, or of the caster
+    _set_contact(floor, 0.0, step)  # MuJoCo uses the larger friction of two shapes: that of the wheel, or of the caster
     floor.contype, floor.conaffinity = _WORLD, _EVERY_ROBOT
 
 
@@ -280,7 +282,7 @@ def _on_floor(
     axes: Mapping[str, AxisSettings],
     prefix: str,
 ) -> tuple[tuple[int, ...], tuple[int, ...], tuple[RollerWheel, ...]]:
-    """Return the numbers of the shapes that roll on the floor, of those that slide on it, and the mecanum wheels."""
+    """Return the indices of the shapes that roll on the floor, of those that slide, and the mecanum wheels."""
     places: dict[bool, list[int]] = {True: [], False: []}
     rollers = []
     for touch in ground.touches:
@@ -297,7 +299,7 @@ def _on_floor(
 
 
 def placed(model: Any, name: str, motor: EstimatedMotor, prefix: str = "") -> JointPlace:  # noqa: ANN401 - as above
-    """Return where a driven joint is in a model."""
+    """Return the place of a driven joint in a model."""
     joint, lock = model.joint(f"{prefix}{name}"), model.equality(f"{prefix}{_LOCK}{name}")
     return JointPlace(int(joint.qposadr[0]), int(joint.dofadr[0]), int(lock.id), motor)
 
@@ -305,7 +307,7 @@ def placed(model: Any, name: str, motor: EstimatedMotor, prefix: str = "") -> Jo
 def _told(
     axes: Mapping[str, AxisSettings], motors: Mapping[str, EstimatedMotor], ground: Ground, free: bool
 ) -> list[str]:
-    """Return in words what was found and guessed."""
+    """Return sentences about detected wheels and guessed values."""
     wheels = [touch.joint for touch in ground.touches if touch.part is ContactPart.WHEEL]
     others = [touch.geom.partition(" shape ")[0] for touch in ground.touches if touch.part is ContactPart.ROLLER]
     what = f"on wheels: {', '.join(wheels)}" if wheels else "on no driven wheels"
@@ -319,9 +321,9 @@ def _told(
 
 
 def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Let everything sink onto the floor before the first step that counts.
+    """Let the robots sink onto the floor before the simulation starts.
 
-    ConfigError where forces grow without bound: a robot is inside a solid, or its masses are far apart.
+    ConfigError if forces grow without bound: a robot is inside a solid, or its masses differ too much.
     """
     mujoco.set_mju_user_warning(_Warnings())
     mujoco.mj_step(model, data, _SETTLE_STEPS)
@@ -333,7 +335,10 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 class _Warnings:
-    """Logs the first warning of MuJoCo, which would repeat it each step and write MUJOCO_LOG.TXT into this folder."""
+    """Log of the first warning of MuJoCo.
+
+    MuJoCo itself would repeat the warning at each step and write MUJOCO_LOG.TXT into the current folder.
+    """
 
     def __init__(self) -> None:
         self._logged = False
@@ -344,10 +349,9 @@ class _Warnings:
             _LOG.warning("MuJoCo: %s", text)
 
 
-# A user's own MJCF file as a world: joints by their names, with a motor and a lock where a drive moves one.
-#
-# The scene is as its author made it: its floor, shapes, frictions and masses stay, but for what the plant file says.
-# Its actuators are left without a command, since drives move the joints. The base is the first body with a free joint.
+# World from a user's MJCF file: joints by their names, with a motor and a lock for each axis. Floor, shapes, frictions
+# and masses remain as in the file, except for values of the plant file. Its actuators get no command, since drives move
+# the joints. The base is the first body with a free joint.
 
 
 def build_mjcf(
@@ -359,7 +363,10 @@ def build_mjcf(
     world: WorldDescription,
     sensors: Sequence[WorldSensor] = (),
 ) -> Body:
-    """Make the model of an MJCF file; PhysicsError where it does not compile or has no such joint. `step` in s."""
+    """Return the robot of an MJCF file; `step` in s.
+
+    PhysicsError if the file does not compile or lacks a joint.
+    """
     try:
         spec = mujoco.MjSpec.from_file(str(file))
     except (ValueError, OSError) as error:
@@ -384,7 +391,7 @@ def build_mjcf(
 
 
 def _described_in_mjcf(joint: Any) -> Described:  # noqa: ANN401 - MuJoCo has no types
-    """Return what the scene says of a joint; no friction is one that its author did not give."""
+    """Return the motor values of a joint in the scene; without friction there its author gave none."""
     return Described(friction=joint.frictionloss or None, damping=float(joint.damping[0]))
 
 

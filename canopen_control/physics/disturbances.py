@@ -1,8 +1,8 @@
-"""What happens to a robot in its world that no drive does: payload, pushes, a change of grip, each at its time.
+"""Disturbances of robots in a world: payloads, pushes, changes of friction, each at its time.
 
-A payload changes mass, centre of mass and inertia of a link while the simulation runs. Grip is looked at where each
-wheel and caster is: the floor's, or that of the patch below it. Times are ns from the beginning of the world, and
-whatever was asked for in the same order gives the same bits.
+A payload changes mass, centre of mass and inertia of a link during the simulation. Each wheel and caster gets the
+friction of its place: that of the floor, or of the patch below it. Times are in ns from the start of the world, and the
+same requests in the same order give identical results.
 """
 
 from __future__ import annotations
@@ -29,21 +29,22 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.drive import WorldAct
 
 
-_LIGHTEST: Final = 1e-4  # kg that is left of a link
-_CHANGED: Final = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "geom_friction")  # of the model
+_LIGHTEST: Final = 1e-4  # minimum mass of a link in kg
+# arrays of the model that payloads change
+_CHANGED: Final = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "geom_friction")
 
 
 class JointBlocker(Protocol):
-    """What blocks joints."""
+    """Owner of joints that can be blocked."""
 
     def block(self, robot: str, joint: str, on: bool) -> None:
-        """Block a joint of a robot, or release it."""
+        """Block or release a joint of a robot."""
 
 
 class Disturbances:
-    """Acts on the simulation of robots; `begin` gives it its state, and `blocker` blocks joints by robot and name.
+    """Disturbances of the robots in a simulation; `begin` sets its state, `blocker` blocks joints by robot and name.
 
-    A robot is named as in the file of the world, "" where it is alone.
+    A robot has the name in the file of the world, "" if it is alone.
     """
 
     def __init__(self, bodies: Mapping[str, Body], floor: FloorContact, world: WorldDescription) -> None:
@@ -69,7 +70,7 @@ class Disturbances:
                           for robot, links in own.items()}  # fmt: skip
 
     def problems(self) -> Iterator[str]:
-        """Yield what in the steps of the file names a link or joint that is not there, each with its line."""
+        """Yield a sentence with its line for each missing link or joint in the steps of the file."""
         for step in self._steps:
             try:
                 for act in step.acts():
@@ -78,13 +79,13 @@ class Disturbances:
                 yield f"{step.here.line}:{step.here.column}: {error}"
 
     def begin(self, data: Any) -> None:  # noqa: ANN401 - of MuJoCo
-        """Act on this state from now on, whose time is 0."""
+        """Start at time 0 with this state."""
         self._data = data
         for at_ns, robot, act in self._timeline:
             self._plan(at_ns, partial(self.act, act, at_ns, robot))
 
     def reset(self) -> None:
-        """Take back all that has happened, of a state that was brought back to its beginning."""
+        """Undo all disturbances, after the state was reset."""
         for name, before in self._before.items():
             getattr(self._model, name)[:] = before
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
@@ -94,11 +95,11 @@ class Disturbances:
 
     @property
     def patched(self) -> bool:
-        """Whether the grip depends on where the robot is."""
+        """Whether the friction depends on the position."""
         return bool(self.patches)
 
     def grip_at(self, x: float, y: float) -> float:
-        """Return the grip of a wheel at a place of the floor."""
+        """Return the friction of a wheel at a position on the floor."""
         grip = self._grip
         for patch in self.patches:
             if patch.covers(x, y):
@@ -106,11 +107,11 @@ class Disturbances:
         return grip
 
     def next_ns(self) -> int | None:
-        """Return when the next thing happens, None: nothing will."""
+        """Return the time of the next disturbance, None if there is none."""
         return self._due[0][0] if self._due else None
 
     def advance(self, now: int) -> bool:
-        """Let happen what is due; return whether anything did."""
+        """Apply the disturbances that are due; return whether there were any."""
         happened = False
         while self._due and self._due[0][0] <= now:
             heapq.heappop(self._due)[2]()
@@ -118,7 +119,7 @@ class Disturbances:
         return happened
 
     def act(self, what: WorldAct, now: int, robot: str = "") -> None:
-        """Let something happen at `now` to a robot, or to the floor; ConfigError for what is not there."""
+        """Apply a disturbance at `now` to a robot, or to the floor; ConfigError for a missing link, joint or robot."""
         self._check(what, robot)
         if isinstance(what, AddPayload):
             self._load(self._link(what.on, robot), what.mass, np.array(what.position))
@@ -143,7 +144,7 @@ class Disturbances:
                 raise ConfigError(f"{numbers}: these numbers are finite")
 
     def _link(self, name: str, robot: str) -> int:
-        """Return the number of a link of a robot, of the heaviest one where none is named."""
+        """Return the index of a link of a robot, of the heaviest one without a name."""
         links = self._links[robot]
         if name and name not in links:
             raise ConfigError(f"the robot has no link {name!r}{nearest(name, links)}")
@@ -173,7 +174,8 @@ class Disturbances:
         mujoco.mju_mat2Quat(quat, axes.flatten())
         model.body_mass[link], model.body_ipos[link], model.body_iquat[link] = after, place, quat
         model.body_inertia[link] = np.maximum(values, 1e-9)
-        mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from masses, of a state of its own
+        # recomputes the constants that depend on masses, in a separate state
+        mujoco.mj_setConst(model, mujoco.MjData(model))
 
     # -- pushes
 
@@ -184,15 +186,15 @@ class Disturbances:
     def _end_push(self, link: int, force: NDArray[np.float64]) -> None:
         self._data.xfrc_applied[link, :3] -= force
 
-    # -- grip
+    # -- friction
 
     def look_at_grip(self) -> None:
-        """Give each wheel and caster the grip of the floor where it is."""
+        """Set the friction of each wheel and caster to that of the floor at its position."""
         for geom in (*self._wheels, *self._casters):
             grip = self.grip_at(float(self._data.geom_xpos[geom, 0]), float(self._data.geom_xpos[geom, 1]))
             self._model.geom_friction[geom, 0] = grip if geom in self._wheels else min(self._slide, grip)
 
 
 def _steiner(way: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inertia of a unit mass at a place about the origin."""
+    """Return the inertia of a unit mass at a position, about the origin (parallel axis theorem)."""
     return float(way @ way) * np.eye(3) - np.outer(way, way)

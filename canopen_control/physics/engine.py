@@ -1,6 +1,6 @@
-"""Makes the world that plant files of the engine `mujoco` describe: the entry point for the virtual drives.
+"""Entry point of the virtual drives: creates the world of plant files for the engine `mujoco`.
 
-Mistakes are told before anything runs, each in a sentence; what was guessed of the robots is kept in the world's notes.
+Mistakes are reported before the simulation starts; guesses about the robots are in the world's notes.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def make(path: Path) -> PhysicsWorld:
 
 
 def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
-    """Return the world of a plant file that was read already, at `path`."""
+    """Return the world of a plant file at `path` that was already read."""
     world = read_world_description(path.parent / file.world) if file.world else WorldDescription()
     if world.robots:
         raise PhysicsError(f"{path.parent / file.world}: it has robots of its own: canopen-control run --world FILE")
@@ -54,7 +54,7 @@ def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
 
 
 def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
-    """Return one world of several robots, from their plant files by name; the file `where` has where they begin."""
+    """Return one world with several robots, from their plant files by name; the file `where` contains their starts."""
     from canopen_control.physics.shared_model import joined
 
     require_physics()
@@ -76,7 +76,7 @@ def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
 
 
 def _of_mjcf(file: PhysicsFile, path: Path, world: WorldDescription, sensors: list[WorldSensor]) -> Body:
-    """Return the body of an MJCF file, which guesses nothing."""
+    """Return the robot of an MJCF file, without any guesses."""
     from canopen_control.physics.body_model import build_mjcf
 
     axes = {axis.joint: axis for axis in file.axes.values()}
@@ -93,7 +93,7 @@ def _alone(robot: PreparedRobot, world: WorldDescription, file: PhysicsFile) -> 
 
 @dataclass(frozen=True)
 class _Member:
-    """One of several robots, as its plant file has it."""
+    """One of several robots, with its plant file."""
 
     file: PhysicsFile
     path: Path
@@ -119,7 +119,7 @@ def _sensors(file: PhysicsFile) -> list[WorldSensor]:
 
 
 def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: list[WorldSensor]) -> WorldRobot:
-    """Return a robot with its axes and encoders; PhysicsError for an encoder on no joint."""
+    """Return a robot with its axes and encoders; PhysicsError for an encoder without a joint."""
     from canopen_control.physics.world_robot import WorldRobot
 
     joints = [str(body.model.joint(number).name) for number in range(body.model.njnt)]
@@ -140,7 +140,7 @@ def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: lis
 def _world(
     robots: Mapping[str, WorldRobot], world: WorldDescription, floor: FloorContact, where: Path, notes: tuple[str, ...]
 ) -> PhysicsWorld:
-    """Put robots into a world; PhysicsError for what is to happen and cannot."""
+    """Put robots into a world; PhysicsError for a disturbance that is impossible."""
     from canopen_control.physics.disturbances import Disturbances
     from canopen_control.physics.physics_world import PhysicsWorld
 
@@ -153,7 +153,7 @@ def _world(
 def _prepared(
     file: PhysicsFile, path: Path, floor: FloorContact, start: Start, sensors: list[WorldSensor]
 ) -> tuple[PreparedRobot, tuple[str, ...]]:
-    """Return the robot of a description before it is in a world, and what of it was guessed."""
+    """Return the robot of a description before it is added to a world, and guesses about it."""
     from canopen_control.physics.body_model import prepared, read_spec
     from canopen_control.physics.urdf_repair import guessed_masses, repaired
 

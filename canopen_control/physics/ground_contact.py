@@ -1,9 +1,8 @@
-"""Finds what of a robot touches the floor: wheels, casters, and the height at which it stands.
+"""Detection of a robot's contacts with the floor: wheels, casters, and the height of its root.
 
-Standing as the description draws it, with all joints at 0, the lowest round shapes carry the robot. A cylinder or
-sphere that a joint turns about its own axis is a wheel; a cylinder that lies on its side and is not turned by a joint,
-as that of a steered wheel drawn without its axle, rolls freely; everything else that touches is a caster. A robot that
-no wheel carries is bolted to the ground.
+With all joints at 0 the lowest round shapes carry the robot. A cylinder or sphere that a joint turns about its own axis
+is a wheel; a horizontal cylinder that no joint turns, such as that of a steered wheel without an axle, rolls freely;
+any other contact is a caster. A robot without wheels is fixed to the ground.
 """
 
 from __future__ import annotations
@@ -22,21 +21,19 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-# The contact of mecanum wheels with the floor: it holds along the axle of the roller on the ground, and no other way.
-#
-# A wheel with rollers is simulated as a smooth one, and the force of its roller is added: against the velocity with
-# which the point on the ground slides along the roller's axle, up to the friction of the floor. The gain is a share of
-# what the mass at that point would need within one step, so that it is stable at any step; what is left is a creep of
-# some millimetres a second while the robot accelerates.
+# Mecanum wheels: a smooth wheel is simulated, and the force of its roller is added. It acts along the roller's axle
+# against the sliding velocity of the contact point, up to the friction of the floor. Its gain is a fraction of the
+# value that would stop the mass at this point within one step, so that it is stable for any step; a creep of some mm/s
+# remains while the robot accelerates.
 
 
-_SHARE: Final = 0.15  # of the velocity that a force takes away within a step
-_LIFTED_M: Final = 0.002  # above the floor, no force any more
+_SHARE: Final = 0.15  # fraction of the velocity that the force removes within one step
+_LIFTED_M: Final = 0.002  # height above the floor without a force
 
 
 @dataclass(frozen=True)
 class RollerWheel:
-    """A wheel by the numbers of its shape and of the body it hangs on; the roller's `angle` from ahead, in degrees."""
+    """Mecanum wheel by the indices of its shape and body; `angle` of the roller's axle from ahead, in degrees."""
 
     geom: int
     frame: int
@@ -45,19 +42,19 @@ class RollerWheel:
 
 
 class MecanumContact:
-    """The roller of one wheel on the ground; `load` is the weight on it in N."""
+    """Contact of one mecanum wheel with the ground; `load` is the weight on it in N."""
 
     def __init__(self, model: Any, data: Any, wheel: RollerWheel, load: float) -> None:  # noqa: ANN401 - of MuJoCo
         self._model, self._data, self._wheel, self._load = model, data, wheel, load
         self._body = int(model.geom_bodyid[wheel.geom])
         turn = math.radians(wheel.angle)
-        self._own = np.array([math.cos(turn), math.sin(turn), 0.0])  # the axle, as the robot sees it
+        self._own = np.array([math.cos(turn), math.sin(turn), 0.0])  # direction of the axle in the frame of the robot
         self._velocity, self._down = np.zeros(6), np.array([0.0, 0.0, -wheel.radius])
         self._push, self._none = np.zeros(model.nv), np.zeros(3)
         self._gain = self._find_gain()
 
     def _find_gain(self) -> float:
-        """Return the force for each m/s: of the mass that a force at the roller sees."""
+        """Return the force per m/s, from the mass seen by a force at the contact point."""
         self._push[:] = 0.0
         axle = self._axle()
         point = self._data.geom_xpos[self._wheel.geom] + self._down
@@ -68,13 +65,13 @@ class MecanumContact:
         return _SHARE / (mobility * float(self._model.opt.timestep))
 
     def _axle(self) -> NDArray[np.float64]:
-        """Return the direction of the axle in the world, level."""
+        """Return the horizontal direction of the axle in the world."""
         axle: NDArray[np.float64] = self._data.xmat[self._wheel.frame].reshape(3, 3) @ self._own
         axle[2] = 0.0
         return axle / (float(np.linalg.norm(axle)) or 1.0)
 
     def add_force(self, friction: float) -> None:
-        """Add the force of the roller to what acts on the joints in the next step."""
+        """Add the force of the roller to the joint forces of the next step."""
         centre = self._data.geom_xpos[self._wheel.geom]
         if float(centre[2]) > self._wheel.radius + _LIFTED_M:
             return
@@ -88,15 +85,15 @@ class MecanumContact:
         mujoco.mj_applyFT(self._model, self._data, force * axle, self._none, point, self._body, self._data.qfrc_applied)
 
 
-_NEAR_M: Final = 0.006  # above the lowest point: drawn roundly, it touches all the same
-_PARALLEL: Final = 0.999  # of two axes, the cosine
-_LEVEL: Final = 0.1  # of an axis, its part upwards
-_OFF_AXIS: Final = 0.05  # of the radius
+_NEAR_M: Final = 0.006  # height above the lowest point: approximated round shapes touch the floor too
+_PARALLEL: Final = 0.999  # cosine between two parallel axes
+_LEVEL: Final = 0.1  # vertical component of a horizontal axis
+_OFF_AXIS: Final = 0.05  # fraction of the radius
 _ROUND: Final = (int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_SPHERE))
 
 
 class ContactPart(enum.Enum):
-    """How a shape meets the floor."""
+    """Kind of a contact with the floor."""
 
     WHEEL = "wheel"
     ROLLER = "roller"
@@ -105,7 +102,7 @@ class ContactPart(enum.Enum):
 
 @dataclass(frozen=True)
 class Touch:
-    """A shape on the floor by its name: the joint that turns it, if it is a wheel, and its radius in m."""
+    """Contact of a named shape: the joint that turns it, if it is a wheel, and its radius in m."""
 
     geom: str
     part: ContactPart
@@ -115,19 +112,19 @@ class Touch:
 
 @dataclass(frozen=True)
 class Ground:
-    """What touches the floor; `lift` is how much higher in m the root has to be so that the lowest point is on it."""
+    """Contacts with the floor; the root must be raised by `lift` m for the lowest point to be on it."""
 
     touches: tuple[Touch, ...]
     lift: float
 
     @property
     def rolls(self) -> bool:
-        """Whether wheels carry it."""
+        """Whether the robot stands on wheels."""
         return any(touch.part is not ContactPart.CASTER for touch in self.touches)
 
 
 def stand(model: Any) -> Ground:  # noqa: ANN401 - a model of MuJoCo, which has no types
-    """Return what of a compiled model, whose root is fixed, touches the floor."""
+    """Return the contacts of a compiled model with a fixed root."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     lowest = {geom: _lowest(model, data, geom) for geom in range(model.ngeom)}
@@ -153,7 +150,7 @@ def _lowest(model: Any, data: Any, geom: int) -> float:  # noqa: ANN401 - as abo
         mesh = int(model.geom_dataid[geom])
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
         return height + float((model.mesh_vert[first : first + count] @ rotation[2]).min())
-    return height - float(np.abs(rotation[2]) @ size)  # a box; of all others, no lower than theirs
+    return height - float(np.abs(rotation[2]) @ size)  # a box; for all other shapes an upper bound of the extent
 
 
 def _touch(model: Any, data: Any, geom: int) -> Touch:  # noqa: ANN401 - as above
@@ -168,7 +165,7 @@ def _touch(model: Any, data: Any, geom: int) -> Touch:  # noqa: ANN401 - as abov
 
 
 def _turning(model: Any, body: int) -> Iterator[int]:  # noqa: ANN401 - as above
-    """Yield the hinges of a body, or else of that to which it is fixed, and so on up."""
+    """Yield the hinges of a body, or else of the nearest body above it that has any."""
     while body and not int(model.body_jntnum[body]):
         body = int(model.body_parentid[body])
     first = int(model.body_jntadr[body])
@@ -184,7 +181,7 @@ def _is_about(
     axis: NDArray[np.float64],
     radius: float,
 ) -> bool:
-    """Whether a shape at `place`, round about its `own` axis or about any, turns about a level axis through it."""
+    """Whether a shape, round about its `own` axis or about any, turns about a horizontal axis through its centre."""
     off = place - anchor
     distance = float(np.linalg.norm(off - (off @ axis) * axis))
     level = abs(float(axis[2])) < _LEVEL

@@ -1,8 +1,8 @@
-"""A servo drive's loops on one joint of the world: encoder, position loop, velocity loop, current limit.
+"""Control loops of a servo drive on one joint of the world: encoder, position loop, velocity loop, current limit.
 
-Sampled once for each step of the world, the loops see the joint through its encoder alone and give a torque that is
-held for the step. Angles are in rad and torques in N m at the joint (m and N of a prismatic one); a drive's counts and
-per mille are made of them here, with the direction in which the motor is mounted.
+The loops run once per step of the world, see the joint only through its encoder, and output a torque for the step.
+Angles are in rad and torques in N m at the joint (m and N for a prismatic one); counts and per mille of the drive are
+converted here, with the mounting direction of the motor.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     from canopen_control.virtual.trajectory import DemandCurve
 
 
-_COARSE: Final = 1e-4  # rad: a count of an encoder whose speed needs a filter
+_COARSE: Final = 1e-4  # rad per count above which the encoder's speed needs a filter
 _FILTER_S: Final = 0.004
-_ENCODER: Final = 16_384  # counts of a turn at least, where nobody says: 4096 lines
-_RESET: Final = 0.25  # of the bandwidth: damping 1 at the inertia that the loop was tuned for
+_ENCODER: Final = 16_384  # minimum counts per revolution by default: 4096 lines
+_RESET: Final = 0.25  # fraction of the bandwidth: damping 1 at the tuned inertia
 _FOLLOW_NS: Final = 10_000_000
 
 
 class ServoLoop:
-    """Position P over velocity PI of a motor; `period` in s, `quantum` is a count of its encoder in rad.
+    """Position P over velocity PI control; `period` in s, `quantum` is a count of the encoder in rad.
 
-    Its gains are made of the settings, unless the drive has some of its own.
+    Its gains follow from the settings, unless the drive has its own.
     """
 
     kp: float
@@ -55,9 +55,9 @@ class ServoLoop:
         self._velocity = self._integral = 0.0
 
     def tune(self, gains: ServoGains | None = None, counts: float = 1.0, per_mille: float = 1.0) -> None:
-        """Take the gains of a drive, or again those of the settings; `counts` for each rad and N m for each per mille.
+        """Set the gains of a drive, or those of the settings; `counts` per rad and N m per per mille.
 
-        What was gathered stays.
+        The state of the integrators is kept.
         """
         scale = counts * per_mille
         mine = (gains[0] * scale, gains[1] * scale, gains[2], gains[3]) if gains is not None else self._own
@@ -65,27 +65,27 @@ class ServoLoop:
         self._ki = ki * self._period
 
     def rest(self, torque: float = 0.0) -> None:
-        """Forget what the loops had gathered; they go on from a torque."""
+        """Reset the integrators, so that the loops continue from a torque."""
         self._integral = torque
 
     def begin(self) -> None:
-        """Forget where the joint was too: it has been put elsewhere."""
+        """Reset everything, after the joint was moved elsewhere."""
         self._place, self._velocity, self._integral = None, 0.0, 0.0
 
     def torque(self, angle: float, position: float, velocity: float, limit: float) -> float:
-        """Return the torque that brings a joint at `angle` to a position and a velocity, within a limit."""
+        """Return the limited torque that moves a joint at `angle` to a position and a velocity."""
         error = position - self._see(angle)
         if velocity == 0.0 and -self.quantum <= error <= self.quantum:
             return self._hold(limit)
         return self._push(self._feed_forward * velocity + self._gain * error - self._velocity, limit)
 
     def velocity_torque(self, angle: float, velocity: float, limit: float) -> float:
-        """Return the torque that brings a joint to a velocity, wherever it is: the way that was lost stays lost."""
+        """Return the limited torque that moves a joint to a velocity; position errors are not made up for."""
         self._see(angle)
         return self._push(velocity - self._velocity, limit)
 
     def _see(self, angle: float) -> float:
-        """Measure place and velocity with the encoder; return the place."""
+        """Measure position and velocity with the encoder; return the position."""
         place = round(angle / self.quantum) * self.quantum
         way = 0.0 if self._place is None else place - self._place
         self._place = place
@@ -93,7 +93,7 @@ class ServoLoop:
         return place
 
     def _push(self, lacking: float, limit: float) -> float:
-        """Return the velocity loop's torque, held within a limit."""
+        """Return the torque of the velocity loop, within a limit."""
         torque = self.kp * lacking + self._integral
         if torque > limit:
             held = limit
@@ -101,17 +101,17 @@ class ServoLoop:
             held = -limit
         else:
             held = torque
-        if held == torque or lacking * torque < 0.0:  # no windup at the limit
+        if held == torque or lacking * torque < 0.0:  # anti-windup
             self._integral += self._ki * lacking
         return held
 
     def _hold(self, limit: float) -> float:
-        """Return the torque at a place that is right to a count: without hunting for less than the encoder sees."""
+        """Return the torque at a position that is right within one count, without hunting."""
         return max(-limit, min(limit, self._integral - self.kp * self._velocity))
 
 
 class Moved(Protocol):
-    """The world, as one of its joints sees it."""
+    """World as seen by one of its joints."""
 
     angles: NDArray[np.float64]
     speeds: NDArray[np.float64]
@@ -119,25 +119,25 @@ class Moved(Protocol):
 
     @property
     def asleep(self) -> bool:
-        """Whether nothing moves, and nothing wants to."""
+        """Whether nothing moves and no drive requests motion."""
 
     def reach(self, now: int, by: JointPlant) -> None:
-        """Bring all joints to `now`."""
+        """Advance all joints to `now`."""
 
     def wake(self) -> None:
-        """Go on from rest: something acts from outside."""
+        """End the sleep, because of an action from outside."""
 
     def set_lock(self, place: JointPlace, locked: bool) -> None:
-        """Hold a joint where it is, or let it go."""
+        """Lock a joint at its position, or release it."""
 
     def set_friction(self, place: JointPlace, torque: float) -> None:
         """Change the friction of a joint."""
 
 
 class JointPlant:
-    """One axis of the world, a `CoupledPlant`: it lets the world move, and shows what became of its joint.
+    """One axis of the world, a `CoupledPlant`: it advances the world and reports the motion of its joint.
 
-    `external` pulls in the drive's positive direction and `friction` against the motion, both in per mille of the rated
+    `external` acts in the drive's positive direction and `friction` against the motion, both in per mille of the rated
     torque; `stalled` blocks the joint.
     """
 
@@ -149,23 +149,23 @@ class JointPlant:
         self.rated_torque = place.motor.rated_torque
         self._scale = settings.scale_pos_to_dev
         self._sign = math.copysign(1.0, self._scale)
-        self._per_mille = self._sign * self.rated_torque / 1000.0  # N m for each
+        self._per_mille = self._sign * self.rated_torque / 1000.0  # N m per per mille
         self._peak = place.motor.peak_torque
         self.owner: AxisOwner | None = None
-        self.busy = False  # it serves its own timers
-        self._offset = 0.0  # counts that a displacement added
+        self.busy = False  # it is serving its own timers
+        self._offset = 0.0  # displacement of the encoder in counts
         self._position = self.velocity = self.torque = 0.0
         self._external, self._stalled = 0.0, False
         self._friction = 1000.0 * place.motor.friction / self.rated_torque
         self._held: bool | None = None  # by brake or stall
-        self._gains: ServoGains | None = None  # that the loop has from its drive
+        self._gains: ServoGains | None = None  # of the loop, set by the drive
         self.show(0.0)
 
-    # -- what its drive sees
+    # -- drive side
 
     @property
     def follow_ns(self) -> int:
-        """How often its drive judges it; less often at rest."""
+        """Interval in which the drive updates it in ns; longer at rest."""
         return 10 * _FOLLOW_NS if self._world.asleep else _FOLLOW_NS
 
     def set_owner(self, owner: AxisOwner) -> None:
@@ -174,22 +174,22 @@ class JointPlant:
 
     @property
     def position(self) -> float:
-        """Counts of the drive."""
+        """Position in counts of the drive."""
         return self._position
 
     @position.setter
     def position(self, value: float) -> None:
-        """Displace the encoder: the joint stays where it is."""
+        """Displace the encoder; the joint does not move."""
         self._offset += value - self._position
         self._position = value
         self._world.wake()
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the owner's is read
-        """Move as the drive's loops make it move."""
+        """Follow the demand with the drive's control loops."""
         self._world.reach(end_ns, self)
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
-        """Move under a torque."""
+        """Move with a constant torque."""
         self._world.reach(end_ns, self)
 
     def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
@@ -197,29 +197,29 @@ class JointPlant:
         self._world.reach(end_ns, self)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Do nothing: the loops know the demand's velocity, which is all that they follow."""
+        """Do nothing: the loops already use the demand's velocity."""
 
-    # -- what acts on it from outside
+    # -- external actions
 
     @property
     def external(self) -> float:
-        """Per mille of the rated torque."""
+        """External torque in per mille of the rated torque."""
         return self._external
 
     @external.setter
     def external(self, value: float) -> None:
-        """Let a torque pull."""
+        """Set the external torque."""
         self._external = value
         self._world.wake()
 
     @property
     def friction(self) -> float:
-        """Per mille of the rated torque."""
+        """Friction in per mille of the rated torque."""
         return self._friction
 
     @friction.setter
     def friction(self, value: float) -> None:
-        """Make it run harder or more easily."""
+        """Set the friction."""
         self._friction = max(0.0, value)
         self._world.set_friction(self.place, self._friction * self.rated_torque / 1000.0)
         self._world.wake()
@@ -231,28 +231,28 @@ class JointPlant:
 
     @stalled.setter
     def stalled(self, value: bool) -> None:
-        """Block the joint, or let it go."""
+        """Block or release the joint."""
         self._stalled = value
         self._world.wake()
 
-    # -- what the world does with it
+    # -- world side
 
     def wants(self, now: int) -> bool:
-        """Whether its drive wants to move."""
+        """Whether the drive requests motion."""
         owner = self.owner
         if owner is None or not owner.powered:
             return False
         return owner.torque is not None or now < owner.demand.end_ns or owner.demand.final_velocity != 0.0
 
     def order(self) -> tuple[object, ...]:
-        """Return what its drive wants, to be compared with what it wanted before."""
+        """Return the demand of the drive, for comparison with the previous one."""
         owner = self.owner
         if owner is None:
             return ()
         return owner.powered, owner.torque, owner.demand, owner.torque_limit, owner.velocity_mode, owner.gains
 
     def control(self, clock: int) -> None:
-        """Set the torque of one step, which begins at `clock`."""
+        """Set the torque of the step that begins at `clock`."""
         owner, held, newtons = self.owner, self._stalled, 0.0
         if owner is None or not owner.powered:
             held = held or self.place.motor.brake
@@ -274,7 +274,7 @@ class JointPlant:
         self._world.efforts[self.place.dof] = newtons + self._external * self._per_mille
 
     def _led(self, owner: AxisOwner, clock: int, limit: float) -> float:
-        """Return the torque along the demand."""
+        """Return the torque that follows the demand."""
         position, velocity = owner.demand.at(clock)
         angle, speed = float(self._world.angles[self.place.qpos]), velocity / self._scale
         if owner.velocity_mode:
@@ -282,7 +282,7 @@ class JointPlant:
         return self.loop.torque(angle, (position - self._offset) / self._scale, speed, limit)
 
     def show(self, beyond: float) -> None:
-        """Show position and velocity, `beyond` seconds after the last step."""
+        """Update position and velocity, `beyond` s after the last step."""
         speed = float(self._world.speeds[self.place.dof])
         angle = float(self._world.angles[self.place.qpos]) + speed * beyond
         quantum = self.loop.quantum

@@ -1,19 +1,19 @@
-"""The plant file of the engine `mujoco`: which joint each virtual drive moves, and with what motor.
+"""Plant file of the engine `mujoco`: joint and motor of each virtual drive.
 
     engine: mujoco
-    urdf: robby.urdf.xacro           # beside this file; or mjcf: scene.xml
+    urdf: robby.urdf.xacro           # relative to this file; or mjcf: scene.xml
     step_ms: 1                       # of the simulation
     floor: {friction: 0.8, caster_friction: 0.02}
-    world: hall.yml                  # what stands on the floor and what happens, see `scene_file`
+    world: hall.yml                  # objects on the floor and disturbances, see `scene_file`
     sensors: {imu: {kind: imu, link: base_link, noise: 0.01}}
     axes:
       "3": {joint: left_wheel_joint, scale_pos_to_dev: -254.65, rated_torque: 0.5, peak_torque: 1.0}
       "3/1": {joint: lift_joint, scale_pos_to_dev: 1000}         # axis 1 of node 3
-      "arm:4": {joint: arm_joint, scale_pos_to_dev: 1000}        # of node 4 on the bus `arm`, of several buses
-    encoders:                        # CiA 406 nodes on the shafts of joints, also of those that no drive moves
+      "arm:4": {joint: arm_joint, scale_pos_to_dev: 1000}        # node 4 on the bus `arm`
+    encoders:                        # CiA 406 nodes on the shafts of joints, with or without a drive
       "5": {joint: lift_joint, gear: 2, reversed: true}
 
-What an axis does not say is estimated from the masses of the robot, see `body_model`.
+Missing values of an axis are estimated from the masses of the robot, see `motor_estimate`.
 """
 
 from __future__ import annotations
@@ -34,26 +34,26 @@ if TYPE_CHECKING:
 
 
 SensorKind = Literal["imu", "range", "force_torque", "pose", "magnetometer"]
-"""What a sensor of a world measures, see `urdf_sensors`."""
-_AXES = 8  # of a node
+"""Kind of a sensor of a world, see `urdf_sensors`."""
+_AXES = 8  # per node
 AxisAddress = tuple[str, int, int]
-"""The bus of several ("": the main one), the node id, and the axis of the node."""
+"""Bus ("": the main one), node id, and axis of the node."""
 DENSITY = 1000.0
 
 
 class PhysicsError(ConfigError):
-    """A plant file of the physics engine, or the robot it names, cannot be simulated as it stands."""
+    """Error in a plant file of the physics engine, or in the robot it names."""
 
 
 @dataclass(frozen=True)
 class AxisSettings:
-    """The motor of one axis, on the joint's side of its gear: N m, kg m2, rad (N, kg, m of a prismatic joint).
+    """Motor of one axis, on the joint's side of its gear: N m, kg m2, rad (N, kg, m for a prismatic joint).
 
-    `scale_pos_to_dev` are counts of the drive for each rad, as in bus.yml, negative where it is mounted mirrored.
-    `encoder` are counts for a turn of the motor (for a metre of its way), `rotor_inertia` that of the motor before the
-    `gear`; `inertia` is what the velocity loop, of so much `bandwidth` in rad/s, was tuned for. A `brake` holds the
-    joint while there is no power. A mecanum wheel has a `roller` on the ground, whose axle is turned so many degrees
-    from ahead to the left. None: estimated, or there is none.
+    `scale_pos_to_dev` are counts of the drive per rad, as in bus.yml, negative if it is mounted mirrored. `encoder` are
+    counts per revolution of the motor (per m for a linear one), `rotor_inertia` is that of the motor before the `gear`;
+    `inertia` is the value for which the velocity loop was tuned, with `bandwidth` in rad/s. A `brake` holds the joint
+    without power. The `roller` of a mecanum wheel is the angle of the axle of the roller on the ground, in degrees from
+    ahead to the left. None: estimated, or absent.
     """
 
     joint: str
@@ -75,7 +75,7 @@ class AxisSettings:
 
 @dataclass(frozen=True)
 class FloorContact:
-    """The floor: sliding friction of wheels on it, of casters, and of everything else of the robot that touches it."""
+    """Floor: sliding friction of wheels, of casters, and of all other parts of the robot that touch it."""
 
     friction: float = setting(0.8, low=0.0, high=10.0)
     caster_friction: float = setting(0.02, low=0.0, high=10.0)
@@ -83,9 +83,9 @@ class FloorContact:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """A sensor on a link, see `world_sensors`; `reach` in m is that of a range finder, `seed` that of its noise.
+    """Sensor on a link, see `world_sensors`; `reach` in m is the range of a range finder, `seed` that of its noise.
 
-    `scene` is what the names of its sensors in a scene begin with, where a scene of MuJoCo's own has them.
+    `scene` is the prefix of its sensors in a MuJoCo scene that already has them.
     """
 
     kind: SensorKind
@@ -98,7 +98,7 @@ class SensorSettings:
 
 @dataclass(frozen=True)
 class EncoderSettings:
-    """What an encoder sits on: a joint, behind a `gear`, which are turns (m) of the joint for one of the encoder."""
+    """Encoder on a joint, behind a `gear`: turns (m) of the joint per turn of the encoder."""
 
     joint: str
     gear: float = setting(1.0, low=1e-6)
@@ -107,13 +107,13 @@ class EncoderSettings:
 
     @property
     def factor(self) -> float:
-        """Rad or m of the encoder for each of the joint."""
+        """Rad or m of the encoder per rad or m of the joint."""
         return (-1.0 if self.reversed else 1.0) / self.gear
 
 
 @dataclass(frozen=True)
 class PhysicsFile:
-    """The file as a whole; `arguments` are those of a xacro, `density` in kg/m3 is that of links without masses."""
+    """Complete plant file; `arguments` are those of xacro, `density` in kg/m3 is that of links without masses."""
 
     axes: dict[str, AxisSettings]
     engine: str = "mujoco"
@@ -132,7 +132,7 @@ class PhysicsFile:
 
 
 def axis_address(name: str) -> AxisAddress:
-    """Return bus, node id and axis of ``3``, ``3/1`` or ``BUS:3/1``; ValueError where it is none of them."""
+    """Return bus, node id and axis of ``3``, ``3/1`` or ``BUS:3/1``; ValueError for other texts."""
     bus, _, place = name.rpartition(":")
     node, _, axis = place.partition("/")
     address = bus, int(node), int(axis or "0")
@@ -142,7 +142,7 @@ def axis_address(name: str) -> AxisAddress:
 
 
 def read_physics_file(path: Path) -> PhysicsFile:
-    """Return the file; PhysicsError with every mistake and its line."""
+    """Return the file; PhysicsError with all mistakes and their lines."""
     return load(path, PhysicsFile, error=PhysicsError, check=_check)
 
 

@@ -1,9 +1,9 @@
-"""The world behind the virtual drives of a process: all their joints in one simulation, moved when somebody looks.
+"""World of the virtual drives of a process: all their joints in one simulation, advanced on demand.
 
-The world lives on a grid of its own steps. Who brings one axis to a time brings all of them there, each timer of the
-others at its own time, in order; what a drive wants is read at each point of the grid. So what happens depends on what
-the drives are told and when, to the bit, and not on who looked how often. Where nothing moves and nothing wants to,
-time passes without a step. Several robots may be in it: `side` is the world as one of them sees it.
+The world has a fixed time step. A call for one axis advances all of them: the timers of the other axes are served at
+their own times, in order, and the demand of each drive is read at each step. The result therefore depends only on the
+demands and their times, not on the number of calls. While nothing moves and no drive requests motion, time passes
+without steps. The world may contain several robots: `side` is the view of one of them.
 """
 
 from __future__ import annotations
@@ -31,23 +31,21 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.drive import WorldAct, WorldState
 
 
-# What is in a simulated world beside a robot, as it is drawn: boxes, walls, ramps, patches, other robots, and where.
-#
-# The law of the file: it is read from the model, so that whatever puts a box into a world need not tell it twice. A
-# robot's own shapes touch the world and are no part of it, those of another one are; the floor is everywhere and is
-# drawn by who draws, except for the patches on it, which are no shapes of the model.
+# Shapes for display: boxes, walls, ramps, patches and other robots. They are read from the model, so that they are
+# complete. A robot's own shapes are excluded. The floor is drawn by the viewer, except for its patches, which are not
+# shapes of the model.
 
 
-_WORLD: Final = 1  # the kind of contact that the world has, and the robot has not: see `body_model`
+_WORLD: Final = 1  # contact bit of the world, which robots lack; see `body_model`
 _DIGITS: Final = 4
-_PATCH_M: Final = 0.002  # that a patch is drawn thick
+_PATCH_M: Final = 0.002  # thickness of a drawn patch
 _GEOMS = mujoco.mjtGeom
 _KINDS: Final = {_GEOMS.mjGEOM_BOX: "box", _GEOMS.mjGEOM_CYLINDER: "cylinder", _GEOMS.mjGEOM_ELLIPSOID: "ellipsoid",
                  _GEOMS.mjGEOM_SPHERE: "ellipsoid", _GEOMS.mjGEOM_CAPSULE: "cylinder"}  # fmt: skip
 
 
 def patches_of(patches: Iterable[Patch]) -> tuple[WorldShape, ...]:
-    """Return the patches of a floor as flat shapes that tell their grip."""
+    """Return the patches of a floor as flat shapes with their friction."""
     return tuple(
         WorldShape(
             name=f"patch {number}",
@@ -62,9 +60,9 @@ def patches_of(patches: Iterable[Patch]) -> tuple[WorldShape, ...]:
 
 
 def shapes_of(model: Any, data: Any, own: str = "") -> tuple[WorldShape, ...]:  # noqa: ANN401 - MuJoCo has no types
-    """Return the boxes of a world and, beside the robot whose names begin with `own`, the other robots.
+    """Return the shapes of a world except those of the robot whose names begin with `own`.
 
-    Where they are in `data`; m, quaternions w, x, y, z.
+    Positions are those in `data`; m, quaternions w, x, y, z.
     """
     return tuple(_shapes(model, data, own))
 
@@ -76,7 +74,7 @@ def _shapes(model: Any, data: Any, own: str) -> Iterator[WorldShape]:  # noqa: A
         other = bool(own) and not is_world and not name.startswith(own)
         stands = is_world and (kind == _GEOMS.mjGEOM_BOX or name.startswith(SOLID))
         if kind == _GEOMS.mjGEOM_MESH and (other or stands):
-            kind = int(_GEOMS.mjGEOM_BOX)  # its bounds say enough of another robot, and of a convex part
+            kind = int(_GEOMS.mjGEOM_BOX)  # the bounding box is enough for another robot, and for a convex part
         if kind not in _KINDS or not (other or stands):
             continue
         turn = np.zeros(4)
@@ -96,7 +94,7 @@ def _shapes(model: Any, data: Any, own: str) -> Iterator[WorldShape]:  # noqa: A
 
 
 def _lengths(model: Any, number: int) -> Any:  # noqa: ANN401 - numpy's
-    """Return how long a shape is along its own axes."""
+    """Return the lengths of a shape along its own axes."""
     kind, size = int(model.geom_type[number]), model.geom_size[number]
     if kind == _GEOMS.mjGEOM_SPHERE:
         return np.full(3, 2.0 * size[0])
@@ -109,7 +107,7 @@ def _lengths(model: Any, number: int) -> Any:  # noqa: ANN401 - numpy's
 
 
 def _middle(model: Any, data: Any, number: int) -> Any:  # noqa: ANN401 - as above
-    """Return where the middle of a shape is from its place, in the world: elsewhere for a mesh alone."""
+    """Return the offset from the position of a shape to its centre, in the world; nonzero only for a mesh."""
     return data.geom_xmat[number].reshape(3, 3) @ model.geom_aabb[number, :3]
 
 
@@ -118,15 +116,15 @@ def _rounded(values: Any) -> list[float]:  # noqa: ANN401 - numpy's
 
 
 _NS: Final = 1e-9
-_AWAKE_NS, _ASLEEP_NS = 20_000_000, 200_000_000  # how often the axes are to be brought to the present
-_SHAFT_NS: Final = 5_000_000  # and where encoders show them
-_LOOK: Final = 16  # steps between two looks whether all is at rest, and at the heading
+_AWAKE_NS, _ASLEEP_NS = 20_000_000, 200_000_000  # interval of advancing the axes to the present
+_SHAFT_NS: Final = 5_000_000  # interval of publishing encoder positions
+_LOOK: Final = 16  # steps between two checks for rest, and of the heading
 _REST_S: Final = 0.5
 _AT_REST: Final = 1e-3  # rad/s, m/s
 
 
 class PhysicsWorld:
-    """The world of some robots, by their names, and a `World` as the first of them sees it; `notes` are guesses."""
+    """World of robots by name, and the `World` of the first one; `notes` are guesses."""
 
     def __init__(
         self, robots: Mapping[str, WorldRobot], disturbances: Disturbances, notes: tuple[str, ...] = ()
@@ -138,14 +136,14 @@ class PhysicsWorld:
         self.angles, self.speeds, self.efforts = self.data.qpos, self.data.qvel, self.data.qfrc_applied
         self.period = float(self.model.opt.timestep)
         self.step_ns = round(self.period / _NS)
-        self.steps = 0  # that were simulated
+        self.steps = 0  # number of simulated steps
         self._plants: dict[tuple[str, AxisAddress], JointPlant] = {}
-        self._point: int | None = None  # of the grid, the last one that was reached
+        self._point: int | None = None  # last grid point reached
         self._shown = -1
-        self._quiet = 0  # looks at rest, one after the other
+        self._quiet = 0  # number of consecutive checks at rest
         self._asleep = False
         self._orders: list[tuple[object, ...]] = []
-        self._began: int | None = None  # point of the grid from which the world's own times count
+        self._began: int | None = None  # grid point from which the world's own times count
         self._awake_ns = _SHAFT_NS if any(each.encoders for each in self._robots.values()) else _AWAKE_NS
         for robot in self._robots.values():
             robot.begin(self.data)
@@ -159,7 +157,7 @@ class PhysicsWorld:
         disturbances.look_at_grip()
 
     def _settle(self) -> None:
-        """Let all sink onto the floor before anybody looks, their driven joints held."""
+        """Let the robots sink onto the floor before the start, with locked joints."""
         places = [place for robot in self._robots.values() for place in robot.body.joints.values()]
         for place in places:
             self.set_lock(place, True)
@@ -174,24 +172,24 @@ class PhysicsWorld:
 
     @property
     def period_ns(self) -> int | None:
-        """How often the axes want to be brought to the present, although nobody asks."""
+        """Interval in ns of advancing the axes without a request."""
         return _ASLEEP_NS if self._asleep else self._awake_ns
 
     @property
     def asleep(self) -> bool:
-        """Whether nothing moves, and nothing wants to."""
+        """Whether nothing moves and no drive requests motion."""
         return self._asleep
 
     def side(self, robot: str, bus: str = "") -> WorldSide:
-        """Return the world as the drives of a robot on one of its buses see it; KeyError for no such robot."""
+        """Return the view of a robot's drives on one of its buses; KeyError for an unknown robot."""
         return WorldSide(self, self._robots[robot], bus)
 
     def plant(self, node_id: int, axis: int) -> JointPlant:
-        """Return the plant of an axis of the first robot, on its main bus; KeyError where it has none."""
+        """Return the plant of an axis of the first robot, on its main bus; KeyError if there is none."""
         return self.joint_plant(self._first, ("", node_id, axis))
 
     def joint_plant(self, robot: str, address: AxisAddress) -> JointPlant:
-        """Return the plant of an axis of a robot; KeyError where it has none."""
+        """Return the plant of an axis of a robot; KeyError if there is none."""
         owner = self._robots[robot]
         settings = owner.axes[address]
         plant = JointPlant(self, owner.body.joints[settings.joint], settings, self.period)
@@ -199,7 +197,7 @@ class PhysicsWorld:
         return plant
 
     def set_lock(self, place: JointPlace, locked: bool) -> None:
-        """Hold a joint where it is, or let it go."""
+        """Lock a joint at its position, or release it."""
         place.hold(self.model, self.data, locked)
 
     def set_friction(self, place: JointPlace, torque: float) -> None:
@@ -207,13 +205,13 @@ class PhysicsWorld:
         self.model.dof_frictionloss[place.dof] = torque
 
     def wake(self) -> None:
-        """Go on from rest: something acts from outside."""
+        """End the sleep, because of an action from outside."""
         self._asleep, self._quiet = False, 0
 
     # -- time
 
     def reach(self, now: int, by: JointPlant) -> None:
-        """Bring everything to `now`; `by` is the axis that is about to serve its own timers."""
+        """Advance everything to `now`; `by` is the axis that will serve its own timers."""
         if now <= self._shown:
             return
         was, by.busy = by.busy, True
@@ -224,7 +222,7 @@ class PhysicsWorld:
             by.busy = was
 
     def _serve_others(self, now: int) -> None:
-        """Serve the timers of the axes that nobody looks at, in order, up to `now`."""
+        """Serve the timers of the other axes, in order, up to `now`."""
         while (found := self._next(now)) is not None:
             due, plant = found
             plant.busy = True
@@ -245,7 +243,7 @@ class PhysicsWorld:
         return found
 
     def _advance(self, now: int) -> None:
-        """Step to the last point of the grid that is not after `now`."""
+        """Step to the last grid point that is not after `now`."""
         if now <= self._shown:
             return
         last, plants = now // self.step_ns, list(self._plants.values())
@@ -269,16 +267,16 @@ class PhysicsWorld:
             plant.show(beyond)
 
     def _age_ns(self) -> int:
-        """How old the world is."""
+        """Return the time since the start of the world."""
         return ((self._point or 0) - (self._began or 0)) * self.step_ns
 
     def _sleep_until(self, last: int) -> int:
-        """Return the point of the grid to which nothing happens."""
+        """Return the grid point until which nothing can happen."""
         due = self._disturbances.next_ns()
         return last if due is None else min(last, (self._began or 0) - (-due // self.step_ns))
 
     def act(self, what: WorldAct, robot: str | None = None) -> None:
-        """Let something happen now, at the time to which the world was brought."""
+        """Apply a disturbance now, at the time to which the world was advanced."""
         self._disturbances.act(what, self._age_ns(), self._first if robot is None else robot)
         self.wake()
 
@@ -299,11 +297,11 @@ class PhysicsWorld:
         self.steps += 1
 
     def _look_for_rest(self, plants: list[JointPlant]) -> None:
-        """Fall asleep after a time in which nothing moved and nobody wanted it."""
+        """Start to sleep after a time without motion and demands."""
         for robot in self._robots.values():
             robot.look_at_heading()
         clock = (self._point or 0) * self.step_ns
-        # a trajectory equals itself alone: a new order wakes, the one that cuts the power too
+        # a trajectory is equal only to itself: a new demand ends the sleep, and so does the loss of power
         orders = [plant.order() for plant in plants]
         moving = float(np.abs(self.speeds).max()) > _AT_REST
         if moving or orders != self._orders or any(plant.wants(clock) for plant in plants):
@@ -314,35 +312,35 @@ class PhysicsWorld:
             self._asleep = True
             self.speeds[:] = 0.0
 
-    # -- what there is to see
+    # -- state
 
     def describe(self) -> WorldState:
-        """Return what the first robot is doing, see `WorldSide.describe`."""
+        """Return the state of the first robot, see `WorldSide.describe`."""
         return self._robots[self._first].describe(max(0, self._shown))
 
     @property
     def shown_ns(self) -> int:
-        """The time to which everything was brought."""
+        """Time to which everything was advanced."""
         return max(0, self._shown)
 
     def shapes(self, robot: str | None = None) -> tuple[WorldShape, ...]:
-        """Return what stands on the floor beside a robot, other robots too."""
+        """Return the shapes around a robot, including other robots."""
         own = self._robots[self._first if robot is None else robot].body.prefix
         return (*patches_of(self._disturbances.patches), *shapes_of(self.model, self.data, own))
 
     def shaft(self, node_id: int) -> Callable[[], float | None] | None:
-        """See `ShaftWorld`; of the first robot, on its main bus."""
+        """See `ShaftWorld`; for the first robot, on its main bus."""
         return self._robots[self._first].shaft("", node_id)
 
     def publish(self) -> None:
-        """Do nothing: no other process has to know where a shaft is."""
+        """Do nothing: no other process needs the position of a shaft."""
 
     def close(self) -> None:
-        """Do nothing: there is nothing to let go of."""
+        """Do nothing: there are no resources to release."""
 
 
 class WorldSide:
-    """A `World` as the drives of one robot on one bus see it: their axes, its pose, and the others as shapes."""
+    """`World` as seen by the drives of one robot on one bus: their axes, its pose, and all other shapes."""
 
     def __init__(self, world: PhysicsWorld, robot: WorldRobot, bus: str) -> None:
         self._world, self._robot, self._bus = world, robot, bus
@@ -353,19 +351,19 @@ class WorldSide:
         return self._world.period_ns
 
     def plant(self, node_id: int, axis: int) -> JointPlant:
-        """Return the plant of an axis; KeyError where it has none."""
+        """Return the plant of an axis; KeyError if there is none."""
         return self._world.joint_plant(self._robot.name, (self._bus, node_id, axis))
 
     def describe(self) -> WorldState:
-        """Return the true pose of the base, and what the sensors measure."""
+        """Return the true pose of the base, and the measurements of the sensors."""
         return self._robot.describe(self._world.shown_ns)
 
     def act(self, what: WorldAct) -> None:
-        """Let something happen to this robot now."""
+        """Apply a disturbance to this robot now."""
         self._world.act(what, self._robot.name)
 
     def shapes(self) -> tuple[WorldShape, ...]:
-        """Return what stands on the floor beside this robot."""
+        """Return the shapes around this robot."""
         return self._world.shapes(self._robot.name)
 
     def shaft(self, node_id: int) -> Callable[[], float | None] | None:
@@ -376,4 +374,4 @@ class WorldSide:
         """See `PhysicsWorld.publish`."""
 
     def close(self) -> None:
-        """Do nothing: the world has other sides."""
+        """Do nothing: other robots still use the world."""

@@ -1,8 +1,8 @@
-"""A robot in physics without drives: what a simulation plugin of ros2_control moves, as Gazebo or MuJoCo would.
+"""Robot in physics without drives, for simulation plugins of ros2_control, as in Gazebo or MuJoCo.
 
-Each joint follows a position, a velocity or an effort through a servo of its own, as behind a drive; all of them move
-together once every cycle. A position is gone to evenly within the cycle. Sensors of the tag (`urdf_sensors`) measure in
-the world. Payloads, pushes, blocked joints and another grip happen as in the world of drives, until the next reset.
+Each joint follows a position, a velocity or an effort with a servo of its own, like a drive; all joints advance
+together once per cycle. A position is approached evenly within the cycle. Sensors of the tag (`urdf_sensors`) measure
+in the world. Payloads, pushes, blocked joints and friction changes are as in the world of drives, until the next reset.
 """
 
 from __future__ import annotations
@@ -38,11 +38,10 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
-# Lidars and cameras among the <sensor> tags of a simulation plugin, with the parameters of mujoco_ros2_control.
-#
-# A sensor with `min_angle`, `max_angle` and `angle_increment` (rad, to the left) is a lidar: it looks along the x axis
-# of its `frame_name` and turns about z. Others are `range_min`, `range_max` (m), `laserscan_topic`, `noise` and `seed`;
-# `lidar_publish_rate` (Hz) is the hardware's. A camera needs OpenGL, which is not there: it is told and left out.
+# Lidars and cameras among the <sensor> tags, with the parameters of mujoco_ros2_control. A sensor with `min_angle`,
+# `max_angle` and `angle_increment` (rad, to the left) is a lidar along the x axis of its `frame_name`, turning about z.
+# Further parameters are `range_min`, `range_max` (m), `laserscan_topic`, `noise` and `seed`; `lidar_publish_rate` (Hz)
+# is that of the hardware. Cameras need OpenGL, which is not available: they are reported and omitted.
 
 
 _NEEDED: Final = ("min_angle", "max_angle", "angle_increment")
@@ -56,7 +55,7 @@ _FASTEST: Final = 1000.0
 
 @dataclass(frozen=True)
 class LidarSettings:
-    """A lidar by its name: rad, m, Hz; `place` says where its tag stands."""
+    """Lidar by its name: rad, m, Hz; `place` is that of its tag."""
 
     name: str
     frame: str
@@ -73,12 +72,12 @@ class LidarSettings:
 
     @property
     def count(self) -> int:
-        """How many rays a scan has."""
+        """Number of rays in a scan."""
         return int(min(_COUNTLESS, (self.max_angle - self.min_angle) / self.increment + 1e-9)) + 1
 
 
 def tag_lidars(tag: Ros2ControlSystem, root: str, path: str) -> list[LidarSettings]:
-    """Return the lidars of a tag; PhysicsError with every mistake and its place in the file at `path`."""
+    """Return the lidars of a tag; PhysicsError with all mistakes and their places in the file at `path`."""
     found, problems = [], list[str]()
     for part in tag.sensors:
         if not any(key in part.parameters for key in _NEEDED):
@@ -94,7 +93,7 @@ def tag_lidars(tag: Ros2ControlSystem, root: str, path: str) -> list[LidarSettin
 
 
 def _lidar(part: ControlJoint, hardware: Mapping[str, str], root: str, place: str, wrong: list[str]) -> LidarSettings:
-    """Return a lidar; what is wrong of it is added to `wrong`."""
+    """Return a lidar; mistakes are added to `wrong`."""
     given = part.parameters
     wrong += [f"no {key}; a lidar has {', '.join(_NEEDED)} in rad" for key in _NEEDED if key not in given]
     number = {key: _number(given, key, 0.0, wrong) for key in _NEEDED}
@@ -146,7 +145,7 @@ def _number(given: Mapping[str, str], key: str, default: float, wrong: list[str]
 
 
 def camera_notes(parts: Iterable[ControlJoint], cameras: Iterable[str] = ()) -> list[str]:
-    """Return a sentence for each camera of a tag, or of a scene by its name, that is not shown."""
+    """Return a sentence for each camera of a tag, or of a scene by its name, which is omitted."""
     names = [part.name for part in parts if any(key in part.parameters for key in _CAMERA)]
     names += [part.name for part in parts if part.parameters.get("mujoco_type", "").strip() == "camera"]
     return [
@@ -156,25 +155,24 @@ def camera_notes(parts: Iterable[ControlJoint], cameras: Iterable[str] = ()) -> 
 
 
 def frame_error(lidar: LidarSettings, frames: Iterable[str]) -> PhysicsError:
-    """Return the error of a lidar whose frame is not there."""
+    """Return the error of a lidar without its frame."""
     names = [each for each in frames if each]
     return PhysicsError(
         f"{lidar.place}: sensor {lidar.name}: no link {lidar.frame!r} for its frame_name{nearest(lidar.frame, names)}"
     )
 
 
-# A planar lidar in a world: rays cast from a link, or a site of a scene, when somebody asks for a scan.
-#
-# The rays lie in the plane of the link's x and y axes, from `min_angle` to `max_angle` about z. They see everything but
-# the link's own shapes. What is nearer than `range_min` or further than `range_max` is -1, as in mujoco_ros2_control.
+# Planar lidar: rays are cast from a link, or a site of a scene, at each scan. They lie in the plane of the link's x and
+# y axes, from `min_angle` to `max_angle` about z, and ignore the link's own shapes. Distances below `range_min` or
+# above `range_max` are -1, as in mujoco_ros2_control.
 
 
 _NOTHING: Final = -1.0
-_DIGITS: Final = 4  # of a metre
+_DIGITS: Final = 4  # decimal digits of a distance in m
 
 
 class LidarScanner:
-    """One lidar of a model in a state; PhysicsError where its frame is not there."""
+    """Lidar of a model in a state; PhysicsError without its frame."""
 
     def __init__(self, model: Any, data: Any, settings: LidarSettings) -> None:  # noqa: ANN401 - MuJoCo has no types
         self._model, self._data, self._settings = model, data, settings
@@ -196,11 +194,11 @@ class LidarScanner:
         self.begin()
 
     def begin(self) -> None:
-        """Let its noise begin anew."""
+        """Reset its noise."""
         self._random = random.Random(f"{self._settings.seed} {self._settings.name}")
 
     def scan(self, seconds: float) -> LaserScanReading:
-        """Return what it sees now, `seconds` into the simulation."""
+        """Return a scan at `seconds` of the simulation."""
         settings = self._settings
         rays = (self._rays @ self._turn.reshape(3, 3).T).flatten()
         place, count, cutoff = self._place.copy(), settings.count, settings.range_max
@@ -231,14 +229,14 @@ class LidarScanner:
 
 _NS: Final = 1_000_000_000
 _STEP_S: Final = 0.001
-_SCALE: Final = 1e6  # counts for each rad of an encoder without grain
-_LONGEST_NS: Final = 200_000_000  # that one cycle may ask for; more has been lost, as on a machine that slept
-_LEAD: Final = 0.2  # rad or m that a velocity may run ahead of a joint that is held up
+_SCALE: Final = 1e6  # counts per rad of an ideal encoder
+_LONGEST_NS: Final = 200_000_000  # longest cycle; more time is skipped, as after a suspend
+_LEAD: Final = 0.2  # maximum lead of a velocity target before a blocked joint, in rad or m
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
-    """Return the joints of a tag that something commands, each with a motor that is estimated."""
+    """Return the commanded joints of a tag, each with an estimated motor."""
     return {
         part.name: AxisSettings(part.name, _SCALE, brake=False)
         for part in tag.joints
@@ -247,7 +245,7 @@ def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
 
 
 def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[WorldSensor]:
-    """Return the sensors of a tag that a world has; PhysicsError with what is wrong of them."""
+    """Return the sensors of a tag that a world supports; PhysicsError with their mistakes."""
     model = description.model
     found = urdf_sensors(tag.sensors, model.links, model.root, description.path)
     return [WorldSensor.of(name, each) for name, each in found.items()]
@@ -255,7 +253,7 @@ def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[Wor
 
 @dataclass(slots=True)
 class _Target:
-    """What a joint is to follow until the end of a cycle."""
+    """Target of a joint until the end of a cycle."""
 
     interface: str = "velocity"
     before: float = 0.0
@@ -263,21 +261,21 @@ class _Target:
 
 
 class EffortLoop(Protocol):
-    """A loop that makes an effort of an error, in place of a joint's own servo."""
+    """Control loop that computes an effort from an error, in place of a joint's own servo."""
 
     def compute(self, error: float, dt: float) -> float:
-        """Return the effort for an error, `dt` s after the last one."""
+        """Return the effort for an error, `dt` s after the previous one."""
         ...
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Reset the state of the loop."""
         ...
 
 
 class JointMotor:
-    """One joint of the world: rad, rad/s, N m (m, m/s, N); its target counts at the next step of all.
+    """One joint of the world: rad, rad/s, N m (m, m/s, N); its target is used from the next step on.
 
-    `loops`, by the interface that is commanded, take the place of its servo; its peak torque holds for them too.
+    `loops`, by commanded interface, replace its servo; its peak torque limits them too.
     """
 
     def __init__(
@@ -297,27 +295,27 @@ class JointMotor:
 
     @property
     def position(self) -> float:
-        """Where the joint is."""
+        """Position of the joint."""
         return float(self._robot.data.qpos[self._place.qpos])
 
     @position.setter
     def position(self, value: float) -> None:
-        """Put the joint there before it begins."""
+        """Set the position of the joint before the start."""
         self._robot.data.qpos[self._place.qpos] = value
         self._place_wanted = self._target.before = self._target.value = value
 
     @property
     def velocity(self) -> float:
-        """How fast it moves."""
+        """Velocity of the joint."""
         return float(self._robot.data.qvel[self._place.dof])
 
     @velocity.setter
     def velocity(self, value: float) -> None:
-        """Set it in motion."""
+        """Set the velocity of the joint."""
         self._robot.data.qvel[self._place.dof] = value
 
     def rest(self) -> None:
-        """Forget what it followed, and stay where the joint is."""
+        """Clear the target and hold the position."""
         self._target, self._place_wanted, self.effort = _Target(), self.position, 0.0
         self._target.before = self._target.value = self._place_wanted
         self._loop.begin()
@@ -325,9 +323,9 @@ class JointMotor:
             loop.reset()
 
     def follow(self, interface: str, target: float, seconds: float) -> None:  # noqa: ARG002 # the step of all says it
-        """Take the target of a position, a velocity or an effort until the next cycle."""
+        """Set the target of a position, a velocity or an effort until the next cycle."""
         old = self._target
-        if interface != old.interface:  # what it did before is no position to come from
+        if interface != old.interface:  # the previous target of another interface is not a position to start from
             self._place_wanted = self.position
             if (loop := self._loops.get(interface)) is not None:
                 loop.reset()
@@ -335,7 +333,7 @@ class JointMotor:
         self._target = _Target(interface, old.value, target)
 
     def push(self, part: float, length: float) -> None:
-        """Set the torque of one step, `part` of the way through a cycle of `length` seconds."""
+        """Set the torque of one step, at the fraction `part` of a cycle of `length` s."""
         target, place, peak = self._target, self._place, self._place.motor.peak_torque
         angle = self.position
         if target.interface == "effort":
@@ -352,7 +350,7 @@ class JointMotor:
         self._robot.data.qfrc_applied[place.dof] = self.effort
 
     def _effort(self, angle: float, place: float, speed: float, error: float) -> float:
-        """Return what the loop of what is commanded gives for an error, else the servo for a place and a speed."""
+        """Return the effort of the loop of the commanded interface, else of the servo for a position and a velocity."""
         peak, loop = self._place.motor.peak_torque, self._loops.get(self._target.interface)
         if loop is None:
             return self._loop.torque(angle, place, speed, peak)
@@ -360,7 +358,7 @@ class JointMotor:
 
 
 class DriverlessRobot:
-    """All joints and sensors of a body, moved once a cycle; an `Engine` of `hardware.driverless_system`."""
+    """Joints and sensors of a robot, advanced once per cycle; an `Engine` of `hardware.driverless_system`."""
 
     def __init__(
         self,
@@ -390,8 +388,8 @@ class DriverlessRobot:
         for place in body.joints.values():
             self.data.qpos[place.qpos] = self.model.qpos0[place.qpos]
         mujoco.mj_forward(self.model, self.data)
-        self._start: NDArray[np.float64] | None = None  # the state before the first step
-        self._steps = 0  # since it began
+        self._start: NDArray[np.float64] | None = None  # state before the first step
+        self._steps = 0  # since the start
         around = WorldDescription() if world is None else world
         self._disturbances = Disturbances({"": body}, around.floor or FloorContact(), around)
         self._disturbances.blocker = self
@@ -399,19 +397,19 @@ class DriverlessRobot:
         self._look()
 
     def problems(self) -> Iterator[str]:
-        """Yield what in the steps of its world names a link or joint that is not there, each with its line."""
+        """Yield a sentence with its line for each missing link or joint in the steps of its world."""
         return self._disturbances.problems()
 
     def motor(self, joint: str) -> JointMotor | None:
-        """Return the motor of a joint, None where it has none."""
+        """Return the motor of a joint, None if there is none."""
         return self._motors.get(joint)
 
     def sensed(self, interface: str) -> Callable[[], float] | None:
-        """Return what reads a state interface of a sensor, such as "imu/orientation.x"; None: it measures no such."""
+        """Return a reader for a sensor's state interface, such as "imu/orientation.x", None if it is not measured."""
         return (lambda: self._seen[interface]) if interface in self._seen else None
 
     def step(self, seconds: float) -> None:
-        """Let time pass in whole steps; what is left of it counts in the next cycle."""
+        """Advance by whole steps; the remaining time is added to the next cycle."""
         self._left_ns = min(_LONGEST_NS, self._left_ns + round(seconds * _NS))
         count = self._left_ns // self._period_ns
         self._left_ns -= count * self._period_ns
@@ -431,11 +429,11 @@ class DriverlessRobot:
             self._look()
 
     def scan(self, seconds: float) -> list[LaserScanReading]:
-        """Return what its lidars see now, `seconds` into the simulation."""
+        """Return the scans of its lidars at `seconds` of the simulation."""
         return [lidar.scan(seconds) for lidar in self.lidars]
 
     def act(self, what: WorldAct) -> None:
-        """Let something happen now; ConfigError for a link or joint that is not there."""
+        """Apply a disturbance now; ConfigError for a missing link or joint."""
         self._disturbances.act(what, self._steps * self._period_ns)
 
     def block(self, robot: str, joint: str, on: bool) -> None:
@@ -444,7 +442,7 @@ class DriverlessRobot:
         self.body.joints[joint].hold(self.model, self.data, on)
 
     def reset(self, keyframe: str) -> None:
-        """Go back to the state before the first step, or to a key frame of the model; ControlError for no such."""
+        """Reset to the state before the first step, or to a key frame of the model; ControlError for an unknown one."""
         names = [self.model.key(number).name for number in range(self.model.nkey)]
         if keyframe:
             if keyframe not in names:
@@ -459,7 +457,7 @@ class DriverlessRobot:
         self._disturbances.reset()
         for lidar in self.lidars:
             lidar.begin()
-        self._reader = SensorReader(self.model, self.data, self._sensors)  # its noise begins anew
+        self._reader = SensorReader(self.model, self.data, self._sensors)  # resets its noise
         mujoco.mj_forward(self.model, self.data)
         self._look()
 
@@ -476,9 +474,9 @@ def make_simulated(
     loops: Mapping[str, Mapping[str, EffortLoop]] | None = None,
     world: WorldDescription | None = None,
 ) -> DriverlessRobot:
-    """Return the robot of a tag on a floor, or in an MJCF `scene`; PhysicsError for what cannot be simulated.
+    """Return the robot of a tag on a floor, or in an MJCF `scene`; PhysicsError if it cannot be simulated.
 
-    `loops` take the place of the servos, by joint and the interface that is commanded; what a `world` has is there too.
+    `loops` replace the servos, by joint and commanded interface; objects of a `world` are added.
     """
     lidars = tag_lidars(tag, description.model.root, description.path)
     robot = _made(description, tag, scene, loops or {}, WorldDescription() if world is None else world)

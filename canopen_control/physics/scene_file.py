@@ -1,10 +1,10 @@
-"""The file of a world: what stands on the floor, how it grips, and what happens at which time.
+"""World file: objects on the floor, its friction, and timed disturbances.
 
     floor: {friction: 0.8, caster_friction: 0.02}
     start: {at: [0, 0], heading: 0}                                   # of the robot; m and degrees
-    patches: [{at: [1.5, 0], size: [1, 1], friction: 0.1}]            # of another grip, by their centres
-    ramps: [{at: [3, 0], heading: 0, angle: 8, length: 2, width: 1}]  # from its lower edge up
-    boxes: [{at: [1, 1], size: [0.3, 0.3, 0.3], mass: 2}]             # mass 0: it does not move
+    patches: [{at: [1.5, 0], size: [1, 1], friction: 0.1}]            # with other friction; centres
+    ramps: [{at: [3, 0], heading: 0, angle: 8, length: 2, width: 1}]  # from the lower edge
+    boxes: [{at: [1, 1], size: [0.3, 0.3, 0.3], mass: 2}]             # mass 0: fixed
     walls: [{from: [0, 2], to: [4, 2], height: 0.5}]
     steps:
       - {at: 5s, payload: {mass: 12, on: base_link, position: [0, 0, 0.1]}}
@@ -12,17 +12,17 @@
       - {at: 10s, block: left_wheel_joint, for: 2s}
       - {at: 15s, friction: 0.2}
 
-Several robots in one world (`run --world FILE` alone), each with a name, buses and a program of its own:
+Several robots in one world (only with `run --world FILE`), each with its own name, buses and process:
 
     robots:
       - {name: robby1, robot: robby, at: [0, 0], heading: 0}          # a folder, or the name of a bundled robot
       - {name: robby2, robot: robby, at: [2, 0], heading: 180}
     steps: [{at: 5s, robot: robby2, push: {force: [30, 0, 0]}}]
 
-The static shapes of a world of Gazebo stand beside that with `sdf: hall.sdf`; such a file may be given as it is, too
-(`--world hall.sdf`), see `sdf_world`.
+`sdf: hall.sdf` adds the static shapes of a Gazebo world; such a file may also be given directly (`--world hall.sdf`),
+see `sdf_world`.
 
-Times count from when the drives begin. Lengths in m, angles in degrees, masses in kg, forces in N.
+Times count from the start of the drives. Lengths in m, angles in degrees, masses in kg, forces in N.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ Timed = tuple[int, str, WorldAct]
 
 @dataclass(frozen=True)
 class Start:
-    """Where a robot begins, its heading in degrees."""
+    """Start pose of a robot, its heading in degrees."""
 
     at: tuple[float, float] = (0.0, 0.0)
     heading: float = 0.0
@@ -65,7 +65,7 @@ class Start:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotStart(Start):
-    """One of several robots: its name, its folder or that of a bundled robot, and the arguments of its xacro."""
+    """One of several robots: its name, its folder or bundled robot, and the arguments of its xacro."""
 
     name: str = setting()
     robot: str = setting()
@@ -76,7 +76,7 @@ class RobotStart(Start):
 
 @dataclass(frozen=True)
 class Patch:
-    """A rectangle of the floor with a grip of its own, by its centre."""
+    """Rectangle of the floor with its own friction, by its centre."""
 
     at: tuple[float, float]
     size: tuple[float, float]
@@ -84,7 +84,7 @@ class Patch:
     heading: float = 0.0
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether a point of the floor is on it."""
+        """Whether a point of the floor is on the patch."""
         turn = math.radians(self.heading)
         right, up = x - self.at[0], y - self.at[1]
         along = right * math.cos(turn) + up * math.sin(turn)
@@ -94,7 +94,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Ramp:
-    """A plane that rises by `angle` degrees along `heading`, from the middle of its lower edge on."""
+    """Plane that rises by `angle` degrees along `heading`, from the middle of its lower edge."""
 
     at: tuple[float, float]
     angle: float = setting(low=0.0, high=60.0)
@@ -105,7 +105,7 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Box:
-    """A box that stands on the floor, or `above` it; it moves where it has a mass."""
+    """Box on the floor, or `above` it; it moves if it has a mass."""
 
     at: tuple[float, float]
     size: tuple[float, float, float]
@@ -118,7 +118,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Wall:
-    """A wall from one point to another."""
+    """Wall between two points."""
 
     begin: tuple[float, float] = setting(key="from")
     end: tuple[float, float] = setting(key="to")
@@ -129,7 +129,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class WorldStep(Happening):
-    """Something that happens at a time."""
+    """Disturbance at a time."""
 
     at: float | str
     length: float | str | None = setting(None, key="for")
@@ -137,7 +137,7 @@ class WorldStep(Happening):
     here: Node = position()
 
     def timed(self) -> Iterator[Timed]:
-        """Yield what happens, each with its time in ns and the name of the robot."""
+        """Yield the disturbances, each with its time in ns and the name of the robot."""
         at_ns = round(seconds_of(self.at) * 1e9)
         for act in self.acts():
             yield at_ns, self.robot, act
@@ -147,9 +147,9 @@ class WorldStep(Happening):
 
 @dataclass(frozen=True)
 class WorldDescription:
-    """The file as a whole; `floor` None: as the plant file has it.
+    """Complete world file; `floor` None: as in the plant file.
 
-    `solids` are the shapes of its `sdf`, or of the SDF file that it is itself, `notes` what stands otherwise in them.
+    `solids` are the shapes of its `sdf`, or of an SDF file given directly, `notes` differences from Gazebo in them.
     """
 
     floor: FloorContact | None = None
@@ -165,12 +165,12 @@ class WorldDescription:
     notes: tuple[str, ...] = derived(())
 
     def timeline(self) -> list[Timed]:
-        """Return what happens, in order; times in ns from the beginning."""
+        """Return the disturbances in order; times in ns from the start."""
         return sorted((each for step in self.steps for each in step.timed()), key=lambda each: each[0])
 
 
 def read_world_description(path: Path) -> WorldDescription:
-    """Return the file, YAML or SDF by its ending; PhysicsError with every mistake and its line."""
+    """Return the file, YAML or SDF by its suffix; PhysicsError with all mistakes and their lines."""
     if path.suffix.lower() in SDF_SUFFIXES:
         return _with_solids(WorldDescription(), path)
     found = load(path, WorldDescription, error=PhysicsError, check=_check)
@@ -203,12 +203,12 @@ def _check(file: WorldDescription, _problems: Problems) -> None:
 
 
 def _check_robots(file: WorldDescription) -> None:
-    """Tell names that are none or are given twice, and robots of steps that are not there."""
+    """Report invalid and duplicate names of robots, and steps for unknown robots."""
     if file.robots and file.start is not None:
         file.robots[0].here.error("each robot has its own at and heading; leave `start` away")
     names: set[str] = set()
     for robot in file.robots:
-        if _NAME.fullmatch(robot.name) is None:  # it is that of a bus and of a ROS namespace too
+        if _NAME.fullmatch(robot.name) is None:  # it is also the name of a bus and of a ROS namespace
             robot.here.error(f"name: {robot.name!r} is none: a letter, then letters, digits and _, 30 at most")
         if robot.name in names:
             robot.here.error(f"a robot named {robot.name} is there already; name this one otherwise")

@@ -1,7 +1,7 @@
-"""What stands on the floor of a world: ramps, boxes, walls and the solids of an SDF world as shapes of the simulation.
+"""Objects on the floor of a world: ramps, boxes, walls and solids of an SDF world as shapes of the simulation.
 
-A ramp is a slab whose upper side begins at the floor. What does not move touches the robot alone, a box with a mass
-the floor and everything else too. Ramps and solids have the grip of what touches them, a wheel or a caster.
+A ramp is a slab whose upper side begins at the floor. Fixed objects touch only robots, a box with a mass also touches
+the floor and everything else. Ramps and solids have the friction of the shape that touches them, a wheel or a caster.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 
 BOX: Final = "box "
-"""What the name of a box begins with, before its number in the file."""
+"""Prefix of the name of a box, before its number in the file."""
 
 SOLID: Final = "solid "
-"""What the name of a shape of an SDF world begins with, before its number."""
+"""Prefix of the name of a shape of an SDF world, before its number."""
 
-_SLAB_M: Final = 0.1  # of a ramp, below its upper side
-_FIXED: Final = (1, 2)  # contype and conaffinity of the floor and what stands fast, see `body_model`
+_SLAB_M: Final = 0.1  # thickness of a ramp below its upper side
+_FIXED: Final = (1, 2)  # contype and conaffinity of the floor and of fixed objects, see `body_model`
 _LOOSE: Final = (3, 3)
 _GEOMS: Final = mujoco.mjtGeom
 _SOLIDS: Final = {"box": _GEOMS.mjGEOM_BOX, "sphere": _GEOMS.mjGEOM_SPHERE, "cylinder": _GEOMS.mjGEOM_CYLINDER,
@@ -36,7 +36,7 @@ _SOLIDS: Final = {"box": _GEOMS.mjGEOM_BOX, "sphere": _GEOMS.mjGEOM_SPHERE, "cyl
 
 
 def add_scenery(spec: Any, world: WorldDescription, solref: Sequence[float]) -> None:  # noqa: ANN401 - of MuJoCo
-    """Add what stands on the floor to a specification; `solref` are time constant and damping of contacts."""
+    """Add the objects on the floor to a specification; `solref` are time constant and damping of contacts."""
     for number, ramp in enumerate(world.ramps):
         _add_ramp(spec, f"ramp {number}", ramp, solref)
     for number, wall in enumerate(world.walls):
@@ -81,11 +81,11 @@ def _add_box(spec: Any, name: str, box: Box, solref: Sequence[float]) -> None:  
 def _add_solid(spec: Any, name: str, solid: Solid, solref: Sequence[float]) -> None:  # noqa: ANN401 - as above
     place, turn = solid.pose
     if solid.kind != "mesh":
-        size = [*solid.size, 0.0, 0.0, 0.05][:3]  # of a plane: endless, and drawn with that grid
+        size = [*solid.size, 0.0, 0.0, 0.05][:3]  # of a plane: infinite, and the spacing of its drawn grid
         _add_shape(spec.worldbody, name, size, place, turn, 0.0, _FIXED, solref, _SOLIDS[solid.kind])
     for number, part in enumerate(solid.parts):
         own = f"{name} {number}"
-        # of a shell, since a thin hull may have no volume that is computed
+        # of a shell, since the volume of a thin hull may not be computable
         spec.add_mesh(name=own, uservert=part.corners.flatten(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
         shape = _add_shape(spec.worldbody, own, [0.0, 0.0, 0.0], place, turn, 0.0, _FIXED, solref, _GEOMS.mjGEOM_MESH)
         shape.meshname = own

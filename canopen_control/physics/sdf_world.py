@@ -1,12 +1,12 @@
-"""The static shapes of an SDF world (`.sdf`, `.world`): what stands on the floor where Gazebo would have it stand.
+"""Static shapes of an SDF world (`.sdf`, `.world`), at the same places as in Gazebo.
 
-Read are the collisions of all links: box, sphere, cylinder, capsule, ellipsoid, plane and mesh, with the poses of SDF
-(`relative_to` and `attached_to` too), in models, models in models, and includes of files of this computer. `model://`
-is looked for beside the file, in the folders of GZ_SIM_RESOURCE_PATH and GAZEBO_MODEL_PATH, and as a ROS package. The
-sun and the ground plane are known without a file: the floor is there anyway. Nothing else of the file is read: what
-only is seen, lights, plugins, sensors and joints.
+Collisions of all links are read: box, sphere, cylinder, capsule, ellipsoid, plane and mesh, with the poses of SDF
+(including `relative_to` and `attached_to`), in models, nested models, and includes of local files. `model://` is
+searched next to the file, in the folders of GZ_SIM_RESOURCE_PATH and GAZEBO_MODEL_PATH, and as a ROS package. The sun
+and the ground plane are known without a file, since the floor always exists. Visuals, lights, plugins, sensors and
+joints are ignored.
 
-The law of the file: what cannot stand as it is written is a mistake with its line, all mistakes of a world at once.
+A shape that cannot be placed is a mistake with its line; all mistakes of a world are reported at once.
 """
 
 from __future__ import annotations
@@ -34,29 +34,28 @@ if TYPE_CHECKING:
     from canopen_control.urdf.geometry import Vector
 
 
-# A mesh as convex parts: contacts know convex shapes alone, so each piece of a mesh that hangs together is one.
-#
-# A piece that is flat, such as a wall that is drawn as a plane, gets a thickness of a millimetre.
+# Meshes as convex parts, because contacts support only convex shapes: each connected piece of a mesh is one. A flat
+# piece, such as a wall drawn as a plane, gets a thickness of 1 mm.
 
 
 _HEAD: Final = 84  # bytes before the faces of binary STL
 _FACE: Final = np.dtype([("normal", "<3f4"), ("corners", "<9f4"), ("rest", "<u2")])
-_GRAIN_M: Final = 1e-5  # corners that are nearer are one
+_GRAIN_M: Final = 1e-5  # closer vertices are merged
 _THIN_M: Final = 1e-4
-_HALF_M: Final = 5e-4  # that a flat piece is thickened to each side
+_HALF_M: Final = 5e-4  # thickness added on each side of a flat piece
 _MOST_PARTS: Final = 500
 _MOST_FACES: Final = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class MeshPart:
-    """The corners of a convex part, m: one row of x, y and z each."""
+    """Vertices of a convex part in m: one row of x, y and z each."""
 
     corners: Any
 
 
 def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
-    """Return the parts of binary STL at a scale; ValueError for one of which none can be made."""
+    """Return the convex parts of binary STL at a scale; ValueError if a part is degenerate."""
     count = int.from_bytes(stl[80:84], "little")
     if count > _MOST_FACES:
         raise ValueError(f"{count} faces are more than the {_MOST_FACES} that are simulated; make a lighter one")
@@ -71,7 +70,7 @@ def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
 
 
 def _pieces(faces: Any, count: int) -> Iterator[list[int]]:  # noqa: ANN401 - numpy's
-    """Yield the corners that hang together by faces."""
+    """Yield the vertices of each connected piece."""
     owner = list(range(count))
 
     def first(corner: int) -> int:
@@ -89,7 +88,7 @@ def _pieces(faces: Any, count: int) -> Iterator[list[int]]:  # noqa: ANN401 - nu
 
 
 def _solid(corners: Any) -> Any:  # noqa: ANN401 - as above
-    """Return corners of which a body can be made: those of a flat piece on both sides of it."""
+    """Return the vertices of a solid: those of a flat piece on both sides of it."""
     middle = corners.mean(axis=0)
     axes = np.linalg.svd(corners - middle, full_matrices=True)[2]
     spread = np.ptp((corners - middle) @ axes.T, axis=0)
@@ -99,18 +98,18 @@ def _solid(corners: Any) -> Any:  # noqa: ANN401 - as above
     return corners
 
 
-_KNOWN: Final = ("sun", "ground_plane")  # of every Gazebo world: a light, and the floor
+_KNOWN: Final = ("sun", "ground_plane")  # in every Gazebo world: a light, and the floor
 _PATHS: Final = ("GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "GAZEBO_MODEL_PATH")
-_DEEPEST: Final = 16  # models in models, and files that include each other
-_ON_FLOOR: Final = 1e-6  # m, and of a unit vector
+_DEEPEST: Final = 16  # maximum depth of nested models and includes
+_ON_FLOOR: Final = 1e-6  # m, and components of a unit vector
 _YES: Final = ("true", "1")
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A shape that stands fast: `size` in m as MuJoCo has it (half lengths, radius first), `parts` are of a mesh.
+    """Fixed shape: `size` in m as in MuJoCo (half lengths, radius first), `parts` are those of a mesh.
 
-    A plane's upper side is that of its z.
+    The upper side of a plane is in the direction of its z axis.
     """
 
     name: str
@@ -122,14 +121,14 @@ class Solid:
 
 @dataclass(frozen=True)
 class SdfWorld:
-    """What was read of a file; `notes` tell what stands otherwise than in Gazebo."""
+    """Shapes of an SDF file; `notes` list differences from Gazebo."""
 
     solids: tuple[Solid, ...]
     notes: tuple[str, ...] = ()
 
 
 def read_sdf_world(path: Path) -> SdfWorld:
-    """Return the shapes of a world; PhysicsError with every mistake, each with its file and line."""
+    """Return the shapes of a world; PhysicsError with all mistakes, each with its file and line."""
     reader = _Reader()
     root = reader.root(path)
     if root is not None:
@@ -147,7 +146,7 @@ def read_sdf_world(path: Path) -> SdfWorld:
 
 @dataclass
 class _Scope:
-    """A world, model or link while it is read: its place in the world, and the poses of what is named in it."""
+    """World, model or link during reading: its pose in the world, and the poses of named elements in it."""
 
     path: Path
     element: Element
@@ -162,7 +161,7 @@ class _Scope:
 
 
 class _Reader:
-    """One reading of a world and of what it includes."""
+    """Reading of one world with its includes."""
 
     def __init__(self) -> None:
         self.solids: list[Solid] = []
@@ -171,7 +170,7 @@ class _Reader:
         self._meshes: dict[tuple[Path, Vector], tuple[MeshPart, ...]] = {}
 
     def notes(self, path: Path) -> Iterator[str]:
-        """Yield what stands otherwise than in Gazebo."""
+        """Yield the differences from Gazebo."""
         if self._loose:
             yield f"{path}: these models are not static, and stand fast here: {', '.join(self._loose)}"
         if self._meshes:
@@ -180,11 +179,11 @@ class _Reader:
             yield f"{path}: each part of a mesh touches as its convex hull: {told}"
 
     def mistake(self, path: Path, element: Element, text: str) -> None:
-        """Keep a mistake with its place."""
+        """Add a mistake with its place."""
         self.problems.append(f"{path}:{element.place.line}:{element.place.column}: {text}")
 
     def root(self, path: Path) -> Element | None:
-        """Return the root of a file, None for one that cannot be read, which is told."""
+        """Return the root element of a file, None if it cannot be read, which is reported."""
         try:
             root = read_document(path.read_text(encoding="utf-8"), str(path)).root
         except RobotConfigError as error:
@@ -199,7 +198,7 @@ class _Reader:
         return None
 
     def scope(self, scope: _Scope, depth: int) -> None:
-        """Take the models, includes and links of a world or of a model."""
+        """Read the models, includes and links of a world or of a model."""
         if depth > _DEEPEST:
             text = f"more than {_DEEPEST} models in each other; does one include itself?"
             self.mistake(scope.path, scope.element, text)
@@ -224,7 +223,7 @@ class _Reader:
         return f"{scope.name}::{name}" if scope.name else name
 
     def _include(self, scope: _Scope, element: Element, depth: int) -> None:
-        """Take the model of another file, with the pose and the name that it has here."""
+        """Read the model of another file, with the pose and the name of the include."""
         uri = _text(element, "uri")
         if not uri:
             self.mistake(scope.path, element, "<include> has no <uri>; name the file of the model in it")
@@ -247,7 +246,7 @@ class _Reader:
         self._model(inner, depth, static=_flag(element, "static") or _flag(own, "static"))
 
     def _included(self, path: Path, element: Element, uri: str) -> Path | None:
-        """Return the file of an include, None for what is not on this computer, which is told."""
+        """Return the file of an include, None if it is not local, which is reported."""
         parts = urlsplit(uri)
         if parts.scheme not in ("", "file", "model", "package"):
             text = f"{uri} is not on this computer; download the model, and give its folder as <uri>"
@@ -268,14 +267,14 @@ class _Reader:
             return None
         return _model_file(found) if found.is_dir() else found
 
-    # --- poses ---
+    # -- poses
 
     def _place(self, scope: _Scope, element: Element) -> Pose:
-        """Return where a child of a scope is in the world."""
+        """Return the pose of a child of a scope in the world."""
         return scope.place.then(self._inside(scope, element))
 
     def _inside(self, scope: _Scope, element: Element) -> Pose:
-        """Return where a child of a scope is in it, by its <pose> and the frame that this is relative to."""
+        """Return the pose of a child in its scope, by its <pose> and the frame it is relative to."""
         pose = element.child("pose")
         base = element.attributes.get("attached_to", "") if element.tag == "frame" else ""
         base = base if pose is None else pose.attributes.get("relative_to", "") or base
@@ -314,7 +313,7 @@ class _Reader:
         turn = math.radians if _is_yes(element.attributes.get("degrees", "")) else float
         return Pose((x, y, z), from_rpy((turn(first), turn(second), turn(third))))
 
-    # --- shapes ---
+    # -- shapes
 
     def _link(self, scope: _Scope, link: Element) -> None:
         inner = _Scope(scope.path, link, self._place(scope, link), self._name(scope, link))
@@ -342,7 +341,7 @@ class _Reader:
             self.solids.append(solid)
 
     def lengths(self, path: Path, shape: Element, tag: str, count: int = 1) -> tuple[float, ...] | None:
-        """Return the numbers above 0 of a shape's element, None for what is none, which is told."""
+        """Return the positive numbers of a shape's element, None if they are invalid, which is reported."""
         words = _text(shape, tag).split()
         numbers = tuple(each for each in map(finite_number, words) if each is not None and each > 0.0)
         if len(numbers) == len(words) == count:
@@ -352,12 +351,12 @@ class _Reader:
         return None
 
     def mesh(self, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
-        """Return a mesh as convex parts; None for a file that cannot be read, which is told."""
+        """Return a mesh as convex parts; None for a file that cannot be read, which is reported."""
         uri = _text(shape, "uri")
         scale = (1.0, 1.0, 1.0)
         if shape.child("scale") is not None:
             words = _text(shape, "scale").split()
-            numbers = [each for each in map(finite_number, words) if each]  # 0 is none
+            numbers = [each for each in map(finite_number, words) if each]  # 0 is invalid
             if len(numbers) != 3 or len(words) != 3:
                 self.mistake(path, shape.child("scale") or shape, "<scale> of <mesh> is three numbers, none of them 0")
                 return None
@@ -396,7 +395,7 @@ def _round(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
 
 
 def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
-    """Return an endless plane; the one that is the floor is there already."""
+    """Return an infinite plane; the floor itself is skipped."""
     words = _text(shape, "normal").split() or ["0", "0", "1"]
     numbers = [each for each in map(finite_number, words) if each is not None]
     if len(numbers) != 3 or len(words) != 3 or not any(numbers):
@@ -410,7 +409,7 @@ def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
 
 
 def _turn_up(normal: Vector) -> tuple[float, float, float, float]:
-    """Return the rotation that brings z to a normal."""
+    """Return the rotation from z to a normal."""
     x, y, z = (each / math.hypot(*normal) for each in normal)
     if math.hypot(x, y) < _ON_FLOOR:
         return about((1.0, 0.0, 0.0), 0.0 if z > 0.0 else math.pi)
@@ -427,7 +426,7 @@ _SHAPES: Final[dict[str, Callable[[_Reader, Path, Element, str, Pose], Solid | N
     "mesh": _Reader.mesh,
     "empty": lambda *_: None,
 }
-"""Shape of SDF to what makes it."""
+"""Shape of SDF to the function that creates it."""
 
 
 def _text(element: Element, tag: str) -> str:
@@ -444,14 +443,14 @@ def _is_yes(text: str) -> bool:
 
 
 def _resources(path: Path) -> Iterator[Path]:
-    """Yield the folders that models lie in: those around the file, and those that Gazebo would search."""
+    """Yield the folders of models: those around the file, and those that Gazebo searches."""
     yield from (path.parent, path.parent.parent, path.parent.parent / "models")
     for key in _PATHS:
         yield from (Path(each) for each in os.environ.get(key, "").split(os.pathsep) if each)
 
 
 def _model_file(folder: Path) -> Path:
-    """Return the file of a model's folder: the one that model.config names last, else model.sdf."""
+    """Return the file of a model's folder: the last one in model.config, else model.sdf."""
     config = folder / "model.config"
     try:
         root = read_document(config.read_text(encoding="utf-8"), str(config)).root
@@ -462,7 +461,7 @@ def _model_file(folder: Path) -> Path:
 
 
 def _mesh_file(path: Path, uri: str) -> Path:
-    """Return the file of a mesh; ConfigError where there is none."""
+    """Return the file of a mesh; ConfigError if it is missing."""
     if not uri:
         raise ConfigError("<mesh> has no <uri>; name its file in it")
     parts = urlsplit(uri)

@@ -1,7 +1,7 @@
-"""Several robots in one model of MuJoCo: each named with its own prefix, all on one floor, touching each other.
+"""One MuJoCo model with several robots on one floor, which touch each other; each has its own name prefix.
 
-A robot is a kind of contact of its own, so that its parts pass through each other and not through another robot. One
-that no wheel carries is bolted to the floor where it begins, at its lowest point.
+Each robot has a contact bit of its own, so that its parts pass through each other but not through another robot. A
+robot without wheels is fixed to the ground at its start, at its lowest point.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from canopen_control.physics.scene_file import RobotStart, WorldDescription
 
 
-_WORLD: Final = 1  # kinds of contact, see `body_model`
-_FIRST_ROBOT: Final = 1  # the bit of the first one
-_SUNK_M: Final = 0.01  # that a robot is deeper in a solid than one that stands on it
+_WORLD: Final = 1  # contact bits, see `body_model`
+_FIRST_ROBOT: Final = 1  # bit of the first robot
+_SUNK_M: Final = 0.01  # a robot deeper in a solid than this starts inside it
 _ALL: Final = 0x7FFFFFFF
 
 
 def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldDescription, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
-    """Return the model of robots by their names, each at its start; PhysicsError for two at one place.
+    """Return the model of robots by their names, each at its start; PhysicsError if two overlap.
 
-    `path` is the file of the world. The robots are used up: their specifications become parts of this one.
+    `path` is the file of the world. The specifications of the robots become parts of this one and must not be reused.
     """
     spec = mujoco.MjSpec()
     step = min(float(robot.spec.option.timestep) for robot, _ in robots.values())
@@ -50,14 +50,14 @@ def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldD
 
 
 def _give_kind(spec: Any, kind: int) -> None:  # noqa: ANN401 - as above
-    """Let what of a robot touches the world touch the other robots too."""
+    """Set the contact bits of a robot's shapes, so that they touch other robots too."""
     for geom in spec.geoms:
         if geom.contype:
             geom.contype, geom.conaffinity = kind, _ALL & ~kind
 
 
 def _frame(spec: Any, robot: PreparedRobot, start: RobotStart) -> Any:  # noqa: ANN401 - as above
-    """Return the frame that a robot begins in: a free root has its place already."""
+    """Return the frame of a robot's start; the pose of a free root is set separately."""
     if robot.free:
         return spec.worldbody.add_frame()
     place = [*start.at, max(0.0, robot.ground.lift)]
@@ -65,7 +65,10 @@ def _frame(spec: Any, robot: PreparedRobot, start: RobotStart) -> Any:  # noqa: 
 
 
 def _crossing(model: Any, starts: Mapping[str, RobotStart], path: str) -> Iterator[str]:  # noqa: ANN401 - as above
-    """Yield who begins inside another robot, a wall or a box; a robot on a ramp begins on it."""
+    """Yield a sentence for each robot that starts inside another robot, a wall or a box.
+
+    A start on a ramp is allowed.
+    """
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     told = set[tuple[str, str]]()
@@ -78,7 +81,7 @@ def _crossing(model: Any, starts: Mapping[str, RobotStart], path: str) -> Iterat
             first, second = second, first
         if second not in starts or first == second or not _solid(first, starts) or (first, second) in told:
             continue
-        if first.startswith(SOLID) and contact.dist > -_SUNK_M:  # a robot begins on it
+        if first.startswith(SOLID) and contact.dist > -_SUNK_M:  # the robot starts on it
             continue
         told.add((first, second))
         here = starts[second].here

@@ -1,13 +1,13 @@
-"""A URDF put right for MuJoCo's reader, which would lose or refuse parts of it.
+"""Repair of a URDF for MuJoCo's reader, which would otherwise drop or refuse parts of it.
 
-It drops visuals while it reads, so that a link which is only seen would have neither shape nor mass: its visuals become
-collisions. A mesh is found by its package, since the reader knows no `package://`, and handed over as binary STL, since
-it reads neither COLLADA nor text. What neither reader nor contacts can use is left out and told in the notes. A link
-that moves and has neither mass nor shape is a mistake of the description.
+The reader drops visuals, so that a link without collisions would have neither shape nor mass: its visuals become
+collisions. It does not know `package://` and reads neither COLLADA nor text, so that meshes are found by their package
+and passed as binary STL. Parts that neither reader nor contacts support are omitted and listed in the notes. A moving
+link with neither mass nor shape is a mistake of the description.
 
-No body has a principal moment of inertia that is larger than the sum of the other two. The reader would replace all
-three by their mean, without a word, and a rounded number is enough for it. Here the largest one is brought down to the
-sum, and the notes tell it with the link. Moments that are not above 0 are a mistake of the description.
+A principal moment of inertia cannot exceed the sum of the other two. The reader would silently replace all three by
+their mean, even for a rounding error. Here the largest moment is reduced to the sum, and the notes list the link.
+Moments that are not above 0 are a mistake of the description.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ if TYPE_CHECKING:
 
 
 _FOREIGN: Final = ("ros2_control", "gazebo", "transmission", "mujoco_inputs", "mujoco")
-_MOST_FACES: Final = 200_000  # that MuJoCo takes
+_MOST_FACES: Final = 200_000  # limit of MuJoCo
 _FLAT_M: Final = 1e-9
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _LEAST_MOMENT: Final = 1e-15  # kg m2: MuJoCo's mjMINVAL
-_ROUNDED: Final = 1.001  # a sum that is exceeded by less comes of rounded numbers
+_ROUNDED: Final = 1.001  # smaller excesses over the sum are rounding errors
 _HEAD: Final = 84  # bytes before the faces of binary STL
 _FACE: Final = np.dtype([("normal", "<3f4"), ("corners", "<9f4"), ("rest", "<u2")])
 
 
 @dataclass(frozen=True)
 class RepairedUrdf:
-    """The text that MuJoCo reads; `guessed` are the links whose mass their shapes give, `notes` what was left out.
+    """Text for MuJoCo; `guessed` are links whose mass follows from their shapes, `notes` list omissions.
 
-    `meshes` are the files that the text names, by these names.
+    `meshes` are the files named in the text, by these names.
     """
 
     text: str
@@ -53,7 +53,7 @@ class RepairedUrdf:
 
 
 def repaired(description: UrdfDescription) -> RepairedUrdf:
-    """Return a description as MuJoCo can read it; PhysicsError for what it could not make up."""
+    """Return a description for MuJoCo's reader; PhysicsError for what cannot be repaired."""
     root = ET.fromstring(description.urdf_xml)
     notes: list[str] = []
     meshes = _Meshes()
@@ -69,7 +69,7 @@ def repaired(description: UrdfDescription) -> RepairedUrdf:
     if problems:
         raise PhysicsError("\n".join(problems))
     compiler = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
-    # while it reads: what it fuses or discards here cannot be had back
+    # the reader must not fuse or discard bodies, which could not be restored
     compiler.attrib.update(fusestatic="false", discardvisual="false", strippath="false", balanceinertia="true")
     text = ET.tostring(root, encoding="unicode")
     guessed = tuple(link.get("name", "") for link in root.findall("link") if _is_guessed(link))
@@ -77,7 +77,7 @@ def repaired(description: UrdfDescription) -> RepairedUrdf:
 
 
 def guessed_masses(urdf: RepairedUrdf, density: float) -> tuple[str, ...]:
-    """Return the sentence that tells whose masses were guessed, at a density in kg/m3; none where none was."""
+    """Return a sentence about links with a guessed mass, at a density in kg/m3; nothing without such links."""
     if not urdf.guessed:
         return ()
     return (f"masses are guessed from shapes at {density:g} kg/m3: {', '.join(urdf.guessed)}",)
@@ -88,12 +88,12 @@ def _is_guessed(link: ET.Element) -> bool:
 
 
 def _give_shapes(link: ET.Element, path: str, notes: list[str], meshes: _Meshes) -> None:
-    """Let what is seen be what touches, where the link has no collision; leave out meshes that nobody can read."""
+    """Use visuals as collisions if the link has none; omit meshes that cannot be read."""
     visuals = link.findall("visual")
     seen_only = link.find("collision") is None
     for visual in visuals:
         if seen_only:
-            for material in visual.findall("material"):  # it would colour what is simulated
+            for material in visual.findall("material"):  # it would colour the simulated shape
                 visual.remove(material)
             visual.tag = "collision"
         else:
@@ -110,14 +110,14 @@ def _give_shapes(link: ET.Element, path: str, notes: list[str], meshes: _Meshes)
 
 
 class _Meshes:
-    """Files of meshes as MuJoCo reads them, `contents` by the names under which it gets them."""
+    """Mesh files in the form MuJoCo reads, `contents` by the names used in the text."""
 
     def __init__(self) -> None:
         self.contents: dict[str, bytes] = {}
         self._names: dict[Path, str] = {}
 
     def add(self, file: Path) -> str:
-        """Return the name of a file, which is read once; ConfigError for what cannot be used."""
+        """Return the name of a file, which is read once; ConfigError if it is unusable."""
         if file not in self._names:
             mesh = read_mesh(file)
             if mesh.format != "stl":
@@ -130,7 +130,7 @@ class _Meshes:
 
 
 def _unusable(stl: bytes) -> str:
-    """Return why binary STL cannot be simulated, nothing where it can."""
+    """Return the reason why binary STL cannot be simulated, empty if it can."""
     count = int.from_bytes(stl[80:84], "little")
     if count > _MOST_FACES:
         return f"{count} faces are more than the {_MOST_FACES} that are simulated; make a lighter one for <collision>"
@@ -142,7 +142,7 @@ def _unusable(stl: bytes) -> str:
 
 
 def _check_dynamics(description: UrdfDescription, problems: list[str]) -> None:
-    """Tell the joints whose friction or damping would drive them."""
+    """Report joints whose negative friction or damping would accelerate them."""
     for joint in description.joints.values():
         for name, value in (("damping", joint.dynamics.damping), ("friction", joint.dynamics.friction)):
             if value is not None and value < 0.0:
@@ -151,7 +151,7 @@ def _check_dynamics(description: UrdfDescription, problems: list[str]) -> None:
 
 
 def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[str], problems: list[str]) -> None:
-    """Bring an inertia that no body has to the nearest one that is possible; tell one that is none."""
+    """Replace an impossible inertia by the nearest possible one; report an invalid one."""
     element, mass = link.find("inertial/inertia"), _mass_of(link)
     if element is None or mass <= 0.0:
         return
@@ -203,7 +203,7 @@ def _mass_of(link: ET.Element) -> float:
 
 
 def _masses_missing(root: ET.Element, description: UrdfDescription) -> list[str]:
-    """Return the moving links without a mass or a shape of which one could be made, with the lines of their joints."""
+    """Return the moving links without a mass or a shape to compute one from, with the lines of their joints."""
     heavy = {link.get("name", "") for link in root.findall("link") if _weighs(link)}
     return [
         f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name} moves link {joint.child}, "
@@ -220,7 +220,7 @@ def _weighs(link: ET.Element) -> bool:
 
 
 def _rigid(description: UrdfDescription, link: str) -> Iterator[str]:
-    """Yield a link and those that are fixed to it, further out."""
+    """Yield a link and the links fixed to it further out."""
     yield link
     for joint in description.joints.values():
         if joint.parent == link and joint.fixed:

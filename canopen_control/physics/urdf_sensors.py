@@ -1,8 +1,8 @@
-"""The <sensor> tags of a description that a world measures: of what kind each is, on which link, with what noise.
+"""<sensor> tags of a description that a world can measure: kind, link and noise.
 
-The kind follows from the state interfaces, or is the parameter `mujoco_type`, as mujoco_ros2_control has it. Others are
-`frame_id` (the link, else the root), `noise` (standard deviation), `seed` of the noise, `range_max` in m. A sensor with
-none of these interfaces is not one of a world. MuJoCo is not needed here.
+The kind follows from the state interfaces, or is the parameter `mujoco_type`, as in mujoco_ros2_control. Other
+parameters are `frame_id` (the link, default the root), `noise` (standard deviation), `seed` of the noise, `range_max`
+in m. A sensor without any of these interfaces is ignored. MuJoCo is not needed here.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ POSE: Final = "pose"
 MAGNET: Final = "magnetometer"
 _XYZ: Final = ("x", "y", "z")
 _ORIENTATION: Final = tuple(f"orientation.{axis}" for axis in ("w", *_XYZ))
-#: kind -> the state interfaces of ros2_control, in the order of the numbers
+#: kind -> the state interfaces of ros2_control, in the order of the values
 INTERFACES: Final[Mapping[SensorKind, tuple[str, ...]]] = {
     IMU: (
         *_ORIENTATION,
@@ -38,7 +38,7 @@ INTERFACES: Final[Mapping[SensorKind, tuple[str, ...]]] = {
     POSE: (*(f"position.{axis}" for axis in _XYZ), *_ORIENTATION),
     MAGNET: tuple(f"magnetic_field.{axis}" for axis in _XYZ),
 }
-#: what an interface begins with -> kind, in the order in which they are tried: a pose has an orientation too
+#: prefix of an interface -> kind, in the order of the tests: a pose has an orientation too
 _BEGINNINGS: Final[tuple[tuple[str, SensorKind], ...]] = (
     ("position.", POSE),
     ("orientation.", IMU),
@@ -53,14 +53,14 @@ _BEGINNINGS: Final[tuple[tuple[str, SensorKind], ...]] = (
 _TYPES: Final[Mapping[str, SensorKind]] = {"imu": IMU, "fts": FORCE, "pose": POSE, "magnetometer": MAGNET}
 _OTHERS: Final = ("camera", "lidar")  # see `tag_lidars`
 SENSOR_PREFIX: Final = "mujoco_sensor_name"
-"""The parameter that names sensors of a scene in MJCF, by what their names begin with."""
+"""Parameter with the prefix of the sensor names in a MuJoCo scene."""
 _LARGEST_SEED: Final = 2**31 - 1
 
 
 def urdf_sensors(
     parts: Iterable[ControlJoint], links: Collection[str], root: str, path: str
 ) -> dict[str, SensorSettings]:
-    """Return the sensors of a tag by name; PhysicsError with every mistake and its line in the file at `path`."""
+    """Return the sensors of a tag by name; PhysicsError with all mistakes and their lines in the file at `path`."""
     found, problems = {}, list[str]()
     for part in parts:
         wrong = list[str]()
@@ -74,7 +74,7 @@ def urdf_sensors(
 
 
 def _kind(part: ControlJoint) -> SensorKind | None:
-    """Return what a tag measures in a world, None: nothing; an unknown `mujoco_type` counts as none."""
+    """Return the kind of a tag, None if a world cannot measure it; an unknown `mujoco_type` gives None too."""
     wanted = part.parameters.get("mujoco_type")
     if wanted is not None:
         return _TYPES.get(wanted.strip())
@@ -83,7 +83,7 @@ def _kind(part: ControlJoint) -> SensorKind | None:
 
 
 def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[str]) -> SensorSettings | None:
-    """Return one sensor, None for what is none of a world; what is wrong is added to `wrong`."""
+    """Return one sensor, None if a world cannot measure it; mistakes are added to `wrong`."""
     given = part.parameters
     wanted = given.get("mujoco_type", "").strip()
     if wanted and wanted not in (*_TYPES, *_OTHERS):

@@ -1,7 +1,7 @@
-"""A robot in a simulated world: which of its axes moves which joint, where its base is, and what its sensors measure.
+"""Robot in a simulated world: joints of its axes, pose of its base, measurements of its sensors.
 
-The heading of a base goes on over a half turn, so it is looked at often while the robot moves. An encoder reads the
-joint that it sits on, without counts of its own.
+The heading of a base counts full turns, so that it must be read frequently while the robot moves. An encoder reads the
+angle of its joint, without counts of its own.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from canopen_control.physics.world_sensors import WorldSensor
 
 
-_BASE_DOFS: Final = 6  # of a free root
+_BASE_DOFS: Final = 6  # degrees of freedom of a free root
 
 
 class WorldRobot:
-    """One robot, "" where it is alone; `encoders` are those on its joints by bus and node id.
+    """One robot, "" if it is alone; `encoders` are those on its joints by bus and node id.
 
-    `begin` gives it the state of the world, `touch_down` is called when it stands on the floor.
+    `begin` sets the state of the world, `touch_down` is called when it stands on the floor.
     """
 
     def __init__(
@@ -44,12 +44,12 @@ class WorldRobot:
         self.encoders = dict(encoders or {})
         self._sensors_here = sensors
         self._data: Any = None
-        self._qpos = self._dof = 0  # of the base
+        self._qpos = self._dof = 0  # indices of the base
         self._heading, self._turns = 0.0, 0
         self._rollers: list[MecanumContact] = []
 
     def begin(self, data: Any) -> None:  # noqa: ANN401 - of MuJoCo
-        """Be in this state from now on."""
+        """Use this state from now on."""
         model = self.body.model
         self._data = data
         self._sensors = SensorReader(model, data, self._sensors_here, prefix=self.body.prefix)
@@ -58,7 +58,7 @@ class WorldRobot:
             self._qpos, self._dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
 
     def touch_down(self) -> None:
-        """Stand on the floor: take its weight on its rollers, and the heading that it begins with."""
+        """Initialise the load on its rollers and its initial heading after it was put on the floor."""
         load = self._weight() / max(1, len(self.body.rollers))
         self._rollers = [MecanumContact(self.body.model, self._data, each, load) for each in self.body.rollers]
         self.look_at_heading()
@@ -72,18 +72,19 @@ class WorldRobot:
 
     @property
     def rolls_sideways(self) -> bool:
-        """Whether it has mecanum wheels."""
+        """Whether the robot has mecanum wheels."""
         return bool(self._rollers)
 
     def push_rollers(self, grip_at: Callable[[float, float], float]) -> None:
-        """Add the forces of its rollers, on a floor with this grip, to what acts in the next step."""
+        """Add the forces of its rollers, with the floor's friction, to the next step."""
         x, y = self._place()[:2]
-        self._data.qfrc_applied[self._dof : self._dof + _BASE_DOFS] = 0.0  # the joints' own are there anew
+        # the forces of the joints are set again in each step
+        self._data.qfrc_applied[self._dof : self._dof + _BASE_DOFS] = 0.0
         for roller in self._rollers:
             roller.add_force(grip_at(x, y))
 
     def shaft(self, bus: str, node_id: int) -> Callable[[], float | None] | None:
-        """Return what tells in rad (m) where the encoder of a node is, None where it sits on no joint."""
+        """Return a reader for the angle in rad (m) of a node's encoder, None if it is not on a joint."""
         settings = self.encoders.get((bus, node_id))
         if settings is None:
             return None
@@ -101,7 +102,7 @@ class WorldRobot:
         return w, x, y, z
 
     def look_at_heading(self) -> None:
-        """Count the turns of the base."""
+        """Update the number of turns of the base."""
         if self.body.base is None:
             return
         heading = _heading(self._rotation())
@@ -109,7 +110,7 @@ class WorldRobot:
         self._heading = heading
 
     def describe(self, time_ns: int) -> WorldState:
-        """Return the true pose of the base at a time, and what the sensors measure."""
+        """Return the true pose of the base at a time, and the measurements of the sensors."""
         sensors = self._sensors.read()
         if self.body.base is None:
             return WorldState(sensors=sensors)

@@ -1,10 +1,10 @@
-"""Sensors of a world: IMU, range finder and force-torque sensor on links, with noise that a seed repeats.
+"""Sensors of a world: IMU, range finder and force-torque sensor on links, with reproducible noise.
 
-An IMU measures the orientation of its link in the world, angular velocities and accelerations along the link's own
-axes, gravity included; a pose is that of its link in the world. A range finder looks along the x axis of its link and
-tells -1 where there is nothing in reach. A force-torque sensor measures what a link gets from the one that carries it,
-in its own axes. Units are rad/s, m/s2, m, N, Nm and tesla; `noise` is the standard deviation of each number but those
-of an orientation.
+An IMU measures the orientation of its link in the world, and angular velocities and accelerations along the link's own
+axes, including gravity; a pose is that of its link in the world. A range finder measures along the x axis of its link
+and returns -1 if nothing is in range. A force-torque sensor measures the load from the parent link, in its own axes.
+Units are rad/s, m/s2, m, N, Nm and tesla; `noise` is the standard deviation of each value except those of an
+orientation.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 _KINDS = mujoco.mjtSensor
-#: kind -> what is measured, in the order of the numbers
+#: kind -> measured quantities, in the order of the values
 _PARTS: Final[Mapping[SensorKind, tuple[Any, ...]]] = {
     IMU: (_KINDS.mjSENS_FRAMEQUAT, _KINDS.mjSENS_GYRO, _KINDS.mjSENS_ACCELEROMETER),
     RANGE: (_KINDS.mjSENS_RANGEFINDER,),
@@ -35,7 +35,7 @@ _PARTS: Final[Mapping[SensorKind, tuple[Any, ...]]] = {
     POSE: (_KINDS.mjSENS_FRAMEPOS, _KINDS.mjSENS_FRAMEQUAT),
     MAGNET: (_KINDS.mjSENS_MAGNETOMETER,),
 }
-#: kind -> what the names of these in a scene end with
+#: kind -> suffixes of their names in a scene
 _ENDINGS: Final[Mapping[SensorKind, tuple[str, ...]]] = {
     IMU: ("_quat", "_gyro", "_accel"),
     RANGE: ("",),
@@ -49,7 +49,7 @@ _Z_TO_X: Final = about((0.0, 1.0, 0.0), 1.5707963267948966)
 
 @dataclass(frozen=True)
 class WorldSensor:
-    """A sensor by its name: what kind, on which link, its noise, and of a range finder how far it reaches in m."""
+    """Sensor by its name: kind, link, noise, and the range of a range finder in m."""
 
     name: str
     kind: SensorKind
@@ -57,24 +57,24 @@ class WorldSensor:
     noise: float = 0.0
     reach: float = 10.0
     seed: int = 0  # of the noise
-    scene: str = ""  # what the names of its parts in a scene begin with
+    scene: str = ""  # prefix of its parts in a scene
 
     @classmethod
     def of(cls, name: str, each: SensorSettings) -> WorldSensor:
-        """Return the sensor that a file or a tag describes."""
+        """Return the sensor described by a file or a tag."""
         return cls(name, each.kind, each.link, each.noise, each.reach, each.seed, each.scene)
 
     def own(self) -> tuple[str, ...]:
-        """Return the names of its parts where they are added to a model."""
+        """Return the names of its parts as added to a model."""
         return tuple(f"{self.name} {number}" for number in range(len(_PARTS[self.kind])))
 
     def of_scene(self) -> tuple[str, ...]:
-        """Return the names of its parts in a scene that has it, with the endings of mujoco_ros2_control."""
+        """Return the names of its parts in a scene that contains it, with the suffixes of mujoco_ros2_control."""
         return tuple(f"{self.scene}{ending}" for ending in _ENDINGS[self.kind]) if self.scene else ()
 
 
 def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  # noqa: ANN401 - of MuJoCo
-    """Add sensors to a specification; PhysicsError for a link that is not there."""
+    """Add sensors to a specification; PhysicsError for a missing link."""
     there = {sensor.name: sensor for sensor in spec.sensors if sensor.name}
     links = [body.name for body in spec.bodies if body.name != "world"]
     for each in sensors:
@@ -94,7 +94,7 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
 
 
 def _stands(sensor: WorldSensor, there: Mapping[str, Any], path: str) -> bool:
-    """Return whether a scene has a sensor already; PhysicsError where something else of MuJoCo's has its name."""
+    """Return whether a scene already has a sensor; PhysicsError if another MuJoCo object has its name."""
     names = sensor.of_scene()
     if not names or not all(name in there for name in names):
         return False
@@ -106,9 +106,9 @@ def _stands(sensor: WorldSensor, there: Mapping[str, Any], path: str) -> bool:
 
 
 class SensorReader:
-    """Reads the sensors of a state, those of one robot by its `prefix` in the model.
+    """Reader of the sensors of a state, those of one robot by its `prefix` in the model.
 
-    What noise adds depends on the seed and on how often they were read.
+    The noise depends on the seed and on the number of reads.
     """
 
     def __init__(
@@ -129,12 +129,12 @@ class SensorReader:
             self._places[each.name] = [(int(part.adr[0]), int(part.adr[0]) + int(part.dim[0])) for part in parts]
 
     def read(self) -> dict[str, tuple[float, ...]]:
-        """Return the numbers of each sensor by its name."""
+        """Return the values of each sensor by its name."""
         found = {}
         for each in self._sensors:
             numbers: list[float] = []
             for start, end in self._places[each.name]:
-                noise = 0.0 if end - start == 4 else each.noise  # an orientation has a length of 1
+                noise = 0.0 if end - start == 4 else each.noise  # an orientation must keep a length of 1
                 numbers += [
                     float(value) + _error(self._random[each.name], noise, float(value))
                     for value in self._data.sensordata[start:end]
@@ -144,5 +144,5 @@ class SensorReader:
 
 
 def _error(of: random.Random, noise: float, value: float) -> float:
-    """Return what noise adds to a number; a range finder that sees nothing tells that without an error."""
+    """Return the noise added to a value; a range finder without a target returns -1 exactly."""
     return of.gauss(0.0, noise) if noise and value != -1.0 else 0.0

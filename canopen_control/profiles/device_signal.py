@@ -29,7 +29,7 @@ TYPES: Final = {
     "f32": DataType.REAL32,
     "f64": DataType.REAL64,
 }
-"""Words for the types that a signal may be taken for."""
+"""Names of the types that can override the type of an object."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -157,7 +157,7 @@ _CHARGER: Final[_Table] = (
     ("battery_voltage", 0x6060, 0, 1 / 1024, "V"),
     ("battery_percentage", 0x6081, 0, 1.0, "%"),
 )
-"""What a charger tells, and what it is told of the battery: the objects of CiA 418, seen from the other side."""
+"""Objects of a charger: measured ones, and those of the battery (CiA 418) that it receives."""
 
 
 def charger_signals(od: ObjectDictionary) -> Iterator[Signal]:
@@ -232,7 +232,7 @@ ERROR_OBJECTS: Final = {
     0x6413: (0x6443, 0x6445),
     0x7300: (0x6340, 0x7341),
 }
-"""Object of outputs to those of their error mode and error value, which have the same subindices."""
+"""Output object to its error mode and error value objects, which have the same subindices."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""A whole robot in virtual time: runtime, master, buses and virtual drives in one process under one clock.
+"""Simulation of a whole robot in virtual time: runtime, master, buses and virtual drives in one process with one clock.
 
-Only this subpackage joins both sides of the wire: the same classes as `run` and `drive`, each with its own clock.
+Only this subpackage uses both sides of the bus: the classes of `run` and of `drive`, each with its own clock.
 """

@@ -1,7 +1,7 @@
-"""A campaign: many seeds, each a drawn schedule on a robot; the schedule of a breach is shrunk.
+"""Simulation campaign: many seeds, each with a random schedule on a robot; schedules with a breach are minimised.
 
-Seeds run in processes of their own; one that dies costs its seeds a retry in this process. Results do not depend on how
-many processes there are, nor on their order.
+Seeds run in worker processes; if one dies its seeds run again in this process. The results do not depend on the number
+of processes, nor on the order.
 """
 
 from __future__ import annotations
@@ -34,19 +34,17 @@ if TYPE_CHECKING:
     Acts = tuple[ScenarioEvent, ...]
 
 
-# A schedule that aims a kind of trouble at a state: it leads the robot through the state and strikes as it is there.
-#
-# What random schedules seldom meet, as a cable that is cut within the cycle in which an axis is released, is met so.
-# How a state is reached is in one table; states that no client leads to (homing, stops that drives do not obey) have no
-# row.
+# Targeted schedules: each leads the robot into a state and injects a fault at this time, which random schedules rarely
+# do, such as a cable cut in the cycle in which an axis is disabled. `_WAYS` is the table of paths into states; states
+# without a path by client requests (homing, stops that drives do not execute) have no row.
 
 
 _MS: Final = 1_000_000
 AIMED_NS: Final = 7_000 * _MS
-"""How long such a schedule is simulated at least."""
-_MOVES_NS: Final = 700 * _MS  # from when on the robot is commanded
-_LEAD_NS: Final = 1500 * _MS  # when it is led towards the state
-_BACK_NS: Final = 2500 * _MS  # when it is led out of it
+"""Minimum duration of a targeted schedule."""
+_MOVES_NS: Final = 700 * _MS  # start of the commands
+_LEAD_NS: Final = 1500 * _MS  # start of the path into the state
+_BACK_NS: Final = 2500 * _MS  # start of the path back
 _MENDED_NS: Final = 4_000 * _MS
 
 _UP: Final = ("disable", _BACK_NS)
@@ -77,11 +75,11 @@ _WAYS: Final[Mapping[tuple[str, str], tuple[str, int]]] = {
     (BOOT, "BOOTING"): ("power", _LEAD_NS),
     (BOOT, "WAITING"): ("power", _LEAD_NS),
 }
-"""How a state is reached, and from when on it is waited for."""
+"""Path into each state, and the time from which the schedule waits for it."""
 
 
 def cells_to_aim_at(hit: Container[Cell], faults: Sequence[str], most: int) -> list[Cell]:
-    """Return up to `most` cells that were not hit and can be aimed at, from all over the table."""
+    """Return up to `most` uncovered cells that can be targeted, spread over the table."""
     empty = [cell for cell in cells_of(faults) if cell not in hit and cell[:2] in _WAYS]
     return [empty[number * len(empty) // most] for number in range(most)] if len(empty) > most else empty
 
@@ -89,7 +87,7 @@ def cells_to_aim_at(hit: Container[Cell], faults: Sequence[str], most: int) -> l
 def targeted_schedule(
     seed: int, cell: Cell, motions: Sequence[SampleMotion], nodes: Sequence[int]
 ) -> tuple[ScenarioEvent, ...]:
-    """Return the acts that aim at a cell; the seed draws the node, the motion, and how long the trouble lasts."""
+    """Return the schedule for a cell; the seed selects node, motion, and duration of the fault."""
     machine, state, kind = cell
     draw = Random(f"{seed}/aimed").random
     way, armed = _WAYS[machine, state]
@@ -103,7 +101,7 @@ def targeted_schedule(
 
 
 def _moves(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]:
-    """Command before and after, where there is something to command."""
+    """Return commands before and after, if the robot has a motion."""
     motion = next((each for each in motions if each.starts), None)
     if motion is None:
         return []
@@ -115,7 +113,7 @@ def _moves(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]
 
 
 def _led(way: str, node: str) -> list[ScenarioEvent]:
-    """Return what leads into a state, and out of it again."""
+    """Return the path into a state, and back."""
     again = [
         ScenarioEvent(_BACK_NS - 100 * _MS, "axis", name="fault-reset"),
         ScenarioEvent(_BACK_NS, "axis", name="enable"),
@@ -134,7 +132,7 @@ def _led(way: str, node: str) -> list[ScenarioEvent]:
 
 
 def _strike(kind: str, when: str, node: str, armed: int, drawn: float) -> ScenarioEvent:
-    """Return the trouble, which waits for the state."""
+    """Return the fault event, which waits for the state."""
     lasts = (50 + int(1000 * drawn)) * _MS
     if kind not in KINDS:
         return ScenarioEvent(armed, "fault", node, kind, for_ns=lasts, when=when)
@@ -145,26 +143,24 @@ def _strike(kind: str, when: str, node: str, armed: int, drawn: float) -> Scenar
     return ScenarioEvent(armed, kind, target, values=values, for_ns=lasts, when=when)
 
 
-# Shrinks a schedule that breaks an invariant to the smallest that still does: acts are dropped, times halved.
-#
-# First parts of the schedule are left out, halves before single acts (delta debugging); then what is left lasts half as
-# long and comes earlier, as long as the same rule still breaks. The number of tries is bounded.
+# Minimisation of a schedule that breaks an invariant: parts are removed, halves before single events (delta debugging);
+# then durations and start times are halved while the same rule still breaks. The number of tries is limited.
 
 
 MOST_TRIES: Final = 150
-_FIRST_NS: Final = 600_000_000  # a robot boots until then
+_FIRST_NS: Final = 600_000_000  # the robot boots until then
 _SHORT_NS: Final = 20_000_000
 
 
 class Shrinker:
-    """Looks for the smallest schedule for which `breaks(acts)` is true; `tries` counts how often that was asked."""
+    """Search for the smallest schedule for which `breaks(acts)` is true; `tries` counts its calls."""
 
     def __init__(self, breaks: Callable[[Acts], bool], most: int = MOST_TRIES) -> None:
         self.tries = 0
         self._breaks, self._most = breaks, most
 
     def shrink(self, acts: Sequence[ScenarioEvent]) -> Acts:
-        """Return the smallest that was found; the acts themselves where nothing smaller breaks."""
+        """Return the smallest schedule found, or the given one if no smaller one breaks the rule."""
         smallest = tuple(acts)
         while (smaller := self._round(smallest)) != smallest:
             smallest = smaller
@@ -180,7 +176,7 @@ class Shrinker:
         return self._breaks(acts)
 
     def _drop(self, acts: Acts) -> Acts:
-        """Leave out ever smaller parts."""
+        """Return the schedule without as many parts as possible."""
         size = max(1, len(acts) // 2)
         while acts:
             at = 0
@@ -196,7 +192,7 @@ class Shrinker:
         return acts
 
     def _shorten(self, acts: Acts) -> Acts:
-        """Halve how long each act lasts, and the time before it."""
+        """Return the schedule with durations and start times halved."""
         for number in range(len(acts)):
             for changed in self._shorter(acts, number):
                 if self._still(changed):
@@ -215,19 +211,19 @@ class Shrinker:
 
 
 def _whole(time_ns: int) -> int:
-    """Return whole ms."""
+    """Return a time rounded to ms."""
     return time_ns // 1_000_000 * 1_000_000
 
 
-_TO_RUN_NS: Final = 20_000_000_000  # after which a robot to which nothing happens does not run any more
-_AFTER_NS: Final = 3_000_000_000  # what a shrunk schedule runs on after its last act
+_TO_RUN_NS: Final = 20_000_000_000  # an undisturbed robot is running after this time
+_AFTER_NS: Final = 3_000_000_000  # duration of a minimised schedule after its last event
 
 
 @dataclass(frozen=True, slots=True)
 class SeedResult:
-    """What came of one seed; `troubles` counts what went wrong by its kind, and the state that the robot was in.
+    """Result of one seed; `troubles` counts faults by kind, and by the state of the robot.
 
-    `edges` counts those of the state machines that were walked, `cells` kinds of trouble by the states they hit.
+    `edges` counts transitions of the state machines, `cells` kinds of faults by the states they hit.
     """
 
     seed: int
@@ -244,32 +240,32 @@ class SeedResult:
 
 @dataclass(slots=True)
 class Totals:
-    """The results of a campaign, by seed."""
+    """Results of a campaign, by seed."""
 
     results: dict[int, SeedResult] = field(default_factory=dict)
 
     def add(self, result: SeedResult) -> None:
-        """Take a result."""
+        """Add a result."""
         self.results[result.seed] = result
 
     @property
     def broken(self) -> list[SeedResult]:
-        """The seeds with breaches, in order."""
+        """Seeds with breaches, in order."""
         return [each for _, each in sorted(self.results.items()) if each.breaches]
 
     @property
     def robot_s(self) -> float:
-        """How long all robots have run, in s."""
+        """Simulated time of all robots in s."""
         return sum(each.robot_s for _, each in sorted(self.results.items()))
 
     @property
     def frames(self) -> int:
-        """How many frames have passed."""
+        """Number of frames."""
         return sum(each.frames for each in self.results.values())
 
     @property
     def troubles(self) -> Counter[tuple[str, str]]:
-        """How often what went wrong, and in which state of the robot."""
+        """Number of faults by kind and state of the robot."""
         found: Counter[tuple[str, str]] = Counter()
         for _, each in sorted(self.results.items()):
             found.update(each.troubles)
@@ -277,7 +273,7 @@ class Totals:
 
     @property
     def edges(self) -> Counter[Edge]:
-        """How often each edge of the state machines was walked."""
+        """Number of each transition of the state machines."""
         found: Counter[Edge] = Counter()
         for _, each in sorted(self.results.items()):
             found.update(each.edges)
@@ -285,7 +281,7 @@ class Totals:
 
     @property
     def cells(self) -> Counter[Cell]:
-        """How often each kind of trouble hit in each state of each machine."""
+        """Number of faults of each kind in each state of each machine."""
         found: Counter[Cell] = Counter()
         for _, each in sorted(self.results.items()):
             found.update(each.cells)
@@ -293,7 +289,7 @@ class Totals:
 
 
 class Campaign:
-    """Runs seeds of `duration_ns` each on a robot, with the faults that are named; a breach is shrunk in `tries`."""
+    """Campaign of seeds of `duration_ns` each on a robot, with the named faults; breaches are minimised in `tries`."""
 
     def __init__(self, setup: RobotSetup, duration_ns: int, faults: Sequence[str], tries: int = MOST_TRIES) -> None:
         self._tries = tries
@@ -303,19 +299,19 @@ class Campaign:
         self._nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
 
     def aim(self, seeds: Sequence[int], hit: Container[Cell]) -> list[int]:
-        """Aim seeds at cells that were not hit; return those of them that there is a cell for."""
+        """Assign uncovered (state, fault) cells to seeds; return the seeds that got one."""
         cells = cells_to_aim_at(hit, self._faults, len(seeds)) if self._nodes else []
         self._aims.update(zip(seeds, cells, strict=False))
         return list(seeds[: len(cells)])
 
     def schedule(self, seed: int) -> tuple[ScenarioEvent, ...]:
-        """Return what a seed draws, or how it aims."""
+        """Return the random or targeted schedule of a seed."""
         if seed in self._aims:
             return targeted_schedule(seed, self._aims[seed], self._motions, self._nodes)
         return draw_schedule(seed, self._duration_ns, self._motions, self._nodes, self._faults)
 
     def why_never(self) -> str:
-        """Say that the robot does not run even if nothing happens to it, and why; "" where it runs."""
+        """Return the reason why the undisturbed robot does not run; "" if it runs."""
         run = SimulationRun(self._setup, 0, (), motions=self._motions)
         most = max(self._duration_ns, _TO_RUN_NS)
         try:
@@ -325,12 +321,13 @@ class Campaign:
             run.close()
 
     def run(self, seeds: Sequence[int], jobs: int) -> Iterator[SeedResult]:
-        """Yield the results of seeds as they come."""
+        """Yield the results of seeds as they complete."""
         if jobs == 1:
             yield from map(self.run_seed, seeds)
             return
         done: set[int] = set()
-        context = multiprocessing.get_context("fork")  # a robot's files were read, and are no message
+        # with fork the robot's files, which are not picklable, need not be read again
+        context = multiprocessing.get_context("fork")
         try:
             with ProcessPoolExecutor(jobs, mp_context=context, initializer=_inherit, initargs=(self,)) as pool:
                 for result in pool.map(_run_seed, seeds):
@@ -340,14 +337,14 @@ class Campaign:
             yield from map(self.run_seed, [seed for seed in seeds if seed not in done])
 
     def run_seed(self, seed: int) -> SeedResult:
-        """Run one seed to its end."""
+        """Run one seed and return its result."""
         least = AIMED_NS if seed in self._aims else 0
         return self._result(seed, self.schedule(seed), max(self._duration_ns, least))
 
     def shrink(
         self, result: SeedResult, hear: Callable[[int], object] = lambda _tries: None
     ) -> tuple[ScenarioEvent, ...]:
-        """Return the smallest schedule that breaks the first rule that a seed broke; `hear` is told each try."""
+        """Return the smallest schedule that breaks the first rule that a seed broke; `hear` is called for each try."""
         rule = result.breaches[0].rule
 
         def breaks(acts: tuple[ScenarioEvent, ...]) -> bool:
@@ -365,7 +362,7 @@ class Campaign:
         return shrinker.shrink(acts if breaks(tuple(acts)) else self.schedule(result.seed))
 
     def length_of(self, acts: Sequence[ScenarioEvent]) -> int:
-        """Return for how long a schedule is to be simulated, in ns."""
+        """Return the duration of a schedule's simulation in ns."""
         return max((act.at_ns + (act.for_ns or 0) for act in acts), default=0) + _AFTER_NS
 
     def _result(self, seed: int, acts: Sequence[ScenarioEvent], duration_ns: int) -> SeedResult:
@@ -389,11 +386,11 @@ class Campaign:
             run.close()
 
 
-_inherited: list[Campaign] = []  # of a process that runs seeds for another one
+_inherited: list[Campaign] = []  # in a worker process
 
 
 def _inherit(campaign: Campaign) -> None:
-    """Keep the campaign that this process was forked with."""
+    """Store the campaign in the worker process."""
     _inherited[:] = [campaign]
 
 

@@ -1,4 +1,4 @@
-"""What a campaign leaves behind: the scenario and the frames of each breach, and its summary as JUnit and HTML."""
+"""Output files of a campaign: scenario and frames of each breach, and a summary as JUnit and HTML."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ _STYLE: Final = "body{font:14px sans-serif;margin:2em}td,th{padding:.1em .6em;te
 def write_breach(
     folder: Path, setup: RobotSetup, result: SeedResult, acts: Sequence[ScenarioEvent], duration_ns: int, command: str
 ) -> Path:
-    """Write the scenario that breaks, and its frames beside it, and return its path; ConfigError where that cannot be.
+    """Write the scenario of a breach, with its frames, and return its path; ConfigError if that fails.
 
-    `command` is what replays it, before the name of the file.
+    `command` is the command that replays it, without the name of the file.
     """
     path = folder / f"{setup.name}-seed{result.seed}.yml"
     note = f"{result.breaches[0].sentence}\n# {command} --scenario {path}"
@@ -57,7 +57,7 @@ def _record(writer: RecordingWriter, now: int, _label: str, record: bytes) -> No
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder that files are to be written to, where it is not there yet; ConfigError where that cannot be."""
+    """Create a folder for output files, if it does not exist; ConfigError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
@@ -67,7 +67,7 @@ def make_folder(folder: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file, and its folder; ConfigError where that cannot be."""
+    """Write a file and create its folder; ConfigError if that fails."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
@@ -76,7 +76,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def junit_summary(robot: str, totals: Totals) -> str:
-    """Return the results as JUnit's XML: a test case for each seed."""
+    """Return the results as JUnit XML: one test case per seed."""
     cases = "".join(_case(robot, each) for _, each in sorted(totals.results.items()))
     count = f'tests="{len(totals.results)}" failures="{len(totals.broken)}"'
     seconds = sum(each.real_s for each in totals.results.values())
@@ -95,7 +95,7 @@ def _case(robot: str, result: SeedResult) -> str:
 
 
 def html_summary(robot: str, totals: Totals) -> str:
-    """Return the results as a page: how much was simulated, what went wrong in which state, what was breached."""
+    """Return the results as HTML: simulated time, faults by state, breaches."""
     states = sorted({state for _, state in totals.troubles})
     kinds = sorted({kind for kind, _ in totals.troubles})
     head = "".join(f"<th>{escape(each)}</th>" for each in ("", *states))
@@ -125,7 +125,7 @@ def html_summary(robot: str, totals: Totals) -> str:
 
 
 def _cell_tables(totals: Totals) -> str:
-    """Return a table for each machine: kinds of trouble by its states, those included that were not met."""
+    """Return a table for each machine: kinds of faults by state, including those not covered."""
     cells = totals.cells
     kinds = sorted({kind for _, _, kind in cells})
     found = ""

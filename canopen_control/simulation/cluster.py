@@ -1,7 +1,7 @@
-"""Seeds of a campaign on a Dask cluster that exists already; a worker that dies costs its seeds a retry.
+"""Seeds of a campaign on an existing Dask cluster; if a worker dies its seeds run again.
 
-Workers need this package in the same version, with `distributed`, and the robot's files at the same paths. A worker
-runs one seed at a time, however many threads it has: give it a process for each processor.
+Workers need the same version of this package, with `distributed`, and the robot's files at the same paths. A worker
+runs one seed at a time whatever its number of threads, so that one worker process per processor is best.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 _CONNECT_S: Final = 3.0
 _ADDRESS: Final = re.compile(r"((tcp|tls|ws|wss|ucx)://)?(\[[0-9a-fA-F:.%]+\]|[^\s/:\[\]]+):[0-9]{1,5}")
-_ONE_AT_A_TIME: Final = threading.Lock()  # the buses of a simulation are known by name in their process
+_ONE_AT_A_TIME: Final = threading.Lock()  # simulated buses are found by name within their process
 
 
 def require_cluster() -> None:
-    """Raise ConfigError with what to type when `distributed` is not there; does not import it."""
+    """Raise ConfigError with the command to type if `distributed` is missing; does not import it."""
     if importlib.util.find_spec("distributed") is None:
         raise ConfigError("seeds on a Dask cluster need distributed: pip install 'canopen-control[cluster]'")
 
@@ -39,9 +39,9 @@ def require_cluster() -> None:
 def run_on_cluster(
     campaign: Campaign, seeds: Sequence[int], address: str, note: Callable[[str], object] = lambda _text: None
 ) -> Iterator[SeedResult]:
-    """Yield the results of seeds as they come; ConfigError where there is no cluster, CanopenError where it has gone.
+    """Yield the results of seeds as they complete; ConfigError without a cluster, CanopenError if it is lost.
 
-    `note` hears a sentence while the cluster has no worker. A seed whose workers died again and again runs here.
+    `note` receives a sentence while the cluster has no worker. A seed whose workers died repeatedly runs here.
     """
     require_cluster()
     with _connected(address) as client:
@@ -56,7 +56,7 @@ def _connected(address: str) -> Iterator[Client]:
 
     if not _ADDRESS.fullmatch(address):
         raise ConfigError(f"--dask {address!r} is no address of a Dask cluster; one is tcp://host:8786")
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters of it is told as a sentence
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # relevant messages are reported as sentences
     try:
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except OSError as error:
@@ -71,7 +71,8 @@ def _results(client: Client, campaign: Campaign, seeds: Sequence[int], address: 
     from cloudpickle import dumps
     from distributed import KilledWorker, as_completed
 
-    packed = client.submit(_same, dumps(campaign), pure=False)  # a task, so that it outlives the worker that holds it
+    # as a task, so that it survives the worker that stores it
+    packed = client.submit(_same, dumps(campaign), pure=False)
     futures = {client.submit(_run_seed, packed, seed, __version__, pure=False): seed for seed in seeds}
     for future in as_completed(futures, loop=client.loop):
         error = future.exception() if future.status == "error" else None

@@ -1,7 +1,8 @@
-"""When each node was disturbed last: by a fault, a stall, a loss on its bus, a stranger's frame, or without a robot.
+"""Times of the last disturbance of each node.
 
-Rules that hold what is told against what is judge nobody who is disturbed: a drive that has lost a frame does not know
-its target, and one whose encoder is broken tells no truth. Times in ns.
+A disturbance is a fault, a stall, a lost or foreign frame, or the absence of the robot. Invariants that compare reports
+with the truth skip disturbed nodes: a drive that lost a frame does not have its target, and one with a broken encoder
+reports wrong positions. Times in ns.
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ if TYPE_CHECKING:
 
 _OF_ALL: Final = ("frame", "kill", "lose", "double", "disturb", "bus_off", "cut", "stall")
 _OF_ONE: Final = ("fault", "heal", "plant", "power")
-_WRAPS: Final = "position_wrap"  # puts a count before the end of its 32 bits, over which it goes on
+_WRAPS: Final = "position_wrap"  # sets the count near the end of its 32 bits, where it then wraps
 
 
 class DisturbedNodes:
-    """Knows `last(node_id)`; `troubled` hears each act that breaks something, `sampled` is called as time passes.
+    """Disturbances by node: `troubled` receives each fault event, `sampled` is called as time passes.
 
-    `hidden_at` is when somebody could last not hear or answer who is well: a bus, a stranger on it, or the robot;
-    `deaf_at` likewise, strangers apart. `moved(node_id)` is when something may last have moved a shaft past its drive.
+    `hidden_at` is the last time at which an undisturbed node could not receive or answer, because of a bus, foreign
+    frames, or the robot; `deaf_at` is the same without foreign frames. `moved(node_id)` is the last time at which a
+    shaft may have moved without its drive.
     """
 
     def __init__(self, robot: RobotUnderTest) -> None:
@@ -33,19 +35,19 @@ class DisturbedNodes:
         self.hidden_at = self.deaf_at = 0
 
     def moved(self, node_id: int) -> int:
-        """Return when a count may last have become another one without a motion, 0: never."""
+        """Return the last time at which a count may have changed without a motion, 0: never."""
         return self._moved[node_id]
 
     def put(self, node_id: int) -> int:
-        """Return when a count was last put before the end of its 32 bits, which is a jump itself, 0: never."""
+        """Return the last time at which a count was set near the end of its 32 bits, which is a jump, 0: never."""
         return self._put[node_id]
 
     def last(self, node_id: int) -> int:
-        """Return when the node, its bus or the robot was disturbed last, 0: never."""
+        """Return the last disturbance of the node, its bus or the robot, 0: never."""
         return self._last[node_id]
 
     def troubled(self, now: int, act: ScenarioEvent) -> None:
-        """Take an act that begins; other acts than troubles disturb nobody."""
+        """Record an event that begins; only fault events are disturbances."""
         if act.kind in _OF_ALL:
             self._disturb_all(now)
             if act.kind != "frame":
@@ -55,14 +57,14 @@ class DisturbedNodes:
             (self._put if act.name == _WRAPS else self._moved)[int(act.target)] = now
 
     def sampled(self, now: int) -> None:
-        """Take what is disturbed now."""
+        """Record the current disturbances."""
         robot = self._robot
         if not robot.up or now < robot.host.stalled_until:
             self._disturb_all(now)
             self.deaf_at = now
             return
         for node_id, drive in robot.drives.items():
-            if drive.wire.tampered:  # whoever is cut off, too
+            if drive.wire.tampered:  # including disconnected drives
                 self.hidden_at = self.deaf_at = now
             if self.hidden_at == now or _is_disturbed(drive, now):
                 self._last[node_id] = now
@@ -75,6 +77,6 @@ class DisturbedNodes:
 
 
 def _is_disturbed(drive: SimulatedDrive, now: int) -> bool:
-    """Whether a drive has no supply, a fault is on in it, or it gets no processor."""
+    """Whether a drive has no supply, an active fault, or a stalled process."""
     device, actor = drive.device, drive.actor
     return device is None or actor is None or now < actor.stalled_until or device.filter is not None

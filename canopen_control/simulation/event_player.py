@@ -1,7 +1,7 @@
-"""Plays a schedule on a simulated robot: what its clients, its drives, its buses and its processes do and suffer.
+"""Player of a schedule on a simulated robot: requests of clients, and faults of drives, buses and processes.
 
-Clients speak to the runtime through the verbs behind its API, and publish ten times a second; what they are refused is
-counted. Times in ns from the start.
+Clients use the functions behind the runtime's API and publish ten times a second; refusals are counted. Times are in ns
+from the start.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 SOURCE: Final = "simulate"
 PUBLISH_NS: Final = 100_000_000
-_LOOK_NS: Final = 1_000_000  # how often an act that waits for a state looks
+_LOOK_NS: Final = 1_000_000  # interval of checking the state that an event waits for
 _BRIEFLY_NS: Final = 100_000_000
 _COMMANDS: Final = frozenset({"command", "trajectory"})
 
@@ -52,7 +52,7 @@ class EventPlayer:
         self.played: list[ScenarioEvent] = []
         self.refused = 0
         self.mistakes: list[ControlError] = []
-        """Why commands were refused from the beginning, but for drives that are off and a latched STOP."""
+        """Refusals of commands that are errors of the schedule, not due to disabled drives or a latched STOP."""
         self._asked: set[int] = set()  # the ids of acts, all of which are in `played`
         self.troubles: Counter[tuple[str, str]] = Counter()
         self.torn: list[str] = []
@@ -61,13 +61,13 @@ class EventPlayer:
         self._down = False
 
     def plan(self, acts: Iterable[ScenarioEvent]) -> None:
-        """Put acts on the clock."""
+        """Schedule events on the clock."""
         start = self.robot.time.now_ns
         for act in acts:
             self.robot.time.at(start + act.at_ns, partial(self.play, act))
 
     def play(self, act: ScenarioEvent) -> None:
-        """Begin an act now, or as soon as the state is there that it waits for."""
+        """Execute an event now, or once the state it waits for is reached."""
         if not state_reached(self.robot, act):
             self._later(_LOOK_NS, partial(self.play, act))
             return
@@ -86,13 +86,13 @@ class EventPlayer:
     # -- drives
 
     def fault(self, act: ScenarioEvent) -> None:
-        """Switch a fault on."""
+        """Inject a fault."""
         self._switch(act, on=True)
         if act.for_ns is not None:
             self._later(act.for_ns, lambda: self._switch(act, on=False))
 
     def heal(self, act: ScenarioEvent) -> None:
-        """Switch a fault off."""
+        """Clear a fault."""
         self._switch(act, on=False)
 
     def _switch(self, act: ScenarioEvent, *, on: bool) -> None:
@@ -100,19 +100,19 @@ class EventPlayer:
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def plant(self, act: ScenarioEvent) -> None:
-        """Set numbers of a plant."""
+        """Set values of a plant."""
         request = SetPlant(numbers=dict(act.plant), axis=act.axis)
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def power(self, act: ScenarioEvent) -> None:
-        """Take the supply of a drive away."""
+        """Switch the supply of a drive off."""
         drive = self.robot.drives[int(act.target)]
         drive.power_off()
         if act.for_ns is not None:
             self._later(act.for_ns, drive.power_on)
 
     def world(self, act: ScenarioEvent) -> None:
-        """Let something happen in the world; a joint that is blocked for a time is let go again."""
+        """Apply a disturbance in the world; a joint blocked for a time is released again."""
         floor, what = self.robot.floor, act.world
         if floor is None or what is None:
             return
@@ -123,13 +123,13 @@ class EventPlayer:
     # -- processes
 
     def stall(self, act: ScenarioEvent) -> None:
-        """Let a process do nothing."""
+        """Stall a process."""
         actor = self._actor(act.target)
         if actor is not None:
             actor.stall(act.for_ns or _BRIEFLY_NS)
 
     def kill(self, act: ScenarioEvent) -> None:
-        """Kill the robot's process, and start it again."""
+        """Kill the robot's process, and restart it."""
         if self._down:
             return
         self._down = True
@@ -147,19 +147,19 @@ class EventPlayer:
     # -- buses
 
     def cut(self, act: ScenarioEvent) -> None:
-        """Cut a cable, and mend it."""
+        """Cut a cable, and repair it."""
         for wire, label in self._members(act.target):
             wire.cut.add(label)
             if act.for_ns is not None:
                 self._later(act.for_ns, partial(wire.cut.discard, label))
 
     def bus_off(self, act: ScenarioEvent) -> None:
-        """Send a controller off the bus."""
+        """Set a controller to bus-off."""
         for wire, label in self._members(act.target):
             wire.bus_off(label, act.for_ns or _BRIEFLY_NS)
 
     def disturb_frames(self, act: ScenarioEvent) -> None:
-        """Lose, double or disturb every n-th frame of a member; n is the first value, and 1 without one."""
+        """Lose, double or disturb every n-th frame of a member; n is the first value, default 1."""
         for wire, label in self._members(act.target):
             rules = {"lose": wire.lost, "double": wire.doubled, "disturb": wire.disturbed}[act.kind]
             rule = DropRule(label, every=int(act.values[0]) if act.values else 1)
@@ -168,7 +168,7 @@ class EventPlayer:
                 self._later(act.for_ns, partial(rules.remove, rule))
 
     def frame(self, act: ScenarioEvent) -> None:
-        """Put a frame onto every bus."""
+        """Send a frame on every bus."""
         can_id, *data = (int(each) for each in act.values)
         for wire in self.robot.wires.values():
             wire.inject(CanFrame(can_id, bytes(data)))
@@ -184,7 +184,7 @@ class EventPlayer:
     # -- clients
 
     def command(self, act: ScenarioEvent) -> None:
-        """Publish a command until its time is over; the newest publisher of a controller is the only one."""
+        """Publish a command for its duration; a newer publisher of the same controller replaces it."""
         turn = self._publishing[act.target] = self._publishing.get(act.target, 0) + 1
         self._publish(act, turn, self.robot.now_ns + (act.for_ns or 0))
 
@@ -201,7 +201,7 @@ class EventPlayer:
             observer.taken(self.robot.now_ns, act)
 
     def trajectory(self, act: ScenarioEvent) -> None:
-        """Send a trajectory whose points stand."""
+        """Send a trajectory whose points have zero velocity."""
         joints = self.robot.core.manager.get(act.target).joints if act.target in self.robot.core.manager.states else ()
         width = len(act.values) // max(1, len(act.times))
         stands = [0.0] * width
@@ -219,13 +219,13 @@ class EventPlayer:
             observer.goal(self.robot.now_ns, act, goal)
 
     def cancel(self, act: ScenarioEvent) -> None:
-        """Cancel what a controller follows."""
+        """Cancel the active goal of a controller."""
         self._ask(act, lambda core: core.manager.get(act.target).cancel_goal())
 
-    # -- clients of its socket
+    # -- clients of the robot's socket
 
     def connect(self, act: ScenarioEvent) -> None:
-        """Let clients come that hang, or that ask; a robot that is down has no socket."""
+        """Connect clients that block or send requests; without a robot there is no socket."""
         if self._down or not self.robot.up:
             return
         if act.kind == "silent":
@@ -236,7 +236,7 @@ class EventPlayer:
             self.clients.ask(act.for_ns)
 
     def dead_man(self, act: ScenarioEvent) -> None:
-        """Command as a client with whom the command ends, and leave."""
+        """Command as a client whose command ends with its connection, and disconnect."""
         if self._down or not self.robot.up:
             return
         self.asked(replace(act, kind="command", name=act.kind))
@@ -247,23 +247,23 @@ class EventPlayer:
         self.asked(replace(act, kind="leave"))
 
     def stop(self, act: ScenarioEvent) -> None:
-        """Stop."""
+        """Stop the robot."""
         self._ask(act, lambda core: core.stop(_ignore, by=SOURCE))
 
     def latch(self, act: ScenarioEvent) -> None:
-        """Stop, latched."""
+        """Stop the robot and latch the stop."""
         self._ask(act, lambda core: core.stop(_ignore, SOURCE, SOURCE))
 
     def release(self, act: ScenarioEvent) -> None:
-        """Release the latch."""
+        """Release the latched stop."""
         self._ask(act, lambda core: core.latch.release(SOURCE, core.reactor.now()))
 
     def axis(self, act: ScenarioEvent) -> None:
-        """Do something to the axes of a node, or of all."""
+        """Execute an axis action on a node, or on all."""
         self._ask(act, lambda core: core.axis(Action(act.name), act.target or "all", _ignore))
 
     def activate(self, act: ScenarioEvent) -> None:
-        """Switch to a controller, from those that have what it claims."""
+        """Activate a controller and deactivate those with the same claims."""
         self._ask(act, lambda core: self._switch_whole(core, act, partial(self._switch_to, core, act.target)))
 
     def _switch_to(self, core: RobotCore, name: str) -> None:
@@ -276,18 +276,18 @@ class EventPlayer:
         self._ask(act, lambda core: self._switch_whole(core, act, partial(switch, core)))
 
     def _switch_whole(self, core: RobotCore, act: ScenarioEvent, switch: Callable[[], object]) -> None:
-        """Switch controllers, and note a refusal that has changed something."""
+        """Switch controllers, and record a refusal that changed something."""
         before = _active(core)
         try:
             switch()
         except CanopenError as error:
-            # a controller whose own activation fails takes its request with it, and what was stopped for it stays so
+            # a failed activation ends the request; controllers stopped for it stay inactive
             if _active(core) != before and "could not be activated" not in str(error):
                 self.torn.append(f"{act.kind} {act.target} was refused ({error}) and has changed what is active")
             raise
 
     def _ask(self, act: ScenarioEvent, verb: Callable[[RobotCore], object]) -> None:
-        """Ask the robot for something as a client; a robot that is down hears nothing."""
+        """Send a request to the robot as a client; without a robot it is lost."""
         if self._down:
             return
         self.asked(act)

@@ -1,7 +1,7 @@
-"""Which kinds of trouble hit in which states: axis power, CiA 402, NMT and boot of the nodes that they hit.
+"""Coverage of faults and state transitions: axis power, CiA 402, NMT and boot of the affected nodes.
 
-A cell is a machine, a state of it and a kind of trouble (a fault of a drive by its name, or what happens to a supply, a
-process or a bus). The states of axis power and boot are the robot's, those of CiA 402 and NMT the drive's own.
+A cell is a machine, one of its states and a kind of fault (of a drive by name, or of a supply, a process or a bus). The
+states of axis power and boot are the robot's, those of CiA 402 and NMT the drive's.
 """
 
 from __future__ import annotations
@@ -25,13 +25,12 @@ if TYPE_CHECKING:
     from canopen_control.simulation.wire_view import WireView
 
 
-# Which edges of the state machines a simulation has walked: axis power, CiA 402, NMT; and which are left.
-#
-# The rows of the axis power chart are counted where they are taken. The edges of CiA 402 and NMT are what a listener on
-# the wire sees from one statusword, or heartbeat, to the next: two steps between them are one that the diagram has not.
+# Transitions of the state machines axis power, CiA 402 and NMT. Those of the axis power chart are counted when they
+# fire. Those of CiA 402 and NMT are differences between two consecutive statuswords or heartbeats on the bus: two fast
+# steps appear as one that the diagram lacks.
 
 
-Edge = tuple[str, str, str]  # the machine, the state before, and the trigger or the state after
+Edge = tuple[str, str, str]  # machine, previous state, trigger or next state
 
 POWER, DRIVE, NMT = "axis power", "CiA 402", "NMT"
 _BOOT, _STOPPED, _OPERATIONAL, _PRE = "INITIALISING", "STOPPED", "OPERATIONAL", "PRE_OPERATIONAL"
@@ -47,7 +46,7 @@ EDGES: Final[Mapping[str, frozenset[Edge]]] = {
         if before != after and (before != _BOOT or after == _PRE)
     ),
 }
-"""The edges that each machine has."""
+"""Transitions of each machine."""
 
 
 class _RowCounter:
@@ -61,7 +60,7 @@ class _RowCounter:
 
 
 class StateCoverage:
-    """Counts the edges that a robot walks; call `sampled` now and then, since a robot that is restarted is another."""
+    """Counter of the transitions of a robot; call `sampled` periodically, because a restarted robot has new objects."""
 
     def __init__(self, robot: RobotUnderTest, views: Iterable[WireView]) -> None:
         self._robot, self._nodes = robot, [node for view in views for node in view.nodes.values()]
@@ -70,7 +69,7 @@ class StateCoverage:
         self.sampled()
 
     def sampled(self) -> None:
-        """Listen to the axes of the robot that runs now."""
+        """Observe the axes of the current robot."""
         core = self._robot.core
         if core is not self._core:
             self._core = core
@@ -79,7 +78,7 @@ class StateCoverage:
 
     @property
     def walked(self) -> dict[Edge, int]:
-        """How often each edge was walked, those that no diagram has included."""
+        """Number of each transition, including those that no diagram has."""
         found: Counter[Edge] = Counter()
         for (state, trigger), count in self._rows.counts.items():
             found[POWER, state.name, trigger.name] += count
@@ -92,13 +91,13 @@ class StateCoverage:
 
 
 def coverage_words(walked: Mapping[Edge, int]) -> str:
-    """Say of each machine how many of its edges were walked."""
+    """Return the coverage of transitions of each machine as text."""
     counts = ((machine, sum(edge in walked for edge in edges), len(edges)) for machine, edges in EDGES.items())
     return ", ".join(f"{machine} {count} of {total}" for machine, count, total in counts)
 
 
 def left_out(walked: Mapping[Edge, int]) -> list[Edge]:
-    """Return the edges that were not walked, in order."""
+    """Return the transitions that did not occur, in order."""
     return sorted(edge for edges in EDGES.values() for edge in edges if edge not in walked)
 
 
@@ -112,7 +111,7 @@ def _nmt_state(byte: int) -> str:
     return "unknown" if state is None else state.name
 
 
-Cell = tuple[str, str, str]  # the machine, its state, the kind of trouble
+Cell = tuple[str, str, str]  # machine, state, kind of fault
 
 BOOT: Final = "boot"
 STATES: Final[Mapping[str, tuple[str, ...]]] = {
@@ -121,23 +120,23 @@ STATES: Final[Mapping[str, tuple[str, ...]]] = {
     NMT: tuple(each.name for each in NmtState),
     BOOT: tuple(each.name for each in NodeState),
 }
-"""The states of each machine, in their order."""
+"""States of each machine, in order."""
 
 
 def kind_of(act: ScenarioEvent) -> str:
-    """Return the kind of a trouble: the fault's name, else what the act does."""
+    """Return the kind of a fault event: the fault's name, else the kind of the event."""
     return act.name or act.kind
 
 
 def cells_of(faults: Sequence[str]) -> list[Cell]:
-    """Return all cells, with these faults of drives; kind by kind within a state."""
+    """Return all cells with these faults of drives, ordered by state and kind."""
     others = [name for name, kind in KINDS.items() if kind.breaks and name != "fault"]
     kinds = sorted({*faults, *others})
     return [(machine, state, kind) for machine, states in STATES.items() for state in states for kind in kinds]
 
 
 def cells_words(hit: Iterable[Cell], faults: Sequence[str]) -> str:
-    """Say of each machine how many of its cells were hit."""
+    """Return the coverage of cells of each machine as text."""
     found, wanted = set(hit), cells_of(faults)
     counts = Counter(machine for machine, _, _ in wanted)
     hits = Counter(cell[0] for cell in wanted if cell in found)
@@ -145,7 +144,7 @@ def cells_words(hit: Iterable[Cell], faults: Sequence[str]) -> str:
 
 
 def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
-    """Yield each machine of a node with its state now; of several axes each."""
+    """Yield each machine of a node with its current state, per axis."""
     device = robot.drives[node_id].device
     if device is not None:
         yield NMT, device.nmt.state.name
@@ -162,20 +161,20 @@ def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
 
 
 def state_reached(robot: RobotUnderTest, act: ScenarioEvent) -> bool:
-    """Whether the state is there that an act waits for, of its node, or of any where it is about none."""
+    """Whether the state that an event waits for is reached by its node, or by any if it has none."""
     nodes = [int(act.target)] if act.target.isdigit() else list(robot.drives)
     return not act.when or any(" ".join(each) == act.when for node_id in nodes for each in states_of(robot, node_id))
 
 
 class FaultCoverage:
-    """Counts the cells that troubles hit in `cells`; `troubled` hears each act that begins."""
+    """Counter of the cells hit by faults, `cells`; `troubled` receives each event that begins."""
 
     def __init__(self, robot: RobotUnderTest) -> None:
         self.cells: Counter[Cell] = Counter()
         self._robot = robot
 
     def troubled(self, act: ScenarioEvent) -> None:
-        """Take an act; one that breaks nothing counts nowhere, one that hits many nodes once for each state."""
+        """Record an event; only fault events count, once per state if they affect several nodes."""
         if not KINDS[act.kind].breaks:
             return
         robot = self._robot

@@ -1,7 +1,7 @@
-"""What must hold in every simulation, watched by an observer on the wire and at the shafts; and what users add.
+"""Invariants of every simulation, checked on the bus and at the shafts; also user-defined ones.
 
-A rule of a user is a function of the entry point group `canopen_control.invariants`: it is called with the
-`RobotUnderTest` every 20 ms of its time and returns a sentence where something is wrong, else None.
+A user's rule is a function of the entry point group `canopen_control.invariants`. It is called with the
+`RobotUnderTest` every 20 ms of virtual time and returns a sentence about a violation, else None.
 """
 
 from __future__ import annotations
@@ -37,22 +37,21 @@ if TYPE_CHECKING:
     Rule = Callable[[RobotUnderTest], str | None]
 
 
-# Invariants of the runtime itself: the state told is the state that is, memory is bounded, the program has no error.
-#
-# What a face of the robot claims (state, axes, velocities) is held against the wire and the shafts, and the STOP latch
-# against what clients have asked for, whoever has left or restarted since. Times in ns.
+# Invariants of the runtime: reported states are true, memory is bounded, no program error occurs. Reports of the robot
+# (state, axes, velocities) are compared with the bus and the shafts, and the STOP latch with the requests of clients,
+# across disconnections and restarts. Times in ns.
 
 
 _MS: Final = 1_000_000
 _SECOND: Final = 1_000_000_000
-_SOON_NS: Final = 400 * _MS  # in which what has happened is told
+_SOON_NS: Final = 400 * _MS  # time allowed for reporting an event
 _FRESH_NS: Final = 100 * _MS
 _MEMORY_NS: Final = 60 * _SECOND
-_BLOCKS: Final = 60_000  # of memory, that a robot may have more than a while after its start
+_BLOCKS: Final = 60_000  # allowed increase of memory blocks since shortly after the start
 
 
 class ReportInvariants:
-    """Holds the runtime's words against what is; `tell(rule, text)` takes breaches.
+    """Comparison of the runtime's reports with the truth; `tell(rule, text)` receives breaches.
 
     `asked`, `taken` and `sampled` are called as time passes.
     """
@@ -60,22 +59,23 @@ class ReportInvariants:
     def __init__(self, robot: RobotUnderTest, views: Mapping[str, WireView], tell: Callable[[str, str], None]) -> None:
         self._robot, self._tell = robot, tell
         self._nodes = [node for view in views.values() for node in view.nodes.values()]
-        self._wrong_since: dict[tuple[str, str], int] = {}  # what of whom
+        self._wrong_since: dict[tuple[str, str], int] = {}  # (rule, node): since when
         self._names = {node.node_id: f"node {node.node_id}" for node in self._nodes}
         self._errors = 0
         self._blocks: int | None = None
         self._weigh_at = robot.now_ns + _MEMORY_NS
-        self._latched: bool | None = False  # as clients have asked for it; None: nobody knows whether that was heard
+        # by the requests of clients; None: unknown, because a request may have been lost
+        self._latched: bool | None = False
         self._latch_asked = self._latch_heard = 0
 
     def asked(self, now: int, act: ScenarioEvent) -> None:
-        """Take what a client asks for; a process that is stalled hears it when it goes on."""
+        """Record a request of a client; a stalled process receives it when it continues."""
         if act.kind in ("latch", "release"):
             self._latched = act.kind == "latch"
             self._latch_asked, self._latch_heard = now, max(now, self._robot.host.stalled_until)
 
     def taken(self, now: int, act: ScenarioEvent) -> None:
-        """Judge a command that was taken: one all of whose drives have been off for a while must not be."""
+        """Check an accepted command: the robot must refuse it if all its drives have been disabled for a while."""
         core = self._robot.core
         joints = [core.joints.get(each.joint) for each in core.manager.get(act.target).commands]
         moved = {joint.node.node_id for joint in joints if joint is not None}
@@ -84,7 +84,7 @@ class ReportInvariants:
             self._tell("command_taken", f"a command to {act.target} is taken, and its drives are off")
 
     def sampled(self, now: int) -> None:
-        """Judge what is told now."""
+        """Check the current reports."""
         robot = self._robot
         for error in robot.errors[self._errors :]:
             self._tell("program_error", f"{type(error).__name__}: {error}")
@@ -104,14 +104,14 @@ class ReportInvariants:
             self._judge_axes(node, now, troubled=troubled)
 
     def _judge_latch(self, now: int) -> None:
-        """Judge that STOP is latched from when a client has latched it until one releases it, and at no other time."""
+        """Check that STOP is latched exactly from a client's latch request until a release."""
         held, latched = self._robot.core.latch.held, self._latched
         if held is not latched or self._wrong_since:
             self._hold("STOP was latched by {}, and is not any more", "a client", latched is True and not held, now)
             self._hold("STOP is latched, and {} asked for it", "nobody", latched is False and held, now)
 
     def _judge_state(self, node: ObservedNode, now: int) -> bool:
-        """Judge that RUNNING means that every node is there and no drive is in fault; return whether it is not so."""
+        """Check that RUNNING means that no node is missing or in fault; return whether it is violated."""
         limit = node.timeout_ns
         silent = limit > 0 and node.alive_at > 0 and now - node.alive_at > limit
         fault = node.in_fault and now - node.status_at < _FRESH_NS
@@ -123,7 +123,7 @@ class ReportInvariants:
         return silent or fault
 
     def _judge_axes(self, node: ObservedNode, now: int, *, troubled: bool) -> None:
-        """Judge that an axis told as enabled shows it on the wire, and while RUNNING each that is claimed."""
+        """Check that an axis reported as enabled is enabled on the bus, and while RUNNING every claimed axis."""
         wrong = now - node.status_at < _FRESH_NS and not node.enabled
         if not (wrong or self._wrong_since):
             return
@@ -136,13 +136,13 @@ class ReportInvariants:
                 self._hold("running, and {} is claimed by a controller and off", joint.joint, off, now)
 
     def _hold(self, text: str, who: str, wrong: bool, now: int) -> None:
-        """Tell what has been wrong for longer than it takes to be told."""
+        """Report a violation that lasts longer than the time allowed for reporting."""
         since, what = self._wrong_since, (text, who)
         if not wrong:
             if since:
                 since.pop(what, None)
         elif now - since.setdefault(what, now) > _SOON_NS and since[what] >= 0:
-            since[what] = 1 << 62  # once
+            since[what] = 1 << 62  # only once
             self._tell("state_told", text.format(who))
 
     def _weigh(self, now: int) -> None:
@@ -156,22 +156,25 @@ class ReportInvariants:
 
 
 def _is_off(node: ObservedNode, now: int) -> bool:
-    """Whether a drive shows that it is not enabled, and has for a while."""
+    """Whether a drive has reported for a while that it is not enabled."""
     return not node.enabled and node.shown_enabled_at < now - _SOON_NS and now - node.status_at < _FRESH_NS
 
 
-# Invariants of clients: one that hangs holds up neither the robot nor other clients, and is not kept for ever.
-#
-# That a command ends with its client, and with its time-out, is judged by the motion of the shafts
-# (`motion_invariants`). Times in ns.
+# Invariants of clients: a blocked client delays neither the robot nor other clients, and is disconnected in the end.
+# The end of commands with their client and their timeout is checked by the motion of the shafts (`motion_invariants`).
+# Times in ns.
 
 
-_ANSWER_NS: Final = 1000 * _MS  # in which an answer comes, though others hang: newcomers may stay idle for half of it
-_DEAF_NS: Final = 5000 * _MS  # after which who reads nothing has got more than is kept for anybody
+# time allowed for an answer despite blocked clients: new connections may be idle for half of it
+_ANSWER_NS: Final = 1000 * _MS
+_DEAF_NS: Final = 5000 * _MS  # after this time a client that does not read has exceeded its buffer
 
 
 class ClientInvariants:
-    """Judges how a robot serves its clients; `tell(rule, text)` takes breaches. `sampled` is called as time passes."""
+    """Check of the robot's service to its clients; `tell(rule, text)` receives breaches.
+
+    `sampled` is called as time passes.
+    """
 
     def __init__(self, robot: RobotUnderTest, clients: SimulatedClients, tell: Callable[[str, str], None]) -> None:
         self._robot, self._clients, self._tell = robot, clients, tell
@@ -179,7 +182,7 @@ class ClientInvariants:
         self._told: set[SimulatedClient] = set()
 
     def sampled(self, now: int) -> None:
-        """Judge how clients fare now."""
+        """Check all clients now."""
         if self._clients.blocked > self._blocked:
             self._blocked = self._clients.blocked
             self._tell("client_blocks", "the robot waits for a client that does not read")
@@ -208,7 +211,7 @@ _MOST: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """An invariant that did not hold, `at_s` after the start; `rule` is its short name."""
+    """Violated invariant, `at_s` after the start; `rule` is its short name."""
 
     at_s: float
     rule: str
@@ -216,25 +219,25 @@ class Breach:
 
     @property
     def sentence(self) -> str:
-        """The breach in a line."""
+        """Text of the breach in one line."""
         return f"{self.at_s:.3f} s: {self.rule}: {self.text}"
 
 
 def user_rules() -> list[tuple[str, Rule]]:
-    """Return the rules that installed packages add, by name."""
+    """Return the rules of installed packages, by name."""
     return [(each.name, each.load()) for each in _entry_points()]
 
 
 @functools.cache
 def _entry_points() -> tuple[importlib.metadata.EntryPoint, ...]:
-    """Return the entry points, read once: the metadata of each package is a file."""
+    """Return the entry points, cached because the metadata of each package is a file."""
     return tuple(importlib.metadata.entry_points(group=GROUP))
 
 
 class Invariants(SimulationObserver):
-    """Watches a robot from now on; `breaches` grows, up to a hundred, `coverage` counts the edges that it walks.
+    """Observer of a robot from now on; `breaches` has at most a hundred, `coverage` counts transitions.
 
-    `troubled` counts the troubles by the states that they hit.
+    `troubled` counts the faults by the states that they hit.
     """
 
     def __init__(

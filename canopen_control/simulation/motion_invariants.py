@@ -1,9 +1,9 @@
-"""Invariants of motion: it takes an enable and a fresh command, stops end in time, and no enable comes unasked.
+"""Invariants of motion: it needs an enable and a newer command, stops end in time, no enable without a request.
 
-Judged by the wire, the drives' shafts, and what clients have asked; never by what the runtime says. A reason to stop is
-a stop or disable that was asked, a drive in fault, a node that boots or falls silent, a master that falls silent. From
-it the shafts have the time to notice it and the ramp, both as `check` computes them, and `GRACE_NS`; then no
-controlword may enable a drive any more. Times in ns.
+They use the bus, the drives' shafts and the requests of clients, never reports of the runtime. A reason to stop is a
+requested stop or disable, a drive in fault, a node that boots or falls silent, a silent master. The shafts must then
+stand after the detection time and the ramp, both as computed by `check`, and `GRACE_NS`; afterwards no controlword may
+enable a drive. Times in ns.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ if TYPE_CHECKING:
 
 
 _MS: Final = 1_000_000
-GRACE_NS: Final = 200 * _MS  # some cycles, and how late processes wake
-CONTROL_RAMP_NS: Final = 1000 * _MS  # by which a controller may ramp down what ran out
-BOOT_NS: Final = 500 * _MS  # in which a start resets drives that turn still
-PLACE_NS: Final = 8_000 * _MS  # for a position to be reached
+GRACE_NS: Final = 200 * _MS  # some cycles, and wake-up delays of processes
+CONTROL_RAMP_NS: Final = 1000 * _MS  # time allowed for a controller's ramp after a command has expired
+BOOT_NS: Final = 500 * _MS  # time in which a starting robot disables drives that are still turning
+PLACE_NS: Final = 8_000 * _MS  # time allowed to reach a position
 _UNASKED_NS: Final = 100 * _MS
 _STOPS: Final = ("stop", "latch", "axis disable", "axis quick-stop", "axis halt")
 _ENABLES: Final = ("axis enable",)
 _LATCHES: Final = {"latch": True, "release": False}
-_OFF_NS: Final = 300 * _MS  # in which a drive whose group stands is disabled
-_SEEN_NS: Final = 100 * _MS  # as old a statusword may be
+_OFF_NS: Final = 300 * _MS  # time in which a drive of a standing group must be disabled
+_SEEN_NS: Final = 100 * _MS  # maximum age of a statusword
 _NO_DISABLE: Final = ("axis halt was asked", "axis quick-stop was asked")
-_STANDING: Final = 0.03  # of the fastest that a shaft has turned
-_LEAST: Final = 10.0  # counts/s that count as that at least
-_ON_A_FLOOR: Final = 2.0  # rad/s (m/s) that do with physics: a robot rocks on its wheels
+_STANDING: Final = 0.03  # fraction of the largest speed of a shaft
+_LEAST: Final = 10.0  # minimum of this largest speed in counts/s
+_ON_A_FLOOR: Final = 2.0  # rad/s (m/s) instead with physics, where a robot rocks on its wheels
 
 
 @dataclass(slots=True)
 class _Stop:
-    """Why everything has to stop, since when it is known, and until when all must stand, their ramps apart."""
+    """Reason to stop, the time of its detection, and the time at which all must stand, without their ramps."""
 
     since: int
     why: str
@@ -52,7 +52,10 @@ class _Stop:
 
 
 class MotionInvariants:
-    """Judges a robot's motion; `tell(rule, text)` takes breaches. `asked` and `sampled` are called as time passes."""
+    """Check of a robot's motion; `tell(rule, text)` receives breaches.
+
+    `asked` and `sampled` are called as time passes.
+    """
 
     def __init__(
         self,
@@ -64,29 +67,29 @@ class MotionInvariants:
         self._robot, self._views, self._tell = robot, views, tell
         self._nodes = [node for view in views.values() for node in view.nodes.values()]
         self._lives = {each.controller: each.life_ns or PLACE_NS for each in motions}
-        self._fresh: dict[str, int] = {}  # controller -> until when its command counts
-        self._held: dict[str, bool] = {}  # controller -> whether its newest command ends with who gave it
+        self._fresh: dict[str, int] = {}  # controller -> expiry of its command
+        self._held: dict[str, bool] = {}  # controller -> whether its newest command ends with its client
         self._enabled_ns = robot.now_ns
-        self._followed_ns = 0  # when a drive was first seen to be enabled since then
+        self._followed_ns = 0  # time at which a drive was first seen enabled since then
         self._stop: _Stop | None = None
         self._latched = False
         self._fastest: dict[int, float] = {}
         joints = robot.core.joints.values() if robot.floor is not None else ()
         self._least = {each.node.node_id: _ON_A_FLOOR * abs(each.scale.pos_to_dev) for each in joints}
-        self._moving: set[int] = set()  # nodes whose motion was told
-        self._judged: dict[int, int] = {}  # node -> when it was commanded to enable, judged already
+        self._moving: set[int] = set()  # nodes whose motion was reported
+        self._judged: dict[int, int] = {}  # node -> time of the last checked enable command
         self._excused: dict[int, int] = {}
-        self._alone_since: dict[int, int] = {}  # node -> since when the robot does not reach it
-        self._alone_until: dict[int, int] = {}  # and until when it does not know
-        self._kept: set[int] = set()  # nodes that a stop left enabled, which was told
+        self._alone_since: dict[int, int] = {}  # node -> start of the loss of connection to the robot
+        self._alone_until: dict[int, int] = {}  # and when the node detects it
+        self._kept: set[int] = set()  # nodes that remained enabled after a stop, already reported
         self._facts: dict[int, list[AxisFacts]] = {node.node_id: [] for node in self._nodes}
         for facts in axis_facts(robot.setup):
             if facts.node_id in self._facts:
                 self._facts[facts.node_id].append(facts)
-        self._ramps: dict[int, tuple[float, int]] = {}  # node -> of which greatest speed, and the ramp from it
+        self._ramps: dict[int, tuple[float, int]] = {}  # node -> largest speed, and the ramp from it
 
     def asked(self, now: int, act: ScenarioEvent) -> None:
-        """Take what a client asks for; a process that is stalled hears it when it goes on."""
+        """Record a request of a client; a stalled process receives it when it continues."""
         heard = max(now, self._robot.host.stalled_until)
         what = f"{act.kind} {act.name}".strip()
         self._latched = _LATCHES.get(act.kind, self._latched)
@@ -97,39 +100,40 @@ class MotionInvariants:
         elif what in _STOPS:
             self._stop_by(heard, f"{what} was asked", heard)
         elif act.kind == "activate":
-            if not self._latched:  # a controller that is switched to enables what it claims
+            if not self._latched:  # an activated controller enables the drives that it claims
                 self._enabled_ns, self._stop = heard, None
             self._fresh = {name: min(until, heard) for name, until in self._fresh.items()}
         elif act.kind == "command":
             life = self._lives.get(act.target, PLACE_NS)
             self._fresh[act.target] = heard + (life if any(act.values) or life == PLACE_NS else 0)
             self._held[act.target] = bool(act.name)
-        elif act.kind == "cancel" or (act.kind == "leave" and self._held.get(act.target)):  # it ends with its client
+        # its command ends with its client
+        elif act.kind == "cancel" or (act.kind == "leave" and self._held.get(act.target)):
             self._fresh[act.target] = min(self._fresh.get(act.target, 0), heard)
         elif act.kind == "trajectory":
             self._fresh[act.target] = heard + (act.for_ns or 0) + 2000 * _MS
 
     def _all_stand(self) -> bool:
-        """Whether no shaft turns; nobody can tell on a floor, where the loops of a robot that rocks pull its shafts."""
+        """Whether no shaft turns; unknown on a floor, where the control loops of a rocking robot turn its shafts."""
         return self._robot.floor is None and all(
             self._speed(node.node_id) <= self._standing(node.node_id) for node in self._nodes
         )
 
     def _speed(self, node_id: int) -> float:
-        """Return how fast the shaft of a node turns, in counts/s."""
+        """Return the speed of the shaft of a node in counts/s."""
         device = self._robot.drives[node_id].device
         axis = None if device is None else next(iter(device.drives.values()), None)
         return 0.0 if axis is None else abs(axis.mover.plant.velocity)
 
     def _standing(self, node_id: int) -> float:
-        """Return below which speed a shaft counts as standing."""
+        """Return the speed below which a shaft counts as standing."""
         return _STANDING * self._fastest.get(node_id, self._least.get(node_id, _LEAST))
 
     def sampled(self, now: int) -> None:
-        """Judge what the shafts do now."""
-        if self._robot.started_ns > self._enabled_ns:  # a start enables, once
+        """Check the shafts now."""
+        if self._robot.started_ns > self._enabled_ns:  # a start enables the drives once
             self._enabled_ns, self._stop = self._robot.started_ns, None
-            if self._latched:  # it comes back latched
+            if self._latched:  # the robot restarts with the latch set
                 self._stop_by(now, "a start with STOP latched", now + BOOT_NS)
             self._fresh = {"": self._enabled_ns + BOOT_NS}
         for stop in self._reasons(now):
@@ -147,7 +151,7 @@ class MotionInvariants:
             self._stop = _Stop(since, why, until)
 
     def _reasons(self, now: int) -> Iterator[_Stop]:
-        """Yield what has come since the last enable, once a drive has followed it."""
+        """Yield the reasons since the last enable, once a drive has followed it."""
         if self._stop is not None:
             return
         if self._followed_ns <= self._enabled_ns:
@@ -170,10 +174,10 @@ class MotionInvariants:
                 if gone:
                     yield _Stop(view.master_at, f"{MASTER} is silent", view.master_at + watched)
 
-    # -- verdicts
+    # -- checks
 
     def _judge_enable(self, node: ObservedNode) -> None:
-        """Tell of a controlword that enables after a reason to stop, without anybody having asked."""
+        """Report a controlword that enables after a reason to stop, without a request."""
         at = node.enabled_at
         if self._judged.get(node.node_id, 0) == at:
             return
@@ -186,7 +190,7 @@ class MotionInvariants:
             )
 
     def _judge_power(self, now: int) -> None:
-        """Tell of drives that are enabled, and told to be, when all had the time to stand since a reason to stop."""
+        """Report drives that are still enabled, although all had the time to stand since a reason to stop."""
         stop = self._stop
         if stop is None or stop.why in _NO_DISABLE or now < self._robot.host.stalled_until + _OFF_NS:
             self._kept.clear()
@@ -203,7 +207,7 @@ class MotionInvariants:
                 self._tell("enabled_still", f"node {node.node_id} is still enabled {late:.3f} s after {stop.why}")
 
     def _judge_reach(self, node: ObservedNode, now: int) -> None:
-        """Note until when a drive that the robot does not reach may go on: until it misses the robot by itself."""
+        """Record until when a drive without a connection to the robot may move: until it detects the loss itself."""
         drive = self._robot.drives[node.node_id]
         if not (drive.wire.silences(MASTER) or drive.wire.silences(drive.label)):
             self._alone_since.pop(node.node_id, None)
@@ -249,9 +253,9 @@ class MotionInvariants:
         self._tell(rule, f"the shaft of node {node.node_id} turns at {speed:.0f} counts/s, {when}")
 
     def _ramp_ns(self, node_id: int) -> int:
-        """Return the longest ramp of a node as `check` computes it, 1 s where it is not bound.
+        """Return the longest ramp of a node as computed by `check`, 1 s if it is unbounded.
 
-        It is from the greatest speed of the files, or where they have none from the greatest that was seen.
+        It starts from the maximum speed in the files, else from the largest speed observed.
         """
         fastest, known = self._fastest.get(node_id, 0.0), self._facts[node_id]
         if self._ramps.get(node_id, (-1.0, 0))[0] != fastest:

@@ -1,4 +1,4 @@
-"""What a robot's controllers can be told to do, and within which numbers, for whoever draws commands from a seed."""
+"""Possible commands of a robot's controllers and their ranges, for random schedules."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 
 
 _TWIST: Final = {"linear.x": 0.4, "linear.y": 0.3, "angular.z": 0.8}  # m/s, rad/s
-_MOST: Final = {VELOCITY: 8.0, POSITION: 0.6, EFFORT: 0.2}  # of joints without narrower limits: rad/s, rad, Nm
-_MARGIN: Final = 0.9  # of a limit, so that commands are legal
+_MOST: Final = {VELOCITY: 8.0, POSITION: 0.6, EFFORT: 0.2}  # of joints without smaller limits: rad/s, rad, Nm
+_MARGIN: Final = 0.9  # fraction of a limit, so that commands are valid
 
 
 @dataclass(frozen=True, slots=True)
 class SampleMotion:
-    """A controller that moves joints: how it is commanded (`command` or `trajectory`) and the range of each value.
+    """Controller that moves joints: kind of command (`command` or `trajectory`) and the range of each value.
 
-    `starts`: it is active from the start. `life_ns` is that of a command, 0 for one without an end. `joints` are those
-    of a trajectory, in the controller's order, `ends` the command interfaces that values go to one by one.
+    `starts`: it is active from the start. `life_ns` is the command timeout, 0 for none. `joints` are those of a
+    trajectory, in the controller's order, `ends` the command interfaces that receive single values.
     """
 
     controller: str
@@ -45,7 +45,10 @@ class SampleMotion:
 
 
 def motions_of(setup: RobotSetup) -> tuple[SampleMotion, ...]:
-    """Return what can be commanded, in the order of the controllers file; what cannot be loaded is left out."""
+    """Return the possible commands, in the order of the controllers file.
+
+    Controllers that cannot be loaded are omitted.
+    """
     with Reactor(ManualClock(), MarkedSelector()) as reactor:
         core = RobotCore(setup, reactor)
         found = [_motion(setup, core, name, config.type) for name, config in setup.controllers.controllers.items()]
@@ -78,7 +81,7 @@ def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> Sa
 
 def _trajectory(controller: Controller, joints: object, *, starts: bool) -> SampleMotion | None:
     if "trajectory" not in controller.type:
-        return None  # a gripper's goals
+        return None  # grippers have goals instead
     ranges = [_range(joints.get(each), POSITION) for each in controller.joints]  # type: ignore[attr-defined]
     return SampleMotion(controller.name, "trajectory", tuple(ranges), starts, joints=tuple(controller.joints))  # type: ignore[arg-type]
 

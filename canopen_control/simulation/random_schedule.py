@@ -1,7 +1,7 @@
-"""Draws a schedule from a seed: commands and switches as clients give them, faults of drives, buses and processes.
+"""Random schedule of a seed: commands and switches of clients, faults of drives, buses and processes.
 
-Every number comes from `random()` alone, whose sequence is the same in every version of Python. Whatever is broken is
-mended again, then faults are reset and the drives enabled, so that the next trouble finds a robot that moves.
+Random numbers come only from `random()`, whose sequence is the same in all versions of Python. Each fault is cleared,
+then faults are reset and the drives enabled, so that the next fault hits a moving robot.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ T = TypeVar("T")
 _S: Final = 1_000_000_000
 _MS: Final = 1_000_000
 _BOOTED_NS: Final = 600 * _MS
-_SHORT_NS: Final = 6 * _S  # a schedule up to this begins with its troubles at once
+_SHORT_NS: Final = 6 * _S  # shorter schedules begin with their faults at once
 TROUBLES: Final = ("fault", "fault", "fault", "fault", "power", "stall", "cut", "lose", "double", "disturb", "bus_off")
-"""What goes wrong, as often as it is named here, beside the rarer ones."""
+"""Kinds of faults, weighted by their number here, without the rarer ones."""
 _RARE: Final = ("kill", "frame", "frame")
-_LATE: Final = 0.15  # of the seeds: a drive boots later than the robot
+_LATE: Final = 0.15  # fraction of seeds in which a drive boots later than the robot
 _LOSSES: Final = (
     "heartbeat_lost",
     "silent",
@@ -38,24 +38,26 @@ _LOSSES: Final = (
     "drive_fault",
     "local_control",
 )
-"""Faults of drives that supervision has to notice: a third of those that are drawn."""
-_OF_ENCODERS: Final = ("position_jump", "position_wrap", "hand_moved")  # after which a drive's loops pull its shaft
-_OF_DEVICES: Final = ("input", "output", "program")  # that are no drives, or drives with a boot-loader
-_HANGING: Final = 0.4  # of the seeds: clients hang
+"""Faults of drives that supervision must detect: a third of the faults."""
+# faults after which a drive's control loops move its shaft
+_OF_ENCODERS: Final = ("position_jump", "position_wrap", "hand_moved")
+# only of devices other than drives, or of drives with a boot-loader
+_OF_DEVICES: Final = ("input", "output", "program")
+_HANGING: Final = 0.4  # fraction of seeds with blocked clients
 _HANGS: Final = ("silent", "deaf", "dead_man")
-_CANCELLED: Final = 0.2  # of the trajectories
+_CANCELLED: Final = 0.2  # fraction of trajectories that are cancelled
 _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 
 
 def draw_schedule(
     seed: int, duration_ns: int, motions: Sequence[SampleMotion], nodes: Sequence[int], faults: Sequence[str]
 ) -> tuple[ScenarioEvent, ...]:
-    """Return the acts of a seed in the order of time; without `faults`, or nodes to have them, nothing goes wrong."""
+    """Return the events of a seed in order of time; without `faults`, or without nodes, nothing fails."""
     return RandomSchedule(seed, duration_ns, motions, nodes, faults).acts()
 
 
 class RandomSchedule:
-    """Draws the acts of one seed."""
+    """Generator of the events of one seed."""
 
     def __init__(
         self, seed: int, duration_ns: int, motions: Sequence[SampleMotion], nodes: Sequence[int], faults: Sequence[str]
@@ -67,7 +69,7 @@ class RandomSchedule:
         self._active = next((each for each in motions if each.starts), None)
 
     def acts(self) -> tuple[ScenarioEvent, ...]:
-        """Return what was drawn."""
+        """Return the events."""
         now = self._late_boot() if self._faults and self._random() < _LATE else _BOOTED_NS
         soon = self._duration <= _SHORT_NS
         trouble = now + self._between(0 if soon else 1 * _S, self._duration // 4 if soon else 5 * _S)
@@ -87,7 +89,7 @@ class RandomSchedule:
     # -- numbers
 
     def _between(self, low: int, high: int) -> int:
-        """Return whole ms between two times."""
+        """Return a random time between two, in whole ms."""
         return (low + int((high - low) * self._random())) // _MS * _MS
 
     def _one(self, these: Sequence[T]) -> T:
@@ -99,7 +101,7 @@ class RandomSchedule:
     # -- clients
 
     def _move(self, now: int) -> int:
-        """Command something for a while; at times with a pause in which the command ends by itself."""
+        """Add a command for some time; sometimes with a pause in which it expires."""
         motion, lasts = self._active, self._between(_S // 2, 3 * _S)
         if motion is not None:
             drawn = [low + (high - low) * self._random() for low, high in motion.ranges]
@@ -112,7 +114,7 @@ class RandomSchedule:
         kind = self._one(_CLIENTS)
         if kind == "switch":
             return self._switch(now)
-        moved = self._move(now)  # what is stopped moves
+        moved = self._move(now)  # the robot moves again after the stop
         now += self._between(0, moved - now)
         if kind == "axis":
             self._add(now, "axis", name=self._one(("disable", "halt", "quick-stop")))
@@ -120,12 +122,12 @@ class RandomSchedule:
             self._add(now, kind)
         later = now + self._between(_S // 5, 2 * _S)
         if kind == "latch":
-            self._add(now + 100 * _MS, "axis", name="enable")  # in vain
+            self._add(now + 100 * _MS, "axis", name="enable")  # no effect while latched
             self._add(later, "release")
         return self._recover(max(later, moved) + 50 * _MS)
 
     def _switch(self, now: int) -> int:
-        """Switch to another controller, at times by way of none."""
+        """Add a switch to another controller, sometimes via none."""
         if self._active is not None and self._random() < 0.3:
             self._add(now, "deactivate", self._active.controller)
             now += self._between(50 * _MS, 2 * _S)
@@ -135,7 +137,7 @@ class RandomSchedule:
         return now + self._between(0, _S // 2)
 
     def _recover(self, now: int) -> int:
-        """Reset faults and enable, with a pause after each."""
+        """Add a fault reset and an enable, with a pause after each."""
         self._add(now, "axis", name="fault-reset")
         self._add(now + 300 * _MS, "axis", name="enable")
         if self._active is not None and self._random() < 0.5:
@@ -143,7 +145,7 @@ class RandomSchedule:
         return now + 900 * _MS
 
     def _hang(self) -> None:
-        """Let clients of some seeds hang; what else a seed draws does not change with them."""
+        """Add blocked clients to some seeds; the other events of a seed do not depend on them."""
         self._random = Random(f"{self._seed}/clients").random
         if self._random() >= _HANGING:
             return
@@ -160,7 +162,7 @@ class RandomSchedule:
             self._add(at, kind, motion.controller, values=values, for_ns=self._between(50 * _MS, 400 * _MS))
 
     def _cancel(self) -> None:
-        """Cancel some of the trajectories on their way; what else a seed draws does not change with them."""
+        """Cancel some of the trajectories; the other events of a seed do not depend on this."""
         self._random = Random(f"{self._seed}/cancels").random
         for act in [each for each in self._acts if each.kind == "trajectory"]:
             if self._random() < _CANCELLED:
@@ -169,13 +171,13 @@ class RandomSchedule:
     # -- troubles
 
     def _late_boot(self) -> int:
-        """Let a drive come when the robot has been waiting for it, some as late as that it gave up."""
+        """Add a drive that boots while the robot waits for it, sometimes after the robot has given up."""
         late = self._between(50 * _MS, 4 * _S)
         self._add(0, "power", str(self._one(self._nodes)), for_ns=late)
         return self._recover(late + _BOOTED_NS)
 
     def _trouble(self, now: int) -> int:
-        """Break something while the robot moves, mend it, and go on."""
+        """Add a fault while the robot moves, its end, and the recovery."""
         moved = self._move(now)
         kind = self._one(_RARE) if self._random() < 0.08 else self._one(TROUBLES)
         at, lasts = now + self._between(0, moved - now), self._between(20 * _MS, 2500 * _MS)
@@ -193,10 +195,10 @@ class RandomSchedule:
         elif kind == "kill":
             self._add(at, kind, for_ns=lasts)
         else:
-            for number in range(self._one((1, 1, 3, 30))):  # a burst of strangers
+            for number in range(self._one((1, 1, 3, 30))):  # a burst of foreign frames
                 self._add(at + number * self._between(0, 20 * _MS), "frame", values=tuple(self._frame()))
         if self._random() < 0.2:
-            return max(at, moved)  # the next trouble comes on top of this one
+            return max(at, moved)  # the next fault overlaps this one
         return self._recover(max(at + lasts, moved) + self._between(0, _S))
 
     def _fault(self) -> str:
@@ -204,13 +206,13 @@ class RandomSchedule:
         return self._one(losses if losses and self._random() < 1 / 3 else self._faults)
 
     def _frame(self) -> list[float]:
-        """Return a frame that nobody expects: any identifier of the predefined set, any data."""
+        """Return an unexpected frame: any identifier of the predefined connection set, any data."""
         base = self._one((0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E5))
         data = [float(int(256 * self._random())) for _ in range(self._one((0, 1, 2, 4, 6, 8)))]
         return [float(base + (int(self._one(self._nodes)) if base not in (0, 0x7E5) else 0)), *data]
 
 
 def known_faults(*, physics: bool = False) -> list[str]:
-    """Return the faults that drives can show; with physics without those by which a drive moves its shaft by itself."""
+    """Return the faults of drives; with physics without those that let a drive move its shaft by itself."""
     encoders = _OF_ENCODERS if physics else ()
     return [each.name for each in FAULTS.values() if each.acts not in _OF_DEVICES and each.name not in encoders]

@@ -1,7 +1,7 @@
-"""A recording of a robot as a scenario: what clients asked for, and what went wrong on the buses, at the same times.
+"""Scenario from a robot's recording: requests of clients and bus faults, at the same times.
 
-Commands are those that the recording holds (requests, of a flight recording); what broke is read off the frames. The
-robot boots at the beginning of a scenario: where a recording begins later than its robot, a second goes before it.
+Commands are the recorded requests (of a flight recording); faults are derived from the frames. In a scenario the robot
+boots first: if a recording begins later than its robot, one second is inserted.
 """
 
 from __future__ import annotations
@@ -34,19 +34,17 @@ if TYPE_CHECKING:
     Frames = Sequence[tuple[int, CanFrame]]
 
 
-# What went wrong on a bus, read off its recorded frames, as acts of a scenario that does the same to virtual drives.
-#
-# A recording shows what a cause did, not the cause: a node that is silent becomes a cut cable, one that boots after
-# that a supply that was away, an EMCY a fault with that code or, where no virtual drive has it, the over-temperature
-# fault; a master that is silent is stalled, or killed where it boots its nodes anew. Times in Unix ns.
+# Bus faults from recorded frames. A recording shows effects, not causes: a silent node becomes a cut cable, one that
+# boots afterwards a supply failure, an EMCY a fault with this code or, without such a fault, the over-temperature
+# fault; a silent master is stalled, or killed if it boots its nodes again. Times in Unix ns.
 
 
 _MS: Final = 1_000_000
 _S: Final = 1_000_000_000
 _NMT_STOP, _NMT_PRE_OPERATIONAL = 0x02, 0x80
 _NMT_RESETS: Final = (0x81, 0x82)
-_RESET_NS: Final = 6 * _S  # within which a node boots that was told to
-_QUIET_NS: Final = 1 * _S  # of a node without a heartbeat
+_RESET_NS: Final = 6 * _S  # time in which a node boots after a reset command
+_QUIET_NS: Final = 1 * _S  # silence of a node without a heartbeat
 _FAULTS: Final = {
     0x2320: "short_circuit",
     0x3220: "undervoltage",
@@ -56,13 +54,14 @@ _FAULTS: Final = {
     0x8120: "error_passive",
     0x8611: "following_error",
 }
-_PASSING: Final = ("device_error", "error_passive")  # whose EMCY "no error" comes with their end, without a reset
+# faults whose end is reported by EMCY "no error" without a fault reset
+_PASSING: Final = ("device_error", "error_passive")
 _OTHER: Final = "drive_fault"
 
 
 @dataclass(slots=True)
 class _Heard:
-    """When a node was heard: anything, heartbeats, boot-ups, and its EMCY with their codes."""
+    """Times at which a node was received: any frame, heartbeats, boot-ups, and EMCY with their codes."""
 
     any: list[int]
     alive: list[int]
@@ -71,7 +70,7 @@ class _Heard:
 
 
 class BusHistory:
-    """What happened on one bus; `acts` yields it at Unix ns. `resets` are when clients asked for a fault reset."""
+    """Faults on one bus; `acts` yields them at Unix ns. `resets` are the times of requested fault resets."""
 
     def __init__(self, config: BusConfig, frames: Frames, resets: Sequence[int] = ()) -> None:
         self._config, self._frames, self._resets = config, frames, sorted(resets)
@@ -105,7 +104,7 @@ class BusHistory:
             (heard.boots if data[:1] == b"\0" else heard.alive).append(now)
 
     def acts(self) -> Iterator[ScenarioEvent]:
-        """Yield what happened; `at_ns` is Unix time."""
+        """Yield the fault events; `at_ns` is Unix time."""
         yield from self._of_master()
         for now, command, node in self._nmt:
             if command in (_NMT_STOP, _NMT_PRE_OPERATIONAL):
@@ -126,7 +125,7 @@ class BusHistory:
             )
 
     def _silences(self) -> list[tuple[int, int | None]]:
-        """Return from when to when the master kept no time; None: to the end."""
+        """Return the intervals without SYNC or heartbeat of the master; None: to the end."""
         config = self._config.master
         period = max(config.sync_period * 1000, 0 if config.sync_period else config.heartbeat_producer * _MS)
         return _gaps(self._master, 5 * period, self._end) if period else []
@@ -153,7 +152,7 @@ class BusHistory:
         yield from self._emergencies(node, heard.emcy)
 
     def _was_reset(self, node: int, boot: int) -> bool:
-        """Whether a boot follows a command to reset."""
+        """Whether a boot follows a reset command."""
         return any(
             command in _NMT_RESETS and about in (0, node) and boot - _RESET_NS < now < boot
             for now, command, about in self._nmt
@@ -171,7 +170,7 @@ class BusHistory:
                 yield ScenarioEvent(now, "fault", str(node), shown, for_ns=None if off is None else off - now)
 
     def _ended(self, gone: int, fault: str) -> int:
-        """Return when the cause of a fault was gone, whose end was told at a time: before it was reset."""
+        """Return the end of the cause of a fault, before the reset that reported its end."""
         if fault in _PASSING:
             return gone
         at = bisect_left(self._resets, gone)
@@ -179,7 +178,7 @@ class BusHistory:
 
 
 def _gaps(times: Sequence[int], limit: int, end: int) -> list[tuple[int, int | None]]:
-    """Return where nothing was heard for longer than a limit, from just after the last; None: to the end."""
+    """Return the intervals without a frame longer than a limit, from just after the last one; None: to the end."""
     found: list[tuple[int, int | None]] = [
         (last + _MS, after) for last, after in pairwise(times) if after - last > limit
     ]
@@ -187,19 +186,19 @@ def _gaps(times: Sequence[int], limit: int, end: int) -> list[tuple[int, int | N
 
 
 def _is_consequence(code: int) -> bool:
-    """Whether an EMCY tells of a trouble of communication, which others have: 0x81xx and 0x82xx, but error passive."""
+    """Whether an EMCY reports a consequence of a communication fault: 0x81xx and 0x82xx, except error passive."""
     return code >> 8 in (0x81, 0x82) and code != 0x8120
 
 
 _LED_NS: Final = 20 * _MS  # from the start of a simulation to that of its robot
 _BEFORE_NS: Final = 1 * _S
-_TOGETHER_NS: Final = 250 * _MS  # of two equal commands that are one
+_TOGETHER_NS: Final = 250 * _MS  # two equal commands within this time are one
 _ACTIONS: Final = {"enable", "disable", "halt", "quick-stop", "fault-reset"}
 
 
 @dataclass(slots=True)
 class RecordedRobot:
-    """What a recording holds: frames by Unix ns and bus, events and requests; `active` controllers at its beginning."""
+    """Content of a recording: frames by Unix ns and bus, events and requests; `active` controllers at its beginning."""
 
     frames: Sequence[tuple[int, str, CanFrame]]
     events: Sequence[RobotEvent] = ()
@@ -208,7 +207,7 @@ class RecordedRobot:
 
 
 def scenario_of_recording(recorded: RecordedRobot, setup: RobotSetup) -> Scenario:
-    """Return the scenario; ConfigError for a recording without a frame, or of other buses than the robot has."""
+    """Return the scenario; ConfigError for a recording without frames, or with other buses than the robot's."""
     known = [each for each in recorded.frames if each[1] in setup.buses]
     if not known:
         there = ", ".join(sorted({bus for _, bus, _ in recorded.frames})) or "no frame"
@@ -231,19 +230,19 @@ def _whole(time_ns: int) -> int:
 
 
 def _placed(act: ScenarioEvent, origin: int) -> ScenarioEvent:
-    """Return an act at whole ms after the beginning."""
+    """Return an event at a time relative to the beginning, in whole ms."""
     lasts = None if act.for_ns is None else _whole(act.for_ns)
     return replace(act, at_ns=round((act.at_ns - origin) / _MS) * _MS, for_ns=lasts)
 
 
 def _end(recorded: RecordedRobot, last: int) -> int:
-    """Return when the recording ends, or its robot was ended."""
+    """Return the end of the recording, or of its robot."""
     ended = [round(each.time * 1e9) for each in recorded.events if each.kind == "stopping"]
     return min([last, *ended])
 
 
 def _origin(recorded: RecordedRobot, first: int) -> tuple[int, bool]:
-    """Return what is time 0 of the scenario, and whether the robot ran before the recording began."""
+    """Return time 0 of the scenario, and whether the robot ran before the recording began."""
     began = min((round(each.first * 1e9) for each in recorded.events), default=0)
     return (began - _LED_NS, False) if began > first - _S else (first - _BEFORE_NS, True)
 
@@ -257,9 +256,9 @@ def _initial(recorded: RecordedRobot, setup: RobotSetup, origin: int) -> Iterato
 
 
 def _merged(acts: Iterable[ScenarioEvent]) -> list[ScenarioEvent]:
-    """Return acts in order, with equal commands that follow each other as one that lasts."""
+    """Return the events in order, with consecutive equal commands merged into one with a duration."""
     merged: list[ScenarioEvent] = []
-    latest: dict[str, tuple[int, int]] = {}  # controller -> which of them, and when it was renewed last
+    latest: dict[str, tuple[int, int]] = {}  # controller -> its last command, and when it was renewed
     for act in sorted(acts, key=lambda each: each.at_ns):
         number, renewed = latest.get(act.target, (-1, 0))
         if act.kind == "command" and number >= 0:
@@ -275,14 +274,14 @@ def _merged(acts: Iterable[ScenarioEvent]) -> list[ScenarioEvent]:
 
 
 class RequestActs:
-    """Makes acts of the requests of clients; points of a trajectory that came ahead are kept for it."""
+    """Conversion of client requests to events; earlier uploaded points of a trajectory are kept for it."""
 
     def __init__(self, motions: Sequence[SampleMotion]) -> None:
         self._motions: Mapping[str, SampleMotion] = {each.controller: each for each in motions}
         self._points: list[Any] = []
 
     def acts(self, asked: Asked) -> Iterator[ScenarioEvent]:
-        """Yield what a request does, at Unix ns; nothing for one that moves nothing."""
+        """Yield the events of a request, at Unix ns; none for one without effect on motion."""
         method = ROBOT.methods.get(asked.method)
         if method is None:
             return

@@ -1,7 +1,7 @@
-"""A robot in virtual time: the runtime and a drive for each node of bus.yml, each a process of its own on the buses.
+"""Robot in virtual time: the runtime and a drive for each node of bus.yml, each a process of its own on the buses.
 
-The classes are those of `run` and `drive`; only the wire and the clocks are made here. The same seed and the same acts
-give the same frames and events, to the nanosecond.
+The classes are those of `run` and `drive`; only the bus and the clocks are simulated. The same seed and events give the
+same frames and reports, to the nanosecond.
 """
 
 from __future__ import annotations
@@ -43,9 +43,8 @@ if TYPE_CHECKING:
     from canopen_control.virtual.virtual_node import VirtualNode
 
 
-# The SHA-256 of every frame and event of a simulation with its time: two runs with the same one are the same.
-#
-# Where the robot's files are, which the notes on them say, is no part of it.
+# SHA-256 of all frames and events of a simulation with their times; equal digests mean identical runs. The folder of
+# the robot's files, which appears in notes, is excluded.
 
 
 _HEAD: Final = struct.Struct("<q")
@@ -57,7 +56,7 @@ class SimulationObserver:
     """Is called by a simulated robot in whose `observers` it is; does nothing but what is overridden. Times in ns."""
 
     def event(self, event: Event) -> None:
-        """Take an event of the robot."""
+        """Add an event of the robot."""
 
     def played(self, now: int, act: ScenarioEvent) -> None:
         """Take an act that begins."""
@@ -73,7 +72,7 @@ class SimulationObserver:
 
 
 class EventDigest:
-    """Takes frames and events in their order; `events` counts the latter, `folders` are those of the robot's files."""
+    """Digest of frames and events in their order; `events` counts events, `folders` are those of the robot's files."""
 
     def __init__(self, folders: Iterable[str] = ()) -> None:
         self.events = 0
@@ -84,7 +83,7 @@ class EventDigest:
         self._pack = _HEAD.pack
 
     def frame(self, now: int, label: str, record: bytes) -> None:
-        """Take a frame that has passed."""
+        """Add a frame."""
         waiting, name = self._waiting, self._labels.get(label)
         if name is None:
             name = self._labels[label] = label.encode()
@@ -104,21 +103,24 @@ class EventDigest:
 
     @property
     def hex(self) -> str:
-        """The digest so far."""
+        """Current digest."""
         self._sha256.update(self._waiting)
         self._waiting.clear()
         return self._sha256.hexdigest()
 
 
 MASTER: Final = "master"
-_LED_NS: Final = 20_000_000  # `run` starts the robot when its drives are there
+_LED_NS: Final = 20_000_000  # `run` starts the robot once its drives exist
 _HOST: Final = Timing(latency_ns=30_000, jitter_ns=120_000, spike_ns=5_000_000)
 _DRIVE: Final = Timing(latency_ns=10_000, jitter_ns=60_000)
 
 
 @dataclass(frozen=True, slots=True)
 class Timings:
-    """How late processes wake, and by how many `ppm` their oscillators may be off, which each seed draws."""
+    """Wake-up delays of processes, and the maximum frequency error of their oscillators in `ppm`.
+
+    Each seed draws them.
+    """
 
     host: Timing = _HOST
     drive: Timing = _DRIVE
@@ -126,7 +128,7 @@ class Timings:
 
 
 def dictionary_of(path: Path) -> ObjectDictionary:
-    """Return what an EDS says, read once; each device takes a copy of its own."""
+    """Return the dictionary of an EDS, read once; each device copies it."""
     return _dictionary(str(path), Path(path).stat().st_mtime_ns)
 
 
@@ -136,7 +138,7 @@ def _dictionary(path: str, _changed: int) -> ObjectDictionary:
 
 
 class SimulatedDrive:
-    """A virtual drive as a process in virtual time; `device` is None while it has no supply."""
+    """Virtual drive as a process in virtual time; `device` is None while it has no supply."""
 
     def __init__(self, robot: RobotUnderTest, wire: SimulatedWire, node_id: int, eds: Path) -> None:
         self.node_id, self.wire = node_id, wire
@@ -149,7 +151,7 @@ class SimulatedDrive:
         self._methods: NodeMethods | None = None
 
     def power_on(self) -> None:
-        """Give it supply: it boots."""
+        """Switch the supply on: the drive boots."""
         if self.device is not None:
             return
         self._times += 1
@@ -165,7 +167,7 @@ class SimulatedDrive:
         actor.arrived()
 
     def power_off(self) -> None:
-        """Take its supply away; its shaft stops where it is."""
+        """Switch the supply off; the shaft stops at its position."""
         if self._host is None or self._port is None or self.actor is None:
             return
         self._host.close()
@@ -176,7 +178,7 @@ class SimulatedDrive:
         self.device = self.actor = self._host = self._port = self._methods = None
 
     def do(self, work: Callable[[NodeMethods], object]) -> None:
-        """Ask something of its control, as by its socket; a drive without supply is not there."""
+        """Execute a control request, as from its socket; without supply it is lost."""
         if self._methods is not None and self.actor is not None:
             self.actor.call(functools.partial(work, self._methods))
 
@@ -232,17 +234,17 @@ class RobotUnderTest:
 
     @property
     def now_ns(self) -> int:
-        """The virtual time."""
+        """Virtual time."""
         return self.time.now_ns
 
     @property
     def frames(self) -> int:
-        """How many frames have passed on all buses."""
+        """Number of frames on all buses."""
         return sum(wire.frames for wire in self.wires.values())
 
     @property
     def running(self) -> bool:
-        """Whether the robot has booted and goes on."""
+        """Whether the robot has booted and is running."""
         return self.core.state in (RobotState.RUNNING, RobotState.DISABLED, RobotState.FAULT)
 
     def start(self) -> None:
@@ -252,40 +254,40 @@ class RobotUnderTest:
         self._join()
 
     def kill(self) -> None:
-        """End the robot's process as SIGKILL does."""
+        """End the robot's process as by SIGKILL."""
         self.up = False
         self.core.observers.clear()
         self.core.close()
         self.host.end()
 
     def restart(self) -> None:
-        """Start the robot's process once more."""
+        """Restart the robot's process."""
         self._boot()
         self._join()
 
     def run_for(self, duration_ns: int) -> None:
-        """Let virtual time pass."""
+        """Advance virtual time."""
         self.time.run_until(self.time.now_ns + duration_ns)
 
     def close(self) -> None:
-        """Give everything back."""
+        """Release all resources."""
         self.kill()
         for drive in self.drives.values():
             drive.power_off()
         self._state.cleanup()
 
     def actor(self, name: str, timing: Timing, times: int = 1) -> Actor:
-        """Make a process; its oscillator is off by what the seed draws."""
+        """Return a process with the oscillator drawn from the seed."""
         limit = self.timings.ppm
         drawn = round(self._ppm.uniform(-limit, limit), 3)
-        shared = self.setup.physics and name != MASTER  # the drives of one world have one clock
+        shared = self.setup.physics and name != MASTER  # the drives of one world share a clock
         timing = dataclasses.replace(timing, ppm=0.0 if shared else drawn)
         actor = Actor(self.time, name, timing, f"{self.seed}/{times}")
         actor.reactor.on_error = self.errors.append
         return actor
 
     def awake(self) -> Iterator[VirtualNode]:
-        """Yield the devices that have supply and whose process is not held up."""
+        """Yield the devices with supply whose process is not stalled."""
         now = self.time.now_ns
         for drive in self.drives.values():
             if drive.device is not None and drive.actor is not None and now >= drive.actor.stalled_until:

@@ -1,6 +1,6 @@
-"""What happens in a simulation, and when: the acts of a schedule, one table of their kinds.
+"""Events of a simulation: the entries of a schedule, and the table of their kinds.
 
-A schedule is a list of acts. It is drawn from a seed or read from a scenario file, and is played by `EventPlayer`.
+A schedule is a list of events, random or from a scenario file, and is executed by `EventPlayer`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 
 class EventKind(NamedTuple):
-    """What an act is about: whom it takes (`node`, `member`, `controller` or nobody), and what it does in words.
+    """Kind of an event: its target (`node`, `member`, `controller` or none), and its description.
 
-    `breaks`: it is a trouble, which is counted by the states that it hits.
+    `breaks`: it is a fault, which is counted by the states that it hits.
     """
 
     target: str
@@ -71,12 +71,11 @@ KINDS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class ScenarioEvent:
-    """One act `at_ns` after the start, of a kind of KINDS; `for_ns` is how long it lasts, None: for good, or at once.
+    """Event `at_ns` after the start, of a kind of KINDS; `for_ns` is its duration, None: unlimited, or instantaneous.
 
-    `target` is a node id, `master`, or a controller; `name` that of a fault or of an action, `world` what happens in
-    the world. `times` are those of the
-    points of a trajectory in s, whose values come one after the other; none: it has one point. `when` is a machine and
-    its state, as "axis power BRAKING", which it waits for from its time on: that of its node, or of any.
+    `target` is a node id, `master`, or a controller; `name` that of a fault or of an action, `world` a disturbance of
+    the world. `times` are those of the points of a trajectory in s, whose values are concatenated; empty for one point.
+    `when` is a machine and its state, as "axis power BRAKING", for which the event waits: that of its node, or of any.
     """
 
     at_ns: int
@@ -93,7 +92,7 @@ class ScenarioEvent:
 
     @property
     def words(self) -> str:
-        """The act in one line."""
+        """Description of the event in one line."""
         world = "" if self.world is None else " ".join(f"{key} {value}" for key, value in world_words(self.world))
         what = " ".join(each for each in (self.kind, self.target, self.name, world) if each)
         values = " ".join(f"{each:g}" for each in self.values)

@@ -1,4 +1,4 @@
-"""Scenario files of simulations: what happens and when, read with every mistake told at once, and written.
+"""Scenario files of simulations: timed events, read with all mistakes reported at once, and written.
 
     for: 20s
     seed: 7
@@ -9,10 +9,9 @@
       - {at: 6s, do: stall, target: master, for: 300ms}
       - {at: 8s, payload: {mass: 12}}                        # with physics only
 
-`for` is how long it is simulated, `seed` draws what the steps do not say: how late processes wake, and the oscillators.
-`do` is one of the kinds of `scenario_events`, `target` the node id, `master` or controller that it takes. A step with
-`when`, as `when: axis power BRAKING`, waits from its time on until its node, or any, is in that state. A scenario of
-`drive` is one of these too.
+`for` is the simulated time; `seed` determines wake-up delays of processes and frequency errors of oscillators. `do` is
+one of the kinds of `scenario_events`, `target` its node id, `master` or controller. A step with `when`, such as `when:
+axis power BRAKING`, waits from its time on until its node, or any, is in this state. Scenarios of `drive` are valid.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ _MOMENTS: Final = [f"{machine} {state}" for machine, states in STATES.items() fo
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """What a file says; `duration_ns` and `seed` are None where it does not say them."""
+    """Content of a file; `duration_ns` and `seed` are None if absent."""
 
     acts: tuple[ScenarioEvent, ...]
     duration_ns: int | None = None
@@ -58,7 +57,7 @@ class Scenario:
 
 @dataclass(frozen=True)
 class SimulationStep(Happening):
-    """One entry of the file."""
+    """One step of the file."""
 
     at: float | str
     do: str = ""
@@ -78,7 +77,7 @@ class SimulationStep(Happening):
 
 @dataclass(frozen=True)
 class SimulationFile:
-    """The file as a whole."""
+    """Complete scenario file."""
 
     steps: list[SimulationStep]
     length: float | str | None = setting(None, key="for")
@@ -87,7 +86,7 @@ class SimulationFile:
 
 
 def nanoseconds_of(text: float | str) -> int:
-    """Return the ns of ``1h``, ``5min``, ``5s``, ``500ms`` or a number of seconds; ValueError for what is none."""
+    """Return the ns of ``1h``, ``5min``, ``5s``, ``500ms`` or a number of seconds; ValueError for other texts."""
     words = str(text).strip()
     for unit, factor in (("min", 60), ("h", 3600)):
         if words.endswith(unit):
@@ -96,7 +95,7 @@ def nanoseconds_of(text: float | str) -> int:
 
 
 def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
-    """Return what a file says for a robot; ScenarioError with every mistake and its line."""
+    """Return the scenario of a file for a robot; ScenarioError with all mistakes and their lines."""
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
     controllers = list(setup.controllers.controllers)
     acts: list[ScenarioEvent] = []
@@ -117,14 +116,14 @@ def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
 
 
 def _check_ends(file: SimulationFile, length: int) -> None:
-    """Tell of steps that the end of the scenario comes before."""
+    """Report steps after the end of the scenario."""
     for step in file.steps:
         if (at := _instant(step.at)) > length:
             step.here.error(f"at: {at / 1e9:g} s never comes, the scenario ends at {length / 1e9:g} s (for)")
 
 
 def _instant(text: float | str) -> int:
-    """Return a time in ns, 0 for one that is told as none."""
+    """Return a time in ns, 0 for an invalid one, which is reported elsewhere."""
     try:
         return nanoseconds_of(text)
     except ValueError:
@@ -140,7 +139,7 @@ def _time(here: Node, value: float | str) -> int:
 
 
 class _Checked:
-    """One step, held against the robot."""
+    """One step, checked against the robot."""
 
     def __init__(
         self, step: SimulationStep, nodes: Sequence[int], controllers: Sequence[str], setup: RobotSetup
@@ -148,7 +147,7 @@ class _Checked:
         self._step, self._nodes, self._controllers, self._setup = step, nodes, controllers, setup
 
     def acts(self) -> Iterator[ScenarioEvent]:
-        """Yield what it means; mistakes are reported."""
+        """Yield its events; mistakes are reported."""
         step = self._step
         if happens := step.acts():
             yield from self._world(happens)
@@ -182,7 +181,7 @@ class _Checked:
         )
 
     def _world(self, happens: Sequence[WorldAct]) -> Iterator[ScenarioEvent]:
-        """Yield what happens in the world; a robot has one with physics alone."""
+        """Yield a disturbance of the world, which exists only with physics."""
         step, setup = self._step, self._setup
         other = step.node is not None or step.fault or step.plant or step.values or step.target or step.name
         if len(happens) > 1 or other or step.do not in ("", "world"):
@@ -199,7 +198,7 @@ class _Checked:
             yield ScenarioEvent(_time(step.here, step.at), "world", for_ns=lasts, when=step.when, world=what)
 
     def _check_part(self, what: WorldAct) -> None:
-        """Tell of a link or joint that the robot does not have."""
+        """Report a link or joint that the robot lacks."""
         here, model = self._step.here, self._setup.description.model
         if isinstance(what, BlockJoint):
             joints = [joint.name for tag in self._setup.description.hardware for joint in tag.joints]
@@ -257,7 +256,7 @@ def _is_count(values: Sequence[float]) -> bool:
 
 
 def scenario_text(acts: Iterable[ScenarioEvent], *, seed: int, duration_ns: int, note: str = "") -> str:
-    """Return the file that says the same."""
+    """Return the text of the file for these events."""
     head = f"# {note}\n" if note else ""
     lines = "".join(f"  - {_line(act)}\n" for act in acts)
     return f"{head}for: {_seconds(duration_ns)}\nseed: {seed}\nsteps:{f'{chr(10)}{lines}' if lines else ' []'}"

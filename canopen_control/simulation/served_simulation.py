@@ -1,8 +1,8 @@
-"""The socket of a simulated robot: programs outside reach it as they reach one that runs, at its own pace.
+"""Socket of a simulated robot: other programs connect to it as to a running robot, in real time.
 
-What they send comes to the robot's own server in virtual time, at the end of a slice of it; what the robot answers
-leaves with the next. The observer hears what they ask for, and judges it. With them no two simulations are the same. A
-robot that is killed closes their connections, and takes new ones once it is there again.
+Their requests reach the robot's own server at the end of a slice of virtual time; the answers are sent after the next
+slice. The observer records the requests and checks them. With other programs simulations are not reproducible. A killed
+robot closes their connections, and accepts new ones after its restart.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 
 _CHUNK: Final = 1 << 16
-_MOST: Final = 1 << 20  # bytes that wait for a program to read; who is slower is let go
+_MOST: Final = 1 << 20  # bytes waiting for a program to read; a slower one is disconnected
 
 
 class OutsideClient(SimulatedClient):
-    """A program outside, at the other end of a real connection."""
+    """Program outside of the simulation, on a real connection."""
 
     def __init__(self, clients: SimulatedClients, sock: socket.socket, front: Reactor) -> None:
         super().__init__(clients, clients.robot.host, reads=True, pid=peer_pid(sock))
@@ -43,12 +43,12 @@ class OutsideClient(SimulatedClient):
         front.add_reader(sock, self._on_readable)
 
     def take(self, data: bytes) -> int:
-        """Take what the robot says; it leaves at the end of the slice."""
+        """Receive data of the robot, which are sent at the end of the slice."""
         self._answers += data
         return len(data)
 
     def flush(self) -> None:
-        """Send what the robot has said."""
+        """Send the data of the robot."""
         while self._answers:
             try:
                 sent = self._sock.send(self._answers)
@@ -62,7 +62,7 @@ class OutsideClient(SimulatedClient):
             self._gone()
 
     def close(self) -> None:
-        """End the connection outside, as far as it is there."""
+        """Close the real connection."""
         if self._sock.fileno() >= 0:
             self._front.remove_reader(self._sock)
             self._sock.close()
@@ -86,9 +86,9 @@ class OutsideClient(SimulatedClient):
 
 
 class ServedSimulation:
-    """Serves the robot of a player by the socket of its name, from now on; RobotConfigError where that is in use.
+    """Service of a player's robot on the socket of its name, from now on; RobotConfigError if it is in use.
 
-    Its programs are heard, and get their answers, while somebody calls `wait`: after each `slice_ns` of virtual time.
+    Requests are received, and answers sent, during `wait`: after each `slice_ns` of virtual time.
     """
 
     slice_ns: Final = 5_000_000
@@ -115,7 +115,7 @@ class ServedSimulation:
         player.robot.tells_time = player.robot.core.in_virtual_time = True
 
     def start_bridge(self, arguments: Sequence[str]) -> None:
-        """Start the ROS bridge as a client; it ends with `close`."""
+        """Start the ROS bridge as a client; `close` ends it."""
         robot = self._player.robot
         supervisor = Supervisor(robot.setup.name, self._front, lambda event: robot.core.report(event))
         self._held.callback(supervisor.end)
@@ -123,7 +123,7 @@ class ServedSimulation:
         supervisor.start_client("ros", bridge, ros=True, restarts=Restarts())
 
     def wait(self, seconds: float) -> None:
-        """Serve the programs for so long in real time, with what the robot has said meanwhile."""
+        """Serve the programs for `seconds` of real time, with the robot's data."""
         for client in self._here:
             client.flush()
             if client.dropped or not self._clients.serves(client):
@@ -132,7 +132,7 @@ class ServedSimulation:
         self._front.run_for(round(seconds * 1e9))
 
     def run(self, duration_ns: int, speed: float = 1.0) -> None:
-        """Let virtual time pass, at most so many times as fast as real time, and serve meanwhile."""
+        """Advance virtual time, at most `speed` times real time, and serve meanwhile."""
         robot, begun, passed = self._player.robot, time.perf_counter(), 0
         while passed < duration_ns:
             step = min(self.slice_ns, duration_ns - passed)
@@ -141,7 +141,7 @@ class ServedSimulation:
             self.wait(max(0.0, passed / 1e9 / speed - (time.perf_counter() - begun)))
 
     def close(self) -> None:
-        """End all connections, the bridge and the socket."""
+        """Close all connections, the bridge and the socket."""
         for client in self._here:
             client.flush()
             client.close()

@@ -1,7 +1,7 @@
-"""Several robots of one world in one virtual time: each with its runtime, buses and drives, its schedule, its observer.
+"""Simulation of several robots in one world: each with its runtime, buses and drives, schedule and observer.
 
-They push each other and their range finders see each other, as in `run --world FILE`. The seed of each robot is that of
-the whole and its number in the file.
+They push each other and their range finders see each other, as in `run --world FILE`. The seed of each robot is derived
+from the common seed and its number in the file.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SLICE_NS: Final = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class SharedOutcome:
-    """What came of a simulation of several robots: together as of one, and of each in `robots`."""
+    """Result of a simulation of several robots: combined, and of each in `robots`."""
 
     seed: int
     robot_s: float
@@ -43,9 +43,9 @@ class SharedOutcome:
 
 
 class SharedSimulation:
-    """Robots in the world of a file, each with what its seed draws for `duration_ns`, these `faults` among it.
+    """Robots in the world of a file, each with the schedule of its seed for `duration_ns` with these `faults`.
 
-    `runs` are those of the robots by name. ConfigError for what the world refuses.
+    `runs` are those of the robots by name. ConfigError if the world refuses a robot.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class SharedSimulation:
         self._began, self._began_ns = real_time.perf_counter(), self.time.now_ns
 
     def run(self, progress: Callable[[float], object] = lambda _robot_s: None, speed: float | None = None) -> None:
-        """Start all and run to the end; `progress` hears how far it is now and then, in s of the robots."""
+        """Start all robots and run to the end; `progress` is called periodically with the simulated time in s."""
         self._began = real_time.perf_counter()
         for run in self.runs.values():
             run.robot.start()
@@ -80,17 +80,17 @@ class SharedSimulation:
 
     @property
     def robot_s(self) -> float:
-        """How long the robots have run, in s."""
+        """Simulated time in s."""
         return (self.time.now_ns - self._began_ns) / 1e9
 
     @property
     def real_s(self) -> float:
-        """How long that has taken, in s."""
+        """Elapsed real time in s."""
         return real_time.perf_counter() - self._began
 
     @property
     def outcome(self) -> SharedOutcome:
-        """What has come of it so far."""
+        """Result so far."""
         found = {name: run.outcome for name, run in self.runs.items()}
         return SharedOutcome(
             self.seed,
@@ -104,6 +104,6 @@ class SharedSimulation:
         )
 
     def close(self) -> None:
-        """Give everything back."""
+        """Release all resources."""
         for run in self.runs.values():
             run.close()

@@ -1,9 +1,8 @@
-"""Clients of a robot's socket in virtual time, those that hang among them: the server is the robot's own.
+"""Clients of a robot's socket in virtual time, including blocked ones; the server is the robot's own.
 
-A client connects and says nothing; watches everything and reads nothing; commands, with its connection as what the
-command lives by, and leaves; or asks for the status and waits for each answer. What a client does not read stays in a
-kernel's buffer of a few KiB; a server that waited for it to read would hold up the robot, which is noted in `blocked`.
-Times in ns.
+A client connects and stays silent; or subscribes to everything and does not read; or sends a command that ends with its
+connection, and disconnects; or requests the status and waits for each answer. Unread data stay in a buffer of some KiB,
+as in a kernel; a server that waited for it would delay the robot, which is recorded in `blocked`. Times in ns.
 """
 
 from __future__ import annotations
@@ -29,15 +28,15 @@ if TYPE_CHECKING:
 
 
 _MS: Final = 1_000_000
-EVERY_NS: Final = 100 * _MS  # how often a client asks that reads
-_DEAF_NS: Final = 20 * _MS  # and one that does not
-_ROOM: Final = 4096  # bytes that a kernel keeps for who does not read
-_BLOCKED_NS: Final = 1000 * _MS  # what a server loses that waits for such a client
+EVERY_NS: Final = 100 * _MS  # request interval of a client that reads
+_DEAF_NS: Final = 20 * _MS  # and of one that does not
+_ROOM: Final = 4096  # kernel buffer in bytes for a client that does not read
+_BLOCKED_NS: Final = 1000 * _MS  # delay of a server that waits for such a client
 _STATE_RATE: Final = 50.0
 
 
 class _ServerEnd:
-    """The server's end of a connection, as a socket that does not block."""
+    """Server's end of a connection, as a non-blocking socket."""
 
     def __init__(self, client: SimulatedClient, actor: Actor) -> None:
         self._client, self._actor = client, actor
@@ -46,23 +45,23 @@ class _ServerEnd:
         self.open = True
 
     def fileno(self) -> int:
-        """Return its number, -1 once it is closed."""
+        """Return its number, -1 once closed."""
         return self._fileno if self.open else -1
 
     def setblocking(self, _on: bool) -> None:
         """Do nothing: it never blocks."""
 
     def getsockopt(self, _level: int, _option: int, _size: int = 0) -> bytes:
-        """Return whose process is at the other end: this user's, with the same number in each simulation."""
+        """Return the credentials of the peer: this user's, with the same process id in each simulation."""
         return struct.pack("3i", self._client.pid or self._fileno, os.getuid(), os.getgid())
 
     def arrived(self) -> None:
-        """Have the server look: something has come, or the client has left."""
+        """Wake the server: data arrived, or the client has left."""
         self._actor.selector.set_ready(self._fileno)
         self._actor.arrived()
 
     def recv(self, most: int) -> bytes:
-        """Return what the client has said; nothing once it has left."""
+        """Return data of the client, empty after it has left."""
         data = bytes(self.inbox[:most])
         del self.inbox[:most]
         if not self.inbox and self._client.here:
@@ -72,7 +71,7 @@ class _ServerEnd:
         return data
 
     def send(self, data: bytes) -> int:
-        """Hand over what the client takes; BlockingIOError where it takes nothing."""
+        """Send data as far as the client accepts them; BlockingIOError if it accepts none."""
         if not self._client.here:
             raise BrokenPipeError
         taken = self._client.take(data)
@@ -81,18 +80,18 @@ class _ServerEnd:
         return taken
 
     def sendall(self, data: bytes) -> None:
-        """Wait until a client has taken everything, which holds up the robot for one that does not read."""
+        """Send all data, which blocks the robot if the client does not read."""
         if self._client.take(data) < len(data):
             self._client.block()
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._actor.selector.clear_ready(self._fileno)
         self.open = False
 
 
 class _Listener:
-    """What clients connect to; see `socket.socket`."""
+    """Listening socket for simulated clients; see `socket.socket`."""
 
     def __init__(self, actor: Actor) -> None:
         self._actor = actor
@@ -104,13 +103,13 @@ class _Listener:
         return self._fileno
 
     def add(self, end: _ServerEnd) -> None:
-        """Let somebody wait for the server to accept him."""
+        """Add a connection to the backlog."""
         self._waiting.append(end)
         self._actor.selector.set_ready(self._fileno)
         self._actor.arrived()
 
     def accept(self) -> tuple[_ServerEnd, str]:
-        """Return who has waited longest; BlockingIOError where nobody does."""
+        """Return the oldest connection of the backlog; BlockingIOError if it is empty."""
         if not self._waiting:
             self._actor.selector.clear_ready(self._fileno)
             raise BlockingIOError
@@ -118,10 +117,10 @@ class _Listener:
 
 
 class SimulatedClient:
-    """One client; `reads` what it gets. `here` until it leaves, `dropped` once the robot has ended the connection.
+    """One client; `reads` received data. `here` until it leaves, `dropped` once the robot has closed the connection.
 
-    `waits_since` is when it asked what has no answer yet, `came_ns` when it connected, `asks` whether it ever did.
-    `pid` is its process, 0 for one that is none.
+    `waits_since` is the time of the oldest unanswered request, `came_ns` that of the connection, `asks` whether it ever
+    sent a request. `pid` is its process, 0 for none.
     """
 
     def __init__(self, clients: SimulatedClients, actor: Actor, *, reads: bool, pid: int = 0) -> None:
@@ -135,7 +134,7 @@ class SimulatedClient:
 
     @property
     def dropped(self) -> bool:
-        """Whether the robot has ended it."""
+        """Whether the robot has closed the connection."""
         return not self.end.open
 
     def ask(self, request: Request[Any]) -> None:
@@ -148,11 +147,11 @@ class SimulatedClient:
 
     @property
     def asks(self) -> bool:
-        """Whether it has asked something."""
+        """Whether it has sent a request."""
         return self._number > 0
 
     def take(self, data: bytes) -> int:
-        """Take what the server sends, as much as there is room for; return how much."""
+        """Receive data of the server as far as the buffer has space; return the number of bytes."""
         if not self.reads:
             taken = min(len(data), _ROOM - self._unread)
             self._unread += taken
@@ -169,7 +168,7 @@ class SimulatedClient:
         self.end.arrived()
 
     def block(self) -> None:
-        """Hold up a server that waits for it."""
+        """Block a server that waits for this client."""
         self._clients.blocked += 1
         self._clients.robot.host.stall(_BLOCKED_NS)
 
@@ -178,9 +177,10 @@ C = TypeVar("C", bound=SimulatedClient)
 
 
 class SimulatedClients:
-    """The clients of a robot, as they come; `blocked` counts when it waited for one, `all` are those of its process.
+    """Clients of a robot.
 
-    `observer` takes what they ask for, each in the robot's time.
+    `blocked` counts the times at which it waited for one, `all` are those of its current process. `on_request` receives
+    each request, in the robot's time.
     """
 
     def __init__(self, robot: RobotUnderTest) -> None:
@@ -193,19 +193,19 @@ class SimulatedClients:
         self._server: ApiServer
 
     def connect(self, *, reads: bool) -> SimulatedClient:
-        """Come as a new client; the robot serves from the first one on."""
+        """Connect a new client; the robot serves its socket from the first one on."""
         self._open()
         return self.admit(SimulatedClient(self, self.robot.host, reads=reads))
 
     def admit(self, client: C) -> C:
-        """Let a client in that was made for the robot's process; return it."""
+        """Connect a client created for the robot's process; return it."""
         self._open()
         self.all.append(client)
         self._listener.add(client.end)
         return client
 
     def _open(self) -> None:
-        """Let the robot's process serve, where it does not yet."""
+        """Let the robot's process serve its socket, if it does not yet."""
         robot = self.robot
         if robot.core is not self._core:
             self._core, self.all = robot.core, []
@@ -213,22 +213,22 @@ class SimulatedClients:
             self._server = ApiServer(robot.core, cast("socket.socket", self._listener))
             self._server.observer = self.observer
 
-    # -- what they do
+    # -- behaviours
 
     def silent(self, count: int, for_ns: int | None) -> None:
-        """Connect and say nothing."""
+        """Connect clients that send nothing."""
         for _ in range(count):
             self._leave_later(self.connect(reads=False), for_ns)
 
     def deaf(self, for_ns: int | None) -> None:
-        """Watch everything, ask on and on, and read nothing."""
+        """Connect a client that subscribes to everything, sends requests, and does not read."""
         client = self.connect(reads=False)
         client.ask(Subscribe(state_rate=_STATE_RATE, events=True, pdos=True, requests=True))
         self._leave_later(client, for_ns)
         self._ask_on(client, None)
 
     def ask(self, for_ns: int | None) -> None:
-        """Ask for the status ten times a second, each time once the last answer is there."""
+        """Connect a client that requests the status ten times a second, after the previous answer."""
         client = self.connect(reads=True)
         client.ask(GetStatus())
         until = None if for_ns is None else self.robot.now_ns + for_ns
@@ -236,7 +236,7 @@ class SimulatedClients:
         self._ask_on(client, until)
 
     def dead_man(self, controller: str, values: Sequence[float], for_ns: int, left: Callable[[], object]) -> None:
-        """Command once, and leave; `left` is called then, where the robot's process is still the same."""
+        """Command once and disconnect; `left` is called then, if the robot's process is still the same."""
         client = self.connect(reads=True)
         client.ask(CommandController(controller=controller, values=list(values), dead_man=True))
         self._leave_later(client, for_ns, left)
@@ -261,5 +261,5 @@ class SimulatedClients:
             self.robot.time.later(for_ns, leave)
 
     def serves(self, client: SimulatedClient) -> bool:
-        """Whether the process is still there that a client has connected to."""
+        """Whether the process that a client is connected to still exists."""
         return self.robot.up and self.robot.core is self._core and client in self.all

@@ -1,6 +1,6 @@
-"""The floor under robots in virtual time: the world in which virtual drives move them, as those of `run --physics` do.
+"""World of robots in virtual time: virtual drives move joints in it, as with `run --physics`.
 
-The drives of one world have one clock, as drives of one process have. A drive without supply lets its joints go.
+The drives of one world share a clock, like drives of one process. A drive without supply releases its joints.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ _PREFIX: Final = "canopen_control-"
 
 
 def open_floor(setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None) -> World:
-    """Return the world of a robot alone, with what a world file puts into it; RobotConfigError without joints."""
+    """Return the world of one robot, with the objects of a world file; RobotConfigError without joints."""
     with tempfile.TemporaryDirectory(prefix=_PREFIX) as folder:
         return read_world(write_plant(setup, joints, world, Path(folder)))
 
 
 def open_shared_floor(robots: Iterable[tuple[RobotSetup, Mapping[str, JointDrive]]], world: Path) -> SharedWorld:
-    """Return the world of several robots, in which each begins where the file says."""
+    """Return the world of several robots, each at its start in the file."""
     with tempfile.TemporaryDirectory(prefix=_PREFIX) as name:
         folder = Path(name)
         plants = [(setup, write_plant(setup, joints, folder=folder / setup.name)) for setup, joints in robots]
@@ -45,9 +45,9 @@ def open_shared_floor(robots: Iterable[tuple[RobotSetup, Mapping[str, JointDrive
 
 
 class SimulatedFloor:
-    """The world of a robot's drives, or its part of one, brought to the present now and then.
+    """World of a robot's drives, or its part of one, advanced to the present periodically.
 
-    `awake` returns the devices that have supply and whose process is not held up.
+    `awake` returns the devices with supply whose process is not stalled.
     """
 
     def __init__(self, world: World, time: VirtualTime, awake: Callable[[], Iterable[VirtualNode]]) -> None:
@@ -61,20 +61,20 @@ class SimulatedFloor:
         return self._world.notes if isinstance(self._world, ReportsAssumptions) else ()
 
     def plants_of(self, node_id: int) -> Callable[[int], Plant]:
-        """Return what makes the plants of a node's axes."""
+        """Return a function that creates the plants of a node's axes."""
         return lambda axis: self._world.plant(node_id, axis)
 
     def let_go(self, node_id: int, device: VirtualNode) -> None:
-        """Leave the joints of a drive to themselves that has lost its supply."""
+        """Release the joints of a drive that has lost its supply."""
         for axis in device.drives:
-            self._world.plant(node_id, axis)  # nobody leads a new one
+            self._world.plant(node_id, axis)  # without an owner
 
     def describe(self) -> WorldState:
         """Return the true pose of the base."""
         return self._world.describe()
 
     def act(self, what: WorldAct) -> None:
-        """Let something happen now; ConfigError for a link or joint that is not there."""
+        """Apply a disturbance now; ConfigError for a missing link or joint."""
         self._keep_up_with(self._time.now_ns)
         if isinstance(self._world, AcceptsEvents):
             self._world.act(what)

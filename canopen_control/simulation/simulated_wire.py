@@ -1,8 +1,8 @@
-"""A CAN bus in virtual time, bit-true: arbitration, the time of each frame, error frames, lost and doubled frames.
+"""CAN bus in virtual time, exact to the bit: arbitration, frame durations, error frames, lost and doubled frames.
 
-A frame is at every other port when its last bit has passed. A disturbed one is sent again; the error counters of a
-sender count up to error passive and bus-off (ISO 11898-1, 12.1.4), from which it comes back by itself after 100 ms, as
-an interface with `restart-ms` does. Times in ns.
+A frame reaches all other ports when its last bit has been sent. A disturbed frame is sent again; the error counters of
+a sender lead to error passive and bus-off (ISO 11898-1, 12.1.4), from which it restarts after 100 ms, as an interface
+with `restart-ms` does. Times in ns.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ _ID_SIZE: Final = 4  # bytes of a record's can_id
 
 
 class WireObserver(Protocol):
-    """What follows the frames on a wire."""
+    """Observer of the frames on a wire."""
 
     def wants(self, can_id: int) -> bool:
-        """Whether it takes frames with this identifier."""
+        """Whether the observer needs frames with this identifier."""
 
     def hear(self, now: int, label: str, record: bytes) -> None:
-        """Take a frame that has passed, of the sender `label`; `now` in ns."""
+        """Record a frame of the sender `label`; `now` in ns."""
 
 
 class SimulatedWire:
-    """One bus; `members` says which process a label is of, `heard` gets all that passed on the wire.
+    """One bus; `members` gives the process of a label, `heard` receives all frames on the wire.
 
-    `lost`, `doubled` and `disturbed` are rules of what happens to frames; `cut` are labels whose cable is.
+    `lost`, `doubled` and `disturbed` are rules for frames; `cut` contains the labels with a cut cable.
     """
 
     def __init__(self, time: VirtualTime, name: str, bitrate: int) -> None:
@@ -64,49 +64,49 @@ class SimulatedWire:
         self._wire.disturbed = self._is_disturbed
         self._ports: dict[int, SimulatedPort] = {}
         self._observers: list[WireObserver] = []
-        self._listeners: dict[bytes, Listeners] = {}  # by identifier, as records have it
+        self._listeners: dict[bytes, Listeners] = {}  # by identifier, in the form of a record
         self._opened = 0
-        self._planned = False  # whether it is on the clock when the frame on the wire ends
+        self._planned = False  # whether the end of the frame on the wire is scheduled
         self._on_passed = self._passed
 
     @property
     def bits(self) -> int:
-        """How many bits have passed since the start."""
+        """Number of bits since the start."""
         return self._wire.bits
 
     @property
     def tampered(self) -> bool:
-        """Whether something happens to frames or cables now."""
+        """Whether rules or cut cables are active."""
         return bool(self.lost or self.doubled or self.disturbed or self.cut or self._off)
 
     def open(self, label: str) -> SimulatedPort:
-        """Join the bus as the process of this label."""
+        """Join the bus as the process with this label."""
         self._opened += 1
         port = self._ports[self._opened] = SimulatedPort(self, self._opened, label, self.members[label])
         self.refilter()
         return port
 
     def observe(self, observer: WireObserver) -> None:
-        """Let an observer get what passes on the wire with the identifiers that it wants."""
+        """Add an observer, which receives frames with the identifiers it needs."""
         self._observers.append(observer)
         self._listeners.clear()
 
     def refilter(self) -> None:
-        """Take that a filter has changed."""
+        """Update the listeners after a change of a filter."""
         self._listeners.clear()
 
     def leave(self, port: SimulatedPort) -> None:
-        """Forget a port, and what it has not sent yet."""
+        """Remove a port, and its frames not sent yet."""
         if self._ports.pop(port.number, None) is not None:
             self._wire.forget(port.number)
             self.refilter()
 
     def silences(self, label: str) -> bool:
-        """Whether nothing comes from this label and nothing gets there."""
+        """Whether the cable of this label is cut."""
         return label in self.cut or label in self._off
 
     def send(self, port: SimulatedPort, records: bytes) -> None:
-        """Queue what a port sends; what there is no room for, or no bus, is lost and counted."""
+        """Queue frames of a port; frames without space, or without a bus, are lost and counted."""
         queue = self._wire.queues.get(port.number)
         if (queue is not None and len(queue) > SEND_LIMIT) or ((self.cut or self._off) and self.silences(port.label)):
             port.stats.lost += len(records) // RECORD_SIZE
@@ -116,11 +116,11 @@ class SimulatedWire:
             self._plan()
 
     def inject(self, frame: CanFrame, label: str = "stranger") -> None:
-        """Put a frame of a node that nobody knows onto the wire, at once."""
+        """Send a frame of an unknown node at once."""
         self._carry(label, pack_records([frame]), None)
 
     def bus_off(self, label: str, duration_ns: int = RESTART_NS) -> None:
-        """Send the controller of a label off the bus, which it is told, and back onto it after a while."""
+        """Set the controller of a label to bus-off, with an error frame, and restart it later."""
         if label not in self._off:
             self._off.add(label)
             self._report(label, error_frames.bus_off_frame())
@@ -137,14 +137,14 @@ class SimulatedWire:
                 port.report(frame)
 
     def _plan(self) -> None:
-        """Be there when the frame on the wire ends."""
+        """Schedule the end of the frame on the wire."""
         due = self._wire.due_ns
         self._planned = due is not None
         if due is not None:
             self._time.at(due, self._on_passed)
 
     def _passed(self) -> None:
-        """Give a frame that has passed to those who listen."""
+        """Deliver a frame to its listeners."""
         passed, self._planned = self._wire.finish() if self.disturbed else self._wire.end(), False
         if passed is not None:
             _, number, _, record = passed
@@ -155,12 +155,13 @@ class SimulatedWire:
                 self._judge(port, record)
             else:
                 self._carry(port.label, record, port)
-        if not self._planned and (due := self._wire.due_ns) is not None:  # `_plan`, for each frame
+        # inlined `_plan`, because it runs for each frame
+        if not self._planned and (due := self._wire.due_ns) is not None:
             self._planned = True
             self._time.at(due, self._on_passed)
 
     def _judge(self, port: SimulatedPort, record: bytes) -> None:
-        """Lose or double a frame where a rule says so, else carry it."""
+        """Lose, double or deliver a frame, by the rules."""
         label = port.label
         can_id: int = RECORD.unpack(record)[0]
         if self._errors.get(label):
@@ -212,12 +213,12 @@ class SimulatedWire:
 
 
 def _taken(rules: list[DropRule], label: str, can_id: int) -> bool:
-    """Whether a rule takes a frame; all of them count it."""
+    """Whether a rule selects a frame; all rules count it."""
     return sum(rule.takes(label, can_id) for rule in rules) > 0
 
 
 class SimulatedPort:
-    """One end of a `SimulatedWire`, of one process; see `canopen_control.bus.port.Port`."""
+    """Port of a `SimulatedWire`, of one process; see `canopen_control.bus.port.Port`."""
 
     def __init__(self, wire: SimulatedWire, number: int, label: str, actor: Actor) -> None:
         self.number, self.label = number, label
@@ -232,19 +233,19 @@ class SimulatedPort:
 
     @property
     def channel(self) -> str:
-        """The channel's name."""
+        """Name of the channel."""
         return self._wire.channel
 
     def events(self) -> list[BusEvent]:
-        """Return what happened since the last call."""
+        """Return the events since the last call."""
         return self._events.drain()
 
     def fileno(self) -> int:
-        """Return the number by which its reactor's selector knows it."""
+        """Return the number of the port in its reactor's selector."""
         return self._fileno
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
-        """Give these identifiers only."""
+        """Deliver only these identifiers."""
         self.wanted = frozenset(can_ids)
         self._wire.refilter()
 
@@ -255,12 +256,12 @@ class SimulatedPort:
         self._queue.append(records)
 
     def report(self, frame: CanFrame) -> None:
-        """Queue an error frame, which its own controller makes."""
+        """Queue an error frame of the port's own controller."""
         self._errors_wait = True
         self.put(pack_records([frame]))
 
     def receive(self) -> bytes:
-        """Return the whole records that wait, or ``b""``; raise `BusClosed` when the port was closed."""
+        """Return the received whole records, or ``b""``; BusClosed on a closed port."""
         if self._closed:
             raise self._no_bus()
         queue = self._queue
@@ -276,14 +277,14 @@ class SimulatedPort:
         return records
 
     def send(self, records: Records) -> None:
-        """Send whole records, in order; raise `BusClosed` when the port was closed."""
+        """Send whole records, in order; BusClosed on a closed port."""
         if self._closed:
             raise self._no_bus()
         self.stats.tx += whole_records(records)
         self._wire.send(self, records if isinstance(records, bytes) else bytes(records))
 
     def flush(self) -> None:
-        """Do nothing: the controller's queue takes everything."""
+        """Do nothing: the controller's queue accepts everything."""
 
     def _no_bus(self) -> BusClosed:
         return BusClosed(self.channel, "closed on this side")

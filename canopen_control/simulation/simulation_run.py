@@ -1,4 +1,4 @@
-"""One simulation from start to end: a robot, its schedule, and what came of it."""
+"""One simulation from start to end: a robot, its schedule, and the result."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SLICE_NS: Final = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """What came of a simulation; `sha256` is that of every frame and event with its time, `breaches` are sentences."""
+    """Result of a simulation; `sha256` covers every frame and event with its time, `breaches` are sentences."""
 
     seed: int
     robot_s: float
@@ -38,10 +38,10 @@ class SimulationResult:
 
 
 class SimulationRun:
-    """Runs a schedule on a robot from its start; `outcome` is what has come of it so far.
+    """Run of a schedule on a robot from its start; `outcome` is the result so far.
 
-    `speed` is how much faster than real time it may be, None: as fast as it can. `began_ns` is its virtual time 0.
-    `robot` is one that was made already. `served` lets programs outside take part.
+    `speed` is the maximum ratio to real time, None: unlimited. `began_ns` is its virtual time 0. `robot` is an existing
+    one. `served` lets other programs take part.
     """
 
     def __init__(
@@ -71,9 +71,9 @@ class SimulationRun:
         progress: Callable[[float, float], object] = lambda _robot, _real: None,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Start and run; `progress` hears how far it is now and then, in s of the robot and of the computer.
+        """Start and run; `progress` is called periodically with simulated and elapsed real time in s.
 
-        It ends early where `stop` says so.
+        It ends early if `stop` returns True.
         """
         self._began = time.perf_counter()
         self.robot.start()
@@ -85,7 +85,7 @@ class SimulationRun:
             self._keep_pace()
 
     def _keep_pace(self) -> None:
-        """Let real time pass where the robot is ahead of it."""
+        """Wait for real time if the robot is ahead of it."""
         ahead = 0.0 if self.speed is None else max(0.0, self.robot_s / self.speed - self.real_s)
         if self.served is not None:
             self.served.wait(ahead)
@@ -94,17 +94,17 @@ class SimulationRun:
 
     @property
     def robot_s(self) -> float:
-        """How long the robot has run, in s."""
+        """Simulated time in s."""
         return (self.robot.now_ns - self.began_ns) / 1e9
 
     @property
     def real_s(self) -> float:
-        """How long that has taken, in s."""
+        """Elapsed real time in s."""
         return time.perf_counter() - self._began
 
     @property
     def outcome(self) -> SimulationResult:
-        """What has come of it so far."""
+        """Result so far."""
         robot = self.robot
         digest = robot.digest
         return SimulationResult(
@@ -113,11 +113,11 @@ class SimulationRun:
 
     @property
     def breaches(self) -> tuple[str, ...]:
-        """What must not be and was, in sentences."""
+        """Violated invariants, in sentences."""
         return tuple(each.sentence for each in self.invariants.breaches)
 
     def why_never(self, duration_ns: int) -> str:
-        """Say that the robot never ran, and why where that is known; "" where it ran, or a user ended it before."""
+        """Return the reason why the robot never ran; "" if it ran, or a user ended it before."""
         core, seconds = self.robot.core, self.robot_s
         ended = core.state is RobotState.STOPPED or seconds * 1e9 >= duration_ns
         if core.has_run or not ended:
@@ -126,7 +126,7 @@ class SimulationRun:
         return f"{core.setup.name} never ran in {seconds:g} s: {why}"
 
     def close(self) -> None:
-        """Give everything back."""
+        """Release all resources."""
         if self.served is not None:
             self.served.close()
         self.robot.close()

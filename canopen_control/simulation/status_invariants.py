@@ -1,9 +1,9 @@
-"""Invariants of what a robot shows: `status`, the stream of its state, its events and `/joint_states` tell the truth.
+"""Invariants of reports: `status`, the state stream, events and `/joint_states` agree with the drives.
 
-Each is asked as a client gets it and held against the drives themselves: which states of NMT and CiA 402 they are in,
-in which mode, where their shafts are and how fast they turn, within the time in which each is told. What nobody could
-know (a drive that is disturbed, a bus that loses frames) is not judged; that a drive without supply is gone, and that a
-fault, an EMCY or a wrong toggle bit which everybody could see has an event, is. Times in ns.
+Each report is read as by a client and compared with the drives themselves: states of NMT and CiA 402, mode, position
+and velocity of their shafts, within the time allowed for each. What cannot be known (a disturbed drive, a bus that
+loses frames) is not checked, but a drive without supply must be reported as lost, and a fault, an EMCY or a wrong
+toggle bit on the bus must have an event. Times in ns.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ if TYPE_CHECKING:
 
 
 _MS: Final = 1_000_000
-_EVERY_NS: Final = 100 * _MS  # how often the faces are asked
-_SOON_NS: Final = 400 * _MS  # in which a state that has changed is told
-LAG_NS: Final = 120 * _MS  # in which values are told: some cycles
-_CALM_NS: Final = 1000 * _MS  # since a node was disturbed
-_PUT_S: Final = 0.3  # a count that a fault puts elsewhere is seen within this; it leaves its 32 bits later
-_FLOOD_NS: Final = 1500 * _MS  # in which of many EMCYs one is told
+_EVERY_NS: Final = 100 * _MS  # interval of reading the reports
+_SOON_NS: Final = 400 * _MS  # time allowed for reporting a changed state
+LAG_NS: Final = 120 * _MS  # time allowed for reporting values: some cycles
+_CALM_NS: Final = 1000 * _MS  # undisturbed time before a node is checked
+_PUT_S: Final = 0.3  # a fault's new count appears within this time; it leaves its 32 bits later
+_FLOOD_NS: Final = 1500 * _MS  # time in which at least one of many EMCYs is reported
 _JUMPED: Final = "position_jump"
 _SLACK: Final = 0.02
 _LEAST: Final = 1e-3  # rad, rad/s, m or m/s
-_MARGIN_S: Final = 0.3  # by which an event may be before what a listener saw
+_MARGIN_S: Final = 0.3  # an event may precede the observation of a listener by this time
 _POSITION, _VELOCITY = 1, 2
 _VALUES: Final = {_POSITION: "position", _VELOCITY: "velocity"}
 Faces = tuple[str, ...]
@@ -50,15 +50,15 @@ _FACES: Final[Faces] = ("status", "sample")
 _PUBLISHED: Final[Faces] = ("joint_states",)
 _STAMP: Final = (_PUBLISHED, "", "stamp")
 _TOLD: Final = 1 << 62
-Truth = tuple[int, float, float]  # time, position, velocity in SI
+Truth = tuple[int, float, float]  # time, position, velocity in SI units
 
 
 class _Shaft:
-    """A joint behind the first axis of a node, and where its shaft was in the last cycles.
+    """Joint of the first axis of a node, with the positions of its shaft in the last cycles.
 
-    A drive that boots anew counts from 0, and a robot goes on from where it saw it last: `offset` is by how much they
-    differ, None until the next place that is told. What does not boot the drive, nor moves its count, changes nothing
-    of it: `origin` is what the offset is of. Where the drive's count passes over its 32 bits, both go on.
+    A drive that boots counts from 0, and the robot continues from the last position it received: `offset` is the
+    difference, None until the next reported position. It is unchanged by anything but a boot or a changed count;
+    `origin` identifies them. If the drive's count wraps at 32 bits, both continue.
     """
 
     def __init__(self, joint: str, node: str, view: ObservedNode, units: Mapping[str, float]) -> None:
@@ -67,13 +67,13 @@ class _Shaft:
         self.truth: deque[Truth] = deque()
         self.offset: float | None = 0.0
         self.origin: tuple[object, ...] = ()
-        self._shown = self._counts = 0  # what it counts, and without the turns of its 32 bits
-        self._blur = 0.0  # of the offset, which was taken while it turned
+        self._shown = self._counts = 0  # the drive's count, and the count without wraps of its 32 bits
+        self._blur = 0.0  # uncertainty of the offset, which was determined during motion
         self._zero = 0.0
-        self._bounds: dict[int, tuple[float, float]] = {}  # of each kind of value in the last cycles
+        self._bounds: dict[int, tuple[float, float]] = {}  # by kind of value in the last cycles
 
     def take(self, robot: RobotUnderTest, now: int) -> None:
-        """Note where it is."""
+        """Record the position."""
         device, truth = robot.drives[self.view.node_id].device, self.truth
         if device is None:
             truth.clear()
@@ -111,7 +111,7 @@ class _Shaft:
 
 
 class StatusInvariants:
-    """Judges what a robot shows; `tell(rule, text)` takes breaches. `sampled` is called as time passes."""
+    """Check of a robot's reports; `tell(rule, text)` receives breaches. `sampled` is called as time passes."""
 
     def __init__(
         self,
@@ -129,19 +129,20 @@ class StatusInvariants:
             for joint, node in watched_joints(robot.setup)
         ]
         self._due = robot.now_ns + _EVERY_NS
-        self._calm: dict[int, bool] = {}  # whether a node was left alone for a while, and is on its bus
-        self._wrong_since: dict[tuple[Faces, str, str], int] = {}  # faces, who and what
-        self._gone: dict[str, tuple[int, bool]] = {}  # node without supply -> since when, whether it was told ready
+        self._calm: dict[int, bool] = {}  # whether a node has been undisturbed for a while, and is on its bus
+        self._wrong_since: dict[tuple[Faces, str, str], int] = {}  # (reports, node, text) -> since when
+        # node without supply -> since when, whether it was reported as ready
+        self._gone: dict[str, tuple[int, bool]] = {}
         self._ready: dict[str, bool] = {}
         self._told_faults: dict[tuple[str, str], int] = {}
-        self._emcys: dict[str, int] = {}  # node -> an EMCY that has to be told, 0: none
-        self._emcys_told: dict[str, int] = {}  # node -> the last one that was looked for
-        self._ready_since: dict[str, int] = {}  # node -> since when it is told as ready
+        self._emcys: dict[str, int] = {}  # node -> EMCY that must be reported, 0: none
+        self._emcys_told: dict[str, int] = {}  # node -> last EMCY already checked
+        self._ready_since: dict[str, int] = {}  # node -> since when it is reported as ready
         self._first_start = 0
-        self._jumped = 0.0  # when the newest jump was told that was looked at
+        self._jumped = 0.0  # time of the newest jump event already checked
 
     def sampled(self, now: int) -> None:
-        """Judge what is shown now."""
+        """Check the current reports."""
         robot = self._robot
         for shaft in self._shafts:
             shaft.take(robot, now)
@@ -171,7 +172,7 @@ class StatusInvariants:
         self._judge_jumps(status.events)
 
     def true_place(self, joint: str) -> tuple[float, float] | None:
-        """Return between which positions a joint's shaft was in the last cycles, in SI; None where nobody knows."""
+        """Return the minimum and maximum of a joint's position in the last cycles, in SI units; None if unknown."""
         for shaft in self._shafts:
             if shaft.joint == joint and shaft.truth and shaft.offset is not None and self._calm.get(shaft.view.node_id):
                 places = [each[_POSITION] for each in shaft.truth]
@@ -179,23 +180,23 @@ class StatusInvariants:
         return None
 
     def _is_calm(self, view: ObservedNode, now: int) -> bool:
-        """Whether a node was left alone for a while and is on its bus."""
+        """Whether a node has been undisturbed for a while and is on its bus."""
         since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
         return since < now - _CALM_NS and self._robot.drives[view.node_id].device is not None
 
     def _judge_snapshot(self, faces: Faces, shown: Snapshot, now: int) -> None:
-        """Hold what faces show, all of them the same, against what is."""
+        """Compare several identical reports with the drives."""
         for name, view in self._nodes.items():
             self._judge_node(faces, shown.nodes[name], view, now)
         for shaft in self._shafts:
             told = shown.joints.get(shaft.joint)
-            if told is not None:  # a joint without feedback is shown by nobody
+            if told is not None:  # a joint without feedback is not reported
                 self._judge_values(faces, shaft, told.position, told.velocity, now)
 
     # -- states
 
     def _judge_node(self, faces: Faces, told: NodeReading, view: ObservedNode, now: int) -> None:
-        """Hold the states told of a node, and of its axes, against those that it is in."""
+        """Compare the reported states of a node and its axes with the actual ones."""
         device = self._robot.drives[view.node_id].device
         if device is None:
             return
@@ -223,7 +224,7 @@ class StatusInvariants:
         boots = self._robot.core.nodes[shaft.node].boots
         origin = self._robot.started_ns, boots, self._disturbed.moved(node_id)
         if shaft.origin != origin:
-            if origin != (self._first_start, 1, 0):  # the first boot of both: what is told is what the drive counts
+            if origin != (self._first_start, 1, 0):  # at the first boot of both the drive's count is reported unchanged
                 shaft.offset = None
             shaft.origin = origin
         self._judge_value(faces, shaft, _POSITION, position, calm, now)
@@ -239,7 +240,7 @@ class StatusInvariants:
             self._tell_of(faces, f"the {what} of {shaft.joint} is told as {value}, it is {true:.4f}")
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
-        """Judge what ROS publishes as `/joint_states`, and its stamp."""
+        """Check the published `/joint_states` and their stamps."""
         by_joint: dict[str, Values] = sample.joints
         for shaft in self._shafts:
             values = by_joint.get(shaft.joint, {})
@@ -257,17 +258,17 @@ class StatusInvariants:
             self._tell("shown_wrong", f"{face}: {text}")
 
     def _lasts(self, wrong: tuple[Faces, str, str], soon: int, now: int) -> bool:
-        """Whether something wrong, of faces, of somebody, has been so for longer than it takes to be told; once."""
+        """Whether a violation of a report lasts longer than the time allowed; True once."""
         since = self._wrong_since.setdefault(wrong, now)
         if now - since <= soon:
             return False
         self._wrong_since[wrong] = _TOLD
         return True
 
-    # -- what must be told
+    # -- mandatory events
 
     def _judge_supply(self, name: str, told: NodeReading, events: list[RobotEvent], now: int) -> None:
-        """Hold that a node without supply is told as gone within its heartbeat time, with an event."""
+        """Check that a node without supply is reported as lost within its heartbeat time, with an event."""
         view = self._nodes[name]
         if self._robot.drives[view.node_id].device is not None:
             self._gone.pop(name, None)
@@ -287,14 +288,14 @@ class StatusInvariants:
             self._tell_once(name, since, "event_missing", f"{name} was lost, and no event says so")
 
     def _judge_fault(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Hold that a fault which is seen on the wire has an event."""
+        """Check that a fault on the bus has an event."""
         hidden = max(self._disturbed.hidden_at, self._robot.started_ns)
         seen = view.in_fault and now - view.status_at < _EVERY_NS
         if seen and hidden + _CALM_NS < view.fault_at < now - _SOON_NS and not _has_event(events, name, view.fault_at):
             self._tell_once(name, view.fault_at, "event_missing", f"{name} is in fault, and no event says so")
 
     def _judge_emcy(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Hold that an EMCY of an error is told; of a flood one."""
+        """Check that an EMCY with an error has an event; of a series at least one."""
         sent = self._emcys.get(name, 0)
         if not sent:
             if view.emcy_at > self._emcys_told.get(name, 0):
@@ -308,7 +309,7 @@ class StatusInvariants:
             self._tell("event_missing", f"{name} has sent an EMCY, and no event says so")
 
     def _judge_toggle(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Hold that an answer to guarding with the toggle bit of the one before is told, of a node that was there."""
+        """Check that a repeated toggle bit in a guarding answer of a present node has an event."""
         at = view.toggled_at
         hidden = max(self._disturbed.deaf_at, self._robot.started_ns, view.booted_at)
         known = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
@@ -318,7 +319,7 @@ class StatusInvariants:
             )
 
     def _judge_jumps(self, events: list[RobotEvent]) -> None:
-        """Hold that a jump is told of counts alone that have jumped."""
+        """Check that a jump event is reported only for a count that jumped."""
         for event in events:
             if event.kind != _JUMPED or event.time <= self._jumped or event.node not in self._nodes:
                 continue
@@ -327,7 +328,7 @@ class StatusInvariants:
             for shaft in self._shafts:
                 if shaft.node == event.node:
                     shaft.offset = None
-            # a stranger's frame may be a forged TPDO, and bring any count
+            # a foreign frame may be a forged TPDO with any count
             since = max(self._disturbed.moved(node_id), self._disturbed.hidden_at, self._robot.started_ns)
             put = self._disturbed.put(node_id) / 1e9
             if since / 1e9 < event.time - _CALM_NS / 1e9 and not 0.0 <= event.time - put < _PUT_S:
@@ -340,41 +341,42 @@ class StatusInvariants:
 
 
 def _has_event(events: list[RobotEvent], node: str, since: int, kind: str = "") -> bool:
-    """Whether something was told of a node since about then, of kinds that begin with `kind`."""
+    """Whether an event of a node exists since about `since`, with a kind that begins with `kind`."""
     earliest = since / 1e9 - _MARGIN_S
     return any(event.node == node and event.time > earliest and event.kind.startswith(kind) for event in events)
 
 
-# Invariants of goals and switches: a goal ends as its tolerances say, a refused switch of controllers changes nothing.
-#
-# A goal that is told as reached has its joints at its last point, one that has missed it has one outside of its
-# tolerance, and one whose joints are there ends. After a goal that is told as cancelled the joints come to rest, with
-# the decelerations of the parameters or at once, unless something newer is asked for; one that a stop has ended says
-# so. What is judged are the shafts, of nodes that nobody has disturbed; the tolerances are those of the controller's
-# parameters. Times in ns.
+# Invariants of goals and switches: a goal ends by its tolerances, a refused switch of controllers changes nothing. A
+# goal reported as reached has its joints at its last point, a missed one has one outside of its tolerance, and one
+# whose joints are there ends. After a cancelled goal the joints stop with the decelerations of the parameters or at
+# once, unless there is a newer request; one ended by a stop reports that. Checked are the shafts of undisturbed nodes
+# with the tolerances of the controller's parameters. Times in ns.
 
 
-_LATE_NS: Final = 500 * _MS  # after its time in which a goal ends that has been reached
-_GOAL_SLACK: Final = 2e-3  # rad or m: how far off a count may be read
-_REST_NS: Final = 400 * _MS  # after a cancel, and the ramps, in which joints stand: some cycles, and how long one looks
-_STOPPED_NS: Final = 100 * _MS  # after a stop in which it has ended every goal
+_LATE_NS: Final = 500 * _MS  # time after its end in which a reached goal must be reported
+_GOAL_SLACK: Final = 2e-3  # rad or m: uncertainty of a count
+_REST_NS: Final = 400 * _MS  # time allowed for stopping after a cancel, in addition to the ramps
+_STOPPED_NS: Final = 100 * _MS  # time after a stop in which it must have ended every goal
 _STOPS: Final = ("stop", "latch")
 _STOP: Final = "stop was commanded"
 _LEADS: Final = ("command", "trajectory", "activate", "deactivate")
 
 
 class _Open:
-    """A goal that was taken: its joints' last places and tolerances, and when it is to be over."""
+    """Accepted goal: final positions and tolerances of its joints, and its end time."""
 
     def __init__(
         self, act: ScenarioEvent, goal: TrajectoryGoal, places: dict[str, tuple[float, float]], over_ns: int
     ) -> None:
         self.act, self.goal, self.places, self.over_ns = act, goal, places, over_ns
-        self.there_since = self.rests_ns = 0  # rests_ns: by when its joints stand, once it was cancelled
+        self.there_since = self.rests_ns = 0  # rests_ns: time at which its joints must stand after it was cancelled
 
 
 class GoalInvariants:
-    """Judges how goals end; `tell(rule, text)` takes breaches. `asked`, `taken` and `sampled` are called with time."""
+    """Check of the ends of goals; `tell(rule, text)` receives breaches.
+
+    `asked`, `taken` and `sampled` are called as time passes.
+    """
 
     def __init__(
         self, robot: RobotUnderTest, player: EventPlayer, faces: StatusInvariants, tell: Callable[[str, str], None]
@@ -383,17 +385,17 @@ class GoalInvariants:
         self._open: list[_Open] = []
         self._core: object = None
         self._torn = 0
-        self._newest: ScenarioEvent | None = None  # of what has been asked that may move joints
-        self._stopped_at = -1 << 62  # when a stop was asked, where nothing was asked since
+        self._newest: ScenarioEvent | None = None  # newest request that may move joints
+        self._stopped_at = -1 << 62  # time of the last stop request, if there was no other request since
 
     def asked(self, now: int, act: ScenarioEvent) -> None:
-        """Take what a client asks for."""
+        """Record a request of a client."""
         self._stopped_at = now if act.kind in _STOPS else -1 << 62
         if act.kind in _LEADS:
             self._newest = act
 
     def taken(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
-        """Take a goal that a controller has taken."""
+        """Record a goal accepted by a controller."""
         controller = self._robot.core.manager.get(act.target)
         tolerances = controller.params.tolerances()  # type: ignore[attr-defined]
         last = goal.trajectory.points[-1]
@@ -408,7 +410,7 @@ class GoalInvariants:
         self._open.append(_Open(act, goal, places, over))
 
     def sampled(self, now: int) -> None:
-        """Judge the goals that have ended, or should have."""
+        """Check the goals that have ended, or should have."""
         for text in self._player.torn[self._torn :]:
             self._tell("switch_torn", text)
         self._torn = len(self._player.torn)
@@ -420,7 +422,7 @@ class GoalInvariants:
         self._open = [each for each in self._open if self._is_open(each, now)]
 
     def _is_open(self, given: _Open, now: int) -> bool:
-        """Judge a goal; return whether it is to be looked at again."""
+        """Check a goal; return whether it must be checked again."""
         if given.goal.state is GoalState.CANCELED:
             return self._comes_to_rest(given, now)
         off = self._off(given)
@@ -443,13 +445,13 @@ class GoalInvariants:
         return False
 
     def _hides_its_stop(self, given: _Open, now: int) -> bool:
-        """Whether a goal that has just been ended by a stop says something else."""
+        """Whether a goal that was just ended by a stop reports another reason."""
         return now - self._stopped_at < _STOPPED_NS and _STOP not in given.goal.text
 
     def _comes_to_rest(self, given: _Open, now: int) -> bool:
-        """Judge that joints stand after a cancel; return whether it is to be looked at again.
+        """Check that joints stop after a cancel; return whether they must be checked again.
 
-        Where they are disturbed, pulled by a floor, or led by something newer, nobody knows.
+        Disturbed joints, joints pulled by a floor, and joints with a newer request are not checked.
         """
         ways = {joint: self._faces.true_place(joint) for joint in given.places}
         known = [(joint, high - low) for joint, (low, high) in ((each, way) for each, way in ways.items() if way)]
@@ -466,16 +468,16 @@ class GoalInvariants:
         return False
 
     def _brake_s(self, given: _Open, ways: dict[str, float]) -> float:
-        """Return how long joints brake that have gone these ways in the last cycles, as the parameters say."""
+        """Return the braking time of joints with these travels in the last cycles, by the parameters."""
         params = self._robot.core.manager.get(given.act.target).params  # type: ignore[attr-defined]
         slow = dict(zip(params.joints, (each.max_deceleration_on_cancel for each in params.constraints), strict=True))
         times = [way / (LAG_NS / 1e9) / slow[joint] for joint, way in ways.items() if slow[joint] > 0.0]
         return max(times, default=0.0)
 
     def _off(self, given: _Open) -> dict[str, tuple[float, float]]:
-        """Return by how much more than its tolerance each joint was off its goal in the last cycles, most and least.
+        """Return for each joint the minimum and maximum error beyond its tolerance in the last cycles.
 
-        Nothing where one of them is not known.
+        Empty if one of them is unknown.
         """
         found = {}
         for joint, (place, tolerance) in given.places.items():
@@ -489,5 +491,5 @@ class GoalInvariants:
 
 
 def _are_there(off: dict[str, tuple[float, float]]) -> bool:
-    """Whether all joints are within their tolerances, for certain."""
+    """Whether all joints are certainly within their tolerances."""
     return bool(off) and all(most < -_GOAL_SLACK for most, _ in off.values())

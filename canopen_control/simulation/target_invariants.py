@@ -1,13 +1,12 @@
-"""Invariants of targets: a drive is told what its client commanded, and its shaft does what the drive is told.
+"""Invariants of targets: a drive receives the commands of its clients, and its shaft follows its targets.
 
-The first holds the targets on the wire against the values that clients have commanded joint by joint, scaled as bus.yml
-says; a target between them and standstill is one too, since stops and limits lead there. The second holds the shaft
-against the targets on the wire, in the modes whose target is a velocity (PV, CSV) or a place at every SYNC (CSP): it
-may lag by a few cycles and along the drive's own ramps, and never goes beyond. Who was disturbed since its last enable
-is not judged, nor what stands on a floor.
+The first compares targets on the bus with values commanded per joint, scaled as in bus.yml; a target between them and
+standstill is valid too, because of stops and limits. The second compares the shaft with the targets on the bus, in
+modes with a target velocity (PV, CSV) or a position at every SYNC (CSP): it may lag by some cycles and by the drive's
+own ramps, and never exceeds them. Drives disturbed since their last enable, and drives on a floor, are not checked.
 
-In every mode a target stays within the drive's own limits (0x607D, 0x607F) and does not push against a limit switch,
-a command that somebody renews is followed, and a drive that is off is told to stand where it is. Times in ns.
+In every mode a target stays within the drive's own limits (0x607D, 0x607F) and does not push against a limit switch, a
+renewed command is followed, and a disabled drive has standstill as target. Times in ns.
 """
 
 from __future__ import annotations
@@ -33,17 +32,17 @@ if TYPE_CHECKING:
 
 
 _MS: Final = 1_000_000
-_LAG_NS: Final = 120 * _MS  # between a target on the wire and the shaft, or a command and its target; some cycles
-_SETTLED_NS: Final = 300 * _MS  # after an enable, or another controller
-_KEPT: Final = 64  # commands of a joint that are looked back at
-_COMMAND, _FOLLOWS = 0x18F, 0x0F  # of a controlword: operation enabled, no halt
-_SHOWN, _UNLIMITED = 0x86F, 0x27  # of a statusword: OPERATION ENABLED, no limit active (bit 11)
+_LAG_NS: Final = 120 * _MS  # delay from a target on the bus to the shaft, or from a command to its target; some cycles
+_SETTLED_NS: Final = 300 * _MS  # time after an enable, or a switch of controllers
+_KEPT: Final = 64  # number of commands kept per joint
+_COMMAND, _FOLLOWS = 0x18F, 0x0F  # controlword bits: operation enabled, no halt
+_SHOWN, _UNLIMITED = 0x86F, 0x27  # statusword bits: OPERATION ENABLED, no active limit (bit 11)
 _PV, _CSV, _CSP = int(OperationMode.PV), int(OperationMode.CSV), int(OperationMode.CSP)
 _VELOCITY: Final = o.TARGET_VELOCITY
-_SLACK: Final = 0.02  # of a target, by which it may be rounded or a clock be off
-_CALM_NS: Final = 1000 * _MS  # since a drive was disturbed, or has booted
-_OFF_NS: Final = 500 * _MS  # since a drive was enabled last
-_LIMIT: Final = 0x800  # of a statusword: a limit is active
+_SLACK: Final = 0.02  # relative tolerance of a target for rounding and clock errors
+_CALM_NS: Final = 1000 * _MS  # time since a disturbance or boot of the drive
+_OFF_NS: Final = 500 * _MS  # time since the drive was last enabled
+_LIMIT: Final = 0x800  # statusword bit of an active limit
 _UNLIMITED_ABOVE: Final = 1 << 31
 _STOPS: Final = ("stop", "latch", "axis", "activate", "deactivate")
 _AT_ONCE: Final = 1e12  # counts/s^2
@@ -51,28 +50,28 @@ _LEAST: Final = 5.0  # counts/s, or counts
 
 
 class _Followed:
-    """One axis, and between which speeds its shaft has to be."""
+    """One axis, with the range of speeds its shaft may have."""
 
     def __init__(self, view: ObservedNode) -> None:
         self.view = view
         self.low = self.high = 0.0
-        self.at = 0  # when it was judged last, 0: not since its enable
+        self.at = 0  # time of the last check, 0: none since its enable
         self.told = False
-        self.wrong = ""  # which rule it breaks now, of those that hold in every mode
+        self.wrong = ""  # the currently violated rule, of those valid in every mode
         self._limits_of: tuple[VirtualDrive | None, int] = None, -1
         self._limits = (0, 0, 0)
-        self._slope_of: tuple[VirtualDrive | None, int] = None, -1  # with which version of its values
+        self._slope_of: tuple[VirtualDrive | None, int] = None, -1  # drive and version of its values used for the slope
         self._slope = 0.0
 
     def slope(self, drive: VirtualDrive) -> float:
-        """Return the slower one of the drive's two ramps, in counts/s^2; those of a stop count too."""
+        """Return the lower one of the drive's two ramps, in counts/s^2, including those of a stop."""
         version = drive.objects.store.version
         if self._slope_of[1] != version or self._slope_of[0] is not drive:
             self._slope_of, self._slope = (drive, version), _slope(drive)
         return self._slope
 
     def limits(self, drive: VirtualDrive, now: int) -> tuple[int, int, int]:
-        """Return the ends of 0x607D and the greatest velocity of 0x607F, 0 for none; as of this second."""
+        """Return the limits of 0x607D and the maximum velocity of 0x607F, 0 for none; updated every second."""
         if self._limits_of != (known := (drive, now // _CALM_NS)):
             objects = drive.objects
             low, high = (objects.number(o.SOFTWARE_POSITION_LIMIT, sub) for sub in (1, 2))
@@ -82,11 +81,11 @@ class _Followed:
         return self._limits
 
     def rest(self) -> None:
-        """Begin anew with the next enable."""
+        """Reset until the next enable."""
         self.at, self.told = 0, False
 
     def ramp(self, low: float, high: float, slope: float, now: int, speed: float) -> None:
-        """Bring the bounds of the speed nearer to those of the targets, as fast as the drive's ramp at least."""
+        """Move the speed range towards that of the targets, with at least the drive's ramp."""
         if not self.at:
             self.low, self.high = min(speed, low), max(speed, high)
         else:
@@ -97,13 +96,13 @@ class _Followed:
 
 
 class _Commanders:
-    """Who has commanded a controller: when a client whose command ends with it did last, and when another one."""
+    """Last commands of a controller: by a client whose command ends with its connection, and by another one."""
 
     def __init__(self) -> None:
         self._leaving = self._staying = 0
 
     def command(self, at: int, *, leaves: bool) -> None:
-        """Take a command, of a client whose command ends when it `leaves`, or of another."""
+        """Record a command, of a client whose command ends when it `leaves`, or of another."""
         if leaves:
             self._leaving = at
         else:
@@ -111,12 +110,12 @@ class _Commanders:
 
     @property
     def go_on(self) -> bool:
-        """Whether the command goes on when the first leaves: the other one's is newer, also as the robot hears them."""
+        """Whether the command continues when the first client leaves, because another client's is newer."""
         return self._staying > self._leaving + _LAG_NS
 
 
 class TargetInvariants:
-    """Judges targets; `tell(rule, text)` takes breaches. `asked` and `sampled` are called as time passes."""
+    """Check of targets; `tell(rule, text)` receives breaches. `asked` and `sampled` are called as time passes."""
 
     def __init__(
         self,
@@ -130,15 +129,15 @@ class TargetInvariants:
         self._axes = [_Followed(node) for view in views.values() for node in view.nodes.values()]
         self._ends = {each.controller: each.ends for each in motions}
         self._scales = _velocity_scales(robot)
-        self._commanded: dict[str, deque[tuple[int, float]]] = {}  # joint -> what it was commanded last
-        self._stopped_at = 0  # when somebody last asked for what may end a command
+        self._commanded: dict[str, deque[tuple[int, float]]] = {}  # joint -> its last commands
+        self._stopped_at = 0  # time of the last request that may end a command
         self._commanders: dict[str, _Commanders] = {}  # of each controller
-        self._others_until = 0  # until when something else than values joint by joint may lead
+        self._others_until = 0  # until when a command other than values per joint may be active
         self._wrong: set[str] = set()
         self._lost: set[str] = set()
 
     def asked(self, now: int, act: ScenarioEvent) -> None:
-        """Take what a client asks for."""
+        """Record a request of a client."""
         heard = max(now, self._robot.host.stalled_until)
         commanders = self._commanders.setdefault(act.target, _Commanders())
         if act.kind in _STOPS or (act.kind == "leave" and not commanders.go_on):
@@ -157,7 +156,7 @@ class TargetInvariants:
                 self._commanded.setdefault(joint, deque(maxlen=_KEPT)).append((heard, value))
 
     def sampled(self, now: int) -> None:
-        """Judge what drives are told and do now."""
+        """Check targets and motion of the drives now."""
         if self._robot.floor is not None:
             return
         for axis in self._axes:
@@ -174,15 +173,15 @@ class TargetInvariants:
             self._judge_targets(now)
 
     def _may_judge(self, view: ObservedNode, now: int) -> bool:
-        """Whether an axis follows targets undisturbed since its enable."""
+        """Whether an axis follows targets and is undisturbed since its enable."""
         if view.controlword & _COMMAND != _FOLLOWS or view.statusword & _SHOWN != _UNLIMITED:
             return False
         return self._disturbed.last(view.node_id) < view.enabled_at < now - _SETTLED_NS
 
-    # -- what holds in every mode
+    # -- all modes
 
     def _judge_told(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
-        """Judge what a drive is told by its own limits, or where it is off by its standstill."""
+        """Check a drive's target against its own limits, or against standstill if it is disabled."""
         view = axis.view
         pushes = ""
         if view.enabled:
@@ -205,12 +204,12 @@ class TargetInvariants:
         return max(disturbed, self._stopped_at, self._robot.started_ns) < now - 3 * _CALM_NS
 
     def _is_calm(self, view: ObservedNode, now: int) -> bool:
-        """Whether nothing has come between a drive and the robot for a while."""
+        """Whether the connection of a drive to the robot has been undisturbed for a while."""
         since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
         return since < now - _CALM_NS
 
     def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
-        """Return what leads an enabled drive beyond its limits, in words; "" where nothing does."""
+        """Return the target that leads an enabled drive beyond its limits, as text; "" if there is none."""
         low, high, most = axis.limits(drive, now)
         targets, mode = axis.view.targets, drive.modes.number
         if mode == _CSP:
@@ -218,7 +217,7 @@ class TargetInvariants:
             if low == high or told is None or low <= told <= high:
                 return ""
             place = float(drive.objects.units.user(drive.mover.plant.position))
-            inside = low - _LEAST <= place <= high + _LEAST  # else it may be held where it is
+            inside = low - _LEAST <= place <= high + _LEAST  # otherwise it may hold its position
             return f"to go to {told}, its software limits are {low} and {high}" if inside else ""
         if mode not in (_PV, _CSV):
             return ""
@@ -228,9 +227,9 @@ class TargetInvariants:
         return ""
 
     def _pushes(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return what leads an enabled drive further into a limit that it has come to, in words; "" where nothing does.
+        """Return the target that leads an enabled drive further into an active limit, as text; "" if there is none.
 
-        The direction that is closed is the one in which it is told to turn and stands.
+        The closed direction is the one in which the target points while the shaft stands.
         """
         if not view.statusword & _LIMIT or view.limited_at > now - _OFF_NS or drive.modes.number not in (_PV, _CSV):
             return ""
@@ -239,7 +238,7 @@ class TargetInvariants:
         return f"to turn at {told[-1]}, against the limit that it has come to" if pushes else ""
 
     def _not_at_rest(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return the target other than standstill that a drive has which is off; "" for none."""
+        """Return the target other than standstill of a disabled drive; "" for none."""
         if view.commanded or now - view.status_at > _LAG_NS:
             return ""
         if told := view.targets.get(_VELOCITY, 0):
@@ -252,7 +251,7 @@ class TargetInvariants:
         off = abs(wrap32(place - round(here)))
         return f"to go to {place}, and it is off at {here:.0f}" if off > _LEAST + _reach(drive) else ""
 
-    # -- a shaft does what its drive is told
+    # -- the shaft follows the targets
 
     def _judge_shaft(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
         mode, plant, units = drive.modes.number, drive.mover.plant, drive.objects.units
@@ -278,7 +277,7 @@ class TargetInvariants:
     def _within(
         self, axis: _Followed, value: float, told: Sequence[int], unit: float, bounds: tuple[float, float], does: str
     ) -> None:
-        """Tell of a value that is not between bounds, and what the drive was told: targets in a unit."""
+        """Report a value outside of its bounds, with the drive's targets in a unit."""
         low, high = bounds
         slack = _LEAST + _SLACK * max(abs(low), abs(high))
         if low - slack <= value <= high + slack:
@@ -291,7 +290,7 @@ class TargetInvariants:
             )
             self._tell("target_missed", text)
 
-    # -- a drive is told what was commanded
+    # -- the targets follow the commands
 
     def _judge_targets(self, now: int) -> None:
         for axis in self._axes:
@@ -317,10 +316,10 @@ class TargetInvariants:
             self._tell("target_wrong", f"the drive of {joint} is told {told:.0f}, commanded was {commanded[-1]:.0f}")
 
     def _judge_life(self, joint: str, view: ObservedNode, recent: Sequence[float], now: int) -> None:
-        """Judge that a drive is not told to stand for which somebody renews a command that nobody ends."""
+        """Check that a drive is not commanded to stand while a command is renewed and not ended."""
         commands, value = self._commanded[joint], recent[-1]
         renewed = commands[0][0] < now - _LAG_NS < commands[-1][0] and all(each == value != 0.0 for each in recent)
-        closed = view.limited_at > view.booted_at  # one way
+        closed = view.limited_at > view.booted_at  # one direction
         if view.targets[_VELOCITY] or closed or not renewed or not self._all_calm(now):
             self._lost.discard(joint)
         elif joint not in self._lost:
@@ -329,7 +328,7 @@ class TargetInvariants:
 
 
 def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:
-    """Return the value that counts, and those before that may still be told."""
+    """Return the current value, and previous ones that may still be active."""
     found = []
     for at, value in reversed(commands):
         found.append(value)
@@ -339,7 +338,7 @@ def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:
 
 
 def _velocity_scales(robot: RobotUnderTest) -> dict[int, list[tuple[str, float]]]:
-    """Return of each node the joints of its first axis with their scales, as the files have them."""
+    """Return the joints of the first axis of each node with their velocity scales from the files."""
     found: dict[int, list[tuple[str, float]]] = {}
     for joint, node in watched_joints(robot.setup):
         found.setdefault(node.node_id, []).append((joint, node.units.of_axis(0)["vel_to_dev"]))
@@ -347,13 +346,13 @@ def _velocity_scales(robot: RobotUnderTest) -> dict[int, list[tuple[str, float]]
 
 
 def _slope(drive: VirtualDrive) -> float:
-    """Return the slower one of a drive's two ramps, in counts/s^2; those of a stop count too."""
+    """Return the lower one of a drive's two ramps, in counts/s^2, including those of a stop."""
     objects = drive.objects
     ramps = [objects.ramp(index) for index in (o.PROFILE_ACCELERATION, o.PROFILE_DECELERATION) if objects.has(index)]
     return min(ramps, default=_AT_ONCE) or _AT_ONCE
 
 
 def _reach(drive: VirtualDrive) -> float:
-    """Return how far a shaft may be from its target: the window of 0x6065, where that bounds it."""
+    """Return the allowed distance of a shaft from its target: the window of 0x6065, if it is enabled."""
     window = drive.objects.number(o.FOLLOWING_ERROR_WINDOW)
     return float(window) if 0 < window < 1 << 30 else 0.0

@@ -1,7 +1,7 @@
-"""Virtual time: one clock for many reactors, each of which wakes late as a process does and has an oscillator.
+"""Virtual time: one clock for many reactors, each with its own wake-up delays and oscillator.
 
-Nothing waits: time jumps to what happens next. Whatever is due at the same nanosecond happens in the order in which it
-was put on the clock, so that the same seed does the same every time. Times in ns.
+Nothing waits: time jumps to the next event. Events at the same nanosecond occur in the order of their scheduling, so
+that the same seed gives the same result. Times in ns.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-START_NS: Final = 1_000_000_000  # a monotonic clock that has run for a while, as any
+START_NS: Final = 1_000_000_000  # a monotonic clock never starts at 0
 _BILLION: Final = 1_000_000_000
 _NEVER: Final = 1 << 62
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How late a process wakes: at least `latency_ns`, up to `jitter_ns` later, and seldom up to `spike_ns`.
+    """Wake-up delay of a process: at least `latency_ns`, up to `jitter_ns` more, and rarely up to `spike_ns`.
 
-    `ppm` is by how much its oscillator is fast.
+    `ppm` is the frequency error of its oscillator, positive if it is fast.
     """
 
     latency_ns: int = 0
@@ -37,11 +37,11 @@ class Timing:
     ppm: float = 0.0
 
 
-_SPIKES: Final = 0.0005  # of all wake-ups
+_SPIKES: Final = 0.0005  # fraction of all wake-ups
 
 
 class VirtualTime:
-    """The clock that jumps; `now_ns` is the time."""
+    """Clock that jumps; `now_ns` is the time."""
 
     __slots__ = ("_heap", "_sequence", "now_ns")
 
@@ -51,7 +51,7 @@ class VirtualTime:
         self._sequence = 0
 
     def at(self, when_ns: int, callback: Callable[[], object]) -> None:
-        """Call `callback` once, at `when_ns`, or now where that is over."""
+        """Call `callback` once, at `when_ns`, or now if that has passed."""
         self._sequence += 1
         now = self.now_ns
         heapq.heappush(self._heap, (when_ns if when_ns > now else now, self._sequence, callback))
@@ -61,11 +61,11 @@ class VirtualTime:
         self.at(self.now_ns + delay_ns, callback)
 
     def next_ns(self) -> int | None:
-        """Return when something happens next, None: nothing will."""
+        """Return the time of the next event, None if there is none."""
         return self._heap[0][0] if self._heap else None
 
     def run_until(self, limit_ns: int) -> None:
-        """Let happen what is due up to `limit_ns`, which is the time then."""
+        """Process all events up to `limit_ns`, which is then the time."""
         heap, pop = self._heap, heapq.heappop
         while heap and heap[0][0] <= limit_ns:
             self.now_ns, _, callback = pop(heap)
@@ -74,51 +74,51 @@ class VirtualTime:
 
 
 class Actor:
-    """A process in virtual time: its reactor, its clock, how late it wakes; it may be stalled, and end for good.
+    """Process in virtual time with reactor, clock and wake-up delays; it may be stalled, and ended.
 
-    `stalled_until` is until when it does nothing.
+    `stalled_until` is the end of a stall.
     """
 
     def __init__(self, time: VirtualTime, name: str, timing: Timing, seed: str) -> None:
         self.name, self.timing = name, timing
         self._time = time
         self._random = Random(f"{seed}/{name}").random
-        self._rate = round(timing.ppm * 1000)  # parts of 10^9
+        self._rate = round(timing.ppm * 1000)  # in parts of 10^9
         self.clock = ManualClock(self.local(time.now_ns))
         self.selector = MarkedSelector()
         self.reactor = Reactor(self.clock, self.selector)
         self._wake_at = self._alarm_at = _NEVER
-        self._deadline: int | None = None  # for which the alarm is set, by its own clock
+        self._deadline: int | None = None  # time of the alarm, by its own clock
         self.stalled_until = 0
         self._ended = False
 
     def local(self, now_ns: int) -> int:
-        """Return what its own clock shows."""
+        """Return the time of its own clock."""
         return now_ns + now_ns * self._rate // _BILLION
 
     def arrived(self) -> None:
-        """Wake it for something that is there now; one that is about to wake anyway finds it then."""
+        """Wake the process for data that have arrived; a pending wake-up serves them too."""
         if self._wake_at == _NEVER:
             self._wake_at = self._woken_by(self._time.now_ns)
             self._time.at(self._wake_at, self._woken)
 
     def call(self, work: Callable[[], object]) -> None:
-        """Have something done on its reactor when it wakes, as a client's request."""
+        """Execute a function on its reactor when it wakes, as for a client's request."""
         self.reactor.call_soon(work)
         self.arrived()
 
     def stall(self, duration_ns: int) -> None:
-        """Let it do nothing for a while, as a process that is stopped or gets no processor."""
+        """Stall the process for `duration_ns`, as without a processor."""
         self.stalled_until = max(self.stalled_until, self._time.now_ns + duration_ns)
 
     def end(self) -> None:
-        """End it as SIGKILL does: nothing of it runs any more."""
+        """End the process as by SIGKILL: none of its callbacks runs any more."""
         if not self._ended:
             self._ended = True
             self.reactor.close()
 
     def _woken_by(self, due_ns: int) -> int:
-        """Return when it wakes for what is due, late as processes are."""
+        """Return its wake-up time for an event, with a random delay."""
         timing = self.timing
         earliest = (due_ns if due_ns > self.stalled_until else self.stalled_until) + timing.latency_ns
         if not timing.jitter_ns:
@@ -131,12 +131,12 @@ class Actor:
         self._serve()
 
     def _rung(self) -> None:
-        if self._alarm_at == self._time.now_ns:  # else it was set anew since
+        if self._alarm_at == self._time.now_ns:  # otherwise it was set again
             self._deadline, self._alarm_at = None, _NEVER
             self._serve()
 
     def _serve(self) -> None:
-        """Do all that is there and due, and set the alarm for what comes next."""
+        """Serve everything ready and due, and set the alarm for the next deadline."""
         now = self._time.now_ns
         if self._ended:
             return
@@ -149,6 +149,7 @@ class Actor:
         if deadline != self._deadline and not self._ended:
             self._deadline, self._alarm_at = deadline, _NEVER
             if deadline is not None:
-                shared = -(-deadline * _BILLION // (_BILLION + rate))  # when its own clock has just passed it
+                # the time at which its own clock has just passed it
+                shared = -(-deadline * _BILLION // (_BILLION + rate))
                 self._alarm_at = self._woken_by(shared)
                 self._time.at(self._alarm_at, self._rung)

@@ -1,6 +1,6 @@
-"""Invariants of the wire: the master keeps time, the bus its budget, and SDO its order. Times in ns.
+"""Invariants of the bus: timing of the master, bus load, SDO order, and configuration of the drives. Times in ns.
 
-A master that is stalled, killed or cut off keeps no time; what it owes is judged again a second after that.
+A stalled, killed or disconnected master has no timing; it is checked again one second later.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ if TYPE_CHECKING:
     from canopen_control.virtual.virtual_node import VirtualNode
 
 
-# Invariants of configuration: a drive holds what its plan writes, and no PDO is active that may not be.
-#
-# The plan is held against the drive itself once for each boot, when the robot tells the node as ready; who was
-# disturbed meanwhile, but by a stranger's frames, may hold something else. The COB-IDs of active PDOs are looked at
-# whenever a value of the drive has changed, and what the robot has decoded of objects wider than 32 bits, which are no
-# feedback of an axis, against the device. Times in ns.
+# Invariants of configuration: a drive has the values of its plan, and no PDO is active with an invalid COB-ID. The plan
+# is compared with the drive once after each boot, when the robot reports the node as ready; nodes disturbed meanwhile,
+# except by foreign frames, are skipped. COB-IDs of active PDOs are checked whenever a value of the drive has changed.
+# Values decoded by the robot from objects wider than 32 bits, which are not feedback of an axis, are compared with the
+# device. Times in ns.
 
 
 _MS: Final = 1_000_000
-_EVERY_NS: Final = 100 * _MS  # how often it is looked
-_LAG_NS: Final = 120 * _MS  # in which a value of a TPDO comes
-_CALM_NS: Final = 3000 * _MS  # since a node was disturbed: a boot goes on for a while
+_EVERY_NS: Final = 100 * _MS  # interval of the checks
+_LAG_NS: Final = 120 * _MS  # time allowed for a value of a TPDO
+_CALM_NS: Final = 3000 * _MS  # time since a disturbance of the node, during which it may still boot
 _RESTRICTED: Final = ((0, 0x7F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (0x6E0, 0x6FF), (0x701, 0x7FF))
-"""First and last COB-ID of those that no PDO may have (CiA 301, table 42)."""
+"""Ranges of COB-IDs that are invalid for PDOs (CiA 301, table 42)."""
 _RECORDS: Final = (*range(0x1400, 0x1600), *range(0x1800, 0x1A00))
-_LOWERED: Final = (PROFILE_VELOCITY, HOMING_SPEEDS)  # to the velocity limit of the description, after the boot
-_PROCEDURES: Final = (0x1010, 0x1011)  # what is read there is no value that was written
-_WIDE: Final = 32  # bits of an object above which nobody else judges it
+_LOWERED: Final = (PROFILE_VELOCITY, HOMING_SPEEDS)  # reduced to the velocity limit of the description after the boot
+# a read returns another value than the written one (CiA 301, 7.5.2.13 and 7.5.2.14)
+_PROCEDURES: Final = (0x1010, 0x1011)
+_WIDE: Final = 32  # objects above this width are checked only here
 
 
 class _Configured:
-    """One node: which of its boots was judged, its PDO records, and what its wide objects were in the last cycles."""
+    """One node: its last checked boot, its PDO records, and the values of its wide objects in the last cycles."""
 
     def __init__(self, name: str, plan: NodePlan) -> None:
         self.name, self.plan = name, plan
@@ -67,7 +67,7 @@ class _Configured:
 
 
 class ConfigurationInvariants:
-    """Judges what nodes hold; `tell(rule, text)` takes breaches. `sampled` is called as time passes."""
+    """Check of the configuration of nodes; `tell(rule, text)` receives breaches. `sampled` is called as time passes."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class ConfigurationInvariants:
         self._core: object = None
 
     def sampled(self, now: int) -> None:
-        """Judge what nodes hold now."""
+        """Check all nodes now."""
         for node in self._wide:
             self._note(node, now)
         if now < self._due:
@@ -104,13 +104,14 @@ class ConfigurationInvariants:
                 self._judge_boot(node, there, device, now)
                 self._judge_wide(node, there, now)
 
-    # -- what a boot has written
+    # -- values written by a boot
 
     def _judge_boot(self, node: _Configured, there: RemoteNode, device: VirtualNode, now: int) -> None:
         if there.boots == node.boots:
             return
         node.boots = there.boots
-        disturbed = max(self._disturbed.moved(node.plan.node_id), self._disturbed.deaf_at)  # strangers excuse nothing
+        # foreign frames do not excuse it
+        disturbed = max(self._disturbed.moved(node.plan.node_id), self._disturbed.deaf_at)
         if disturbed and disturbed > now - _CALM_NS:
             return
         final = {write.address: write for write in node.plan.writes}
@@ -119,10 +120,10 @@ class ConfigurationInvariants:
             names = ", ".join(f"0x{write.index:04X}:{write.subindex:02X}" for write in wrong)
             self._tell("plan_unwritten", f"{node.name} is ready, and does not hold what the plan writes to {names}")
 
-    # -- what it may not hold
+    # -- forbidden values
 
     def _judge_pdos(self, node: _Configured, device: VirtualNode) -> None:
-        """Tell of a PDO that has become active with a COB-ID that none may have."""
+        """Report a PDO that became active with an invalid COB-ID."""
         store = device.store
         if node.version == (store, store.version):
             return
@@ -139,7 +140,7 @@ class ConfigurationInvariants:
                     self._tell("cob_id_restricted", text)
         node.bad = bad
 
-    # -- what is decoded of it
+    # -- decoded values
 
     def _note(self, node: _Configured, now: int) -> None:
         device = self._robot.drives[node.plan.node_id].device
@@ -152,7 +153,7 @@ class ConfigurationInvariants:
                 seen.popleft()
 
     def _judge_wide(self, node: _Configured, there: RemoteNode, now: int) -> None:
-        """Hold what the robot has decoded against what the object was in the last cycles."""
+        """Compare the robot's decoded value with those of the object in the last cycles."""
         if self._disturbed.last(node.plan.node_id) > now - _CALM_NS:
             return
         for cob_id, position, mapped, seen in node.wide:
@@ -167,7 +168,7 @@ class ConfigurationInvariants:
 
 
 def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
-    """Whether a drive holds what a write gives it; what it need not hold counts as held."""
+    """Whether a drive has the value of a write; values that it need not keep count as kept."""
     if write.optional or not write.compare or write.index in _PROCEDURES or write.address not in device.od:
         return True
     entry = device.od.get(*write.address)
@@ -194,15 +195,18 @@ def _name(mapped: MappedObject) -> str:
 
 
 _SECOND: Final = 1_000_000_000
-_LATE: Final = 1.6  # periods between two heartbeats, or two SYNCs
-_EXTRA_LOAD: Final = 0.15  # of the bit rate: SDO and EMCY of a robot that runs
-_BOOT_NS: Final = 3 * _SECOND  # in which a boot may load the bus as it likes
-_SDO_WAIT_NS: Final = 90 * _MS  # a client waits at least so long before it asks anew
+_LATE: Final = 1.6  # heartbeat or SYNC periods between two frames
+_EXTRA_LOAD: Final = 0.15  # bus load of SDO and EMCY of a running robot
+_BOOT_NS: Final = 3 * _SECOND  # time in which a boot may cause any bus load
+_SDO_WAIT_NS: Final = 90 * _MS  # minimum time before a client may repeat a request
 _ABORT, _BLOCK = 4, (5, 6)
 
 
 class WireInvariants:
-    """Judges one bus; `tell(rule, text)` takes breaches. `heard` gets all frames, `sampled` the time now and then."""
+    """Check of one bus; `tell(rule, text)` receives breaches.
+
+    `heard` receives all frames, `sampled` is called periodically.
+    """
 
     def __init__(
         self, robot: RobotUnderTest, wire: SimulatedWire, view: WireView, tell: Callable[[str, str], None]
@@ -215,7 +219,7 @@ class WireInvariants:
         period = self._sync_ns or robot.setup.cycle_ns
         self._budget = budget_of(view.config, period).load + _EXTRA_LOAD
         self._last: dict[str, int] = {}
-        self._waiting: dict[int, tuple[int, bytes]] = {}  # SDO: node -> when and what it was asked
+        self._waiting: dict[int, tuple[int, bytes]] = {}  # node -> time and content of a pending SDO request
         self._in_block: set[int] = set()
         self._window, self._bits = robot.now_ns, 0
         self._quiet_until = 0
@@ -224,11 +228,11 @@ class WireInvariants:
     # -- frames
 
     def wants(self, can_id: int) -> bool:
-        """Whether `hear` looks at frames with this identifier."""
+        """Whether `hear` needs frames with this identifier."""
         return can_id in (0x80, self._heartbeat_id) or 0x580 < can_id < 0x600 or 0x600 < can_id < 0x680
 
     def hear(self, now: int, label: str, record: bytes) -> None:
-        """Take a frame that has passed."""
+        """Record a frame."""
         can_id, length, data = RECORD.unpack(record)
         if label == MASTER:
             if can_id == 0x80:
@@ -249,7 +253,7 @@ class WireInvariants:
             self._tell("late", f"{what} of the master came after {gap / 1e6:.1f} ms, its period is {period / 1e6:g} ms")
 
     def _request(self, node: int, data: bytes, now: int) -> None:
-        """Judge an SDO request: one at a time, a new one only after the answer, an abort, or the time-out."""
+        """Check an SDO request: the next one only after the answer, an abort, or the timeout (CiA 301, 7.2.4)."""
         command = data[0] >> 5 if data else _ABORT
         if command == _ABORT:
             self._waiting.pop(node, None)
@@ -269,7 +273,7 @@ class WireInvariants:
         self._waiting[node] = (now, data)
 
     def _all_heard_since(self, asked_ns: int) -> bool:
-        """Whether an abort would have been seen: no frame was lost meanwhile, and the master is the same."""
+        """Whether an abort would have been recorded: no frame was lost meanwhile, and the master is the same."""
         return not self._wire.tampered and asked_ns > max(self._quiet_until, self._last_start)
 
     @property
@@ -279,7 +283,7 @@ class WireInvariants:
     # -- time
 
     def sampled(self, now: int) -> None:
-        """Judge how busy the bus was, a second at a time."""
+        """Check the bus load of each second."""
         self._excused(now)
         if now - self._window < _SECOND:
             return
@@ -291,8 +295,8 @@ class WireInvariants:
             self._tell("bus_budget", f"the bus is loaded to {load:.0%}, its budget is {self._budget:.0%}")
 
     def _excused(self, now: int) -> int:
-        """Return until when the master may have been late: it was stalled, started, or could not send."""
+        """Return until when the master may be late: it was stalled, restarted, or could not send."""
         stalled_until = self._robot.host.stalled_until
-        if now < stalled_until or self._wire.tampered:  # a cable that is cut, too
+        if now < stalled_until or self._wire.tampered:  # or a cable was cut
             self._quiet_until = now + _SECOND
         return max(self._quiet_until, stalled_until + 100 * _MS, self._robot.started_ns + _SECOND)

@@ -1,6 +1,6 @@
-"""What a listener on a bus knows of each node and of the master: words, targets, signs of life; nothing else.
+"""State of each node and of the master as decoded from the bus alone: words, targets, signs of life.
 
-Decoded by the layout of the PDOs in bus.yml, and by the requests and answers of SDO. Times in ns.
+Frames are decoded by the layout of the PDOs in bus.yml, and by requests and answers of SDO. Times in ns.
 """
 
 from __future__ import annotations
@@ -25,24 +25,23 @@ if TYPE_CHECKING:
 
 
 _SDO_DOWNLOAD: Final = (0x22, 0x2B, 0x27, 0x23, 0x2F)
-_ENABLED: Final = 0x0F  # of a controlword: switch on, voltage, no quick stop, enable operation
+_ENABLED: Final = 0x0F  # controlword bits: switch on, enable voltage, no quick stop, enable operation
 _FAULT_RESET: Final = 0x80
-_KEPT: Final = 64  # values of a target that are looked back at
-_STATE: Final = 0x6F  # bits of a statusword that are the state
-_LIMIT: Final = 0x800  # a limit is active
-_SHOWN_ENABLED: Final = 0x27  # of these: OPERATION ENABLED
+_KEPT: Final = 64  # number of target values kept
+_STATE: Final = 0x6F  # state bits of a statusword (CiA 402-2)
+_LIMIT: Final = 0x800  # bit of an active limit
+_SHOWN_ENABLED: Final = 0x27  # state bits of OPERATION ENABLED (CiA 402-2)
 
 
 class ObservedNode:
-    """What was heard of a node: `controlword` and `targets` (by object) sent to it, `statusword` of it.
+    """Traffic of a node: `controlword` and `targets` (by object) sent to it, `statusword` from it.
 
-    `timeout_ns` is how long it may be silent, 0: for ever.
-    `told_at` is when a controlword was sent last, `alive_at` its last sign of life, `booted_at` its last boot-up,
-    `status_at` when the statusword came, `fault_at` when it began to show a fault; `enabled_at` when a controlword
-    began to enable it, `shown_enabled_at` when it last showed that it is. 0: never. `drive_edges` and `nmt_edges` count
-    the pairs of statuswords (their bits of the state) and of NMT states that followed each other; `recent` the newest
-    values of each target with when they came. `emcy_at` is when it last sent an EMCY of an error, `toggled_at` when it
-    last answered guarding with the toggle bit of the answer before, `limited_at` when it last began to show a limit.
+    `timeout_ns` is its maximum silence, 0: unlimited. Times, 0 for never: `told_at` of the last controlword, `alive_at`
+    of the last sign of life, `booted_at` of the last boot-up, `status_at` of the statusword, `fault_at` of the
+    beginning of a fault; `enabled_at` of the first controlword that enables it, `shown_enabled_at` of the last
+    statusword that shows it; `emcy_at` of the last EMCY with an error, `toggled_at` of the last guarding answer with a
+    repeated toggle bit, `limited_at` of the beginning of an active limit. `drive_edges` and `nmt_edges` count pairs of
+    consecutive statuswords (state bits) and NMT states; `recent` has the newest values of each target with their times.
     """
 
     def __init__(self, plan: NodePlan) -> None:
@@ -59,7 +58,7 @@ class ObservedNode:
         self.nmt_edges: dict[tuple[int, int], int] = {}
 
     def alive(self, state: int, now: int) -> None:
-        """Take a sign of life with an NMT state, 0 for a boot-up."""
+        """Record a sign of life with an NMT state, 0 for a boot-up."""
         self.alive_at = now
         if self.plan.guard:
             state = self._without_toggle(state, now)
@@ -71,7 +70,7 @@ class ObservedNode:
         self.nmt = state
 
     def _without_toggle(self, answer: int, now: int) -> int:
-        """Take an answer to guarding; return the state in it. A boot-up begins with toggle bit 0 anew."""
+        """Check a guarding answer and return its state. The toggle bit is 0 after a boot-up (CiA 301, 7.2.8.3.1)."""
         toggle = answer >> 7
         if answer and toggle == self._toggle:
             self.toggled_at = now
@@ -80,12 +79,12 @@ class ObservedNode:
 
     @property
     def commanded(self) -> bool:
-        """Whether the controlword wants operation enabled."""
+        """Whether the controlword requests OPERATION ENABLED."""
         return self.controlword & 0x8F == _ENABLED
 
     @property
     def in_fault(self) -> bool:
-        """Whether the statusword shows FAULT or its reaction."""
+        """Whether the statusword shows FAULT or FAULT REACTION ACTIVE."""
         return self.statusword & 0x4F in (0x08, 0x0F)
 
     @property
@@ -94,7 +93,7 @@ class ObservedNode:
         return self.statusword & _STATE == _SHOWN_ENABLED
 
     def told(self, index: int, value: int, now: int) -> None:
-        """Take an object that the master has written, of any of its axes."""
+        """Record an object written by the master, of any axis."""
         if index == o.CONTROLWORD:
             self.told_at = now
             if value != self.controlword:
@@ -107,7 +106,7 @@ class ObservedNode:
             self.recent.setdefault(index, deque(maxlen=_KEPT)).append((now, value))
 
     def targets_since(self, index: int, since: int) -> list[int]:
-        """Return the values that a target has had since a time, the newest last; none where it has had none."""
+        """Return the values of a target since a time, the newest last; empty if there is none."""
         found: list[int] = []
         for at, value in reversed(self.recent.get(index, ())):
             found.append(value)
@@ -116,7 +115,7 @@ class ObservedNode:
         return found[::-1]
 
     def tells(self, index: int, value: int, now: int) -> None:
-        """Take an object that the node has sent."""
+        """Record an object sent by the node."""
         if index == o.STATUSWORD:
             if value != self.statusword:
                 self._shows(value, now)
@@ -125,7 +124,7 @@ class ObservedNode:
                 self.shown_enabled_at = now
 
     def _shows(self, value: int, now: int) -> None:
-        """Take another statusword than the last."""
+        """Record a changed statusword."""
         before = self.statusword if self.status_at else value
         if (before ^ value) & _STATE:
             edge = before & _STATE, value & _STATE
@@ -138,7 +137,10 @@ class ObservedNode:
 
 
 class WireView:
-    """Hears one bus: `nodes` by node id; `master_at` is the master's last heartbeat, `sync_at` the last SYNC."""
+    """View of one bus: `nodes` by node id.
+
+    `master_at` is the time of the master's last heartbeat, `sync_at` that of the last SYNC.
+    """
 
     def __init__(self, config: BusConfig) -> None:
         self.config = config
@@ -161,12 +163,12 @@ class WireView:
                 self._pdos[layout.cob_id] = (view, to_node, bits, fields)
 
     def wants(self, can_id: int) -> bool:
-        """Whether `hear` looks at frames with this identifier."""
+        """Whether `hear` needs frames with this identifier."""
         known: tuple[Container[int], ...] = (self._pdos, self._alive, self._requests, self._emcys, (0x80, self._master))
         return any(can_id in each for each in known)
 
     def hear(self, now: int, label: str, record: bytes) -> None:
-        """Take a frame; what a stranger sends is heard as the robot hears it."""
+        """Record a frame; foreign frames are received as by the robot."""
         can_id, length, data = RECORD.unpack(record)
         pdo = self._pdos.get(can_id)
         if pdo is not None:
@@ -192,7 +194,7 @@ class WireView:
         now: int,
     ) -> None:
         view, to_node, whole, fields = pdo
-        if length < whole:  # who gets it drops it, CiA 301, 7.2.2.5
+        if length < whole:  # the receiver drops a short PDO (CiA 301, 7.2.2.5)
             return
         for index, at, mask, signed in fields:
             value = bits >> at & mask
@@ -205,7 +207,7 @@ class WireView:
 
 
 def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
-    """Yield each joint behind the first axis of a drive, whose words a listener knows, with its node in bus.yml."""
+    """Yield each joint of the first axis of a drive, whose words are decoded, with its node in bus.yml."""
     for config in setup.joined.values():
         for joint in (each for tag in setup.description.hardware for each in tag.joints):
             node = node_of(config, joint)
@@ -215,7 +217,7 @@ def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
 
 
 def _fields(objects: Iterable[MappedObject]) -> Iterable[tuple[int, int, int, bool]]:
-    """Yield index, place, mask and sign of what a PDO carries and somebody judges."""
+    """Yield index, position, mask and sign of the mapped objects that are checked."""
     at = 0
     for mapped in objects:
         if mapped.index in _JUDGED:

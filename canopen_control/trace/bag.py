@@ -304,7 +304,7 @@ SENSORS: Final = (
     BagTopic(GpioSample, "gpio_states", _gpio),
     BagTopic(GripperSample, "commands_out", _gripper),
 )
-"""All of them; one that a new kind of sample has gets a line here."""
+"""All topics; a new kind of sample needs a line here."""
 
 
 S = TypeVar("S", bound="Sample")

@@ -101,4 +101,4 @@ class Node:
 
 
 NOWHERE: Final = Node("null", 0, 0, "", Problems(""))
-"""The node of what was made in Python instead of being read."""
+"""Node of an object created in Python instead of read from a file."""

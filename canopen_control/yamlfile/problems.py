@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 LINE_END: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
-"""What ends a line in YAML 1.1, so that our lines are those of the parser."""
+"""Line ends of YAML 1.1, so that line numbers agree with those of the parser."""
 
 
 class Place(Protocol):

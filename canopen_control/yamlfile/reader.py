@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 MAX_NODES: Final = 100_000
-"""Nodes after all aliases are followed: a file that multiplies itself is refused instead of filling the memory."""
+"""Maximum number of nodes with aliases followed, so that a self-multiplying file does not fill the memory."""
 MAX_DEPTH: Final = 64
 MAX_BYTES: Final = 8_000_000
-"""Of a file: a hundred times the largest in use, and read in seconds."""
+"""Maximum length of a file: a hundred times the largest in use, read in seconds."""
 
 _FAST_LOADER: Final = getattr(yaml, "CSafeLoader", None)  # PyYAML may be built without libyaml
 #: Texts that libyaml accepts and PyYAML's own parser does not, or for which it reports other places: control characters
