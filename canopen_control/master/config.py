@@ -305,6 +305,8 @@ class Sources:
 
 _SECTIONS = ("options", "master", "defaults", "nodes")
 _TIME_COB_ID = 0x100  # predefined (CiA 301, 7.5.2.18)
+_SYNCHRONOUS: Final = (*range(241), 252)  # transmission types that wait for SYNC (CiA 301, tables 71 and 75)
+_NAMED_PDOS: Final = 4
 _IGNORED_ID = 255  # a node that ros2_canopen's generator leaves out
 
 
@@ -373,6 +375,7 @@ class _Reader:
 
     def read(self) -> BusConfig:
         master = self._master()
+        unclear = len(self._root.problems.errors)  # a key of `master` that could not be read explains what follows
         nodes = self._nodes(master)
         self._check_node_ids(master, nodes)
         found = {name: self._dictionary(config, node) for name, (config, node) in nodes.items()}
@@ -380,6 +383,8 @@ class _Reader:
         dictionaries = {name: each[1] for name, each in found.items() if each is not None}
         plans = {name: self._plan(master, *nodes[name], dictionaries[name], paths[name]) for name in paths}
         self._check_cob_ids(nodes, plans)
+        if not unclear:
+            self._check_sync(master, plans)
         return BusConfig(
             str(self._path),
             self._options,
@@ -526,6 +531,25 @@ class _Reader:
                     if (first := owner.setdefault(layout.cob_id, whose)) != whose:
                         place = _place(nodes[name][1], f"{kind}.{layout.number}.cob_id")
                         place.error(f"COB-ID 0x{layout.cob_id:03X} of {whose} is already that of {first}")
+
+    def _check_sync(self, master: MasterConfig, plans: dict[str, NodePlan]) -> None:
+        """Warn of PDOs that act at a SYNC which no device sends (CiA 301, 7.5.2.35 and 7.5.2.37)."""
+        if master.sync_period:
+            return
+        pdos = [
+            f"{kind} {layout.number} of {name}"
+            for name, plan in plans.items()
+            for kind, layouts in (("RPDO", plan.rpdos), ("TPDO", plan.tpdos))
+            for layout in layouts
+            if layout.transmission_type in _SYNCHRONOUS
+        ]
+        if pdos:
+            section = self._root.get("master") or self._root
+            more = f" and {len(pdos) - _NAMED_PDOS} more" if len(pdos) > _NAMED_PDOS else ""
+            (section.get("sync_period") or section).warning(
+                f"no SYNC is sent without sync_period, so that PDOs which wait for it never act: "
+                f"{', '.join(pdos[:_NAMED_PDOS])}{more}; set sync_period in us, such as 20000, or transmission: 255"
+            )
 
     # ------------------------------------------------------------------------------------------- one node's files
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia301.nmt import NmtState
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.errors import BusError, CanopenError, ControlError
 from canopen_control.hardware.axis_statechart import Action
@@ -280,9 +281,25 @@ class RobotCore:
         return RobotState.DISABLED if waiting else RobotState.RUNNING
 
     def _hint(self, waiting: list[JointDrive]) -> str | None:
-        if self._phase is not RobotState.RUNNING:  # what starts goes on to run when STOP is released
-            return self.latch.hint if self._phase is RobotState.STARTING else None
+        if self._phase is RobotState.STARTING:  # a robot that starts runs once STOP is released
+            return self.latch.hint or self._silent_hint()
+        if self._phase is not RobotState.RUNNING:
+            return None
         return self.needed.hint or enable_hint(waiting)
+
+    def _silent_hint(self) -> str | None:
+        """Return which drives were started and have not sent a statusword; None where none has to be waited for."""
+        silent = [
+            joint.node.name
+            for joint in self.joints.values()
+            if joint.statusword is None and self.nodes[joint.node.name].nmt_state is NmtState.OPERATIONAL
+        ]
+        if not silent:
+            return None
+        names = ", ".join(dict.fromkeys(silent))
+        if not any(bus.config.master.sync_period for bus in self.buses.values()):
+            return f"no TPDO has brought the statusword of {names}: no SYNC is sent; set sync_period in bus.yml"
+        return f"no TPDO has brought the statusword of {names}; see: canopen-control trace --service pdo"
 
     def join(self) -> None:
         """Open the buses, which starts those that a program serves; raises BusError. `start` begins."""

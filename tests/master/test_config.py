@@ -11,9 +11,15 @@ from support.properties import examples
 
 from canopen_control.data_files import data_path
 from canopen_control.errors import BusConfigError, EdsError
-from canopen_control.master.config import NotFound, Sources, read_bus
+from canopen_control.master.config import NotFound, Sources, inspect_bus, read_bus
 from canopen_control.od.dcf import encode_concise, write_dcf
 from canopen_control.od.eds import read_eds
+
+
+def warnings_of(path):
+    _, problems = inspect_bus(path)
+    return [str(problem) for problem in problems.warnings]
+
 
 MERGED = """\
     master: {node_id: 1}
@@ -41,6 +47,19 @@ def test_peer_merge_lets_whole_defaults_win_and_either_way_the_difference_is_tol
     told = [note for note in theirs.notes if "bus.yml:9:" in note]
     assert "heartbeat_producer: 50, but --peer-merge takes 100 of `defaults`" in told[0]
     assert [note for note in ours.notes if "bus.yml:10:" in note]
+
+
+def test_pdos_that_wait_for_a_sync_that_is_not_sent_are_named(tmp_path):
+    pdo = "{enabled: true, cob_id: auto, transmission: %d, mapping: [{index: 0x6041}]}"
+    text = MERGED.replace("rpdo: {1:", f"tpdo: {{1: {pdo % 1}, 2: {pdo % 255}}}\n      rpdo: {{1:")
+    (warning,) = [note for note in warnings_of(write(tmp_path, text)) if "SYNC" in note]
+    assert "bus.yml:1:" in warning
+    assert "never act: TPDO 1 of left; set sync_period" in warning
+    told = warnings_of(write(tmp_path, text.replace("node_id: 1", "node_id: 1, sync_period: 20000")))
+    assert not [note for note in told if "no SYNC" in note]
+    with pytest.raises(BusConfigError) as error:  # the key that is wrong explains it
+        read_bus(write(tmp_path, text.replace("node_id: 1", "node_id: 1, sync_perod: 20000")))
+    assert "no SYNC" not in str(error.value)
 
 
 def test_without_a_difference_nothing_is_told_of_merging(tmp_path):

@@ -442,6 +442,14 @@ def test_while_it_is_being_enabled_a_command_comes_too_early_and_the_next_one_is
     assert not robby.texts("refused")  # what passes by itself is nothing to tell
 
 
+def test_a_robot_that_waits_for_tpdos_without_sync_says_so(bench):
+    robby = bench(bus={"  sync_period: 20000 ": "  #"}, start=False)
+    robby.robot.start()
+    robby.run(3000)
+    assert robby.robot.state is RobotState.STARTING
+    assert "statusword of left_drive, right_drive: no SYNC is sent; set sync_period" in robby.robot.hint
+
+
 def test_the_state_says_that_it_is_disabled_and_what_to_call(bench):
     robby = bench()
     assert (robby.robot.state, robby.robot.hint) == (RobotState.RUNNING, None)
