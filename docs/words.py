@@ -76,6 +76,10 @@ BUS_YML: dict[str, dict[str, str]] = {
         "position_mode": "mode of operation for a position interface: 1 profile position, 7 interpolated, 8 cyclic",
         "velocity_mode": "for a velocity interface: 2 velocity, 3 profile velocity, 9 cyclic",
         "effort_mode": "for an effort interface: 4 profile torque, 10 cyclic",
+        "position_target": "the object that takes the target of `position_mode`, such as `0x607A` or `0x60F6:08`, for "
+        "the manufacturer's modes (Technosoft -1 to -5, Kinco -3) and objects; an RPDO has to carry it",
+        "velocity_target": "the same for `velocity_mode`",
+        "effort_target": "the same for `effort_mode` (Kinco: `0x60F6:08`)",
         "feed_forward": "objects mapped with the target position: `velocity` 0x60B1, `effort` 0x60B2; sent where the "
         "controller of a position in CSP commands it too",
         "torque_mode": "another word for `effort_mode`",

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canopen_control.cia402.modes import mode_name
+from canopen_control.cia402.modes import mode_name, mode_words
 from canopen_control.cia402.state import REMOTE, VOLTAGE_ENABLED, State
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ class ModeConfirmed:
     @property
     def text(self) -> str:
         """What happened, in words."""
-        return f"mode {mode_name(self.mode)} confirmed"
+        return f"{mode_words(self.mode)} confirmed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ class ModeTimedOut:
         keys = "; mode_timeout_ms in bus.yml gives it more time" if self.display is not None else ""
         if self.enabled and keys:
             keys += ", and switching_state: 2 serves a drive that changes its mode only while it is disabled"
-        return f"mode {mode_name(self.mode)} not confirmed, 0x6061 shows {shown}{back}{keys}"
+        return f"{mode_words(self.mode)} not confirmed, 0x6061 shows {shown}{back}{keys}"
 
 
 @dataclass(frozen=True, slots=True)

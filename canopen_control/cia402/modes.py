@@ -38,6 +38,11 @@ _SELECTABLE = tuple(mode for mode in OperationMode if mode)
 _NAMES = {int(mode): mode.name for mode in OperationMode}
 
 
+def mode_of(number: int) -> int:
+    """Return the mode of a number, a member of `OperationMode` where the profile has it."""
+    return OperationMode(number) if number in _NAMES else number
+
+
 @lru_cache(maxsize=64)
 def supported_modes(supported_drive_modes: int) -> tuple[OperationMode, ...]:
     """Return the modes that 0x6502 lists, ascending; the manufacturer's bits and reserved ones are left out."""
@@ -48,6 +53,12 @@ def mode_name(mode: int) -> str:
     """Return the short name of a mode, of any int: `CSP`, `mode -3 (manufacturer)`, `mode 5 (reserved)`."""
     kind = "manufacturer" if mode < 0 else "reserved"
     return _NAMES.get(mode) or f"mode {mode} ({kind})"
+
+
+def mode_words(mode: int) -> str:
+    """Return a mode as a noun of a sentence: `mode CSP`, `mode -3 (manufacturer)`."""
+    name = mode_name(mode)
+    return name if name.startswith("mode ") else f"mode {name}"
 
 
 INTERFACE_MODES: Mapping[str, tuple[OperationMode, ...]] = MappingProxyType(

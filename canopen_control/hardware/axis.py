@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
 from canopen_control.cia402.drive import DriveGoal, DriveMachine
+from canopen_control.cia402.modes import TARGET_OBJECTS, mode_of
 from canopen_control.cia402.state import State
 from canopen_control.cia402.units import INT32_MAX, INT32_MIN, PositionUnwrapper, Scale
 from canopen_control.errors import RobotConfigError, SdoAbort
+from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
     from canopen_control.cia301.sdo_exchange import SdoRequest
@@ -292,9 +294,22 @@ class AxisProcessData:
         self.velocity_offset = self.output(objects.VELOCITY_OFFSET)
         self.torque_offset = self.output(objects.TORQUE_OFFSET)
 
-        self._targets = [(index, sub, out) for index, sub in _TARGETS if (out := self.output(index, sub)) is not None]
+        self.own_modes = {
+            mode: interface for mode, interface in self._modes_of_file() if node.config.motion.own_target(interface)
+        }
+        """The modes whose target bus.yml gives, and the command interface that each serves."""
+        own = {mode: node.config.motion.own_target(name) or (0, 0) for mode, name in self.own_modes.items()}
+        self.target_objects = {**TARGET_OBJECTS, **own}
+        """Mode to index and subindex of its target on axis 0."""
+        positions = {self.target_objects[mode] for mode, name in self.own_modes.items() if name == POSITION}
+        found = dict.fromkeys((*_TARGETS, *own.values()))
+        self._targets = [
+            (index in _POSITIONS or (index, sub) in positions, out)
+            for index, sub in found
+            if (out := self.output(index, sub)) is not None
+        ]
         offsets = self.velocity_offset, self.torque_offset
-        for moving in (self.controlword, self.mode, *offsets, *(out for _, _, out in self._targets)):
+        for moving in (self.controlword, self.mode, *offsets, *(out for _, out in self._targets)):
             if moving is not None:
                 moving.drive()
 
@@ -308,15 +323,21 @@ class AxisProcessData:
 
     def hold(self, raw: int) -> None:
         """Let every target be standstill at the raw position."""
-        for index, _, output in self._targets:
-            output.set(raw if index in _POSITIONS else 0)
+        for is_position, output in self._targets:
+            output.set(raw if is_position else 0)
 
     def hold_others(self, used: Output) -> None:
         """Let the targets of modes that are not used follow the motion of the one that is, `used`."""
         raw = self.raw_position
-        for index, _, output in self._targets:
+        for is_position, output in self._targets:
             if output is not used:
-                output.set(raw if index in _POSITIONS else 0)
+                output.set(raw if is_position else 0)
+
+    def _modes_of_file(self) -> list[tuple[int, str]]:
+        """Return the modes that bus.yml gives, with the command interface that each serves."""
+        keys = self.node.config.motion
+        given = ((keys.position_mode, POSITION), (keys.velocity_mode, VELOCITY), (keys.effort_mode, EFFORT))
+        return [(mode_of(mode), interface) for mode, interface in given if mode is not None]
 
     @property
     def raw_position(self) -> int:

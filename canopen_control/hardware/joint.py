@@ -12,7 +12,7 @@ import enum
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402.events import FaultEntered, ModeTimedOut
-from canopen_control.cia402.modes import OperationMode, require_mode
+from canopen_control.cia402.modes import OperationMode, mode_of, require_mode
 from canopen_control.cia402.setpoint import SetPointDeferred, SetPointReached, SetPointTaken
 from canopen_control.cia402.state import POWERED_STATES, State
 from canopen_control.errors import DriveError, RobotConfigError
@@ -502,7 +502,7 @@ class JointDrive(JointParts):
         else:
             self._events.append(JointEvent("homing_failed", run.result or ""))
         if run.mode_before is not None:
-            self.targets.take_mode(OperationMode(run.mode_before))
+            self.targets.take_mode(mode_of(run.mode_before))
         if not run.was_enabled and self.wanted:
             self.stop(self._now)
 

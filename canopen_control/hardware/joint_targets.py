@@ -19,7 +19,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia402 import objects
-from canopen_control.cia402.modes import TARGET_OBJECTS, OperationMode, require_mode
+from canopen_control.cia402.modes import OperationMode, mode_name, mode_words, require_mode
 from canopen_control.cia402.setpoint import SetPointHandshake
 from canopen_control.cia402.units import INT16_MAX, INT16_MIN, INT32_MAX, INT32_MIN, to_object, wrap_int32
 from canopen_control.errors import ControlError, DriveError
@@ -69,9 +69,9 @@ class JointTargets:
         }
         require_targets(axis, self.commands)
         self.claimed: str | None = None
-        self.mode: OperationMode | None = None
+        self.mode: int | None = None
         self.current: ModeTarget | None = None
-        self.pending: OperationMode | None = None  # a mode that waits for a cycle at rest
+        self.pending: int | None = None  # a mode that waits for a cycle at rest
         self.feed_forward = FeedForward(axis, self.commands)
         self.tracking = Tracking()
         self.tracked: CommandInterface | None = None
@@ -88,7 +88,7 @@ class JointTargets:
         """Whether the target has events of its own."""
         return self.current is not None and self.current.handshakes
 
-    def mode_for(self, interface: str) -> OperationMode:
+    def mode_for(self, interface: str) -> int:
         """Return the mode for a command interface: bus.yml's, else the best the drive lists; or DriveError."""
         return choose_mode(self._axis, self._parameters, interface)
 
@@ -110,7 +110,8 @@ class JointTargets:
         if (mode := self.mode_for(POSITION)) is not OperationMode.CSP:
             raise DriveError(
                 f"joint {self._axis.joint}: {names} can be commanded together in mode CSP alone, and position is "
-                f"commanded in {mode.name}; give {node.name} position_mode: 8 in bus.yml, or command the position alone"
+                f"commanded in {mode_name(mode)}; give {node.name} position_mode: 8 in bus.yml, or command the "
+                "position alone"
             )
         for each in interfaces:
             if each != POSITION and not self.feed_forward.carries(each):
@@ -133,19 +134,19 @@ class JointTargets:
             self.set_mode(self.mode_for(interface))
         self.refresh()
 
-    def require_claim(self, mode: OperationMode) -> None:
+    def require_claim(self, mode: int) -> None:
         """Raise ControlError where what is claimed could not be commanded in a mode, DriveError for a TARGET."""
         if self.claimed == TARGET:
-            if mode not in TARGET_OBJECTS:
-                raise DriveError(f"{self._axis.node.who}: mode {mode.name} takes no target; stay in one that does")
+            if mode not in self._axis.target_objects:
+                raise DriveError(f"{self._axis.node.who}: {mode_words(mode)} takes no target; stay in one that does")
             require_mapped(self._axis, mode)
         elif self.claimed is not None and self.mode_serves(mode) != self.claimed:
             raise ControlError(
                 f"{self._axis.node.who}: a controller commands its {self.claimed}, which mode "
-                f"{mode.name} does not serve; deactivate that controller first"
+                f"{mode_name(mode)} does not serve; deactivate that controller first"
             )
 
-    def set_mode(self, mode: OperationMode) -> None:
+    def set_mode(self, mode: int) -> None:
         """Ask for a mode that the drive lists; UnsupportedMode for another."""
         require_mode(mode, listed_modes(self._axis, self._parameters))
         self.mode = mode
@@ -154,7 +155,7 @@ class JointTargets:
         else:
             self.take_mode(mode)
 
-    def take_mode(self, mode: OperationMode) -> None:
+    def take_mode(self, mode: int) -> None:
         """Change to a mode now."""
         self.pending = None
         self._machine.set_mode(mode)
@@ -696,8 +697,22 @@ TARGET_CLASSES: Final[Mapping[int, Callable[[AxisProcessData, Output, DriveMachi
 """Mode to the class of its target, which writes the object of `cia402.modes.TARGET_OBJECTS`."""
 
 
+_OWN_CLASSES: Final[Mapping[str, Callable[[AxisProcessData, Output, DriveMachine], ModeTarget]]] = MappingProxyType(
+    {POSITION: PositionTarget, VELOCITY: RampedVelocityTarget, EFFORT: EffortTarget}
+)
+"""Command interface to the class of the target of a manufacturer's mode: the master makes the ramp."""
+
+
 def make_target(mode: int, axis: AxisProcessData, machine: DriveMachine) -> ModeTarget | None:
     """Return the target of `mode`, None where the mode has none or no RPDO carries it."""
-    address = TARGET_OBJECTS.get(mode)
+    address = axis.target_objects.get(mode)
     output = None if address is None else axis.output(*address)
-    return None if output is None else TARGET_CLASSES[mode](axis, output, machine)
+    if address is None or output is None:
+        return None
+    if (own := axis.own_modes.get(mode)) is None:
+        return TARGET_CLASSES[mode](axis, output, machine)
+    target = (TARGET_CLASSES.get(mode) or _OWN_CLASSES[own])(axis, output, machine)
+    entry = axis.node.od.get(axis.index(address[0]), address[1])
+    if isinstance(target, _ScaledTarget) and entry is not None and (bits := entry.data_type.bits) is not None:
+        target.low, target.high = -(1 << bits - 1), (1 << bits - 1) - 1
+    return target

@@ -15,6 +15,9 @@ from canopen_control.cia402.modes import (
     TARGET_OBJECTS,
     OperationMode,
     mode_for_interface,
+    mode_name,
+    mode_of,
+    mode_words,
     supported_modes,
 )
 from canopen_control.cia402.objects import axis_index
@@ -54,7 +57,7 @@ A TARGET is served by all of them. The first is what a drive begins with: those 
 """
 
 
-def listed_modes(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
+def listed_modes(axis: AxisProcessData, parameters: AxisParameters) -> tuple[int, ...]:
     """Return what 0x6502 lists, and the modes that bus.yml gives; () where 0x6502 says nothing.
 
     Drives have modes that 0x6502 does not list (Technosoft iPOS: CSP; roboticslab-uc3m/yarp-devices, issue 222).
@@ -68,16 +71,16 @@ def unlisted_modes(axis: AxisProcessData, parameters: AxisParameters) -> list[st
     listed = _of_drive(axis, parameters)
     named = ", ".join(mode.name for mode in listed)
     return [
-        f"0x6502 lists {named}, and not {mode.name}, which bus.yml gives; that is tried"
+        f"0x6502 lists {named}, and not {mode_name(mode)}, which bus.yml gives; that is tried"
         for mode in _of_file(axis)
-        if listed and mode not in listed
+        if listed and mode not in listed and mode >= 0
     ]
 
 
-def _of_file(axis: AxisProcessData) -> list[OperationMode]:
+def _of_file(axis: AxisProcessData) -> list[int]:
     keys = axis.node.config.motion
     given = (keys.position_mode, keys.velocity_mode, keys.effort_mode)
-    return [OperationMode(mode) for mode in given if mode is not None]
+    return [mode_of(mode) for mode in given if mode is not None]
 
 
 def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
@@ -91,7 +94,7 @@ def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[Operat
     return supported_modes(parameters.get(objects.SUPPORTED_DRIVE_MODES) or at_boot or in_eds or 0)
 
 
-def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: str) -> OperationMode:
+def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: str) -> int:
     """Return the mode for a command interface; raises DriveError (UnsupportedMode) where there is none."""
     config = axis.node.config
     keys = config.motion
@@ -100,8 +103,8 @@ def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: st
     wanted = given[interface]
     listed = listed_modes(axis, parameters)
     if wanted is not None:
-        require_mapped(axis, OperationMode(wanted))
-        return OperationMode(wanted)
+        require_mapped(axis, wanted)
+        return mode_of(wanted)
     if not listed:
         raise DriveError(
             f"{axis.node.who}: neither the drive nor its EDS tells which modes it has (0x6502); "
@@ -132,8 +135,8 @@ def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
         elif name not in _SERVED:
             known = ", ".join((*MOTION_INTERFACES, DIGITAL_OUTPUTS))
             raise RobotConfigError(f"joint {axis.joint}: no command interface {name!r}; there are: {known}")
-        elif not any(_is_mapped(axis, mode) for mode in _SERVED[name]):
-            index, _ = TARGET_OBJECTS[_SERVED[name][0]]
+        elif not any(_is_mapped(axis, mode) for mode in _served(axis, name)):
+            index, _ = axis.target_objects[_served(axis, name)[0]]
             what = f"0x{axis.index(index):04X}"
             if name in FEED_FORWARD and POSITION in interfaces:
                 what += f", or beside its position give feed_forward: [{name}],"
@@ -145,18 +148,24 @@ def _feeds(axis: AxisProcessData, interface: str) -> bool:
     return (axis.velocity_offset if interface == VELOCITY else axis.torque_offset) is not None
 
 
+def _served(axis: AxisProcessData, interface: str) -> tuple[int, ...]:
+    """Return the modes that serve a command interface; those whose target bus.yml gives first."""
+    own = [mode for mode, name in axis.own_modes.items() if name == interface]
+    return (*own, *(mode for mode in _SERVED[interface] if mode not in own))
+
+
 def _is_mapped(axis: AxisProcessData, mode: int) -> bool:
-    address = TARGET_OBJECTS.get(mode)
+    address = axis.target_objects.get(mode)
     return address is not None and axis.output(*address) is not None
 
 
-def require_mapped(axis: AxisProcessData, mode: OperationMode) -> None:
+def require_mapped(axis: AxisProcessData, mode: int) -> None:
     """Raise DriveError where no RPDO carries the target of a mode."""
     if not _is_mapped(axis, mode):
-        index, subindex = TARGET_OBJECTS.get(mode, (0, 0))
+        index, subindex = axis.target_objects.get(mode, (0, 0))
         raise DriveError(
             f"{axis.node.who}: no RPDO carries 0x{axis.index(index):04X}:{subindex:02X}, "
-            f"the target of mode {mode.name}; map it in bus.yml"
+            f"the target of {mode_words(mode)}; map it in bus.yml"
         )
 
 

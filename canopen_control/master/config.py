@@ -107,15 +107,36 @@ def _require_modes(motion: MotionKeys, node: Node) -> None:
     for kind in ("position", "velocity", "effort", "torque"):
         number, key = getattr(motion, f"{kind}_mode"), f"{kind}_mode"
         served = "effort" if kind == "torque" else kind
-        if number is None or _MODES.get(number) == served:
+        own = None if kind == "torque" else motion.own_target(kind)
+        _check_own_target(motion, node, kind, number)
+        if number is None or _MODES.get(number) == served or (number < 0 and own is not None):
             continue
         place = node.get(key) or node
         fits = ", ".join(f"{mode} ({OperationMode(mode).name})" for mode, of in sorted(_MODES.items()) if of == served)
         if number < 0:
-            what = f"{key}: {number} is a mode of the manufacturer, whose target object is not known here"
-        else:
-            what = f"{key}: {mode_name(number)} serves no {served} interface"
+            what = (
+                f"{key}: {number} is a mode of the manufacturer, whose target object is not known here; give it by "
+                f"`{served}_target`, such as `{served}_target: {_TARGET_EXAMPLES[served]}`"
+            )
+            fits = f"or {fits}"
+            place.error(f"{what}, {fits}")
+            continue
+        what = f"{key}: {mode_name(number)} serves no {served} interface"
         place.error(f"{what}; give one of {fits}")
+
+
+_TARGET_EXAMPLES: Final = {"position": "0x607A", "velocity": "0x60FF", "effort": "0x6071"}
+
+
+def _check_own_target(motion: MotionKeys, node: Node, kind: str, number: int | None) -> None:
+    """Refuse a target object that is none, or that no mode takes."""
+    key = f"{kind}_target"
+    if kind == "torque" or (place := node.get(key)) is None:
+        return
+    if motion.own_target(kind) is None:
+        place.error(f"{key} {place.text!r} is no object: 0x60FF, or 0x60F6:08 with a subindex")
+    elif number is None and not (kind == "effort" and motion.torque_mode is not None):
+        place.error(f"{key} needs {kind}_mode, the mode that takes it")
 
 
 def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: bool) -> Node:

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.od.model import BIT_RATES
-from canopen_control.profiles.device_signal import TYPES
+from canopen_control.profiles.device_signal import TYPES, object_of
 from canopen_control.yamlfile.convert import derived, part, setting
 
 DEFAULT_HEARTBEAT_MS = 100  # where bus.yml asks for none: a dead partner is always noticed
@@ -345,6 +345,9 @@ class MotionKeys:
     velocity_mode: int | None = setting(None, low=-128, high=127)
     effort_mode: int | None = setting(None, low=-128, high=127)
     torque_mode: int | None = setting(None, low=-128, high=127)  # what the other documentation calls effort_mode
+    position_target: int | str | None = None
+    velocity_target: int | str | None = None
+    effort_target: int | str | None = None
     feed_forward: list[Literal["velocity", "effort"]] = field(default_factory=list)
     homing_timeout_seconds: float = setting(10.0, low=0.001, high=3600.0)
     recovery: Literal["boot", "enable"] = "boot"
@@ -355,6 +358,14 @@ class MotionKeys:
     enable_settle_ms: int = setting(0, low=0, high=60_000)
     transition_timeout_ms: int = setting(5000, low=1, high=600_000)
     transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)
+
+    def own_target(self, interface: str) -> tuple[int, int] | None:
+        """Return the object that takes the target of a command interface, None for the one of the mode in CiA 402."""
+        text = getattr(self, f"{interface}_target")
+        if isinstance(text, int):
+            return (text, 0) if 0 < text <= 0xFFFF else None
+        found = None if text is None else object_of(text)
+        return None if found is None else found[:2]
 
 
 @dataclass(frozen=True)

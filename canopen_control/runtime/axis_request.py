@@ -245,7 +245,9 @@ def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
         joint.targets.set_mode(mode)
 
 
-def _mode_of(text: str) -> OperationMode:
+def _mode_of(text: str) -> int:
+    if text.startswith("-") and text[1:].isdigit():
+        return int(text)  # a manufacturer's
     try:
         return OperationMode[text.upper()] if not text.lstrip("-").isdigit() else OperationMode(int(text))
     except (KeyError, ValueError):

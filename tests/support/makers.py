@@ -65,6 +65,8 @@ _MODES = MappingProxyType(
         "pp": ("position", 1, "0x607A"),
         "csp": ("position", 8, "0x607A"),
         "ip": ("position", 7, "0x60C1, sub_index: 1"),
+        "v-3": ("velocity", -3, "0x60FF"),  # Kinco's immediate velocity
+        "tq": ("effort", 4, "0x60F6, sub_index: 8"),  # and where it takes its target torque
     }
 )
 
@@ -79,7 +81,7 @@ def folder(path: Path, *modes: str, keys: str = "", edit=None) -> Path:
     commands = "".join(f'<command_interface name="{kind}"/>' for kind, _, _ in kinds)
     joints = "".join(_JOINT.format(joint=joint, commands=commands) for joint in ("pan", "tilt"))
     (path / "two_axes.urdf").write_text(_URDF.format(joints=joints))
-    controllers = {"velocity": "vel", "position": "pos"}
+    controllers = {"velocity": "vel", "position": "pos", "effort": "eff"}
     text = "controller_manager:\n  ros__parameters:\n    update_rate: 100\n"
     text += "    joint_state_broadcaster: {type: joint_state_broadcaster/JointStateBroadcaster}\n"
     for kind, _, _ in kinds:
