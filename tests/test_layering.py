@@ -28,14 +28,18 @@ MAY_IMPORT = {
     "host": (set(), STDLIB),
     "rpc": ({"host"}, STDLIB | {"msgspec"}),
     "yamlfile": ({"data_files"}, PURE | {"yaml", "os"}),
+    "personality": ({"data_files", "yamlfile"}, PURE),  # of drives: what both sides of the wire know of manufacturers
     "urdf": (set(), STDLIB | {"xacro", "ament_index_python"}),
     "od": ({"data_files"}, PURE),
     "cia301": ({"od"}, PURE),
     "cia402": ({"od", "cia301"}, PURE),
     "profiles": ({"od"}, PURE),
     "bus": ({"host", "rpc"}, STDLIB | {"can"}),
-    "master": ({"od", "cia301", "cia402", "profiles", "bus", "yamlfile", "data_files"}, STDLIB),
-    "virtual": ({"od", "cia301", "cia402", "profiles", "bus", "host", "rpc", "yamlfile"}, STDLIB | {"numpy"}),
+    "master": ({"od", "cia301", "cia402", "profiles", "bus", "yamlfile", "data_files", "personality"}, STDLIB),
+    "virtual": (
+        {"od", "cia301", "cia402", "profiles", "bus", "host", "rpc", "yamlfile", "personality"},
+        STDLIB | {"numpy"},
+    ),
     "physics": ({"virtual", "urdf", "yamlfile", "rpc"}, STDLIB | {"mujoco", "numpy"}),
     "hardware": (
         {"od", "cia301", "cia402", "profiles", "master", "yamlfile", "urdf"},

@@ -144,6 +144,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="Q[=V][@AXIS]",
         help="behave as a manufacturer's drive does; canopen-control quirk list explains all (repeatable)",
     )
+    parser.add_argument(
+        "--like",
+        default="",
+        metavar="NAME|FILE",
+        help="behave as the drives of a manufacturer do: the name of a bundled personality, or a file of your own",
+    )
     parser.add_argument("--scenario", metavar="FILE", help="a timeline of faults, see above")
     parser.add_argument(
         "--plant", metavar="FILE", help="simulated mechanics of the axes, see above (default: ideal axes)"
@@ -181,13 +187,15 @@ def run(args: argparse.Namespace) -> int:
     node_ids = parse_node_ids(args.node_id)
     eds, others = _eds_files(args.eds, node_ids)
     files = {name: None if (text := getattr(args, name)) is None else Path(text) for name in _FILES}
-    options = DriveOptions(faults=args.fault, quirks=args.quirk, serial=args.serial, others=others, **files)
+    options = DriveOptions(
+        faults=args.fault, quirks=args.quirk, like=args.like, serial=args.serial, others=others, **files
+    )
     return run_drives(node_ids, eds, args.can, options, _say)
 
 
 def _run_buses(args: argparse.Namespace) -> int:
     """Run the drives of a file of several buses."""
-    given = [name for name in ("node_id", "can", "eds", "status", "quirk", *_FILES) if getattr(args, name)]
+    given = [name for name in ("node_id", "can", "eds", "status", "quirk", "like", *_FILES) if getattr(args, name)]
     if given:
         raise ConfigError(f"--buses: its file says everything; leave --{given[0].replace('_', '-')} away")
     from canopen_control.virtual.bus_group import run_group

@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.cia301.lss import UNCONFIGURED
+from canopen_control.cia402 import objects as o
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.host.sockets import lock
@@ -24,7 +25,7 @@ from canopen_control.virtual.device_function import ShaftFollower
 from canopen_control.virtual.device_model import GENERIC, DeviceModel, Limit, MissingSetPoint, vendor_model
 from canopen_control.virtual.fault_table import FaultSwitches
 from canopen_control.virtual.plant import WORLD_NOTE, IndependentPlants, ReportsAssumptions, World
-from canopen_control.virtual.quirks import switches_of
+from canopen_control.virtual.quirks import quirks_of, switches_of
 from canopen_control.virtual.shaft import ShaftWorld
 from canopen_control.virtual.virtual_node import VirtualNode
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from canopen_control.od.model import Address, ObjectDictionary
+    from canopen_control.personality import Personality
     from canopen_control.virtual.object_store import VirtualStore
     from canopen_control.virtual.plant import Plant
     from canopen_control.virtual.scenario import Switching
@@ -236,21 +238,40 @@ def make_device(
     plant: Callable[[int], Plant] | None = None,
     model: DeviceModel | None = None,
     quirks: Sequence[str] = (),
+    like: Personality | None = None,
 ) -> VirtualNode:
     """Make the virtual device of an EDS (a path, or a dictionary that is read already).
 
     `plant` makes the plant of an axis; `faults` are switched on from the start, ``name`` or ``name@seconds``, `quirks`
-    ``name``, ``name=value`` or ``name=value@axis`` are there from the power-on.
-    Raises EdsError for a file that cannot be used, ConfigError for an unknown fault or quirk.
+    ``name``, ``name=value`` or ``name=value@axis`` are there from the power-on, with those of the personality `like`.
+    Raises EdsError for a file that cannot be used, ConfigError for an unknown fault or quirk, and for a personality
+    whose objects the dictionary lacks.
     """
     od = read_eds(source, node_id).od if isinstance(source, str | Path) else source.for_node(node_id)
     node = VirtualNode(od, node_id, serial=serial, model=model or device_model_of(od), plant=plant)
     switches = FaultSwitches(node)
     for fault in faults:
         switches.schedule(fault)
+    if like is not None:
+        take_personality(node, like)
+    quirks = [*(() if like is None else quirks_of(like)), *quirks]
     if quirks:
         switches_of(node).start_with(quirks)
     return node
+
+
+def take_personality(node: VirtualNode, like: Personality) -> None:
+    """Have the modes of a personality (0x6502); ConfigError for objects that the dictionary lacks."""
+    lacking = [f"0x{index:04X}" for index in like.objects if not node.od.subindices(index)]
+    if lacking:
+        raise ConfigError(
+            f"{like.path}: {like.title} has {', '.join(lacking)}, which the EDS of node {node.node_id} "
+            f"({node.name}) lacks; take the EDS of such a drive"
+        )
+    if like.modes:
+        for drive in node.drives.values():
+            listed = sum(1 << mode - 1 for mode in like.modes)
+            node.store.preset(o.SUPPORTED_DRIVE_MODES + drive.objects.offset, 0, listed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,6 +290,7 @@ def make_devices(
     *,
     faults: Sequence[str] = (),
     quirks: Sequence[str] = (),
+    like: Personality | None = None,
     serial: int | None = None,
     store: Path | None = None,
     scenario: Path | None = None,
@@ -295,7 +317,7 @@ def make_devices(
         _node(
             ods[files[node_id]],
             node_id,
-            (faults, quirks),
+            (faults, quirks, like),
             _serial(node_id) if serial is None else serial + number,
             world,
             file,
@@ -325,16 +347,16 @@ def _world(path: Path) -> World:
 def _node(
     od: ObjectDictionary,
     node_id: int,
-    breaks: tuple[Sequence[str], Sequence[str]],
+    ways: tuple[Sequence[str], Sequence[str], Personality | None],
     serial: int,
     world: World,
     file: ParameterFile | None,
 ) -> VirtualNode:
-    """Make a node of a world, with the faults and quirks of `breaks`."""
+    """Make a node of a world; `ways` are its faults, its quirks and its personality."""
     active = node_id if file is None else file.node_id(node_id)
-    faults, quirks = breaks
+    faults, quirks, like = ways
     plant = partial(world.plant, node_id)
-    node = make_device(od, active, faults, serial=serial, plant=plant, quirks=quirks)
+    node = make_device(od, active, faults, serial=serial, plant=plant, quirks=quirks, like=like)
     if file is not None:
         file.attach(node, node_id)
     if isinstance(world, ShaftWorld) and isinstance(node.function, ShaftFollower):

@@ -26,12 +26,15 @@ if TYPE_CHECKING:
 class DriveOptions:
     """What to start besides the nodes: files, faults ``name`` or ``name@seconds``, and quirks ``name=value@axis``.
 
+    `like` is a personality, by name or a file.
+
     `serial` is 0x1018:04, of several nodes the first one's; None: the node id. `others` are the EDS files of the nodes
     that have another one.
     """
 
     faults: Sequence[str] = ()
     quirks: Sequence[str] = ()
+    like: str = ""
     serial: int | None = None
     store: Path | None = None
     scenario: Path | None = None
@@ -51,6 +54,7 @@ def run_drives(
         port = open_port(channel, label=label)
         try:
             check = NodeIdCheck(reactor, port, node_ids)
+            from canopen_control.personality import read_personality
             from canopen_control.virtual.device import make_devices
             from canopen_control.virtual.process import BusNodes, DriveProcess
 
@@ -60,6 +64,7 @@ def run_drives(
                 say,
                 faults=options.faults,
                 quirks=options.quirks,
+                like=read_personality(options.like) if options.like else None,
                 serial=options.serial,
                 store=options.store,
                 scenario=options.scenario,

@@ -24,6 +24,7 @@ from canopen_control.virtual.quirk_acts import QuirkHooks, as_fault
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from canopen_control.personality import Personality
     from canopen_control.virtual.quirk_acts import AxisAct, NodeAct
     from canopen_control.virtual.virtual_node import VirtualNode
 
@@ -276,6 +277,22 @@ def check_quirks(settings: Sequence[QuirkSetting]) -> None:
             if setting.quirk.group and setting.quirk.group == other.quirk.group and setting.meets(other):
                 names = f"{other.quirk.name} and {setting.quirk.name}"
                 raise ConfigError(f"quirk {setting.text!r}: {names} exclude each other; take one of them")
+
+
+def quirks_of(personality: Personality) -> list[str]:
+    """Return the quirks of a personality; ConfigError with the line of every one that is none, or excludes another."""
+    settings: list[QuirkSetting] = []
+    wrong: list[str] = []
+    for line in personality.quirks:
+        try:
+            setting = parse_quirk(line.quirk)
+            check_quirks([*settings, setting])
+            settings.append(setting)
+        except ConfigError as error:
+            wrong.append(f"{personality.place(line)}: {error}")
+    if wrong:
+        raise ConfigError("\n".join(wrong))
+    return [setting.text for setting in settings]
 
 
 class QuirkSwitches:

@@ -9,6 +9,7 @@ from support.virtualbench import TMCM, Bench, T, entry, servo_od
 from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, EdsError
 from canopen_control.od.model import ObjectDictionary
+from canopen_control.personality import personality_names, read_personality
 from canopen_control.virtual.device import TMCM1270, device_model_of, make_device, make_devices
 from canopen_control.virtual.device_model import GENERIC
 from canopen_control.virtual.plant import IndependentPlants, LagPlant
@@ -137,3 +138,30 @@ def test_what_a_world_had_to_guess_is_said(tmp_path):
     finally:
         sys.path.remove(str(tmp_path))
     assert said == ["world: a mass"]
+
+
+@pytest.mark.parametrize("name", [name for name in personality_names() if name != "vfd"])
+def test_every_personality_goes_with_the_bundled_drive_of_every_object(name):
+    personality = read_personality(name)
+    node = make_device(data_path("eds", "generic_cia402.eds"), 3, like=personality)
+    assert node.quirks.active
+    assert Bench(node).on(2.1).enable(3).node.drives[0].state.name in ("OPERATION_ENABLED", "READY_TO_SWITCH_ON")
+
+
+def test_the_modes_of_a_personality_are_those_of_its_drive():
+    bench = Bench(make_device(data_path("eds", "generic_cia402.eds"), 3, like=read_personality("ipos")))
+    assert bench.number(0x6502) == 0x65  # as an iPOS shows them: CSP works and is not listed
+    assert bench.abort_of(0x6060, 8) is None
+    assert bench.abort_of(0x6060, 9) == 0x06090030
+
+
+def test_a_personality_on_an_eds_that_lacks_its_objects_is_one_sentence():
+    with pytest.raises(ConfigError, match=r"delta\.yaml: Delta ASDA-A2 has 0x1006, which the EDS of node 3 "):
+        make_device(servo_od(3), 3, like=read_personality("delta"))
+
+
+def test_quirks_beside_a_personality():
+    node = make_device(data_path("eds", "generic_cia402.eds"), 3, like=read_personality("copley"), quirks=["sdo_late"])
+    assert node.quirks.active == ["sdo_late=0.1", "mapping_count_first"]
+    with pytest.raises(ConfigError, match="is there already"):
+        make_device(node.od, 3, like=read_personality("copley"), quirks=["mapping_count_first"])

@@ -55,7 +55,11 @@ def files():
             found[path.name] = read_eds(path, NODE).od
         except EdsError:
             continue
-    found |= {name: dictionary_of(data_path("eds", name)).for_node(NODE) for name in data_names("eds")}
+    found |= {
+        name: dictionary_of(data_path("eds", name)).for_node(NODE)
+        for name in data_names("eds")
+        if name.endswith(".eds")
+    }
     for name in PROFILES:  # as half of all files are
         unnamed = found[name].for_node(NODE)
         unnamed.add(replace(unnamed[0x1000, 0], default=0))

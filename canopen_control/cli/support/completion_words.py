@@ -216,7 +216,7 @@ def _configs(_line: argparse.Namespace) -> Found:
 def _eds(_line: argparse.Namespace) -> Found:
     from canopen_control.data_files import data_names
 
-    return [*((name, "bundled EDS") for name in data_names("eds")), (FILES, "")]
+    return [*((name, "bundled EDS") for name in data_names("eds") if name.endswith(".eds")), (FILES, "")]
 
 
 def _verbs(_line: argparse.Namespace) -> Found:
@@ -227,6 +227,12 @@ def _quirks(_line: argparse.Namespace) -> Found:
     from canopen_control.virtual.quirks import QUIRKS
 
     return [(quirk.name, quirk.does) for quirk in QUIRKS.values()]
+
+
+def _personalities(_line: argparse.Namespace) -> Found:
+    from canopen_control.personality import personality_names, read_personality
+
+    return [(name, read_personality(name).title) for name in personality_names()]
 
 
 def _faults(_line: argparse.Namespace) -> Found:
@@ -259,6 +265,8 @@ _KINDS: Final[dict[tuple[str, str] | str, Callable[[argparse.Namespace], Found]]
     ("drive", "--fault"): _faults,
     ("drive", "--quirk"): _quirks,
     ("device", "--quirk"): _quirks,
+    ("drive", "--like"): _personalities,
+    ("device", "--like"): _personalities,
     ("device", "--fault"): _faults,
     ("axis", "mode"): _modes,
     ("axis", "node"): _nodes_or_all,

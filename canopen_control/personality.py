@@ -1,0 +1,161 @@
+"""Personalities: how the drives of a manufacturer behave, a YAML file each, with its sources line by line.
+
+    title: Elmo Gold
+    identity:                                   # 0x1018:01 and :02; no products: all of the vendor
+      - {vendor: 0x9A, products: [], source: "..."}
+    objects: [0x607A]                           # what the EDS of such a drive has
+    modes: [1, 3, 7, 8, 9, 10]                  # of 0x6502, where they are known
+    quirks:                                     # as `drive --quirk` takes them
+      - {quirk: brake_delay=0.5, source: "jsd#48"}
+    bus:                                        # keys of bus.yml that a robot with such a drive needs
+      - {key: enable_settle_ms, value: 600, why: "set-points count when the brake has lifted", source: "jsd#48"}
+    not_known: ["..."]                          # what no public source tells
+
+`source` is never copied wording: a repository with a number or a file, or a manual with its page; `unsourced` where no
+public one is known. What a quirk is and whether it exists is judged by the virtual drive that takes it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.data_files import data_path
+from canopen_control.errors import ConfigError, nearest
+from canopen_control.yamlfile.convert import position, setting
+from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
+from canopen_control.yamlfile.reader import load
+
+if TYPE_CHECKING:
+    from canopen_control.yamlfile.problems import Problems
+
+
+_FOLDER: Final = "personalities"
+_MOST = 0xFFFFFFFF
+
+
+class PersonalityError(ConfigError):
+    """The file of a personality holds mistakes."""
+
+
+@dataclass(frozen=True)
+class DriveIdentity:
+    """A vendor id (0x1018:01) and product codes (0x1018:02); none: all products of the vendor."""
+
+    vendor: int = setting(low=1, high=_MOST)
+    products: list[int] = setting(factory=list, low=0, high=_MOST)
+    source: str = "unsourced"
+
+
+@dataclass(frozen=True)
+class QuirkLine:
+    """A quirk as it is written for `drive --quirk`, and who tells it."""
+
+    quirk: str
+    source: str = "unsourced"
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+
+@dataclass(frozen=True)
+class BusKey:
+    """A key of bus.yml with its value, why such a drive needs it, and who tells it."""
+
+    key: str
+    value: int | float | bool | str | dict[int, int]
+    why: str = ""
+    source: str = "unsourced"
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+    @property
+    def text(self) -> str:
+        """The line as bus.yml has it."""
+        value = self.value
+        if isinstance(value, bool):
+            return f"{self.key}: {'true' if value else 'false'}"
+        if isinstance(value, dict):
+            return f"{self.key}: {{{', '.join(f'{key}: {each}' for key, each in value.items())}}}"
+        return f"{self.key}: {value}"
+
+
+@dataclass(frozen=True)
+class PersonalityFile:
+    """The file as a whole."""
+
+    title: str
+    identity: list[DriveIdentity] = setting(factory=list)
+    objects: list[int] = setting(factory=list, low=0x1000, high=0xFFFF)
+    modes: list[int] = setting(factory=list, low=1, high=32)
+    quirks: list[QuirkLine] = setting(factory=list)
+    bus: list[BusKey] = setting(factory=list)
+    not_known: list[str] = setting(factory=list)
+    here: Node = position()  # noqa: RUF009 - makes a field
+
+
+@dataclass(frozen=True, slots=True)
+class Personality:
+    """How the drives of a manufacturer behave; `name` is that of the file."""
+
+    name: str
+    path: Path
+    title: str
+    identity: tuple[DriveIdentity, ...]
+    objects: tuple[int, ...]
+    modes: tuple[int, ...]
+    quirks: tuple[QuirkLine, ...]
+    bus_keys: tuple[BusKey, ...]
+    not_known: tuple[str, ...]
+
+    def place(self, line: QuirkLine) -> str:
+        """Return where a line of the file is."""
+        return f"{self.path}:{line.here.line}"
+
+    def fits(self, vendor: int | None, product: int | None) -> bool:
+        """Whether a device with this identity is one of them."""
+        return any(each.vendor == vendor and (not each.products or product in each.products) for each in self.identity)
+
+
+def personality_names() -> list[str]:
+    """Return the names of the bundled personalities, sorted."""
+    return sorted(path.stem for path in data_path("eds", _FOLDER).glob("*.yaml"))
+
+
+def read_personality(name: str) -> Personality:
+    """Return a bundled personality by its name, or that of a file; PersonalityError with every mistake and its line."""
+    bundled = data_path("eds", _FOLDER) / f"{name}.yaml"
+    path = bundled if name in personality_names() else Path(name)
+    if path is not bundled and not path.is_file():
+        known = personality_names()
+        raise PersonalityError(
+            f"no personality {name!r}{nearest(name, known)}; there are: {', '.join(known)}; or a file of your own"
+        )
+    file = load(path, PersonalityFile, error=PersonalityError, check=_check)
+    return Personality(
+        path.stem,
+        path,
+        file.title,
+        tuple(file.identity),
+        tuple(file.objects),
+        tuple(file.modes),
+        tuple(file.quirks),
+        tuple(file.bus),
+        tuple(file.not_known),
+    )
+
+
+def _check(file: PersonalityFile, _problems: Problems) -> None:
+    """Report an empty source."""
+    lines: list[QuirkLine | BusKey] = [*file.quirks, *file.bus]
+    for line in lines:
+        if not line.source.strip():
+            line.here.error("source: who tells it? A repository with a number, a manual with a page, or unsourced")
+
+
+def personality_of(vendor: int | None, product: int | None) -> Personality | None:
+    """Return the bundled personality of an identity (0x1018:01 and :02), None where none is known.
+
+    One that names the product goes before one of all products of its vendor.
+    """
+    fitting = [each for each in map(read_personality, personality_names()) if each.fits(vendor, product)]
+    named = [each for each in fitting if any(product in identity.products for identity in each.identity)]
+    return next(iter([*named, *fitting]), None)

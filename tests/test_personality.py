@@ -1,0 +1,111 @@
+"""Personalities: the bundled files, what a wrong one says, and which fits an identity."""
+
+import dataclasses
+import typing
+
+import pytest
+
+from canopen_control.errors import ConfigError
+from canopen_control.master.keys import NodeConfig
+from canopen_control.personality import PersonalityError, personality_names, personality_of, read_personality
+from canopen_control.virtual.quirks import quirks_of
+
+NAMES = """copley delta elmo epos4 faulhaber festo ingenia ipos kinco leadshine nanotec schneider tmcm1270 vfd
+    zlac""".split()  # noqa: SIM905 - one name a line is no list
+
+
+def test_every_bundled_personality_has_sources_and_what_is_not_known():
+    assert personality_names() == NAMES
+    for name in NAMES:
+        personality = read_personality(name)
+        assert personality.name == name
+        assert personality.quirks
+        assert personality.not_known
+        assert quirks_of(personality)
+        assert all(line.source for line in personality.quirks)
+
+
+def known_keys(cls):
+    """Yield the keys of a node in bus.yml, with those of its parts."""
+    hints = typing.get_type_hints(cls)
+    for field in dataclasses.fields(cls):
+        yield field.metadata.get("key") or field.name
+        if dataclasses.is_dataclass(hints[field.name]):
+            yield from known_keys(hints[field.name])
+
+
+def test_the_keys_of_bus_yml_are_keys_of_bus_yml():
+    keys = set(known_keys(NodeConfig))
+    for name in NAMES:
+        assert {key.key for key in read_personality(name).bus_keys} <= keys
+
+
+def test_a_key_is_written_as_bus_yml_has_it():
+    assert [key.text for key in read_personality("festo").bus_keys] == [
+        "mode_timeout_ms: 8000",
+        "transition_timeouts_ms: {3: 10000}",
+    ]
+    assert [key.text for key in read_personality("delta").bus_keys] == [
+        "sdo: [{index: 0x1006, sub_index: 0, value: 10000}]"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("vendor", "product", "name"),
+    [
+        (0x9A, 0x30924, "elmo"),
+        (0xFB, 0x61500000, "epos4"),
+        (0x286, 0x4F6, "tmcm1270"),
+        (0x286, 0x1, None),
+        (0x681168, 0x464445, "kinco"),
+        (0x123456, 0x1, None),
+        (None, None, None),
+    ],
+)
+def test_which_personality_fits_an_identity(vendor, product, name):
+    found = personality_of(vendor, product)
+    assert (found and found.name) == name
+
+
+def test_a_name_that_is_none_says_which_there_are():
+    with pytest.raises(
+        PersonalityError, match=r"^no personality 'elm', did you mean 'elmo'\?; there are: copley, delta"
+    ):
+        read_personality("elm")
+
+
+def test_a_file_of_a_user(tmp_path):
+    path = tmp_path / "ours.yaml"
+    path.write_text(
+        "title: Our drive\nquirks:\n  - {quirk: brake_delay=0.8, source: measured}\n  - {quirk: remote_never}\n"
+    )
+    personality = read_personality(str(path))
+    assert (personality.name, personality.identity, personality.quirks[1].source) == ("ours", (), "unsourced")
+    assert quirks_of(personality) == ["brake_delay=0.8", "remote_never"]
+    assert personality.place(personality.quirks[1]) == f"{path}:4"
+
+
+def test_every_mistake_of_a_file_is_told_with_its_line(tmp_path):
+    path = tmp_path / "ours.yaml"
+    path.write_text("title: Our drive\nqirks: []\nmodes: [0]\nquirks:\n  - {qurk: remote_never}\n")
+    with pytest.raises(PersonalityError) as error:
+        read_personality(str(path))
+    for line in (2, 3, 5):
+        assert f"{path}:{line}:" in str(error.value)
+    path.write_text("title: Our drive\nquirks:\n  - {quirk: remote_never, source: ' '}\n")
+    with pytest.raises(PersonalityError, match=r"ours\.yaml:3:5: .* source: who tells it"):
+        read_personality(str(path))
+
+
+def test_quirks_of_a_file_that_cannot_be_are_told_with_their_lines(tmp_path):
+    path = tmp_path / "ours.yaml"
+    lines = ["brake_dely", "brake_delay=99", "remote_never", "remote_when_enabled", "remote_never"]
+    path.write_text("title: Our drive\nquirks:\n" + "".join(f"  - {{quirk: {line}}}\n" for line in lines))
+    with pytest.raises(ConfigError) as error:
+        quirks_of(read_personality(str(path)))
+    told = str(error.value).splitlines()
+    assert [line.split(":")[1] for line in told] == ["3", "4", "6", "7"]
+    assert "did you mean 'brake_delay'" in told[0]
+    assert "its strength is" in told[1]
+    assert "exclude each other" in told[2]
+    assert "is there already" in told[3]
