@@ -105,4 +105,4 @@ class FeedForward:
 
 
 def _span(command: CommandInterface, most: float) -> None:
-    command.lowest, command.highest, command.span = -most, most, None
+    command.lowest, command.highest, command.range = -most, most, None

@@ -18,7 +18,7 @@ from canopen_control.errors import ControlError, InterfaceConflict, UnknownInter
 from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from canopen_control.rpc.messages.drive import WorldAct
     from canopen_control.rpc.messages.simulation import LaserScanReading
@@ -63,6 +63,14 @@ class StateInterface:
         return f"StateInterface({self.name}={self.value})"
 
 
+class ValueRange(Protocol):
+    """What knows which values an object can hold."""
+
+    def span(self) -> tuple[float, float]:
+        """Return the least and the greatest value."""
+        ...
+
+
 class CommandInterface:
     """One commanded number: `value` in SI units, nan for no command; `owner` is the controller that claimed it.
 
@@ -87,9 +95,9 @@ class CommandInterface:
         "name",
         "owner",
         "quantity",
+        "range",
         "safe",
         "set_aside",
-        "span",
         "value",
     )
 
@@ -110,13 +118,14 @@ class CommandInterface:
         self.set_aside = False
         self.minimum, self.maximum = minimum, maximum
         self.lowest, self.highest = -math.inf, math.inf
-        self.span: Callable[[], tuple[float, float]] | None = None
+        self.range: ValueRange | None = None
+        """The range of values where it changes; `lowest` and `highest` else."""
         self.safe: float | None = None
         self.let_go_at: float | None = None
 
     def misfit(self, value: float) -> str | None:
         """Return what fits where a value is none that the object behind can hold, else None."""
-        low, high = (self.lowest, self.highest) if self.span is None else self.span()
+        low, high = (self.lowest, self.highest) if self.range is None else self.range.span()
         return None if low <= value <= high else f"{self.name} holds {low:g} to {high:g}"
 
     def __repr__(self) -> str:

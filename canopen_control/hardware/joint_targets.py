@@ -239,7 +239,7 @@ class JointTargets:
         """
         current, command = self.current, self._command
         if command is not None:
-            command.lowest, command.highest, command.span = -math.inf, math.inf, None
+            command.lowest, command.highest, command.range = -math.inf, math.inf, None
         self.feed_forward.refresh()
         fits = current is not None and self.claimed in (current.interface, TARGET)
         self._command = command = self.commands[self.claimed] if fits and self.claimed is not None else None
@@ -254,7 +254,7 @@ class JointTargets:
             velocity, slope = (self._parameters.get(each) or math.inf for each in _PROFILE)
             current.ramp(velocity, slope)
         if command.quantity == POSITION:
-            command.span = current.span
+            command.range = current
         else:
             command.lowest, command.highest = current.span()
 

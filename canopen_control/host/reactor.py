@@ -12,7 +12,6 @@ program then behaves identically in every run.
 from __future__ import annotations
 
 import contextlib
-import functools
 import select
 import selectors
 import signal
@@ -106,7 +105,7 @@ class Reactor:
         self._alarm_at: int | None = None
         self._woken = False
         self._signals: dict[int, Callable[[], object]] = {}
-        self._restore: list[Callable[[], object]] = []
+        self._restored = contextlib.ExitStack()  # of the handlers of signals
         self._running = self._stopping = self._closed = False
         self._wake_in, self._wake_out = socket.socketpair()
         self._open()
@@ -212,14 +211,14 @@ class Reactor:
 
     def handle_signals(self, handlers: Mapping[int, Callable[[], object]]) -> None:
         """Call a handler on the loop when its signal arrives; main thread only, undone by `close`."""
-        if not self._restore:
+        if not self._signals:
             previous_fd = signal.set_wakeup_fd(self._wake_out.fileno(), warn_on_full_buffer=False)
-            self._restore.append(lambda: signal.set_wakeup_fd(previous_fd))
+            self._restored.callback(signal.set_wakeup_fd, previous_fd)
         for number, handler in handlers.items():
             if number not in self._signals:
                 previous = signal.signal(number, _nop)
                 # None: the handler was not set by Python, and Python cannot restore it
-                self._restore.append(functools.partial(signal.signal, number, previous or signal.SIG_DFL))
+                self._restored.callback(signal.signal, number, previous or signal.SIG_DFL)
             self._signals[number] = handler
 
     def _on_wake(self) -> None:
@@ -280,8 +279,7 @@ class Reactor:
         if self._closed:
             return
         self._closed = True
-        while self._restore:
-            self._restore.pop()()
+        self._restored.close()
         self._timers.clear()
         self._soon.clear()
         self._watches.clear()

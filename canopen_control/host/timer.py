@@ -199,7 +199,7 @@ class _OsAlarm:
     def __init__(self) -> None:
         # looked up by name: older Pythons and their type stubs lack these
         self._fd: int = vars(os)["timerfd_create"](time.CLOCK_MONOTONIC, flags=os.O_NONBLOCK | os.O_CLOEXEC)
-        self._settime: Callable[..., object] = vars(os)["timerfd_settime_ns"]
+        self._settime = vars(os)["timerfd_settime_ns"]
         self._rhythm = Rhythm()
 
     def fileno(self) -> int:
