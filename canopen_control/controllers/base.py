@@ -28,13 +28,9 @@ from canopen_control.urdf.joint_element import POSITION
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from canopen_control.controllers.gripper_goal import GripperGoal
     from canopen_control.controllers.params import Params
-    from canopen_control.controllers.trajectory.goal import TrajectoryGoal
-    from canopen_control.controllers.trajectory.point import JointTrajectory
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
     from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
-    from canopen_control.rpc.messages.trajectory import TrajectoryAt
     from canopen_control.urdf.joint_element import Joint
 
     Ends = tuple[CommandInterface, ...]
@@ -316,65 +312,9 @@ class Controller:
         """Return where odometry is in some seconds, as x and y in m and heading in rad; None where there is none."""
         return None
 
-    def set_odometry(self, x: float, y: float, heading: float) -> None:
-        """Have its odometry go on from a pose, in m and rad; ControlError if it is no base controller."""
-        del x, y, heading
-        raise ControlError(f"{self.name} has no odometry; it is no base controller")
-
-    def set_feed_forward(self, enabled: bool) -> None:
-        """Let its references lead, or no more; ControlError if nothing of it leads."""
-        del enabled
-        raise ControlError(f"{self.name} has no feed-forward to switch; it is no PID controller")
-
-    def set_measured_states(self, values: Sequence[float], now: int) -> None:
-        """Take what others have measured, `now` in ns; ControlError if it measures by its interfaces."""
-        del values, now
-        raise ControlError(f"{self.name} takes no measured states; it is no PID controller")
-
-    def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Take a command; `stamp` is when it was made, `now` when it came, both in ns. ControlError if refused."""
-        del values, now, stamp
-        raise self.refusal("takes no commands; it only reads states")
-
-    def set_named(self, values: Mapping[str, float], now: int) -> None:
-        """Take values for some of its command interfaces, by their names, see `set_command`; the others stay."""
-        del values, now
-        raise self.refusal("takes no values by the names of its interfaces; give one for each, in their order")
-
     def rests(self, values: Sequence[float]) -> bool:
         """Whether a command of these values moves nothing, and may outlive who gave it."""
         return not any(values) and all(each.quantity in MOVING for each in self.commands)
-
-    def send_goal(self, goal: TrajectoryGoal | JointTrajectory, now: int) -> None:
-        """Execute a trajectory, `now` in ns; ControlError if it is refused."""
-        del goal, now
-        raise self.refusal("follows no trajectories; it is no joint trajectory controller")
-
-    def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
-        """End the trajectory that is followed, or `only` the goal, if it is executed; `why` is told.
-
-        ControlError if there is none.
-        """
-        del why, only
-        raise ControlError(f"{self.name} follows no trajectories; it is no joint trajectory controller")
-
-    def grip(self, goal: GripperGoal, now: int) -> None:
-        """Move a gripper to a position, `now` in ns; ControlError if it is refused."""
-        del goal, now
-        raise self.refusal("moves no gripper; it is no gripper action controller")
-
-    def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
-        """End the goal of a gripper, or `only` this one; `why` is told."""
-
-    def trajectory_at(self, t: int) -> TrajectoryAt:
-        """Return what the trajectory that it follows says at `t`, in ns; ControlError if it follows none ever."""
-        del t
-        raise ControlError(f"{self.name} follows no trajectories; it is no joint trajectory controller")
-
-    def set_speed_scaling(self, factor: float) -> None:
-        """Let the time of trajectories run slower or faster; ControlError where it cannot be scaled."""
-        del factor
-        raise ControlError(f"{self.name} follows no trajectories; it is no joint trajectory controller")
 
     # ------------------------------------------------------------------------------------------------ for overrides
 

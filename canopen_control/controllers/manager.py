@@ -11,12 +11,20 @@ forgotten when a drive is no longer enabled, so that the first motion after ever
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, EnableStatus, twist_axes_of
 from canopen_control.controllers.declared import checked, declared_by, given_in
 from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.params import Params
+from canopen_control.controllers.request_protocols import (
+    ClosesLoops,
+    FollowsTrajectories,
+    Grips,
+    HasOdometry,
+    TakesNamedValues,
+    takes_commands,
+)
 from canopen_control.controllers.switcher import Switched, Switcher, UpdateLoop, joints_of
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ControlError, NotYetEnabled, UnknownName, nearest
@@ -46,6 +54,37 @@ Names = list[str]
 Running = tuple[Controller, ...]
 Bases = dict[str, tuple[str, ...]]
 Parameters = tuple["ParameterReading", ...]
+
+
+_NO_TRAJECTORIES: Final = "follows no trajectories; it is no joint trajectory controller"
+
+
+def _command(
+    controller: Controller, values: Sequence[float] | Mapping[str, float], now: int, stamp: int | None
+) -> None:
+    """Hand values to a controller that takes such."""
+    if isinstance(values, Mapping):
+        if not isinstance(controller, TakesNamedValues):
+            raise controller.refusal(
+                "takes no values by the names of its interfaces; give one for each, in their order"
+            )
+        controller.set_named(values, now)
+    elif takes_commands(controller):
+        controller.set_command(values, now, stamp)
+    else:
+        raise controller.refusal("takes no commands; it only reads states")
+
+
+def _send_goal(controller: Controller, goal: AnyGoal, now: int) -> None:
+    """Hand a goal to a controller that takes such."""
+    if isinstance(goal, GripperGoal):
+        if not isinstance(controller, Grips):
+            raise controller.refusal("moves no gripper; it is no gripper action controller")
+        controller.grip(goal, now)
+    elif isinstance(controller, FollowsTrajectories):
+        controller.send_goal(goal, now)
+    else:
+        raise controller.refusal(_NO_TRAJECTORIES)
 
 
 class Limiter(Protocol):
@@ -158,6 +197,27 @@ class ControllerManager:
         controller = self._controllers.get(name)
         if controller is None:
             raise UnknownName(f"no controller {name!r} is loaded{nearest(name, self._controllers)}")
+        return controller
+
+    def follower(self, name: str) -> FollowsTrajectories:
+        """Return a controller that follows trajectories; ControlError for another one."""
+        controller = self.get(name)
+        if not isinstance(controller, FollowsTrajectories):
+            raise ControlError(f"{name} {_NO_TRAJECTORIES}")
+        return controller
+
+    def base(self, name: str) -> HasOdometry:
+        """Return a controller that has odometry; ControlError for another one."""
+        controller = self.get(name)
+        if not isinstance(controller, HasOdometry):
+            raise ControlError(f"{name} has no odometry; it is no base controller")
+        return controller
+
+    def loops(self, name: str, what: str) -> ClosesLoops:
+        """Return a controller that closes loops; ControlError for another one, whose sentence says `what` of it."""
+        controller = self.get(name)
+        if not isinstance(controller, ClosesLoops):
+            raise ControlError(f"{name} {what}; it is no PID controller")
         return controller
 
     def observe(self, observer: SwitchObserver) -> None:
@@ -277,13 +337,9 @@ class ControllerManager:
         `let_go`, unless it is to stand still. A refusal is told once, until one is taken.
         """
         controller = self.get(name)
-        if isinstance(values, Mapping):
-            named, values = values, list(values.values())
-            self._hand(controller, lambda: controller.set_named(named, now), source)
-        else:
-            given = values
-            self._hand(controller, lambda: controller.set_command(given, now, stamp), source)
-        controller.life.source, controller.life.holder = source, None if controller.rests(values) else holder
+        self._hand(controller, lambda: _command(controller, values, now, stamp), source)
+        numbers = list(values.values()) if isinstance(values, Mapping) else values
+        controller.life.source, controller.life.holder = source, None if controller.rests(numbers) else holder
 
     def send_goal(self, name: str, goal: AnyGoal, now: int, *, source: str = "", holder: object = None) -> None:
         """Hand a trajectory or a goal of a gripper to a controller, see `command`.
@@ -291,12 +347,7 @@ class ControllerManager:
         With its end the holder's hold on it ends.
         """
         controller = self.get(name)
-        if isinstance(goal, GripperGoal):
-            grip = goal
-            self._hand(controller, lambda: controller.grip(grip, now), source)
-        else:
-            trajectory = goal
-            self._hand(controller, lambda: controller.send_goal(trajectory, now), source)
+        self._hand(controller, lambda: _send_goal(controller, goal, now), source)
         controller.life.source, controller.life.holder = source, holder
 
     def _hand(self, controller: Controller, take: Callable[[], None], source: str) -> None:

@@ -124,7 +124,7 @@ def _switch(robot: RobotCore, call: Call[messages.SwitchControllers]) -> None:
 
 
 def _set_measured_states(robot: RobotCore, call: Call[messages.SetMeasuredStates]) -> None:
-    controller = robot.manager.get(call.request.controller)
+    controller = robot.manager.loops(call.request.controller, "takes no measured states")
     controller.set_measured_states(call.request.values, robot.cycle.clock.now())
     call.reply(Done())
 
@@ -302,7 +302,7 @@ class SimulationMethods:
         active = manager.active
         manager.switch(activate=active, deactivate=active)  # they hold and count from where the joints are now
         for name in manager.bases:
-            manager.get(name).set_odometry(0.0, 0.0, 0.0)
+            manager.base(name).set_odometry(0.0, 0.0, 0.0)
         robot.truth.align()
         where = f"key frame {call.request.keyframe}" if call.request.keyframe else "where it began"
         self._tell("reset", f"the simulation was reset to {where} by {call.who}")
@@ -542,12 +542,13 @@ class ApiServer(RobotObserver):
 
     def _set_odometry(self, call: Call[messages.SetOdometry]) -> None:
         wanted = call.request
-        self._robot.manager.get(wanted.controller).set_odometry(wanted.x, wanted.y, wanted.heading)
+        self._robot.manager.base(wanted.controller).set_odometry(wanted.x, wanted.y, wanted.heading)
         self._robot.truth.align()
         call.reply(Done())
 
     def _set_feed_forward(self, call: Call[messages.SetFeedForward]) -> None:
-        self._robot.manager.get(call.request.controller).set_feed_forward(call.request.enabled)
+        controller = self._robot.manager.loops(call.request.controller, "has no feed-forward to switch")
+        controller.set_feed_forward(call.request.enabled)
         call.reply(Done())
 
     def _stop(self, call: Call[messages.Stop]) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 from canopen_control.controllers.base import finite
 from canopen_control.controllers.gripper_goal import GripperGoal
+from canopen_control.controllers.request_protocols import Grips
 from canopen_control.controllers.trajectory.goal import ResultCode, TrajectoryGoal
 from canopen_control.controllers.trajectory.params import GoalTolerances, JointTolerance
 from canopen_control.controllers.trajectory.point import JointTrajectory
@@ -188,23 +189,25 @@ class TrajectoryMethods(RobotObserver):
 
     def _cancel(self, call: Call[CancelTrajectory]) -> None:
         wanted, sent = call.request, self._sent.get(call.connection)
-        controller = self._robot.manager.get(wanted.controller)
+        manager = self._robot.manager
         if not wanted.own:
-            controller.cancel_goal(wanted.why)
+            manager.follower(wanted.controller).cancel_goal(wanted.why)
         elif sent is not None:
-            controller.cancel_goal(wanted.why, sent.goal)
+            manager.follower(wanted.controller).cancel_goal(wanted.why, sent.goal)
+        else:
+            manager.get(wanted.controller)
         call.reply(Done())
 
     # ----------------------------------------------------------------------------------------------- what it follows
 
     def _query(self, call: Call[QueryTrajectory]) -> None:
-        controller = self._robot.manager.get(call.request.controller)
+        controller = self._robot.manager.follower(call.request.controller)
         call.reply(controller.trajectory_at(self._robot.time_of(call.request.time)))
 
     def _scale(self, call: Call[ScaleTrajectory]) -> None:
         controller = call.request.controller
         self._robot.latch.refuse("another speed to", controller)
-        self._robot.manager.get(controller).set_speed_scaling(call.request.factor)
+        self._robot.manager.follower(controller).set_speed_scaling(call.request.factor)
         call.reply(Done())
 
 
@@ -323,10 +326,8 @@ class GripperMethods:
     def _cancel(self, call: Call[CancelGripper]) -> None:
         wanted, sent = call.request, self._sent.get(call.connection)
         controller = self._robot.manager.get(wanted.controller)
-        if not wanted.own:
-            controller.cancel_grip(wanted.why)
-        elif sent is not None:
-            controller.cancel_grip(wanted.why, sent[0])
+        if isinstance(controller, Grips) and (not wanted.own or sent is not None):
+            controller.cancel_grip(wanted.why, sent[0] if wanted.own and sent is not None else None)
         call.reply(Done())
 
 

@@ -220,7 +220,7 @@ class EventPlayer:
 
     def cancel(self, act: ScenarioEvent) -> None:
         """Cancel the active goal of a controller."""
-        self._ask(act, lambda core: core.manager.get(act.target).cancel_goal())
+        self._ask(act, lambda core: core.manager.follower(act.target).cancel_goal())
 
     # -- clients of the robot's socket
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from support.control import FORWARD, Hardware, add, manager
+from support.control import Hardware, add, manager
 
 from canopen_control.controllers.command_timeout import GoalState
 from canopen_control.controllers.gripper_goal import GripperGoal
@@ -204,14 +204,11 @@ def test_a_position_that_the_object_behind_cannot_hold_is_refused():
         gripper.send(0.05)
 
 
-def test_who_is_not_active_or_no_gripper_takes_no_goal():
+def test_one_that_is_not_active_takes_no_goal():
     gripper = Gripper()
     gripper.control.switch((), ["gripper"], now=0)
     with pytest.raises(ControlError, match="is inactive; activate it before sending it goals"):
         gripper.send(0.05)
-    other = add(gripper.control, "forward", FORWARD, joints=["finger"], interface_name="position")
-    with pytest.raises(ControlError, match="is no gripper action controller"):
-        other.grip(GripperGoal(0.0), 0)
 
 
 def test_an_interface_that_is_not_there_is_refused():

@@ -392,8 +392,6 @@ def test_measured_states_that_are_not_whole_are_refused(values, text):
 def test_who_measures_by_interfaces_takes_no_messages():
     with pytest.raises(ControlError, match="set use_external_measured_states for messages"):
         Robot().start().pid.set_measured_states([0.0, 0.0], S)
-    with pytest.raises(ControlError, match="takes no measured states"):
-        Controller("idle").set_measured_states([0.0], S)
 
 
 def test_a_controller_above_is_told_when_measured_states_stay_away_and_holds_once_they_are_back():

@@ -1,0 +1,106 @@
+"""What a controller can be asked for beside its lifecycle: a kind takes a request by having its methods.
+
+The manager refuses what a controller does not take, each request with one sentence (`ControllerManager.command`,
+`send_goal`, `base`, `loops`, `follower`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol, TypeGuard, runtime_checkable
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from canopen_control.controllers.base import Controller
+    from canopen_control.controllers.gripper_goal import GripperGoal
+    from canopen_control.controllers.trajectory.goal import TrajectoryGoal
+    from canopen_control.controllers.trajectory.point import JointTrajectory
+    from canopen_control.rpc.messages.trajectory import TrajectoryAt
+
+
+@runtime_checkable
+class TakesCommands(Protocol):
+    """Takes a value for each of its command interfaces, or a twist."""
+
+    def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
+        """Take a command; `stamp` is when it was made, `now` when it came, both in ns. ControlError if refused."""
+        ...
+
+
+_COMMANDED: dict[type[Controller], bool] = {}  # a check of a protocol costs 12 us, a command comes in every cycle
+
+
+def takes_commands(controller: Controller) -> TypeGuard[TakesCommands]:
+    """Whether a controller takes commands."""
+    kind = type(controller)
+    if kind not in _COMMANDED:
+        _COMMANDED[kind] = issubclass(kind, TakesCommands)
+    return _COMMANDED[kind]
+
+
+@runtime_checkable
+class TakesNamedValues(Protocol):
+    """Takes values for some of its command interfaces, by their names."""
+
+    def set_named(self, values: Mapping[str, float], now: int) -> None:
+        """Take values, see `set_command`; the interfaces without one keep theirs."""
+        ...
+
+
+@runtime_checkable
+class FollowsTrajectories(Protocol):
+    """Follows trajectories, of a goal or of a topic."""
+
+    def send_goal(self, goal: TrajectoryGoal | JointTrajectory, now: int) -> None:
+        """Execute a trajectory, `now` in ns; ControlError if it is refused."""
+        ...
+
+    def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
+        """End the trajectory that is followed, or `only` the goal, if it is executed; `why` is told.
+
+        ControlError if there is none.
+        """
+        ...
+
+    def trajectory_at(self, t: int) -> TrajectoryAt:
+        """Return the point of the trajectory that it follows at `t`, in ns; ControlError without a trajectory."""
+        ...
+
+    def set_speed_scaling(self, factor: float) -> None:
+        """Let the time of trajectories run slower or faster; ControlError where it cannot be scaled."""
+        ...
+
+
+@runtime_checkable
+class Grips(Protocol):
+    """Moves a gripper."""
+
+    def grip(self, goal: GripperGoal, now: int) -> None:
+        """Move to a position, `now` in ns; ControlError if it is refused."""
+        ...
+
+    def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
+        """End the goal, or `only` this one; `why` is told."""
+        ...
+
+
+@runtime_checkable
+class HasOdometry(Protocol):
+    """Knows where a base is by what its wheels do."""
+
+    def set_odometry(self, x: float, y: float, heading: float) -> None:
+        """Have the odometry go on from a pose, in m and rad."""
+        ...
+
+
+@runtime_checkable
+class ClosesLoops(Protocol):
+    """Closes loops between references and measured states."""
+
+    def set_feed_forward(self, enabled: bool) -> None:
+        """Add the references to the outputs, or no more."""
+        ...
+
+    def set_measured_states(self, values: Sequence[float], now: int) -> None:
+        """Take what others have measured, `now` in ns; ControlError if it measures by its interfaces."""
+        ...

@@ -1,0 +1,68 @@
+"""What a controller does not take is refused by the manager, each request with its sentence."""
+
+import pytest
+from support.control import FORWARD, three_on_two_wheels
+
+from canopen_control.controllers.base import Controller
+from canopen_control.controllers.gripper_goal import GripperGoal
+from canopen_control.controllers.request_protocols import (
+    ClosesLoops,
+    FollowsTrajectories,
+    Grips,
+    HasOdometry,
+    TakesCommands,
+    TakesNamedValues,
+)
+from canopen_control.controllers.trajectory.goal import TrajectoryGoal
+from canopen_control.controllers.trajectory.point import JointTrajectory, Point
+from canopen_control.controllers.types import TYPES, make_controller
+from canopen_control.errors import ControlError
+
+KINDS = (ClosesLoops, FollowsTrajectories, Grips, HasOdometry, TakesCommands, TakesNamedValues)
+TWISTS = {"HasOdometry", "TakesCommands"}
+TAKEN = {
+    "pid_controller/PidController": {"ClosesLoops", "TakesCommands"},
+    "joint_trajectory_controller/JointTrajectoryController": {"FollowsTrajectories", "TakesCommands"},
+    "gpio_controllers/GpioCommandController": {"TakesCommands", "TakesNamedValues"},
+    "parallel_gripper_action_controller/GripperActionController": {"Grips", "TakesCommands"},
+    "diff_drive_controller/DiffDriveController": TWISTS,
+    "mecanum_drive_controller/MecanumDriveController": TWISTS,
+    "tricycle_steering_controller/TricycleSteeringController": TWISTS,
+    FORWARD: {"TakesCommands"},
+    "joint_state_broadcaster/JointStateBroadcaster": set(),
+    "imu_sensor_broadcaster/IMUSensorBroadcaster": set(),
+}
+
+
+@pytest.mark.parametrize("kind", TAKEN)
+def test_a_kind_takes_what_it_has_the_methods_for(kind):
+    assert kind in TYPES
+    controller = make_controller("one", kind)
+    assert {each.__name__ for each in KINDS if isinstance(controller, each)} == TAKEN[kind]
+
+
+def test_the_base_class_takes_nothing():
+    assert not [each for each in KINDS if isinstance(Controller("idle"), each)]
+
+
+GOAL = TrajectoryGoal(JointTrajectory(("l",), [Point([1.0], time=1)]))
+
+
+@pytest.mark.parametrize(
+    ("request_it", "sentence", "counted"),
+    [
+        (lambda control: control.command("states", [1.0], 0), "takes no commands; it only reads states", 1),
+        (lambda control: control.command("left", {"l/velocity": 1.0}, 0), "takes no values by the names of its", 1),
+        (lambda control: control.send_goal("left", GOAL, 0), "follows no trajectories; it is no joint trajectory", 1),
+        (lambda control: control.send_goal("left", GripperGoal(0.0), 0), "it is no gripper action controller", 1),
+        (lambda control: control.follower("left"), "left follows no trajectories; it is no joint trajectory", 0),
+        (lambda control: control.base("left"), "left has no odometry; it is no base controller", 0),
+        (lambda control: control.loops("left", "takes no x"), "left takes no x; it is no PID controller", 0),
+    ],
+)
+def test_what_is_not_taken_is_refused_and_counted_where_it_would_move_something(request_it, sentence, counted):
+    _, control = three_on_two_wheels()
+    control.switch(["left", "states"], now=0)
+    with pytest.raises(ControlError, match=sentence):
+        request_it(control)
+    assert control.get("left").rejected + control.get("states").rejected == counted
