@@ -100,6 +100,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "switching_state": "state in which the mode changes: 2 SWITCH ON DISABLED, 3 READY TO SWITCH ON, "
         "4 SWITCHED ON, 5 OPERATION ENABLED; an enabled drive goes down to it for a new mode, once it stands, and "
         "comes back, for drives that change their mode only while they are disabled",
+        "fault_reset_timeout_ms": "ms until a fault that was reset has to be gone, for drives that take longer",
         "enable_settle_ms": "ms after OPERATION ENABLED in which the targets rest, for drives whose set-points count "
         "only when the brake has lifted (Elmo)",
         "transition_timeout_ms": "ms that the drive may take for a transition of CiA 402",

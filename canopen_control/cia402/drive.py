@@ -258,8 +258,9 @@ class FaultReset:
         if self.deadline == _NEVER:
             self.deadline = now + self._timeout
         if now >= self.deadline:
+            sent = self.phase in (ResetPhase.LOW, ResetPhase.HIGH)
             self.cancel()
-            return FaultResetFailed(now, statusword)
+            return FaultResetFailed(now, statusword, sent)
         if state is State.FAULT:
             self.phase = ResetPhase.LOW if self.phase is ResetPhase.ASKED else ResetPhase.HIGH
         return None
@@ -650,8 +651,9 @@ class ModeRequest:
 _AT_ONCE: Final = -1
 _WATCHED: Final = 0x6F | REMOTE | TARGET_REACHED  # a change of other bits of the statusword changes nothing here
 _SECOND: Final = 1_000_000_000
-# Transition 16 is optional: a drive that does not know it is soon led out of its quick stop the long way.
-_DEFAULT_TIMEOUTS: Final = {16: _SECOND}
+# Transition 16 is optional: a drive that does not know it is soon led out of its quick stop the long way. A quick stop
+# begins at once, unless 0x605A switches it off (Beckhoff AX8000: -1).
+_DEFAULT_TIMEOUTS: Final = {16: _SECOND, 11: _SECOND}
 
 
 class DriveMachine:

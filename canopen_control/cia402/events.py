@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from canopen_control.cia402.state import Command
 
 
+_QUICK_STOP = 11  # the transition
+
+
 def _word(statusword: int | None) -> str:
     return "no statusword" if statusword is None else f"statusword 0x{statusword:04X}"
 
@@ -69,15 +72,24 @@ class FaultCleared:
 
 @dataclass(frozen=True, slots=True)
 class FaultResetFailed:
-    """A fault reset was sent and the drive is still in its fault."""
+    """A fault reset was asked for and the drive is still in its fault; not `sent`: it is in its reaction to it."""
 
     time: int
     statusword: int
+    sent: bool = True
 
     @property
     def text(self) -> str:
         """What happened, in words."""
-        return f"fault reset had no effect: cause still present ({_word(self.statusword)})"
+        if not self.sent:
+            return (
+                f"still in FAULT REACTION ACTIVE ({_word(self.statusword)}), where no fault reset counts, so none was "
+                "sent; reset again when it shows FAULT, or switch its supply off and on"
+            )
+        return (
+            f"fault reset had no effect: cause still present ({_word(self.statusword)}), or the drive takes longer "
+            "(fault_reset_timeout_ms in bus.yml)"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +113,8 @@ class TransitionTimedOut:
         """What happened, in words."""
         asked = "" if self.command is None else f", asked by {self.command.name}"
         end = "; not enabled" if self.gave_up else ""
+        if self.transition == _QUICK_STOP:
+            end += "; 0x605A may switch its quick stop off (0, or a value of the manufacturer's): write 2 under `sdo:`"
         return (
             f"did not leave {_name(self.state)} for {self.wanted.name} in time{asked} ({_word(self.statusword)}){end}"
         )

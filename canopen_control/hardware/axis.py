@@ -398,6 +398,7 @@ def configured_machine(node: RemoteNode) -> DriveMachine:
         transition_timeout_ns=motion.transition_timeout_ms * 1_000_000,
         transition_timeouts={number: ms * 1_000_000 for number, ms in motion.transition_timeouts_ms.items()},
         mode_timeout_ns=motion.mode_timeout_ms * 1_000_000,
+        fault_reset_timeout_ns=motion.fault_reset_timeout_ms * 1_000_000,
         ignore_remote=motion.ignore_remote,
         switching_state=_SWITCHING[motion.switching_state],
     )

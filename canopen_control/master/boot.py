@@ -94,10 +94,11 @@ def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResul
     """
     transfers = BootTransfers()
     keep = plan.keep_alive and reset
+    alive = False
     if reset and not keep:
-        yield from _reset(plan, NmtCommand.RESET_COMMUNICATION)
+        alive = yield from _reset(plan, NmtCommand.RESET_COMMUNICATION)
     yield NextStep("identify")
-    identity = yield from _identify(plan, transfers)
+    identity = yield from _identify(plan, transfers, alive=alive)
     running = keep and (yield from _is_running(plan))
     if keep and not running:
         yield from _reset(plan, NmtCommand.RESET_COMMUNICATION)
@@ -123,12 +124,16 @@ def _reset(plan: NodePlan, command: NmtCommand) -> Generator[Request, Answer, bo
     return bool((yield AwaitBootUp(plan.boot_up_ns)))
 
 
-def _identify(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, tuple[int, int, int, int]]:
-    """Compare device type and identity with the EDS: CiA 302-2, steps 3 to 8."""
+def _identify(
+    plan: NodePlan, transfers: BootTransfers, *, alive: bool
+) -> Generator[Request, Answer, tuple[int, int, int, int]]:
+    """Compare device type and identity with the EDS: CiA 302-2, steps 3 to 8; `alive`: its boot-up message came."""
     try:
         device_type = int.from_bytes((yield from transfers.read(DEVICE_TYPE)), "little")
     except (SdoTimeout, SdoAbort, SdoLengthError) as error:
-        raise boot_error(plan, "B", f"no device type 0x1000:00: {reason_of(error)}") from error
+        late = "; its boot-up message came: where it answers SDO later than that, give the master a longer `boot_time`"
+        end = late if alive and isinstance(error, SdoTimeout) else ""
+        raise boot_error(plan, "B", f"no device type 0x1000:00: {reason_of(error)}{end}") from error
     expected = plan.identity
     if expected.device_type and device_type != expected.device_type:
         raise _mismatch(plan, "C", "device type 0x1000:00", device_type, expected.device_type)

@@ -355,6 +355,7 @@ class MotionKeys:
     ignore_remote: bool = False
     mode_timeout_ms: int = setting(2000, low=1, high=600_000)
     switching_state: int = setting(5, choices=(2, 3, 4, 5), hint="; 2 SWITCH ON DISABLED to 5 OPERATION ENABLED")
+    fault_reset_timeout_ms: int = setting(2000, low=1, high=600_000)
     enable_settle_ms: int = setting(0, low=0, high=60_000)
     transition_timeout_ms: int = setting(5000, low=1, high=600_000)
     transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)

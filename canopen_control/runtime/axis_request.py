@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.cia402 import objects
 from canopen_control.cia402.drive import FAULT_STATES
 from canopen_control.cia402.homing import require_method
-from canopen_control.cia402.modes import OperationMode, require_mode
+from canopen_control.cia402.modes import OperationMode, mode_words, require_mode
 from canopen_control.cia402.state import POWERED_STATES, State
-from canopen_control.errors import ControlError, UnknownName
+from canopen_control.errors import ControlError, DriveError, UnknownName
 from canopen_control.hardware.axis_statechart import Action
 from canopen_control.hardware.mode_choice import listed_modes
+from canopen_control.master.keys import MotionKeys
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -220,6 +221,9 @@ def begin_action(
     else:
         for joint in joints:
             _SIMPLE[action](joint, now)
+        if action is Action.FAULT_RESET:
+            longest = max((joint.node.config.motion.fault_reset_timeout_ms for joint in joints), default=0)
+            return max(0, longest - MotionKeys().fault_reset_timeout_ms) * 1_000_000
     return 0
 
 
@@ -239,6 +243,11 @@ def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
     mode = _mode_of(text)
     for joint in joints:
         _require_there(joint)
+        if mode < 0 and mode not in joint.axis.own_modes:
+            raise DriveError(
+                f"{joint.axis.who}: {mode_words(mode)} is not in bus.yml; give it there with its target, such as "
+                f"`velocity_mode: {mode}` and `velocity_target: 0x60FF`"
+            )
         require_mode(mode, listed_modes(joint.axis, joint.parameters))
         joint.targets.require_claim(mode)
     for joint in joints:

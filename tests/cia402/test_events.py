@@ -26,7 +26,16 @@ SAID = [
     (FaultEntered(1, State.FAULT, 0x0208, True), "fault (statusword 0x0208) while enabled"),
     (FaultEntered(1, State.FAULT, 0x0208, False), "fault (statusword 0x0208)"),
     (FaultCleared(1, 0x0240), "fault cleared (statusword 0x0240); enable to go on"),
-    (FaultResetFailed(1, 0x0208), "fault reset had no effect: cause still present (statusword 0x0208)"),
+    (
+        FaultResetFailed(1, 0x0208),
+        "fault reset had no effect: cause still present (statusword 0x0208), or the drive takes longer "
+        "(fault_reset_timeout_ms in bus.yml)",
+    ),
+    (
+        FaultResetFailed(1, 0x020F, False),
+        "still in FAULT REACTION ACTIVE (statusword 0x020F), where no fault reset counts, so none was sent; reset "
+        "again when it shows FAULT, or switch its supply off and on",
+    ),
     (
         TransitionTimedOut(1, State.SWITCHED_ON, State.OPERATION_ENABLED, Command.ENABLE_OPERATION, 4, 0x0233, True),
         "did not leave SWITCHED_ON for OPERATION_ENABLED in time, asked by ENABLE_OPERATION (statusword 0x0233); "
