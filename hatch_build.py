@@ -8,6 +8,7 @@ lines, and type checkers read them.
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -18,13 +19,49 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 PACKAGE = "canopen_control"
+PROGRESS = "HATCH_BUILD_PROGRESS"  # names a file that gets a line for each step: pip shows no output of a build
 SETUP = """
+import itertools
 import json
+import os
+from concurrent.futures import ThreadPoolExecutor
+from distutils.ccompiler import CCompiler
 from pathlib import Path
+
 from mypyc.build import mypycify
 from setuptools import setup
 
 job = json.loads(Path("job.json").read_text())
+
+
+def report(text):
+    if job["progress"]:
+        with open(job["progress"], "a") as file:
+            print(text, file=file)
+
+
+def compile_files(self, sources, output_dir=None, macros=None, include_dirs=None, debug=0, extra_preargs=None,
+                  extra_postargs=None, depends=None):
+    # one compiler for each processor: those of setuptools run one after the other
+    macros, objects, postargs, pp_opts, build = self._setup_compile(
+        output_dir, macros, include_dirs, sources, depends, extra_postargs
+    )
+    args = self._get_cc_args(pp_opts, debug, extra_preargs)
+    counter = itertools.count(1)
+
+    def compile_file(name):
+        self._compile(name, *build[name], args, postargs, pp_opts)
+        if len(build) > 1:
+            report(f"compiled {next(counter)} of {len(build)} files")
+
+    largest_first = sorted(build, key=lambda name: -os.path.getsize(build[name][0]))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(compile_file, largest_first))
+    return objects
+
+
+CCompiler.compile = compile_files
+report("mypyc translates the modules to C (a minute)")
 setup(name="compiled", packages=[], ext_modules=mypycify(job["arguments"], **job["options"]))
 """
 
@@ -55,7 +92,8 @@ class CompiledModules(BuildHookInterface):
             raise FileNotFoundError(f"pyproject.toml has modules compiled that are not there: {', '.join(missing)}")
         ignored = shutil.ignore_patterns("*.so", "*.pyc", "__pycache__")
         shutil.copytree(root / PACKAGE, copy / PACKAGE, ignore=ignored)
-        job = {"arguments": [*self.config["mypy-args"], *sources], "options": self.config["options"]}
+        arguments = [*self.config["mypy-args"], *sources]
+        job = {"arguments": arguments, "options": self.config["options"], "progress": os.environ.get(PROGRESS)}
         (copy / "job.json").write_text(json.dumps(job))
         (copy / "setup.py").write_text(SETUP)
         command = [sys.executable, "setup.py", "build_ext", "--build-lib", str(made), "--build-temp", "objects"]

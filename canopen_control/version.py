@@ -8,6 +8,7 @@ __version__ = "0.3.0.dev0"
 
 COMPILED: Final = "compiled"  # the modules of the cycle are extension modules, compiled by mypyc from the same sources
 PURE: Final = "pure Python"
+TO_COMPILE: Final = "faster: tools/compile --install"
 
 
 def build() -> str:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.cli.verbs import VERBS, overview, parser_of
 from canopen_control.errors import CanopenError, ConfigError
-from canopen_control.version import __version__, build
+from canopen_control.version import PURE, TO_COMPILE, __version__, build
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -113,9 +113,14 @@ class _TopParser(argparse.ArgumentParser):
         return overview()
 
 
+def _build() -> str:
+    how = build()
+    return f"{how}; {TO_COMPILE}" if how == PURE else how
+
+
 def _top_parser() -> argparse.ArgumentParser:
     parser = _TopParser(prog="canopen-control", usage="canopen-control VERB [OPTIONS]")
-    parser.add_argument("--version", action="version", version=f"canopen-control {__version__} ({build()})")
+    parser.add_argument("--version", action="version", version=f"canopen-control {__version__} ({_build()})")
     parser.add_argument("verb", nargs="?", choices=list(VERBS), metavar="VERB")
     return parser
 

@@ -18,6 +18,7 @@ from canopen_control.client import RobotClient
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.robot import GetStatus, Subscribe
 from canopen_control.rpc.messages.state import AxisReading, JointReading, RobotEvent, StateSample
+from canopen_control.version import PURE, TO_COMPILE
 
 if TYPE_CHECKING:
     import argparse
@@ -281,7 +282,8 @@ def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
 
 def _program(status: Status) -> list[str]:
     """Return which build of which version runs the robot."""
-    return [f"canopen_control {status.version}, {status.build}"] if status.version else []
+    how = f" ({TO_COMPILE})" if status.build == PURE else ""
+    return [f"canopen_control {status.version}, {status.build}{how}"] if status.version else []
 
 
 def _traffic(status: Status, node: str) -> str:

@@ -55,7 +55,8 @@ class DriveModes:
         homing, interpolated = self._all[OperationMode.HM], self._all[OperationMode.IP]
         assert isinstance(homing, HomingMode)
         assert isinstance(interpolated, InterpolatedPosition)
-        self.homing, self.interpolated = homing, interpolated
+        self.homing: HomingMode = homing
+        self.interpolated: InterpolatedPosition = interpolated
         self._none = Mode(axis)
         self.number: int = 0
         self.active: Mode = self._none

@@ -112,6 +112,15 @@ def test_a_position_goes_on_across_every_wrap(start, steps):
     assert unwrapper.jumps == 0
 
 
+@pytest.mark.parametrize(("start", "step"), [(INT32_MAX - 5, 10), (INT32_MIN + 5, -10)])
+def test_a_position_goes_on_beyond_either_end_of_the_counter(start, step):
+    unwrapper = PositionUnwrapper()
+    unwrapper.update(start)
+    assert unwrapper.update(wrap_int32(start + step)) == start + step
+    assert unwrapper.update(wrap_int32(start)) == start
+    assert unwrapper.jumps == 0
+
+
 def test_a_step_that_no_motor_makes_is_counted_and_is_no_motion():
     unwrapper = PositionUnwrapper(max_step=1000)
     unwrapper.update(1_000_000)

@@ -9,7 +9,7 @@ import pytest
 
 from canopen_control.cli.main import main
 from canopen_control.cli.verbs import MOST_USED, VERBS
-from canopen_control.version import __version__, build
+from canopen_control.version import PURE, TO_COMPILE, __version__, build
 
 
 def test_the_help_fits_a_terminal_and_names_the_most_used_verbs(capsys):
@@ -48,7 +48,8 @@ def test_nothing_at_all_prints_the_help_and_is_a_usage_error(capsys):
 def test_the_version_is_the_packages(capsys):
     with pytest.raises(SystemExit):
         main(["--version"])
-    assert capsys.readouterr().out == f"canopen-control {__version__} ({build()})\n"
+    how = f"; {TO_COMPILE}" if build() == PURE else ""
+    assert capsys.readouterr().out == f"canopen-control {__version__} ({build()}{how})\n"
 
 
 def test_a_mistake_of_the_user_is_one_sentence_and_exit_code_2(capsys):
