@@ -12,7 +12,7 @@ from canopen_control.urdf.joint_element import VELOCITY
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.controllers.planar_pose import HolonomicPose
+    from canopen_control.controllers.planar_pose import HolonomicKinematics
 
 
 HOLONOMIC: Final = ("linear.x", "linear.y", "angular.z")
@@ -26,11 +26,11 @@ class HolonomicBase(MobileBase):
     twist_axes: ClassVar[tuple[str, ...]] = HOLONOMIC
     references: ClassVar[tuple[str, ...]] = ("linear/x", "linear/y", "angular/z")
 
-    def __init__(self, name: str, type_name: str, wheels: HolonomicPose) -> None:
+    def __init__(self, name: str, type_name: str, wheels: HolonomicKinematics) -> None:
         super().__init__(name, type_name, wheels)
         self._drive = wheels
 
-    def move_by(self, wheels: HolonomicPose) -> None:
+    def move_by(self, wheels: HolonomicKinematics) -> None:
         """Be moved by these from now on; the pose is theirs."""
         self.pose = self._drive = wheels
 

@@ -13,62 +13,46 @@ from typing import TYPE_CHECKING, ClassVar
 from canopen_control.controllers.base import DriveGeometry, finite
 from canopen_control.controllers.holonomic_base import HOLONOMIC, HolonomicBase
 from canopen_control.controllers.mecanum_params import MecanumParams, read_params
-from canopen_control.controllers.planar_pose import MIN_DT, HolonomicPose
+from canopen_control.controllers.planar_pose import MIN_DT, HolonomicKinematics
 from canopen_control.rpc.messages.samples import MecanumSample, grown
 from canopen_control.urdf.joint_element import VELOCITY
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from canopen_control.controllers.params import Params
     from canopen_control.rpc.messages.samples import OdometrySample, Sample
 
 
-# Kinematics of a base on four mecanum wheels, and its odometry.
-#
-# The law of the file (ros2_controllers jazzy): wheels go round the base from the front left one against the clock where
-# they are read (front left, rear left, rear right, front right) and with it where they are commanded (front left, front
-# right, rear right, rear left). The frame of the base may stand off the middle of the wheels. Units: m, rad, s.
+# Wheels go round the base from the front left one with the clock: front left, front right, rear right, rear left, as
+# `WHEELS` has it. The frame of the base may stand off the middle of the wheels (ros2_controllers jazzy).
 
 
-class MecanumKinematics(HolonomicPose):
+class MecanumKinematics(HolonomicKinematics):
     """The pose, and `forward`, `left` (m/s) and `angular` (rad/s), of the base's frame; `wheels` are its commands.
 
     `reach` is the sum of the wheels' distances from the middle along x and y, `offset` where the frame is: x, y, angle.
     """
 
     def __init__(self, radius: float, reach: float, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        super().__init__(4)
-        self._radius, self._reach, self._offset = radius, reach, offset
-        self._cosine, self._sine = math.cos(offset[2]), math.sin(offset[2])
+        x, y, angle = offset
+        cosine, sine = math.cos(angle), math.sin(angle)
+        rows = []
+        for across, around in ((-1.0, -reach), (1.0, reach), (-1.0, reach), (1.0, -reach)):
+            turn = around + y - across * x  # of the frame of the base, seen from the middle of the wheels
+            rows.append((cosine + across * sine, across * cosine - sine, turn))
+        super().__init__(rows, radius)
 
-    def update(self, front_left: float, rear_left: float, rear_right: float, front_right: float, dt: float) -> bool:
+    def update(self, speeds: Sequence[float], dt: float) -> bool:
         """Follow the wheels' speeds in rad/s for `dt` s; return whether the step was long enough to count."""
         if dt < MIN_DT:
             return False
-        quarter = self._radius / 4.0
-        forward = quarter * (front_left + rear_left + rear_right + front_right)
-        left = quarter * (-front_left + rear_left - rear_right + front_right)
-        angular = quarter / self._reach * (-front_left - rear_left + rear_right + front_right)
-        x, y, _ = self._offset
-        cosine, sine = self._cosine, self._sine
-        self.forward = cosine * forward + sine * left + (sine * x - cosine * y) * angular
-        self.left = cosine * left - sine * forward + (cosine * x + sine * y) * angular
-        self.angular = angular
-        self.heading += angular * dt
+        self.fit(speeds)
+        self.heading += self.angular * dt
         along, across = math.cos(self.heading) * dt, math.sin(self.heading) * dt
         self.x += along * self.forward - across * self.left
         self.y += across * self.forward + along * self.left
         return True
-
-    def command(self, forward: float, left: float, angular: float) -> None:
-        """Make `wheels` (front left, front right, rear right, rear left; rad/s) of a twist of the base's frame."""
-        x, y, _ = self._offset
-        ahead = self._cosine * forward - self._sine * left + y * angular
-        aside = self._sine * forward + self._cosine * left - x * angular
-        turn, radius, wheels = self._reach * angular, self._radius, self.wheels
-        wheels[0] = (ahead - aside - turn) / radius
-        wheels[1] = (ahead + aside + turn) / radius
-        wheels[2] = (ahead - aside + turn) / radius
-        wheels[3] = (ahead + aside - turn) / radius
 
 
 class MecanumDriveController(HolonomicBase):
@@ -85,7 +69,7 @@ class MecanumDriveController(HolonomicBase):
         self.kinematics = MecanumKinematics(1.0, 1.0)
         super().__init__(name, type_name, self.kinematics)
         self.params = MecanumParams()
-        self._reading = [0.0, 0.0, 0.0, 0.0]
+        self._speeds, self._reading = [0.0] * 4, [0.0] * 4
         self._reference = [0.0, 0.0, 0.0]
 
     def wheel_base(self) -> DriveGeometry:
@@ -118,8 +102,9 @@ class MecanumDriveController(HolonomicBase):
 
     def advance(self, dt: float) -> None:
         """Follow the wheels."""
-        front_left, front_right, rear_right, rear_left = self.states
-        self.kinematics.update(front_left.value, rear_left.value, rear_right.value, front_right.value, dt)
+        for index in range(len(self._speeds)):
+            self._speeds[index] = self.states[index].value
+        self.kinematics.update(self._speeds, dt)
 
     def take_down(self) -> None:
         """Put down the wheels' speeds and the twist that is wanted too."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from canopen_control.controllers.base import DriveGeometry
 from canopen_control.controllers.holonomic_base import HolonomicBase
 from canopen_control.controllers.omni_params import LEAST_WHEELS, OmniParams, read_params
-from canopen_control.controllers.planar_pose import HolonomicPose
+from canopen_control.controllers.planar_pose import HolonomicKinematics
 from canopen_control.urdf.joint_element import VELOCITY
 
 if TYPE_CHECKING:
@@ -23,26 +23,20 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import OdometrySample
 
 
-# Kinematics of a base on three or more omni wheels around its middle, and its odometry.
-#
-# The law of the file (ros2_controllers jazzy): wheel i of n stands at the angle 2 pi i / n + `offset` and rolls along
-# the circle. What the wheels say of three velocities is fitted by least squares, which for wheels at even angles are
-# sums. Units: m, rad, s.
+# Wheel i of n stands at the angle 2 pi i / n + `offset` and rolls along the circle (ros2_controllers jazzy).
 
 
 _LEAST_DT: Final = 1e-6  # s between two positions
 
 
-class OmniKinematics(HolonomicPose):
+class OmniKinematics(HolonomicKinematics):
     """The pose, and `forward`, `left` (m/s) and `angular` (rad/s); `wheels` are its commands in rad/s."""
 
     def __init__(self, count: int, robot_radius: float, wheel_radius: float, offset: float = 0.0) -> None:
-        super().__init__(count)
         if count < LEAST_WHEELS:
             raise ValueError(f"{count} wheels do not tell three velocities; there are {LEAST_WHEELS} or more")
         angles = [math.tau * index / count + offset for index in range(count)]
-        self._sines, self._cosines = [math.sin(each) for each in angles], [math.cos(each) for each in angles]
-        self._robot_radius, self._wheel_radius = robot_radius, wheel_radius
+        super().__init__([(math.sin(each), -math.cos(each), -robot_radius) for each in angles], wheel_radius)
         self._positions = [0.0] * count
         self._speeds = [0.0] * count
 
@@ -62,27 +56,14 @@ class OmniKinematics(HolonomicPose):
 
     def update_velocity(self, speeds: Sequence[float], dt: float) -> bool:
         """Follow the wheels' speeds in rad/s; it counts however short or backward the step is."""
-        forward = left = turn = 0.0
-        for index in range(len(self.wheels)):
-            speed = speeds[index] * self._wheel_radius
-            forward += self._sines[index] * speed
-            left -= self._cosines[index] * speed
-            turn -= speed
-        count = len(self.wheels)
-        return self.update_open_loop(2.0 / count * forward, 2.0 / count * left, turn / (count * self._robot_radius), dt)
+        self.fit(speeds)
+        return self.update_open_loop(self.forward, self.left, self.angular, dt)
 
     def update_open_loop(self, forward: float, left: float, angular: float, dt: float) -> bool:
         """Believe a command, in m/s and rad/s."""
         self.forward, self.left, self.angular = forward, left, angular
         self.shift(forward * dt, left * dt, angular * dt)
         return True
-
-    def command(self, forward: float, left: float, angular: float) -> None:
-        """Make `wheels` of a twist."""
-        turn = self._robot_radius * angular
-        for index in range(len(self.wheels)):
-            along = self._sines[index] * forward - self._cosines[index] * left
-            self.wheels[index] = (along - turn) / self._wheel_radius
 
 
 class OmniWheelDriveController(HolonomicBase):

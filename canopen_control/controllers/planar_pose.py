@@ -7,9 +7,12 @@ straight line. Headings are never wrapped. Units: m, rad, s.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import mypyc_attr
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 MIN_DT: Final = 1e-4
 """Steps shorter than this, in s, tell no velocity: it would be noise."""
@@ -92,17 +95,40 @@ class PlanarPose:
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class HolonomicPose(PlanarPose):
-    """The pose of what drives sideways too, and how fast it is: `forward` and `left` in m/s, `angular` in rad/s.
+class HolonomicKinematics(PlanarPose):
+    """The kinematics of a base that drives sideways too: a matrix J, and its pseudo-inverse for odometry.
 
-    `wheels` are the commands of a twist, in rad/s.
+    A row of J is what the rim of one wheel does at 1 m/s forward, at 1 m/s to the left, and at 1 rad/s; `radius` of the
+    wheels in m. `wheels` are the commands of a twist in rad/s, `forward` and `left` (m/s) and `angular` (rad/s) the fit
+    to the wheels' speeds.
     """
 
-    def __init__(self, wheels: int) -> None:
+    def __init__(self, rows: Sequence[tuple[float, float, float]], radius: float) -> None:
         super().__init__()
+        from numpy import array, linalg  # of a base that drives sideways alone
+
         self.forward = self.left = self.angular = 0.0
-        self.wheels = [0.0] * wheels
+        self.wheels = [0.0] * len(rows)
+        self.radius = radius
+        self._rows = list(rows)
+        reach = max(abs(around) for _, _, around in rows)
+        matrix = array([(along, across, around / reach) for along, across, around in rows])
+        # by the normal equations, which are exact where columns are orthogonal, as those of upstream's bases
+        inverse: list[list[float]] = linalg.solve(matrix.T @ matrix, matrix.T).tolist()
+        self._fit_forward, self._fit_left, around_fit = inverse
+        self._fit_angular = [each / reach for each in around_fit]
 
     def command(self, forward: float, left: float, angular: float) -> None:
         """Make `wheels` of a twist."""
-        raise NotImplementedError
+        for index, (along, across, around) in enumerate(self._rows):
+            self.wheels[index] = (along * forward + across * left + around * angular) / self.radius
+
+    def fit(self, speeds: Sequence[float]) -> None:
+        """Fit the velocities to the wheels' speeds in rad/s by least squares."""
+        forward = left = angular = 0.0
+        for index in range(len(self.wheels)):
+            rim = speeds[index] * self.radius
+            forward += self._fit_forward[index] * rim
+            left += self._fit_left[index] * rim
+            angular += self._fit_angular[index] * rim
+        self.forward, self.left, self.angular = forward, left, angular

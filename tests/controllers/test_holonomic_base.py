@@ -1,21 +1,20 @@
 from __future__ import annotations
 
 from canopen_control.controllers.holonomic_base import HOLONOMIC, HolonomicBase
-from canopen_control.controllers.planar_pose import HolonomicPose
+from canopen_control.controllers.planar_pose import HolonomicKinematics
 
 
-class Wheels(HolonomicPose):
-    def command(self, forward, left, angular):
-        self.wheels[0], self.wheels[1] = forward + left, angular
+def wheels_of_three():
+    return HolonomicKinematics([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)], 1.0)
 
 
 def test_a_base_is_driven_by_the_wheels_that_move_its_pose():
-    base = HolonomicBase("base", "test/Base", Wheels(2))
-    wheels = Wheels(2)
+    base = HolonomicBase("base", "test/Base", wheels_of_three())
+    wheels = wheels_of_three()
     base.move_by(wheels)
-    base.targets = [0.0, 0.0]
+    base.targets = [0.0, 0.0, 0.0]
     base.work_out([1.0, 2.0, 4.0])
-    assert base.targets == [3.0, 4.0]
+    assert base.targets == [1.0, 2.0, 4.0]
     wheels.forward, wheels.left, wheels.angular = 0.1, 0.2, 0.3
     assert base.velocities() == (0.1, 0.2, 0.3)
     assert base.pose is wheels

@@ -18,7 +18,8 @@ def step(base: MecanumKinematics, verb: str, *values: Any) -> dict[str, Any]:
     if verb == "ik":
         base.command(*values)
         return dict(zip(WHEELS_OF_KINEMATICS, base.wheels, strict=True))
-    updated = base.update(*values[0], values[1])
+    front_left, rear_left, rear_right, front_right = values[0]
+    updated = base.update([front_left, front_right, rear_right, rear_left], values[1])
     pose = {"x": base.x, "y": base.y, "heading": base.heading}
     return {"updated": updated, "vx": base.forward, "vy": base.left, "wz": base.angular} | pose
 
@@ -39,14 +40,13 @@ speeds = st.floats(-2.0, 2.0)
 def test_wheels_that_do_what_they_are_told_drive_the_twist(forward, left, angular):
     base = MecanumKinematics(0.05, 0.4)
     base.command(forward, left, angular)
-    front_left, front_right, rear_right, rear_left = base.wheels
-    base.update(front_left, rear_left, rear_right, front_right, 0.02)
+    base.update(base.wheels, 0.02)
     assert (base.forward, base.left, base.angular) == pytest.approx((forward, left, angular), abs=1e-9)
 
 
 def test_a_step_that_is_too_short_changes_nothing():
     base = MecanumKinematics(0.05, 0.4)
-    assert base.update(1.0, 1.0, 1.0, 1.0, 0.99e-4) is False
+    assert base.update([1.0] * 4, 0.99e-4) is False
     assert (base.x, base.forward) == (0.0, 0.0)
 
 

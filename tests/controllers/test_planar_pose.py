@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canopen_control.controllers.planar_pose import PlanarPose, RollingMean, quotient
+from canopen_control.controllers.planar_pose import HolonomicKinematics, PlanarPose, RollingMean, quotient
 
 
 def test_a_whole_circle_ends_where_it_began():
@@ -53,3 +53,20 @@ def test_a_quotient_is_that_of_the_standard(dividend, divisor, wanted):
 @pytest.mark.parametrize("dividend", [0.0, -0.0, math.nan])
 def test_nothing_by_nothing_is_no_number(dividend):
     assert math.isnan(quotient(dividend, 0.0))
+
+
+ROWS = [(1.0, -1.0, -0.5), (1.0, 1.0, 0.5), (1.0, -1.0, 0.5), (1.0, 1.0, -0.5), (0.3, 0.9, -0.2)]
+
+
+def test_the_odometry_of_wheels_that_do_what_is_commanded_is_the_twist():
+    base = HolonomicKinematics(ROWS, 0.05)
+    base.command(0.4, -0.2, 1.5)
+    assert base.wheels[0] == pytest.approx((0.4 + 0.2 - 0.75) / 0.05)
+    base.fit(base.wheels)
+    assert (base.forward, base.left, base.angular) == pytest.approx((0.4, -0.2, 1.5))
+
+
+def test_wheels_that_contradict_each_other_are_fitted_by_least_squares():
+    base = HolonomicKinematics(ROWS[:4], 0.1)
+    base.fit([1.0, 0.0, 0.0, 0.0])
+    assert (base.forward, base.left, base.angular) == pytest.approx((0.025, -0.025, -0.05))
