@@ -73,7 +73,7 @@ MAY_IMPORT = {
     ),
     "simulation": (  # the only subpackage that joins both sides of the wire
         {"od", "bus", "host", "rpc", "yamlfile", "master", "virtual", "hardware", "controllers", "runtime", "urdf"}
-        | {"cia301", "cia402", "data_files", "check"},
+        | {"cia301", "cia402", "data_files", "check", "personality"},
         STDLIB | MARKS | {"distributed", "cloudpickle"},
     ),
     "service": (

@@ -53,6 +53,7 @@ from canopen_control.errors import ConfigError, nearest
 
 if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
+    from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.scenario_steps import Scenario
     from canopen_control.simulation.simulation_run import SimulationResult, SimulationRun
@@ -118,6 +119,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--world",
         metavar="FILE",
         help="with --physics: objects on the floor, YAML or SDF; without ROBOT: simulate the robots it names",
+    )
+    parser.add_argument("--like", metavar="NAME|FILE", help="let all drives behave as those of a manufacturer")
+    parser.add_argument(
+        "--quirk", action="append", default=[], metavar="Q[=V][@AXIS]", help="give all drives a quirk (repeatable)"
     )
     parser.add_argument("--faults", metavar="all|LIST|none", help="faults to inject (default: none, with --seeds all)")
     parser.add_argument("--seeds", type=_count, metavar="N", help="run a campaign of N seeds, starting with --seed")
@@ -193,7 +198,9 @@ def _run_one(args: argparse.Namespace) -> int:
         raise ConfigError(f"{setup.files.asked.world_word or '--world'} is of a robot with physics; give --physics too")
     acts, seed, duration_ns = _schedule(args, setup)
     speed = 1.0 if args.speed is None and bridge is not None else _at_most(args.speed)
-    simulation = SimulationRun(setup, seed, acts, speed=speed, robot=RobotUnderTest(setup, seed, world=setup.world))
+    robot = RobotUnderTest(setup, seed, world=setup.world)
+    _behave(robot, args)
+    simulation = SimulationRun(setup, seed, acts, speed=speed, robot=robot)
     for note in () if simulation.robot.floor is None else simulation.robot.floor.notes:
         print(f"canopen-control: {note}", file=sys.stderr)
     try:
@@ -209,6 +216,15 @@ def _run_one(args: argparse.Namespace) -> int:
     if never:
         print(f"canopen-control: {never}", file=sys.stderr)
     return 1 if outcome.breaches or never else 0
+
+
+def _behave(robot: RobotUnderTest, args: argparse.Namespace) -> None:
+    """Let the drives have a personality and quirks."""
+    from canopen_control.personality import read_personality
+
+    like = None if args.like is None else read_personality(args.like)
+    for drive in robot.drives.values():
+        drive.quirks, drive.like = args.quirk, like
 
 
 def _at_most(speed: float | None) -> float | None:
@@ -283,7 +299,7 @@ def _run_campaign(args: argparse.Namespace) -> int:
     from canopen_control.simulation.random_schedule import known_faults
 
     singles = ("--scenario", args.scenario), ("--recording", args.recording), ("--record", args.record)
-    served = ("--serve", args.serve), ("--ros", args.ros)
+    served = ("--serve", args.serve), ("--ros", args.ros), ("--like", args.like), ("--quirk", args.quirk)
     for option, given in (*singles, *served, ("--speed", args.speed), ("--world", args.world)):
         if given:
             raise ConfigError(f"{option} is for one simulation; --seeds draws schedules, as fast as it can")

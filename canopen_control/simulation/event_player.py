@@ -17,7 +17,7 @@ from canopen_control.controllers.trajectory.point import JointTrajectory, Point
 from canopen_control.errors import CanopenError, ControlError, NotEnabled
 from canopen_control.frame import CanFrame
 from canopen_control.hardware.axis_statechart import Action
-from canopen_control.rpc.messages.drive import BlockJoint, SetPlant, SwitchFault
+from canopen_control.rpc.messages.drive import BlockJoint, SetPlant, SwitchFault, SwitchQuirk
 from canopen_control.runtime.core import RobotCore
 from canopen_control.simulation.fault_coverage import kind_of, state_reached
 from canopen_control.simulation.robot_under_test import MASTER
@@ -97,6 +97,20 @@ class EventPlayer:
 
     def _switch(self, act: ScenarioEvent, *, on: bool) -> None:
         request = SwitchFault(name=act.name, on=on)
+        self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
+
+    def quirk(self, act: ScenarioEvent) -> None:
+        """Let a drive have a quirk."""
+        self._switch_quirk(act, on=True)
+        if act.for_ns is not None:
+            self._later(act.for_ns, lambda: self._switch_quirk(act, on=False))
+
+    def quirk_off(self, act: ScenarioEvent) -> None:
+        """End a quirk of a drive."""
+        self._switch_quirk(act, on=False)
+
+    def _switch_quirk(self, act: ScenarioEvent, *, on: bool) -> None:
+        request = SwitchQuirk(quirk=act.name, on=on)
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def plant(self, act: ScenarioEvent) -> None:
@@ -321,6 +335,8 @@ def _ignore(_reason: str | None) -> None:
 _PLAY: Final[dict[str, Callable[[EventPlayer, ScenarioEvent], None]]] = {
     "fault": EventPlayer.fault,
     "heal": EventPlayer.heal,
+    "quirk": EventPlayer.quirk,
+    "quirk_off": EventPlayer.quirk_off,
     "plant": EventPlayer.plant,
     "world": EventPlayer.world,
     "power": EventPlayer.power,

@@ -32,12 +32,13 @@ from canopen_control.virtual.device import make_device
 from canopen_control.virtual.node_host import NodeHost
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from canopen_control.bus.port import Port
     from canopen_control.controllers.trajectory.goal import TrajectoryGoal
     from canopen_control.master.event_log import Event
     from canopen_control.od.model import ObjectDictionary
+    from canopen_control.personality import Personality
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.virtual.virtual_node import VirtualNode
@@ -138,13 +139,18 @@ def _dictionary(path: str, _changed: int) -> ObjectDictionary:
 
 
 class SimulatedDrive:
-    """Virtual drive as a process in virtual time; `device` is None while it has no supply."""
+    """Virtual drive as a process in virtual time; `device` is None while it has no supply.
+
+    `quirks` and the personality `like` take effect at power-on.
+    """
 
     def __init__(self, robot: RobotUnderTest, wire: SimulatedWire, node_id: int, eds: Path) -> None:
         self.node_id, self.wire = node_id, wire
         self.label = f"drive {node_id}"
         self.device: VirtualNode | None = None
         self.actor: Actor | None = None
+        self.quirks: Sequence[str] = ()
+        self.like: Personality | None = None
         self._robot, self._eds, self._times = robot, eds, 0
         self._host: NodeHost | None = None
         self._port: Port | None = None
@@ -161,7 +167,9 @@ class SimulatedDrive:
             self._port = open_port(self.wire.channel, label=self.label)
         floor = self._robot.floor
         plant = None if floor is None else floor.plants_of(self.node_id)
-        self.device = make_device(dictionary_of(self._eds), self.node_id, plant=plant)
+        self.device = make_device(
+            dictionary_of(self._eds), self.node_id, plant=plant, quirks=self.quirks, like=self.like
+        )
         self._host = NodeHost(actor.reactor, self._port, [self.device])
         self._methods = NodeMethods(self._host, self.device)
         actor.arrived()

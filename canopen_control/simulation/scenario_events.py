@@ -30,6 +30,10 @@ class EventKind(NamedTuple):
 KINDS: Final = {
     "fault": EventKind("node", "switches a fault of a virtual drive on, and off after `for`", lasts=True, breaks=True),
     "heal": EventKind("node", "switches a fault of a virtual drive off"),
+    "quirk": EventKind(
+        "node", "lets a virtual drive have a quirk, NAME=VALUE@AXIS, and no more after `for`", lasts=True
+    ),
+    "quirk_off": EventKind("node", "ends a quirk of a virtual drive"),
     "plant": EventKind("node", "sets numbers of what hangs on an axis"),
     "world": EventKind("", "puts on a payload, pushes, blocks a joint, or changes the grip of the floor", lasts=True),
     "power": EventKind("node", "takes the supply of a drive away, for good or for a while", lasts=True, breaks=True),
@@ -73,8 +77,9 @@ KINDS: Final = {
 class ScenarioEvent:
     """Event `at_ns` after the start, of a kind of KINDS; `for_ns` is its duration, None: unlimited, or instantaneous.
 
-    `target` is a node id, `master`, or a controller; `name` that of a fault or of an action, `world` a disturbance of
-    the world. `times` are those of the points of a trajectory in s, whose values are concatenated; empty for one point.
+    `target` is a node id, `master`, or a controller; `name` that of a fault, a quirk or an action, `world` a
+    disturbance of the world. `times` are those of the points of a trajectory in s, whose values are concatenated;
+    empty for one point.
     `when` is a machine and its state, as "axis power BRAKING", for which the event waits: that of its node, or of any.
     """
 

@@ -20,12 +20,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.errors import nearest
+from canopen_control.errors import ConfigError, nearest
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot
 from canopen_control.simulation.fault_coverage import STATES
 from canopen_control.simulation.robot_under_test import MASTER
 from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
 from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.quirks import parse_quirk
 from canopen_control.virtual.scenario import Happening, ScenarioError, seconds_of, world_words
 from canopen_control.yamlfile.convert import position, setting
 from canopen_control.yamlfile.node import Node  # noqa: TC001 - the type of a field is looked up at run time
@@ -67,6 +68,7 @@ class SimulationStep(Happening):
     length: float | str | None = setting(None, key="for")
     node: int | None = None
     fault: str = ""
+    quirk: str = ""
     state: bool = True
     axis: int = setting(0, low=0, high=7)
     times: tuple[float, ...] = ()
@@ -138,6 +140,15 @@ def _time(here: Node, value: float | str) -> int:
         return 1
 
 
+def _kind_of(step: SimulationStep) -> str:
+    """Return what a step does that names a plant, a quirk or a fault."""
+    if step.plant:
+        return "plant"
+    if step.quirk:
+        return "quirk" if step.state else "quirk_off"
+    return "fault" if step.state else "heal"
+
+
 class _Checked:
     """One step, checked against the robot."""
 
@@ -152,12 +163,12 @@ class _Checked:
         if happens := step.acts():
             yield from self._world(happens)
             return
-        if step.do == "world" or not (step.do or step.fault or step.plant):
+        if step.do == "world" or not (step.do or step.fault or step.quirk or step.plant):
             step.here.error(f"a step says what happens: {_SAYS}")
             return
-        kind = step.do or ("plant" if step.plant else "fault" if step.state else "heal")
+        kind = step.do or _kind_of(step)
         target = str(step.target if step.node is None else step.node)
-        name = step.fault or step.name
+        name = step.fault or step.quirk or step.name
         if kind not in KINDS:
             step.here.error(f"do: {kind} is nothing that can be done{nearest(kind, KINDS)}")
             return
@@ -183,7 +194,9 @@ class _Checked:
     def _world(self, happens: Sequence[WorldAct]) -> Iterator[ScenarioEvent]:
         """Yield a disturbance of the world, which exists only with physics."""
         step, setup = self._step, self._setup
-        other = step.node is not None or step.fault or step.plant or step.values or step.target or step.name
+        other = (
+            step.node is not None or step.fault or step.quirk or step.plant or step.values or step.target or step.name
+        )
         if len(happens) > 1 or other or step.do not in ("", "world"):
             step.here.error("a step has one of payload, push, block and friction, and at, for and when beside it alone")
         if not setup.physics:
@@ -228,6 +241,11 @@ class _Checked:
         if kind in ("fault", "heal"):
             if name not in FAULTS:
                 here.error(f"no fault {name!r}{nearest(name, list(FAULTS))}; see: canopen-control fault list")
+        elif kind in ("quirk", "quirk_off"):
+            try:
+                parse_quirk(name)
+            except ConfigError as error:
+                here.error(str(error))
         elif kind == "axis":
             if name not in _ACTIONS:
                 here.error(f"name: {name or 'nothing'} is no action; there are: {', '.join(_ACTIONS)}")

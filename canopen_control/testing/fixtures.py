@@ -1,7 +1,8 @@
 """Fixtures for pytest: `robot` in virtual time, its `drives`, `bus` and `clock`.
 
 The ini option `canopen_robot` selects the robot (a folder, relative to the ini file, or a bundled name), for one test
-or module the mark `canopen_robot("config/robby", controllers=["..."], seed=7)`. A test fails if an invariant was
+or module the mark `canopen_robot("config/robby", controllers=["..."], seed=7)`. Its `quirks={"left_drive":
+["brake_delay=0.5"]}` are those of drives from their power-on ("all": every drive). A test fails if an invariant was
 breached, unless its mark has `breaches=True`.
 """
 
@@ -31,7 +32,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Register the mark."""
     config.addinivalue_line(
-        "markers", f"{_MARK}(config, controllers=(), seed=0, breaches=False): the robot of the fixture `robot`"
+        "markers",
+        f"{_MARK}(config, controllers=(), seed=0, quirks=None, breaches=False): the robot of the fixture `robot`",
     )
 
 
@@ -66,7 +68,9 @@ def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
     from canopen_control.testing.tested_robot import TestedRobot
 
     config, words = _wanted(request)
-    made = TestedRobot(_setup(config, tuple(words.get("controllers", ()))), words.get("seed", 0))
+    made = TestedRobot(
+        _setup(config, tuple(words.get("controllers", ()))), words.get("seed", 0), quirks=words.get("quirks")
+    )
     try:
         yield made
     finally:

@@ -17,9 +17,10 @@ from canopen_control.simulation.robot_under_test import RobotUnderTest, Simulati
 from canopen_control.simulation.scenario_events import ScenarioEvent
 from canopen_control.simulation.served_simulation import ServedSimulation
 from canopen_control.virtual.fault_table import find_fault
+from canopen_control.virtual.quirks import parse_quirk
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.setup import RobotSetup
@@ -41,11 +42,17 @@ class _EventKeeper(SimulationObserver):
 
 
 class TestedRobot:
-    """Robot that has booted; `events` are those since its start, `breaches` the violated invariants."""
+    """Robot that has booted; `events` are those since its start, `breaches` the violated invariants.
+
+    `quirks` are those of its drives from their power-on, by node id or name, or of "all".
+    """
 
     __test__ = False
 
-    def __init__(self, setup: RobotSetup, seed: int = 0) -> None:
+    def __init__(
+        self, setup: RobotSetup, seed: int = 0, *, quirks: Mapping[int | str, Sequence[str]] | None = None
+    ) -> None:
+        settings = {node: [parse_quirk(text).text for text in texts] for node, texts in (quirks or {}).items()}
         self.events: list[Event] = []
         self.simulated = RobotUnderTest(setup, seed)
         self.simulated.observers.append(_EventKeeper(self.events))
@@ -57,6 +64,9 @@ class TestedRobot:
         self.drives = TestedDrives(self)
         self.bus = TestedBus(self)
         self.clock = TestedClock(self)
+        for node, texts in settings.items():
+            for drive in self.drives if node == "all" else (self.drives[node],):
+                drive.start_with(texts)
         self.simulated.start()
         self.until(lambda: self.simulated.running, _BOOT_S)
 
@@ -243,6 +253,26 @@ class TestedDrive:
         """Clear a fault."""
         find_fault(name)
         self._robot.do("heal", str(self._drive.node_id), name=name)
+
+    def start_with(self, quirks: Sequence[str]) -> None:
+        """Add quirks that take effect at the next power-on."""
+        self._drive.quirks = [*self._drive.quirks, *quirks]
+
+    def quirk(self, text: str, seconds: float | None = None) -> None:
+        """Switch a quirk on, ``NAME=VALUE@AXIS``, for `seconds`; ConfigError for one that does not exist."""
+        parse_quirk(text)
+        self._robot.do("quirk", str(self._drive.node_id), name=text, seconds=seconds)
+
+    def quirk_off(self, text: str) -> None:
+        """Switch a quirk off."""
+        parse_quirk(text)
+        self._robot.do("quirk_off", str(self._drive.node_id), name=text)
+
+    @property
+    def quirks(self) -> list[str]:
+        """The active quirks, as they are written."""
+        device = self._drive.device
+        return [] if device is None or device.quirks is None else device.quirks.active
 
     def power_off(self, seconds: float | None = None) -> None:
         """Switch its supply off, for `seconds`."""

@@ -333,6 +333,9 @@ def further_mode(like: OperationMode) -> AxisAct:
         drive.modes.add(own, like)
         hooks.later(lambda: drive.modes.remove(own))
         taken = o.MODES_OF_OPERATION + drive.objects.offset
+        beyond = hooks.node.store.beyond_limits
+        beyond.add((taken, own))
+        hooks.later(partial(beyond.discard, (taken, own)))
         hooks.guard([taken], lambda entry, value, before: value if value == own else before(entry, value))
 
     return act

@@ -147,3 +147,26 @@ def test_seeds_of_a_robot_that_never_runs_are_one_sentence(capsys, tmp_path):
     assert (code, out) == (1, "")
     assert err.count("robby never ran in 5.1 s: node 3 (left_drive): boot error M") == 1
     assert "product code" in err
+
+
+def test_all_drives_behave_as_those_of_a_manufacturer(capsys):
+    assert main(["simulate", "robby", "--for", "1", "--like", "copley", "--quirk", "own_bits_change", "--json"]) == 0
+    plain = json.loads(capsys.readouterr().out)["sha256"]
+    assert main(["simulate", "robby", "--for", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["sha256"] != plain
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--like", "coply"], "no personality 'coply', did you mean 'copley'?"),
+        (["--like", "delta"], "Delta ASDA-A2 has 0x1006, which the EDS of node 3 (TMCM-1270) lacks"),
+        (["--quirk", "sdo_lat"], "no quirk 'sdo_lat', did you mean 'sdo_late'?"),
+        (["--like", "copley", "--seeds", "2"], "--like is for one simulation"),
+    ],
+)
+def test_what_drives_cannot_behave_like_is_one_sentence(capsys, words, sentence):
+    assert main(["simulate", "robby", "--for", "1", *words]) == 2
+    error = capsys.readouterr().err
+    assert sentence in error
+    assert len(error.splitlines()) == 1

@@ -35,6 +35,15 @@ def test_a_fault_goes_on_and_off(played):
     assert played.robot.drives[3].device.switches.active == []
 
 
+def test_a_quirk_goes_on_and_off(played):
+    played.do("quirk", 3, 0.7, name="brake_delay=0.2").run(0.65)
+    assert played.robot.drives[3].device.quirks.active == ["brake_delay=0.2"]
+    played.run(0.1)
+    assert played.robot.drives[3].device.quirks.active == []
+    played.do("quirk", 3, name="sdo_late").run(0.1).do("quirk_off", 3, name="sdo_late").run(0.1)
+    assert played.robot.drives[3].device.quirks.active == []
+
+
 def test_stop_disables_and_a_latched_one_refuses_until_it_is_released(played):
     played.do("latch").run(0.5).do("axis", name="enable").run(0.5)
     assert played.player.refused == 1

@@ -32,6 +32,8 @@ steps:
   - {at: 4s, do: stall, target: master, for: 300ms}
   - {at: 5s, node: 3, plant: {position: 4}}
   - {at: 6s, node: 3, fault: silent, state: off}
+  - {at: 7s, node: 3, quirk: brake_delay=0.5, for: 1s}
+  - {at: 9s, node: 2, quirk: remote_never, state: off}
 """,
     )
     assert (scenario.duration_ns, scenario.seed) == (20 * S, 7)
@@ -42,6 +44,8 @@ steps:
         ScenarioEvent(4 * S, "stall", "master", for_ns=300_000_000),
         ScenarioEvent(5 * S, "plant", "3", plant=(("position", 4.0),)),
         ScenarioEvent(6 * S, "heal", "3", "silent"),
+        ScenarioEvent(7 * S, "quirk", "3", "brake_delay=0.5", for_ns=S),
+        ScenarioEvent(9 * S, "quirk_off", "2", "remote_never"),
     )
 
 
@@ -56,6 +60,8 @@ steps:
         ),
         ("{at: 1s, node: 9, fault: silent}", "there is no node 9; there are: 3, 2"),
         ("{at: 1s, node: 3, fault: silnt}", "no fault 'silnt', did you mean 'silent'?"),
+        ("{at: 1s, node: 3, quirk: brake_dely}", "no quirk 'brake_dely', did you mean 'brake_delay'?"),
+        ("{at: 1s, node: 3, quirk: brake_delay=99}", "its strength is a number, 0.001 to 60 s"),
         ("{at: 1s, do: axis, name: fly}", "name: fly is no action"),
         ("{at: 1s, do: stop, for: 2s}", "for: does not go with stop"),
         ("{at: 1s, do: stop, values: [2]}", "values: does not go with stop"),

@@ -62,6 +62,27 @@ def test_a_latched_stop_is_released_and_a_fault_healed(robot):
     assert robot.simulated.drives[3].device.switches.active == []
 
 
+def test_quirks_from_the_power_on_and_while_it_runs():
+    robot = TestedRobot(setup_of(), quirks={"all": ["own_bits_change"], "left_drive": ["sdo_late=0.01"]})
+    assert robot.drives["left_drive"].quirks == ["own_bits_change", "sdo_late=0.01"]
+    assert robot.drives[2].quirks == ["own_bits_change"]
+    robot.drives[2].quirk("warning_always")
+    robot.run(0.1)
+    assert robot.drives[2].quirks == ["warning_always", "own_bits_change"]
+    robot.drives[2].quirk_off("warning_always")
+    robot.drives[3].quirk("brake_delay=1", seconds=0.05)
+    robot.run(0.1)
+    assert (robot.drives[2].quirks, robot.drives[3].quirks) == (
+        ["own_bits_change"],
+        ["own_bits_change", "sdo_late=0.01"],
+    )
+    with pytest.raises(ConfigError, match="no quirk 'brake_dely'"):
+        robot.drives[2].quirk("brake_dely")
+    with pytest.raises(ConfigError, match="no quirk"):
+        TestedRobot(setup_of(), quirks={3: ["brake_dely"]})
+    robot.close()
+
+
 def test_frames_are_heard_lost_doubled_and_sent(robot):
     robot.bus.send(0x7E5, b"\x01")
     assert robot.bus.frames[-1][1:] == ("stranger", (0x7E5, b"\x01"))

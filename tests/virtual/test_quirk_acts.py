@@ -535,7 +535,11 @@ PROBES = {
     "emcy_zeros_at_boot": lambda b: any(frame.can_id == 0x085 and not any(frame.data) for frame in b.reboot()),
 }  # fmt: skip
 # ruff: noqa: E501 - one quirk is one line of the table
-NODES = {"sync_period_judged": generic, "polarity_of_targets": generic}
+NODES = {
+    "own_velocity_mode": generic,  # whose file limits 0x6060 to 0 to 10
+    "sync_period_judged": generic,
+    "polarity_of_targets": generic,
+}
 
 
 def node_of(name):
