@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from canopen_control.controllers.controllers_file import ControllerConfig, ControllersFile
     from canopen_control.master.config import BusConfig
     from canopen_control.master.keys import NodeConfig
+    from canopen_control.od.model import ObjectDictionary
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.joint_element import Joint
@@ -500,11 +501,19 @@ def _blind(robot: CheckedRobot) -> Iterator[Finding]:
                     f"0x{objects.VELOCITY_ACTUAL + offset:04X}: it is moved without anything that tells how"
                 )
                 place, od = bus.place(name, "tpdo"), bus.dictionaries[name]
-                there = any((index + offset, 0) in od for index in (objects.POSITION_ACTUAL, objects.VELOCITY_ACTUAL))
+                there = any(_shown(od, index + offset) for index in (objects.POSITION_ACTUAL, objects.VELOCITY_ACTUAL))
                 fix = (
-                    "map one of them" if there else f"{node.identity.dcf} has neither, so no loop can be closed over it"
+                    "map one of them"
+                    if there
+                    else f"{node.identity.dcf} lets neither be mapped, so no loop can be closed over it"
                 )
                 yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
+
+
+def _shown(od: ObjectDictionary, index: int) -> bool:
+    """Whether a TPDO can carry an object."""
+    entry = od.get(index, 0)
+    return entry is not None and entry.tpdo_mappable
 
 
 def _measured(robot: CheckedRobot) -> Iterator[Finding]:
@@ -538,9 +547,9 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
                 text = f"joint {joint.name} asks for its {interface}, and no TPDO of {name} carries 0x{index:04X}"
                 derived = interface == VELOCITY and objects.axis_index(MEASURED[POSITION], int(axis)) in carried
                 end = "it is made of its positions, later and coarser" if derived else "it has none"
-                there = (index, 0) in bus.dictionaries[name]
+                there = _shown(bus.dictionaries[name], index)
                 file = bus.nodes[name].identity.dcf
-                fix = f"map 0x{index:04X} in {bus.path}" if there else f"{file} has no such object"
+                fix = f"map 0x{index:04X} in {bus.path}" if there else f"{file} has none that can be mapped"
                 severity = Severity.NOTE if derived else Severity.WARNING
                 yield Finding(description.path, joint.place.line, severity, f"{text}: {end}", fix)
     for name, controller in robot.configured.items() if silent else ():

@@ -27,8 +27,13 @@ from canopen_control.cia402.objects import (
     FEED_CONSTANT,
     GEAR_RATIO,
     POLARITY,
+    POSITION_ACTUAL,
     POSITION_ENCODER_RESOLUTION,
     STATUSWORD,
+    TARGET_POSITION,
+    TARGET_TORQUE,
+    TARGET_VELOCITY,
+    VELOCITY_ACTUAL,
     axis_index,
 )
 from canopen_control.frame import Service, cob_id, is_restricted
@@ -64,6 +69,7 @@ CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR = 0x1016, 0x1017, 0x1
 TIME_COB_ID, SYNC_OVERFLOW, SYNC_PERIOD, SYNC, EMCY = 0x1012, 0x1019, 0x1006, 0x1005, 0x1014
 ABORT_CONNECTION = 0x6007
 STORE = 0x1010
+_INTERFACES = ("position", "velocity", "effort")
 STOPPED = 2  # 0x1029: to NMT stopped
 FAULT_REACTION = 1  # 0x6007: malfunction, then the fault reaction of 0x605E
 _SUPERVISION = frozenset((CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR))
@@ -158,6 +164,7 @@ def make_plan(given: PlanInput) -> NodePlan:
     builder = PlanBuilder(
         node, od, given.complain, given.warn, given.note, given.spare_cob_ids, given.downloads, given.remark
     )
+    _warn_of_two_motors(builder)
     _plan_communication(builder, given.master)
     profile = Profile(node.profile) if node.profile else profile_of(od)
     signals = plan_signals(builder, profile, tuple(_axes(od)))
@@ -222,6 +229,38 @@ def _plan_values(builder: PlanBuilder, master: MasterConfig) -> int:
 
 def _guard(keys: SupervisionKeys) -> tuple[int, int]:
     return keys.guard_time * _MILLISECOND, keys.life_factor
+
+
+_PER_MOTOR = (TARGET_POSITION, TARGET_VELOCITY, TARGET_TORQUE, POSITION_ACTUAL, VELOCITY_ACTUAL)
+
+
+def two_motors(od: ObjectDictionary) -> tuple[int, ...]:
+    """Return the objects of axis 0 that are variables in CiA 402 and have subindices here, one for each motor.
+
+    ZLTECH's ZLAC8015D has two motors behind one controlword and one statusword.
+    """
+    return tuple(index for index in _PER_MOTOR if (index, 1) in od and (index, 2) in od)
+
+
+def _warn_of_two_motors(builder: PlanBuilder) -> None:
+    """Name a drive whose targets and actual values are in subindices: what can be done with it, and what not."""
+    found = two_motors(builder.od)
+    if not found or any((builder.node.motion.own_target(name) or (0,))[0] in found for name in _INTERFACES):
+        return
+    names = ", ".join(f"0x{index:04X}" for index in found)
+    target = next((index for index in (TARGET_VELOCITY, TARGET_POSITION, TARGET_TORQUE) if index in found), None)
+    way = ""
+    if target is not None:
+        kind = {TARGET_POSITION: "position", TARGET_TORQUE: "effort"}.get(target, "velocity")
+        way = (
+            f"; one of them can be moved, by `{kind}_mode` with `{kind}_target: 0x{target:04X}:01` and an RPDO that "
+            "carries that, without feedback"
+        )
+    builder.warn(
+        "dcf",
+        f"{names} of {builder.file} have a subindex for each of two motors, behind one controlword (as ZLTECH's "
+        f"ZLAC8015D): two joints of one such drive cannot be moved here{way}",
+    )
 
 
 def _check_identity(builder: PlanBuilder) -> None:

@@ -112,10 +112,16 @@ _MOST: Final = 0xFF
 _EXPONENTS: Final = range(-9, 2)
 
 
+_CYCLE_PERIOD = 0x1006
+_IP = 7
+
+
 def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us: int) -> None:
     """Plan it for each axis, given by the offset of its objects."""
     if not sync_period_us:
         return
+    if axes:
+        _compare_cycle_period(builder, sync_period_us)
     for offset in axes:
         index = INTERPOLATION_TIME_PERIOD + offset
         if (index, 1) not in builder.od:
@@ -124,6 +130,27 @@ def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us
             _compare(builder, index, sync_period_us)
         else:
             _add_interpolation(builder, index, sync_period_us)
+
+
+def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:
+    """Name a communication cycle period (0x1006) that is not SYNC's.
+
+    Delta's ASDA-A2 reports an alarm of SYNC where it is not 0x60C2 (canfestival-rtt, issue 18; canopen, issue 407).
+    """
+    held, line = builder.asked_value(_CYCLE_PERIOD), f"{{index: 0x1006, sub_index: 0, value: {sync_period_us}}}"
+    if builder.asked_for(_CYCLE_PERIOD):
+        if held is not None and held not in (0, sync_period_us):
+            number = next((n for n, entry in enumerate(builder.node.boot.sdo) if entry.index == _CYCLE_PERIOD), None)
+            key = "dcf" if number is None else f"sdo[{number}]"
+            builder.warn(key, f"0x1006 is {held} us, SYNC comes every {sync_period_us} us; write `{line}`")
+    elif builder.node.motion.position_mode == _IP and builder.can_write(_CYCLE_PERIOD, 0):
+        held = builder.default(_CYCLE_PERIOD, 0)
+        if held != sync_period_us:
+            builder.remark(
+                "position_mode",
+                f"0x1006, the period of SYNC in us, stays {held or 0}; drives that report an alarm of SYNC in IP "
+                f"(Delta ASDA-A2) need `{line}` under `sdo:`",
+            )
 
 
 def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
