@@ -63,6 +63,7 @@ MAY_IMPORT = {
             "yamlfile",
             "urdf",
             "data_files",
+            "personality",
         },
         STDLIB | MARKS,
     ),

@@ -195,12 +195,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _run_buses(args: argparse.Namespace) -> int:
     """Run the drives of a file of several buses."""
-    given = [name for name in ("node_id", "can", "eds", "status", "quirk", "like", *_FILES) if getattr(args, name)]
+    given = [name for name in ("node_id", "can", "eds", "status", "quirk", *_FILES) if getattr(args, name)]
     if given:
         raise ConfigError(f"--buses: its file says everything; leave --{given[0].replace('_', '-')} away")
+    from canopen_control.personality import read_personality
     from canopen_control.virtual.bus_group import run_group
 
-    return run_group(Path(args.buses), _say)
+    return run_group(Path(args.buses), _say, read_personality(args.like) if args.like else None)
 
 
 def _tell_status(args: argparse.Namespace) -> int:

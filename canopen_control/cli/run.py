@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 
 _FLAGS: Final = ("ros", "view", "teleop", "strict", "peer_merge", "allow_unsupervised")
-_OF_THE_FILE: Final = ("name", "can", "controller", "namespace", "real", "mock", "no_drives", "plant", "kernel_sync",
-                       "realtime", "cpu", "full_speed", "ros_args")  # fmt: skip
+_OF_THE_FILE: Final = ("name", "can", "controller", "namespace", "real", "mock", "no_drives", "like", "plant",
+                       "kernel_sync", "realtime", "cpu", "full_speed", "ros_args")  # fmt: skip
 
 
 def run_shared(args: argparse.Namespace) -> int:
@@ -162,6 +162,9 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     add_file_arguments(parser)
     add_kind_arguments(parser)
     parser.add_argument("--no-drives", action="store_true", help="start no virtual drives; they are running already")
+    parser.add_argument(
+        "--like", metavar="NAME|FILE", help="let the virtual drives behave as those of a manufacturer, see drive --like"
+    )
     add_new_name(parser, "name of this robot for its clients (default: the folder's)")
 
 
@@ -254,6 +257,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
         plant=_plant(args, setup),
         world=setup.world,
         drives=not (setup.real or args.mock or args.no_drives),
+        like=args.like or "",
         ros=args.ros,
         ros_arguments=bridge_arguments(args),
         view=args.view,
@@ -301,10 +305,22 @@ def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
         require_view()
     elif args.teleop:
         raise ConfigError("--teleop is for the page; show it with --view, or drive by keyboard: canopen-control teleop")
+    if args.like is not None:
+        _check_like(args, setup)
     if args.physics:
         _check_physics(args, setup)
     elif setup.world is not None and PluginKind.SIMULATION not in setup.kinds:
         raise ConfigError(f"{setup.files.asked.world_word or '--world'} is of a robot with physics; give --physics too")
+
+
+def _check_like(args: argparse.Namespace, setup: RobotSetup) -> None:
+    """Raise ConfigError for a personality that does not exist, or that no drive of this run could have."""
+    from canopen_control.personality import read_personality
+    from canopen_control.virtual.quirks import quirks_of
+
+    if setup.reaches_real_drives or args.mock or args.no_drives:
+        raise ConfigError("--like is for virtual drives that this program starts; leave it away")
+    quirks_of(read_personality(args.like))
 
 
 def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:

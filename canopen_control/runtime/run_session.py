@@ -158,11 +158,12 @@ class RunOptions:
 
     `ros_arguments` are those of the bridge, which `ros` starts; `view` is the page in a browser, from which `teleop`
     drives; `recorder` is the flight recorder. `realtime` is a priority of SCHED_FIFO, `cpu` the processor that the
-    robot's thread stays on. `physics`: the virtual drives move the robot in a
-    world, that of a file where one is given; `plant`: the file of what hangs on them otherwise.
+    robot's thread stays on. `like` is the personality of the virtual drives. `physics`: the virtual drives move the
+    robot in a world, that of a file where one is given; `plant`: the file of what hangs on them otherwise.
     """
 
     drives: bool = True
+    like: str = ""
     physics: bool = False
     world: Path | None = None
     ros: bool = False
@@ -233,7 +234,7 @@ class RunSession(RobotObserver):
         keep_garbage_small(self._cleanup, self.robot.observers, by_hand=self.options.realtime is not None)
         if self.options.drives and self.robot.buses and hosts_virtual_drives(self.setup):
             plant = write_plant(self.setup, self.robot.joints, self.options.world) if self.options.physics else None
-            self.supervisor.start_drives(self.setup, plant or self.options.plant)
+            self.supervisor.start_drives(self.setup, plant or self.options.plant, like=self.options.like)
         if self.options.recorder:
             channels = {name: bus.channel for name, bus in self.robot.buses.items()}
             self.supervisor.start_recorder(channels, Restarts())

@@ -93,14 +93,16 @@ class Supervisor:
         self._recorder_silent = False
         self._ending = self._over = False
         self._again: dict[Child, Callable[[], None]] = {}
+        self._like: list[str] = []
         self.missing: dict[str, str] = {}
         """The names of programs that have died, with what follows, until they are there again."""
 
-    def start_drives(self, setup: RobotSetup, plant: Path | None = None) -> None:
+    def start_drives(self, setup: RobotSetup, plant: Path | None = None, *, like: str = "") -> None:
         """Start a virtual drive for every node of bus.yml: a process each, or inside this one where the bus is.
 
-        With a `plant` file they are one process, since they move one world.
+        With a `plant` file they are one process, since they move one world. `like` is their personality.
         """
+        self._like = ["--like", like] if like else []
         if plant is not None:
             self._spawn_world(setup, plant)
             return
@@ -305,6 +307,7 @@ class Supervisor:
                 str(eds),
                 "--can",
                 channel,
+                *self._like,
             ]
             self._drives.append(self._start([*MODULE, *arguments], f"{_DRIVE}{node.name}", reports=True))
 
@@ -319,17 +322,20 @@ class Supervisor:
             arguments = ["canopen_control", "drive", "--node-id", ids, "--can", channel, "--plant", str(plant)]
             for bus, node in nodes:
                 arguments += ["--eds", f"{node.node_id}={bus.eds_paths[node.name]}"]
-        child = self._start([*MODULE, *arguments], "drives", reports=True)
+        child = self._start([*MODULE, *arguments, *self._like], "drives", reports=True)
         self._world = child, tuple(node.name for _, node in nodes)
         self._drives.append(child)
 
     def _host_drives(self, bus: BusConfig, channel: str) -> None:
+        from canopen_control.personality import read_personality
         from canopen_control.virtual.device import make_device
         from canopen_control.virtual.node_host import NodeHost
 
+        like = read_personality(self._like[1]) if self._like else None
+
         for node in bus.nodes.values():
             port = open_port(channel, label=f"drive {node.node_id}")
-            device = make_device(bus.eds_paths[node.name], node.node_id)
+            device = make_device(bus.eds_paths[node.name], node.node_id, like=like)
             self._hosts.append((NodeHost(self._reactor, port, [device]), port))
 
     def _start(

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.bus.port import Port
+    from canopen_control.personality import Personality
     from canopen_control.virtual.plant import SharedWorld, World
     from canopen_control.yamlfile.problems import Problems
 
@@ -102,8 +103,8 @@ def _check(file: BusGroup, _problems: Problems) -> None:
                 bus.here.error(f"{text!r} is no node id: 1 to {MAX_NODE_ID}")
 
 
-def run_group(path: Path, say: Callable[[str], None]) -> int:
-    """Run the drives of a file until told to end; return the exit code.
+def run_group(path: Path, say: Callable[[str], None], like: Personality | None = None) -> int:
+    """Run the drives of a file until told to end, all with one personality; return the exit code.
 
     Raises EdsError and ConfigError for what cannot be started, BusError for a channel.
     """
@@ -121,7 +122,7 @@ def run_group(path: Path, say: Callable[[str], None]) -> int:
         made = []
         for (name, bus_name, bus), (port, label, check) in zip(_buses(file), waiting, strict=True):
             side = world.side(name if file.world else "", "" if bus_name == MAIN else bus_name)
-            made.append(_nodes(bus, path, port, label, side, say))
+            made.append(_nodes(bus, path, port, label, side, say, like))
             check.finish()
         return DriveProcess(reactor, made, say).run()
 
@@ -130,10 +131,12 @@ def _buses(file: BusGroup) -> list[tuple[str, str, BusFile]]:
     return [(name, each, bus) for name, robot in file.robots.items() for each, bus in robot.buses.items()]
 
 
-def _nodes(bus: BusFile, path: Path, port: Port, label: str, world: World, say: Callable[[str], None]) -> BusNodes:
+def _nodes(
+    bus: BusFile, path: Path, port: Port, label: str, world: World, say: Callable[[str], None], like: Personality | None
+) -> BusNodes:
     """Return the nodes of a bus on their side of the world."""
     others = {int(node): path.parent / eds for node, eds in bus.nodes.items()}
-    devices = make_devices(list(others), next(iter(others.values())), say, others=others, world=world)
+    devices = make_devices(list(others), next(iter(others.values())), say, others=others, world=world, like=like)
     return BusNodes(port, devices.nodes, partial(reopen, bus.channel, label), world=world)
 
 

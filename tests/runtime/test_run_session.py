@@ -87,7 +87,7 @@ def test_a_processor_of_its_own_is_the_robots_and_not_its_childrens(monkeypatch)
     session = RunSession(setup("pinned", "memory:pin"), RunOptions(cpu=one))
     started = []
     monkeypatch.setattr(
-        session.supervisor, "start_drives", lambda _setup, _plant: started.append(os.sched_getaffinity(0))
+        session.supervisor, "start_drives", lambda _setup, _plant, like: started.append(os.sched_getaffinity(0))
     )
     try:
         session.start()

@@ -185,6 +185,20 @@ def test_the_robot_begins_when_its_drives_are_ready_and_not_before(supervisor, m
     assert supervisor.events == []
 
 
+@pytest.mark.parametrize("plant", [None, "plant.yml"])
+def test_drives_are_started_with_their_personality(supervisor, monkeypatch, tmp_path, plant):
+    setup = drives_that(monkeypatch, SAYS_READY.format("import sys; assert sys.argv[-2:] == ['--like', 'elmo']"))
+    supervisor.start_drives(setup, plant and tmp_path / plant, like="elmo")
+    began = []
+    supervisor.when_ready(SimpleNamespace(children_ready=lambda: began.append(True), child_failed=pytest.fail))
+    assert supervisor.reactor.run_until(lambda: bool(began), 20 * SECOND)
+
+
+def test_drives_inside_this_process_have_their_personality(supervisor):
+    supervisor.start_drives(read_robot(find_robot("robby"), can=["memory:like"]), like="copley")
+    assert [host.nodes[0].quirks.active for host, _ in supervisor._hosts] == [["mapping_count_first"]] * 2
+
+
 def test_the_drives_of_a_world_are_one_process_and_what_it_guessed_is_told(supervisor, monkeypatch, tmp_path):
     setup = drives_that(monkeypatch, SAYS_READY.format("print('world: a mass'); print('other', flush=True)"))
     supervisor.start_drives(setup, tmp_path / "plant.yml")
