@@ -1,8 +1,8 @@
-"""The frame layouts of SDO, shared by client and server (CiA 301, 7.2.4.3).
+"""Frame layouts of SDO, shared by client and server (CiA 301, 7.2.4.3).
 
 Every SDO frame has eight bytes, unused ones zero. Byte 0 is the command specifier, bytes 1 to 3 of an initiate and of
-an abort are the multiplexer (index little-endian, subindex). Nothing in this file decides: client and server each have
-their own state machines, so that each checks the other.
+an abort are the multiplexer (index little-endian, subindex). Client and server share only these layouts and the
+transfer of segments; their state machines are separate, so that tests of one against the other are meaningful.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ UPLOAD: Final = 0x40  # client: initiate upload; server: its answer, plus n, e, 
 UPLOAD_SIZED: Final = 0x41
 UPLOAD_UNSIZED: Final = 0x40
 UPLOAD_SEGMENT: Final = 0x60
-SEGMENT: Final = 0x00  # the frame that carries a segment's data, either way
+SEGMENT: Final = 0x00  # frame with a segment, in both directions
 TOGGLE: Final = 0x10
 ABORT: Final = 0x80
 
@@ -36,8 +36,8 @@ BLOCK_DOWNLOAD: Final = 0xC0  # client: plus CRC_FLAG, SIZED_FLAG
 BLOCK_DOWNLOAD_ANSWER: Final = 0xA0
 BLOCK_UPLOAD: Final = 0xA0  # client: plus CRC_FLAG
 BLOCK_UPLOAD_ANSWER: Final = 0xC0
-BLOCK_START: Final = 0xA3  # client: now send the first sub-block
-BLOCK_ACK: Final = 0xA2  # last segment received in order, size of the next sub-block
+BLOCK_START: Final = 0xA3  # client: send the first sub-block
+BLOCK_ACK: Final = 0xA2  # number of the last segment in order, size of the next sub-block
 BLOCK_END: Final = 0xC1  # plus unused bytes of the last segment << 2, then the CRC
 BLOCK_END_ANSWER: Final = 0xA1
 SUB_COMMAND_MASK: Final = 0xE3
@@ -47,46 +47,41 @@ LAST_FLAG: Final = 0x80  # in byte 0 of a block's segment, above its sequence nu
 MAX_BLOCK_SIZE: Final = 127
 
 SEGMENT_DATA: Final = 7  # bytes of the object in one segment
-MAX_TRANSFER_SIZE: Final = 1 << 20  # default limit of both sides: what no drive's object reaches
-NO_MUX: Final = b"\0\0\0"  # the multiplexer of an abort that belongs to no known transfer
+MAX_TRANSFER_SIZE: Final = 1 << 20  # default limit of both sides, larger than any object of a drive
+NO_MUX: Final = b"\0\0\0"  # multiplexer of an abort outside of a transfer
 
-EXPEDITED_LENGTHS: Final = {0x42: 4, 0x43: 4, 0x47: 3, 0x4B: 2, 0x4F: 1}  # upload answer: bytes of data
-EXPEDITED_CODES: Final = (0, 0x0F, 0x0B, 0x07, 0x03)  # by length: n, e and s, to add to DOWNLOAD or UPLOAD
+EXPEDITED_LENGTHS: Final = {0x42: 4, 0x43: 4, 0x47: 3, 0x4B: 2, 0x4F: 1}  # upload answer: number of data bytes
+EXPEDITED_CODES: Final = (0, 0x0F, 0x0B, 0x07, 0x03)  # by length: n, e and s, added to DOWNLOAD or UPLOAD
 
 INITIATE: Final = struct.Struct("<BHB4x")
 INITIATE_BYTES: Final = struct.Struct("<BHB4s")
 INITIATE_NUMBER: Final = struct.Struct("<BHBI")  # a size, or an abort code
 BLOCK_END_FRAME: Final = struct.Struct("<BH5x")
 BLOCK_END_ANSWER_FRAME: Final = bytes((BLOCK_END_ANSWER, 0, 0, 0, 0, 0, 0, 0))
-MAX_NUDGES: Final = 3  # acknowledgements on silence, in a row, of which nothing came
-MAX_STUCK: Final = 16  # sub-blocks in a row of which nothing arrived
 
-# What a transfer makes of a frame; a positive number is the abort code to send.
+# Results of a transfer for a frame; a positive number is the abort code to send.
 PROGRESS: Final = 0
 DONE: Final = -1
 IGNORED: Final = -2
 
 
 def crc16(data: bytes | bytearray) -> int:
-    """Return the block transfer's CRC: x^16 + x^12 + x^5 + 1, start 0, over the object's bytes alone (7.2.4.3.16)."""
+    """Return the CRC of a block transfer: x^16 + x^12 + x^5 + 1, start 0, over the bytes of the object (7.2.4.3.16)."""
     return binascii.crc_hqx(data, 0)
 
 
-# Takes many segments of a block transfer at once, for client and server (CiA 301, 7.2.4.3.9).
-#
-# The law: nothing here decides. A run is what of the waiting records is, one after the other and without exception, the
-# next segments in order, none of them the last of the object; whatever else there may be goes frame by frame to whoever
-# does decide. A run is compared with what it must be as one long number, so that the lowest bit that differs tells
-# where it ends, and its bytes move by strides: what a segment costs does not depend on Python's speed.
+# Many segments of a block transfer at once: the expected records of consecutive segments are compared with the received
+# ones as one long integer, so that the lowest different bit gives their number, and the bytes are copied with strides.
+# The cost per segment does not depend on Python's speed. All other frames are processed one by one.
 
 
 SHORTEST_RUN: Final = 4  # fewer segments are as fast one by one
 _ID_SIZE: Final = 4  # bytes of a record's can_id
-_NUMBER_AT: Final = 8  # byte of a record that is the first of its data
+_NUMBER_AT: Final = 8  # offset of the first data byte in a record
 _FRAME_DATA: Final = struct.Struct("8s")
 _NUMBERS: Final = bytes(range(1, MAX_BLOCK_SIZE + 1))
 
-# A sub-block's records as one little-endian number; those of `_EACH` are 1 in every record's first byte.
+# Records of a sub-block as one little-endian number; `_EACH` is 1 in the first byte of every record.
 _BITS: Final = 8 * RECORD_SIZE
 _EACH: Final = sum(1 << _BITS * n for n in range(MAX_BLOCK_SIZE))
 _NUMBERED: Final = sum(number << _BITS * n + 8 * _NUMBER_AT for n, number in enumerate(_NUMBERS))
@@ -94,9 +89,9 @@ _COMPARED: Final = int.from_bytes(b"\xff\xff\xff\xff\xff\0\0\0\xff", "little") *
 
 
 def segments_in_order(records: bytes, start: int, cob_id: int, number: int, most: int) -> bytearray:
-    """Return the data of the run that begins at byte `start`: seven bytes for each of its records, at most `most`.
+    """Return the data of the segments in order from byte `start` on, at most `most` segments of seven bytes.
 
-    `number` is that of the segment awaited; it and the `most` - 1 behind it are at most 127. Empty is no run.
+    `number` is that of the first segment; `number + most - 1` is at most 127. Empty if there are too few.
     """
     most = min(most, (len(records) - start) // RECORD_SIZE)
     data = bytearray()
@@ -114,8 +109,18 @@ def segments_in_order(records: bytes, start: int, cob_id: int, number: int, most
     return data
 
 
+def segment_frame(cob_id: int, data: bytes, offset: int, toggle: int) -> CanFrame:
+    """Return the segment of `data` that begins at `offset` (CiA 301, 7.2.4.3.4 and 7.2.4.3.7)."""
+    chunk = data[offset : offset + SEGMENT_DATA]
+    command = SEGMENT | toggle | (SEGMENT_DATA - len(chunk)) << 1 | (offset + SEGMENT_DATA >= len(data))
+    return CanFrame(cob_id, bytes((command,)) + chunk.ljust(SEGMENT_DATA, b"\0"))
+
+
 def segment_frames(cob_id: int, data: bytes, first: int, count: int) -> list[CanFrame]:
-    """Make a sub-block: the `count` segments of `data` from segment `first` on, flagged if they end the object."""
+    """Return the frames of a sub-block: `count` segments of `data` from segment `first` on.
+
+    The segment at the end of the object has the last flag.
+    """
     end = (first + count) * SEGMENT_DATA
     chunk = data[first * SEGMENT_DATA : end].ljust(count * SEGMENT_DATA, b"\0")
     payload = bytearray(8 * count)
@@ -133,17 +138,17 @@ def deliver(
     receive_records: Callable[[bytes, int, int], int],
     receive: Callable[[CanFrame, int], None],
 ) -> None:
-    """Hand whole records over, in order: to `receive_records` the runs it takes, to `receive` frame by frame the rest.
+    """Pass whole records on in order: runs of segments to `receive_records`, single frames to `receive`.
 
-    `receive_records(records, start, now)` returns how many records it took from byte `start` on, 0 for none.
-    It is asked where a run may be: enough records are left, and the first two have one identifier.
+    `receive_records(records, start, now)` returns the number of records it processed from byte `start` on. It is called
+    only if enough records remain and the first two have the same identifier.
     """
     start, end = 0, len(records)
     if end == RECORD_SIZE:
         can_id, length, data = RECORD.unpack(records)
         receive(CanFrame(can_id, data[:length]), now)
         return
-    least = end - SHORTEST_RUN * RECORD_SIZE  # behind it there is no room for a run
+    least = end - SHORTEST_RUN * RECORD_SIZE  # after it there are too few records
     while start < end:
         second = start + RECORD_SIZE
         alike = start <= least and records[start : start + _ID_SIZE] == records[second : second + _ID_SIZE]

@@ -1,15 +1,14 @@
-"""One SDO request of a client as a state machine: tries, answers, timeouts and aborts (CiA 301, 7.2.4).
+"""State machine of one SDO request of a client: tries, answers, timeouts and aborts (CiA 301, 7.2.4).
 
-The law of this file:
-- What is awaited is a `Phase`: it alone knows what a frame, an abort, a timeout or a cancellation
-  means; what follows from that is decided here.
-- A timeout sends an abort with the true multiplexer. A block transfer that the server refuses, or whose CRC is wrong,
-  is done again in segments. Every other abort ends the request.
-- The data of a program (0x1F50, CiA 302-3) that broke off are never sent again by themselves, nor in segments: the
-  server wants a fresh clear before.
-- What an upload of a known object brought has the length of its type; else it is an error, and never a value.
-- A request that died (timed out or cancelled) may still be answered: until that is settled, its object is in
-  quarantine, so that no late answer can be taken for that of the retry.
+Rules:
+- A `Phase` interprets frames, aborts, timeouts and cancellations; the consequences are here.
+- A timeout sends an abort with the multiplexer of the request. A block transfer that the server refuses, or whose CRC
+  is wrong, is repeated in segments. Any other abort ends the request.
+- Interrupted program data (0x1F50, CiA 302-3) are never sent again automatically, neither in segments, because the
+  server needs a new clear command first.
+- The data of an upload of a known object have the length of its type, or the request fails.
+- An abandoned request (timed out or cancelled) may still be answered. `LateAnswerGuard` prevents that a late answer is
+  taken for that of a retry.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ import dataclasses
 from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.cia301.abort import BUSY_CODES, AbortCode, abort_text
-from canopen_control.cia301.sdo_client_block import BlockUpload
 from canopen_control.cia301.sdo_codec import (
     ABORT,
     BLOCK_DOWNLOAD,
@@ -36,6 +34,7 @@ from canopen_control.cia301.sdo_codec import (
     SIZED_FLAG,
     UPLOAD,
 )
+from canopen_control.cia301.sdo_transfers import BlockUpload
 from canopen_control.errors import LocalProtocolError, SdoAbort, SdoLengthError, SdoTimeout
 from canopen_control.frame import CanFrame
 from canopen_control.od.codec import fitted
@@ -50,26 +49,19 @@ if TYPE_CHECKING:
     """Function that returns the first phase of a try, and its first frame."""
 
 
-# An SDO request as its caller holds it, the client's options, and how often is tried again.
-#
-# The law of trying again: a timeout is tried `retries` times more; a toggle error starts the transfer again at most
-# twice; "not now" to a download is asked again after pauses that grow, until `busy_ns` are over, to an upload once;
-# what block transfer could not do is done in segments, once. None of these counts against another.
-
-
 _MAX_RESTARTS: Final = 2  # after toggle errors
-_FIRST_PAUSE_NS: Final = 20_000_000  # doubles with every "not now"
+_FIRST_PAUSE_NS: Final = 20_000_000  # doubled after each busy abort
 _MAX_PAUSE_NS: Final = 500_000_000
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class SdoOptions:
-    """How a client transfers; the defaults suit every server.
+    """Options of a client; the defaults are accepted by every server.
 
-    `block_threshold` is the length in bytes from which a write that does not choose uses block transfer;
-    `block_size` the segments per sub-block of an upload, 1 to 127; `switch_threshold` the length up to which a server
-    may answer a block upload with a plain one (0: it need not ask). `crc` and `announce_size` say what is offered,
-    `max_size` how many bytes an upload may take, and `busy_ns` how long "not now" is asked again.
+    `block_threshold` is the length in bytes from which a write uses block transfer by default; `block_size` the
+    segments per sub-block of an upload, 1 to 127; `switch_threshold` the length up to which a server may switch a block
+    upload to another protocol (0: never). `crc` and `announce_size` enable these options, `max_size` limits an upload
+    in bytes, and `busy_ns` limits the repetition after busy aborts.
     """
 
     block_threshold: int = 256
@@ -90,9 +82,9 @@ class SdoOptions:
 class SdoRequest:
     """One upload or download, from the queue to its end.
 
-    `data` is the result of a read and the payload of a write; `error` says why it failed, None while it has not;
-    `block` whether block transfer is tried first; `context` is free for whoever asked. `elapsed_ns` counts from the
-    first frame, not from the queue; it stays 0 for one that was cancelled.
+    `data` is the result of a read or the payload of a write; `error` is None on success; `block` requests block
+    transfer; `context` is free for the caller. `elapsed_ns` counts from the first frame, and is 0 for a cancelled
+    request.
     """
 
     __slots__ = (
@@ -137,7 +129,12 @@ class SdoRequest:
 
 
 class RetryBudget:
-    """How often one request may still be tried again, and why; made with its first trouble."""
+    """Remaining retries of one request, created at its first error.
+
+    A timeout is retried `tries` times and a toggle error twice. A busy abort of a download is retried after increasing
+    pauses, until `busy_ns` have elapsed, that of an upload once. A failed block transfer is repeated in segments, once.
+    These counts are independent.
+    """
 
     __slots__ = ("_busy_until", "_pause_ns", "_restarts", "_tries", "plain", "waited_ns")
 
@@ -145,11 +142,11 @@ class RetryBudget:
         self._tries, self._restarts = tries, _MAX_RESTARTS
         self._pause_ns = _FIRST_PAUSE_NS
         self._busy_until: int | None = None
-        self.plain = False  # block transfer is out of the question
-        self.waited_ns = 0  # in vain
+        self.plain = False  # no block transfer any more
+        self.waited_ns = 0  # total time of expired timeouts
 
     def has_try(self, code: int) -> bool:
-        """Use up a try after a timeout or a toggle error; False if `code` is none of these or none is left."""
+        """Use one retry after a timeout or a toggle error; False for other codes, or if none is left."""
         if code == AbortCode.TIMED_OUT and self._tries > 0:
             self._tries -= 1
             return True
@@ -160,11 +157,11 @@ class RetryBudget:
 
     @property
     def paused(self) -> bool:
-        """Whether it was asked again after a pause."""
+        """Whether the request was repeated after a pause."""
         return self._busy_until is not None
 
     def pause(self, code: int, busy_ns: int, now: int) -> int | None:
-        """Return when to ask again what the server cannot do now; None if it is no such code, or for too long."""
+        """Return the time of a retry after a busy abort; None for other codes, or after `busy_ns`."""
         if code not in BUSY_CODES:
             return None
         if self._busy_until is None:
@@ -174,13 +171,8 @@ class RetryBudget:
         return until if until <= self._busy_until else None
 
 
-# The first frame of an SDO transfer, and answers that servers cut short (CiA 301, 7.2.4.3).
-#
-# The law: what fits four bytes goes with the initiate (expedited), everything else in segments or blocks. Some servers
-# cut their frames behind the last used byte, although CiA 301 wants eight: that is made good where no byte is missing.
-
-
-BLOCK_ERRORS: Final = frozenset(  # what segments may still do: without CRC a lost segment shows in the length
+# errors of block transfer that segments may avoid; without CRC a lost segment appears as a wrong length
+BLOCK_ERRORS: Final = frozenset(
     (
         AbortCode.UNKNOWN_COMMAND,
         AbortCode.INVALID_BLOCK_SIZE,
@@ -193,7 +185,7 @@ BLOCK_ERRORS: Final = frozenset(  # what segments may still do: without CRC a lo
 
 
 def initiate(request: SdoRequest, options: SdoOptions) -> bytes:
-    """Return the first frame of an expedited or segmented transfer."""
+    """Return the initiate of an expedited (up to four bytes) or segmented transfer."""
     index, subindex, data = request.index, request.subindex, request.data
     if not request.is_write:
         return INITIATE.pack(UPLOAD, index, subindex)
@@ -205,7 +197,7 @@ def initiate(request: SdoRequest, options: SdoOptions) -> bytes:
 
 
 def initiate_block(request: SdoRequest, options: SdoOptions) -> bytes:
-    """Return the first frame of a block transfer."""
+    """Return the initiate of a block transfer."""
     crc = CRC_FLAG if options.crc else 0
     index, subindex = request.index, request.subindex
     if not request.is_write:
@@ -216,116 +208,118 @@ def initiate_block(request: SdoRequest, options: SdoOptions) -> bytes:
 
 
 def completed(data: bytes) -> bytes:
-    """Fill up a frame that was cut behind its last used byte; empty if it lacks a byte that counts."""
+    """Return a frame padded to 8 bytes; empty if it lacks a used byte.
+
+    Some servers truncate frames after the last used byte, although CiA 301 requires 8 bytes.
+    """
     if len(data) < 4 or len(data) > 8:
         return b""
     used = {ABORT: 8, DOWNLOAD_ANSWER: 4}.get(data[0], 4 + EXPEDITED_LENGTHS.get(data[0], 4))
     return data.ljust(8, b"\0") if len(data) >= used else b""
 
 
-# Objects that may not be read or written yet, because a late SDO answer about them may still come.
-#
-# The law: an answer carries command and multiplexer, nothing else, so an answer that comes late cannot be told from
-# that of the retry, nor from that of the next request for the same object. What can be told is the order: a server
-# works off its requests one after the other, and the bus keeps the order of one sender's frames. An answer to X thus
-# settles all that was asked before X: it has been answered, or never will be. If X itself is owed an answer, it settles
-# what was asked before the first X that is. Before an object in quarantine is asked for again, a mandatory object is
-# read to settle it: the device type, or else the error register.
-
-
 _PROBES: Final = (INITIATE.pack(UPLOAD, 0x1000, 0), INITIATE.pack(UPLOAD, 0x1001, 0))
 
 
 class LateAnswerGuard:
-    """The multiplexers that are owed an answer, in the order in which they were first asked for."""
+    """Multiplexers of abandoned requests that may still be answered, in the order of the requests.
 
-    __slots__ = ("owed",)
+    An answer contains only command specifier and multiplexer, so that a late answer cannot be distinguished from that
+    of a retry or of the next request for the same object. But a server processes requests in order, and the bus keeps
+    the order of its frames: an answer to X proves that all requests before X were answered or never will be. If X
+    itself is pending, this holds for the requests before the first pending X. Before a pending object is requested
+    again, a mandatory object is read: the device type, or else the error register.
+    """
+
+    __slots__ = ("pending",)
 
     def __init__(self) -> None:
-        self.owed: dict[bytes, None] = {}  # keys alone: a set that keeps its order
+        self.pending: dict[bytes, None] = {}  # only the keys are used, as an ordered set
 
-    def died(self, mux: bytes) -> None:
-        """Note that a request was given up."""
-        self.owed.setdefault(mux)
+    def add(self, mux: bytes) -> None:
+        """Add an abandoned request."""
+        self.pending.setdefault(mux)
 
     def answered(self, mux: bytes) -> None:
-        """Note an answer to what has been asked last."""
-        if not self.owed:
+        """Remove the requests that an answer to the last request proves to be complete."""
+        if not self.pending:
             return
-        if mux not in self.owed:
-            self.owed.clear()
+        if mux not in self.pending:
+            self.pending.clear()
             return
-        for earlier in list(self.owed):
+        for earlier in list(self.pending):
             if earlier == mux:
                 break
-            del self.owed[earlier]
+            del self.pending[earlier]
 
-    def probe(self) -> bytes:
-        """Return the request that settles most: one that is owed nothing, else the one asked for last."""
-        order = list(self.owed)
-        return max(_PROBES, key=lambda probe: order.index(probe[1:4]) if probe[1:4] in self.owed else len(order))
+    def flush_request(self) -> bytes:
+        """Return the request that proves most: of an object that is not pending, else of the last pending one."""
+        order = list(self.pending)
+        return max(_PROBES, key=lambda probe: order.index(probe[1:4]) if probe[1:4] in self.pending else len(order))
 
 
 _PROGRAM_DATA: Final = 0x1F50
-_UNARMED: Final = 0  # the deadline of a request whose caller did not say when it is; the next tick does
+_UNARMED: Final = 0  # deadline of a request whose time is unknown; the next tick sets it
 
 
 class Transfer(Protocol):
-    """What follows an initiate that was not expedited."""
+    """Segmented or block transfer after an initiate."""
 
-    suspect: bool
+    @property
+    def toggle_suspect(self) -> bool:
+        """Whether a copy with the wrong toggle bit was ignored, so that a timeout may be a toggle error."""
 
     @property
     def result(self) -> bytes:
-        """What was read; empty after a write."""
+        """Data of an upload; empty for a download."""
 
     @property
     def progress(self) -> tuple[int, int | None]:
-        """Bytes done, and of how many where that is known."""
+        """Number of bytes transferred, and the size if known."""
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Take an answer of the server; returns the state."""
+        """Process a frame of the server; see `sdo_transfers`."""
 
-    def nudge(self, out: list[CanFrame]) -> bool:
-        """Ask again where the protocol has a way to; returns whether it has."""
+    def acknowledge_on_silence(self, out: list[CanFrame]) -> bool:
+        """Acknowledge an incomplete sub-block after a timeout; False if the transfer has nothing to acknowledge."""
 
 
 class Phase:
-    """What the exchange waits for. This one is no request at all: nothing of the server belongs to it.
+    """Base of the phases of a request, and the idle phase: all frames are ignored.
 
-    `block` says whether block transfer is tried; `transfer` is what follows the first answer.
+    `block` says whether block transfer is used; `transfer` exists after the answer to an initiate.
     """
 
     def __init__(self, block: bool = False, transfer: Transfer | None = None) -> None:
         self.block, self.transfer = block, transfer
 
     def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:  # noqa: ARG002 - what every phase gets
-        """Take a frame of eight bytes that is no abort."""
+        """Receive a frame of eight bytes other than an abort."""
         exchange.ignored += 1
 
-    def concerns(self, exchange: SdoTransfer, mux: bytes) -> bool:  # noqa: ARG002
-        """Whether an abort of this multiplexer is about the request."""
+    def owns_abort(self, exchange: SdoTransfer, mux: bytes) -> bool:  # noqa: ARG002
+        """Whether an abort with this multiplexer belongs to the request."""
         return False
 
     def aborted(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
-        """Take an abort that concerns the request."""
+        """Process an abort of the request."""
         if data[1:4] == exchange.mux:
-            exchange.quarantine.answered(exchange.mux)
-        exchange.refused(request, int.from_bytes(data[4:8], "little"), now)
+            exchange.late_answers.answered(exchange.mux)
+        exchange.handle_abort(request, int.from_bytes(data[4:8], "little"), now)
 
-    def time_out(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
-        """Act on a deadline that has passed."""
+    def expire(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
+        """Process an expired deadline."""
 
     def abandon(self, exchange: SdoTransfer) -> None:
-        """Let the server know that nobody waits any more, if it has heard of the request."""
+        """Send an abort for a cancelled request if the server has received it."""
 
 
 class Pausing(Phase):
-    """The server has said "not now": the request is made again when the deadline passes."""
+    """Phase after a busy abort: the request is repeated at the deadline."""
 
-    def time_out(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
-        """Ask again."""
-        exchange.again(request, now)
+    def expire(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
+        """Repeat the request."""
+        exchange.retry(request, now)
 
 
 _IDLE: Final = Phase()
@@ -333,10 +327,10 @@ _PAUSING: Final = Pausing()
 
 
 class SdoTransfer:
-    """The request under way, if there is one, as its client sees it, and what its phases do with it.
+    """Active request of a client, with its phase.
 
-    `first_phase` says how a try begins. `out` holds what is to be sent and `finished` the requests
-    that ended: both are the client's to take. `mux` and `first` are the multiplexer and the first frame of this try.
+    `first_phase` starts a try. The client fetches `out`, the frames to send, and `finished`, the ended requests. `mux`
+    and `first` are the multiplexer and the first frame of this try.
     """
 
     def __init__(
@@ -350,48 +344,48 @@ class SdoTransfer:
     ) -> None:
         self.node_id, self.name, self.retries, self.options = node_id, name, retries, options
         self.request_cob_id, self._first_phase = request_cob_id, first_phase
-        self.ignored = 0  # frames from the server that belonged to nothing
-        self.retried = 0  # tries after the first
-        self.entry_of: Callable[[int, int], Entry | None] | None = None  # of the node's dictionary
-        self.block_supported: bool | None = None  # None: not known yet
+        self.ignored = 0  # number of ignored frames of the server
+        self.retried = 0  # number of tries after the first
+        self.entry_of: Callable[[int, int], Entry | None] | None = None  # from the dictionary of the node
+        self.block_supported: bool | None = None  # None: unknown
         self.out: list[CanFrame] = []
         self.finished: list[SdoRequest] = []
         self.active: SdoRequest | None = None
         self.deadline: int | None = None
         self.phase: Phase = _IDLE
-        self.quarantine = LateAnswerGuard()
+        self.late_answers = LateAnswerGuard()
         self.first = b""
         self.mux = b""
-        self._started: int | None = None  # None: the first frame has not been seen to leave
-        self._budget: RetryBudget | None = None  # None: the request has had no trouble yet
-        self._in_vain: set[int] = set()  # "not now" of uploads that a pause has not changed
+        self._started: int | None = None  # None: the first frame was not seen to be sent
+        self._budget: RetryBudget | None = None  # None: no error yet
+        self._constant_codes: set[int] = set()  # busy aborts of uploads that a pause did not change
 
-    # -- what the client does
+    # -- client side
 
     @property
     def progress(self) -> tuple[int, int | None]:
-        """How far the transfer under way is, in bytes; see `SdoClient.progress`."""
+        """Number of bytes transferred and the size; see `SdoClient.progress`."""
         transfer = self.phase.transfer
         return (0, None) if transfer is None else transfer.progress
 
     def start(self, request: SdoRequest, now: int | None) -> None:
-        """Begin a request; with `now` None its timeout starts with the next tick."""
+        """Start a request; without `now` its timeout starts at the next tick."""
         self.active, self._started, self._budget = request, now, None
-        self.begin(request, now)
+        self.start_try(request, now)
 
     def receive(self, data: bytes, now: int) -> None:
-        """Take the data of a frame from the server; what answers nothing is counted."""
+        """Receive the data of a frame of the server; frames that are not an answer are counted."""
         if len(data) != 8 and not (data := completed(data)):
             self.ignored += 1
         elif data[0] != ABORT:
             self.phase.receive(self, data, now)
-        elif (request := self.active) is not None and self.phase.concerns(self, data[1:4]):
+        elif (request := self.active) is not None and self.phase.owns_abort(self, data[1:4]):
             self.phase.aborted(self, request, data, now)
         else:
             self.ignored += 1
 
     def receive_records(self, records: bytes, start: int, cob_id: int, now: int) -> int:
-        """Take a run of a block upload's segments at once; return how many records, 0 if there is none."""
+        """Receive segments of a block upload at once; return their number, 0 if there are none."""
         transfer, request = self.phase.transfer, self.active
         if not isinstance(transfer, BlockUpload) or request is None:
             return 0
@@ -400,17 +394,17 @@ class SdoTransfer:
         return count
 
     def tick(self, now: int) -> None:
-        """Start the timeout of a request that has left, or act on one that ran out."""
+        """Start the timeout of a request that was sent, or process an expired one."""
         request = self.active
         if self.deadline is None or now < self.deadline or request is None:
             return
         if self.deadline == _UNARMED:
             self._started, self.deadline = now, now + request.timeout_ns
         else:
-            self.phase.time_out(self, request, now)
+            self.phase.expire(self, request, now)
 
     def cancel(self, error: CanopenError) -> None:
-        """Give up the request under way without an answer; the server is told if it has heard of it."""
+        """End the active request without an answer, with an abort if the server has received it."""
         if (request := self.active) is None:
             return
         self.phase.abandon(self)
@@ -418,140 +412,140 @@ class SdoTransfer:
         self.report(request, error)
 
     def forget(self) -> None:
-        """Forget what is known of the server: it has booted."""
-        self.quarantine.owed.clear()
+        """Clear the state of a server that has booted."""
+        self.late_answers.pending.clear()
         self.block_supported = None
-        self._in_vain.clear()
+        self._constant_codes.clear()
 
-    # -- what the phases do
+    # -- phase side
 
-    def begin(self, request: SdoRequest, now: int | None) -> None:
-        """Make a try: send its first frame."""
+    def start_try(self, request: SdoRequest, now: int | None) -> None:
+        """Start a try: send its first frame."""
         self.phase, self.first = self._first_phase(self, request)
         self.mux = self.first[1:4]
         self.out.append(CanFrame(self.request_cob_id, self.first))
         self.deadline = _UNARMED if now is None else now + request.timeout_ns
 
     @property
-    def tries_blocks(self) -> bool:
-        """Whether block transfer may still be tried: neither the server nor an earlier try has shown that it fails."""
+    def may_use_blocks(self) -> bool:
+        """Whether block transfer may be used: neither the server nor an earlier try has refused it."""
         return self.block_supported is not False and not (self._budget and self._budget.plain)
 
-    def proceed(self, request: SdoRequest, phase: Phase, now: int) -> None:
-        """Go on with what follows the first answer."""
+    def enter(self, request: SdoRequest, phase: Phase, now: int) -> None:
+        """Enter the phase after the answer to the initiate."""
         self.phase = phase
         self.deadline = now + request.timeout_ns
 
-    def again(self, request: SdoRequest, now: int) -> None:
-        """Make another try."""
+    def retry(self, request: SdoRequest, now: int) -> None:
+        """Start another try."""
         self.retried += 1
-        self.begin(request, now)
+        self.start_try(request, now)
 
-    def has_room(self, request: SdoRequest, size: int | None, now: int) -> bool:
-        """Whether an upload may be as large as it was announced; if not, the request has ended."""
+    def fits(self, request: SdoRequest, size: int | None, now: int) -> bool:
+        """Whether the announced size of an upload is within the limit; if not, the request has ended."""
         if size is None or size <= self.options.max_size:
             return True
-        self.give_up(request, AbortCode.OUT_OF_MEMORY, now)
+        self.abort_transfer(request, AbortCode.OUT_OF_MEMORY, now)
         return False
 
     def uploaded(self, request: SdoRequest, data: bytes, sized: bool, now: int) -> None:
-        """End an upload with its data, if they have the length of the object's type."""
+        """Complete an upload if its data fit the type of the object."""
         request.data = data
         entry = None if self.entry_of is None else self.entry_of(request.index, request.subindex)
         if entry is not None:
-            if (whole := fitted(data, entry.data_type, told=sized)) is None:
+            if (value := fitted(data, entry.data_type, told=sized)) is None:
                 self.finish(request, now, self._length_error(request, entry))
                 return
-            request.data = whole
+            request.data = value
         self.finish(request, now)
 
     def finish(self, request: SdoRequest, now: int, error: CanopenError | None = None) -> None:
-        """End the request under way."""
+        """End the active request."""
         request.elapsed_ns = 0 if self._started is None else now - self._started
-        self.active = self.deadline = None  # `idle` and `report`, without the calls
+        self.active = self.deadline = None  # inlined from `idle` and `report`
         self.phase, self.mux = _IDLE, b""
         request.error = error
         request.done = True
         self.finished.append(request)
 
     def report(self, request: SdoRequest, error: CanopenError | None) -> None:
-        """End a request."""
+        """Add a request to the ended ones."""
         request.error = error
         request.done = True
         self.finished.append(request)
 
     def idle(self) -> None:
-        """Wait for nothing."""
+        """Clear the active request."""
         self.active = self.deadline = None
         self.phase, self.mux = _IDLE, b""
 
-    def refused(self, request: SdoRequest, code: int, now: int) -> None:
-        """Decide what follows from an abort, be it the server's or ours."""
-        budget = self._trouble()
-        if self._broke_off(request):
+    def handle_abort(self, request: SdoRequest, code: int, now: int) -> None:
+        """Process an abort of the server or of this client: retry, pause, or end the request."""
+        budget = self._retry_budget()
+        if self._program_started(request):
             if self.phase.block and code in BLOCK_ERRORS:
-                self.block_supported = False  # whoever clears it and sends it anew does so in segments
+                self.block_supported = False  # the caller must clear the program and send it again, then in segments
             self.finish(request, now, self._abort_error(request, code))
         elif self.phase.block and code in BLOCK_ERRORS:
             if code == AbortCode.UNKNOWN_COMMAND and self.phase.transfer is None:
                 self.block_supported = False
             budget.plain = True
-            self.again(request, now)
+            self.retry(request, now)
         elif budget.has_try(code):
-            self.again(request, now)
-        elif self._may_change(request, code, budget) and (
+            self.retry(request, now)
+        elif self._may_disappear(request, code, budget) and (
             (until := budget.pause(code, self.options.busy_ns, now)) is not None
         ):
             self.phase, self.mux, self.deadline = _PAUSING, b"", until
         else:
             self.finish(request, now, self._abort_error(request, code))
 
-    def give_up(self, request: SdoRequest, code: int, now: int) -> None:
-        """Abort the transfer because of what the server sent."""
+    def abort_transfer(self, request: SdoRequest, code: int, now: int) -> None:
+        """Abort the transfer because of a frame of the server."""
         self._send_abort(code)
-        if code == AbortCode.OUT_OF_MEMORY:  # our own limit: no pause makes it larger
+        if code == AbortCode.OUT_OF_MEMORY:  # the limit of this client does not change with a pause
             self.finish(request, now, self._abort_error(request, code))
         else:
-            self.refused(request, code, now)
+            self.handle_abort(request, code, now)
 
-    def timed_out(self, request: SdoRequest, now: int) -> None:
-        """Abort the try that got no answer, and make another one or end the request."""
-        budget = self._trouble()
+    def handle_timeout(self, request: SdoRequest, now: int) -> None:
+        """Abort a try after a timeout, and start another one or end the request."""
+        budget = self._retry_budget()
         budget.waited_ns += request.timeout_ns
-        broke_off = self._broke_off(request)
+        broke_off = self._program_started(request)
         if self.phase.block:
-            budget.plain = True  # some servers do not answer what they do not know
-        self.die(AbortCode.TIMED_OUT)
+            budget.plain = True  # some servers do not answer unknown commands
+        self.abort_unanswered(AbortCode.TIMED_OUT)
         if not broke_off and budget.has_try(AbortCode.TIMED_OUT):
-            self.again(request, now)
+            self.retry(request, now)
         else:
             seconds = budget.waited_ns / 1e9
             self.finish(request, now, SdoTimeout(self.node_id, request.index, request.subindex, seconds, self.name))
 
-    def _broke_off(self, request: SdoRequest) -> bool:
-        """Whether a program's data have begun to flow, so that no other try may follow by itself."""
+    def _program_started(self, request: SdoRequest) -> bool:
+        """Whether program data were sent, so that no automatic retry may follow (CiA 302-3)."""
         return request.is_write and request.index == _PROGRAM_DATA and self.phase.transfer is not None
 
-    def die(self, code: int) -> None:
-        """Abort a transfer whose last answer is still owed."""
-        self.quarantine.died(self.mux)
-        self.out = [one for one in self.out if one.data[0] == ABORT]  # no segment that nobody wants any more
+    def abort_unanswered(self, code: int) -> None:
+        """Abort a transfer whose answer may still arrive."""
+        self.late_answers.add(self.mux)
+        self.out = [frame for frame in self.out if frame.data[0] == ABORT]  # pending segments are dropped
         self._send_abort(code)
 
-    def _may_change(self, request: SdoRequest, code: int, budget: RetryBudget) -> bool:
-        """Whether "not now" may be another answer after a pause; an upload is asked for once more, a download longer.
+    def _may_disappear(self, request: SdoRequest, code: int, budget: RetryBudget) -> bool:
+        """Whether a busy abort may disappear after a pause: an upload is repeated once, a download longer.
 
-        What is written may have to wait for what the device does. An upload has nothing to wait for, but for a server
-        that serves somebody else; some answer 0x060A0023 for every object without a value (canopen's LocalNode), so
-        that a code which a pause did not change is taken at its word from then on.
+        A write may have to wait for the device. A read only waits if the server serves another client. Some servers
+        answer every object without a value with 0x060A0023 (LocalNode of canopen), so that a code which a pause did not
+        change is final from then on.
         """
         if request.is_write:
             return True
         if budget.paused:
-            self._in_vain.add(code)
-        return not budget.paused and code not in self._in_vain
+            self._constant_codes.add(code)
+        return not budget.paused and code not in self._constant_codes
 
-    def _trouble(self) -> RetryBudget:
+    def _retry_budget(self) -> RetryBudget:
         if self._budget is None:
             self._budget = RetryBudget(self.retries)
         return self._budget
@@ -565,5 +559,5 @@ class SdoTransfer:
 
     def _length_error(self, request: SdoRequest, entry: Entry) -> SdoLengthError:
         data_type, address = entry.data_type, (self.node_id, request.index, request.subindex)
-        wanted = f"{data_type.name} has {((data_type.bits or 0) + 7) // 8}"
-        return SdoLengthError(*address, request.data, wanted, entry.name, self.name)
+        expected = f"{data_type.name} has {((data_type.bits or 0) + 7) // 8}"
+        return SdoLengthError(*address, request.data, expected, entry.name, self.name)

@@ -125,9 +125,10 @@ def test_records_are_delivered_in_order_and_a_run_is_asked_for_where_there_is_ro
 def known(core: SdoClient | SdoServer) -> tuple[object, ...]:
     """All that a core remembers, comparable with that of another."""
     holder = core._exchange if isinstance(core, SdoClient) else core
-    apart = ("_transfer", "phase", "_budget", "quarantine", "active", "finished", "options", "store")
+    apart = ("_transfer", "phase", "_budget", "late_answers", "active", "finished", "options", "store")
     transfer = holder.phase.transfer if isinstance(core, SdoClient) else core._transfer
-    inside = {} if transfer is None else {slot: getattr(transfer, slot) for slot in type(transfer).__slots__}
+    names = getattr(type(transfer), "__mypyc_attrs__", None) or getattr(transfer, "__dict__", ())
+    inside = {name: getattr(transfer, name) for name in names}
     rest = {name: value for name, value in vars(holder).items() if name not in apart}
     ended = [(r.data, str(r.error), r.elapsed_ns) for r in getattr(holder, "finished", ())]
     written = [] if isinstance(core, SdoClient) else core.store.downloads

@@ -66,41 +66,41 @@ def test_the_pause_never_leaves_the_time_for_it():
 X, Y, TYPE, REGISTER = b"\0\x20\0", b"\1\x20\0", b"\0\x10\0", b"\1\x10\0"
 
 
-def quarantine(*muxes):
-    made = LateAnswerGuard()
+def late(*muxes):
+    guard = LateAnswerGuard()
     for mux in muxes:
-        made.died(mux)
-    return made
+        guard.add(mux)
+    return guard
 
 
 def test_an_answer_settles_all_that_was_asked_before():
-    made = quarantine(X, Y)
-    made.answered(TYPE)
-    assert not made.owed
+    guard = late(X, Y)
+    guard.answered(TYPE)
+    assert not guard.pending
 
 
 def test_an_answer_that_may_be_late_settles_only_what_was_asked_before_the_first_of_its_kind():
-    made = quarantine(X, TYPE, Y, TYPE)
-    made.answered(TYPE)
-    assert list(made.owed) == [TYPE, Y]
+    guard = late(X, TYPE, Y, TYPE)
+    guard.answered(TYPE)
+    assert list(guard.pending) == [TYPE, Y]
 
 
-def test_the_probe_is_one_that_is_owed_nothing():
-    assert quarantine(X).probe()[1:4] == TYPE
-    assert quarantine(X, TYPE).probe()[1:4] == REGISTER
-    assert quarantine(REGISTER).probe()[1:4] == TYPE
+def test_the_flush_request_is_for_an_object_that_is_not_pending():
+    assert late(X).flush_request()[1:4] == TYPE
+    assert late(X, TYPE).flush_request()[1:4] == REGISTER
+    assert late(REGISTER).flush_request()[1:4] == TYPE
 
 
-def test_with_both_owed_the_later_one_settles_more():
-    assert quarantine(TYPE, X, REGISTER).probe()[1:4] == REGISTER
-    assert quarantine(REGISTER, X, TYPE).probe()[1:4] == TYPE
+def test_with_both_pending_the_later_one_settles_more():
+    assert late(TYPE, X, REGISTER).flush_request()[1:4] == REGISTER
+    assert late(REGISTER, X, TYPE).flush_request()[1:4] == TYPE
 
 
-def test_two_probes_settle_everything_whatever_the_order():
-    made = quarantine(TYPE, REGISTER, X)
+def test_two_flush_requests_settle_everything_whatever_the_order():
+    guard = late(TYPE, REGISTER, X)
     for _ in range(2):
-        made.answered(made.probe()[1:4])
-    assert not made.owed
+        guard.answered(guard.flush_request()[1:4])
+    assert not guard.pending
 
 
 OPTIONS = SdoOptions()
@@ -110,7 +110,7 @@ def request(length=None):
     return SdoRequest(0x2001, 2, None if length is None else bytes(length), 1)
 
 
-def begin(request, options, block):
+def first_frame(request, options, block):
     return initiate_block(request, options) if block else initiate(request, options)
 
 
@@ -127,7 +127,7 @@ def begin(request, options, block):
     ],
 )
 def test_the_first_frame(length, block, first):
-    assert begin(request(length), OPTIONS, block).hex().upper() == first
+    assert first_frame(request(length), OPTIONS, block).hex().upper() == first
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_the_first_frame(length, block, first):
 )
 def test_the_first_frame_of_a_client_that_offers_nothing(length, block, first):
     options = SdoOptions(announce_size=False, crc=False)
-    data = begin(request(length), options, block)
+    data = first_frame(request(length), options, block)
     assert data[0] == int(first, 16)
     assert data[4:] in (bytes(4), b"\x7f\0\0\0")
 
@@ -282,7 +282,7 @@ def test_each_answer_leads_to_the_phase_that_has_a_name(exchange):
     assert phase("4100200009000000") == "Transferring"
     exchange.cancel(BusClosed("vcan0"))  # its answer is still owed: the object is in quarantine
     exchange.start(SdoRequest(0x2000, 0, None, HALF), 2)
-    assert phase() == "Probing"
+    assert phase() == "FlushingLateAnswers"
     assert phase("80001000 00000206") == "AwaitingUpload"
     assert phase("80002000 21000008") == "Pausing"
     exchange.tick(exchange.deadline)
@@ -306,7 +306,7 @@ def started(*, retries=1, block=False):
 
 def test_a_refused_request_ends_with_the_servers_code():
     exchange, request = started()
-    exchange.refused(request, AbortCode.NO_OBJECT, 1)
+    exchange.handle_abort(request, AbortCode.NO_OBJECT, 1)
     assert isinstance(request.error, SdoAbort)
     assert (request.error.code, exchange.active, exchange.retried) == (AbortCode.NO_OBJECT, None, 0)
 
@@ -314,20 +314,20 @@ def test_a_refused_request_ends_with_the_servers_code():
 @pytest.mark.parametrize("code", sorted(BLOCK_ERRORS))
 def test_what_blocks_cannot_do_is_done_again_in_segments_and_only_once(code):
     exchange, request = started(block=True)
-    exchange.refused(request, code, 1)
+    exchange.handle_abort(request, code, 1)
     assert (exchange.retried, exchange.phase.block, request.done) == (1, False, False)
     assert (exchange.block_supported is False) is (code == AbortCode.UNKNOWN_COMMAND)
-    exchange.refused(request, code, 2)
+    exchange.handle_abort(request, code, 2)
     assert request.done
 
 
 def test_a_try_that_timed_out_leaves_an_abort_and_its_object_in_quarantine():
     exchange, request = started(retries=0)
     exchange.out.clear()
-    exchange.timed_out(request, HALF)
+    exchange.handle_timeout(request, HALF)
     assert isinstance(request.error, SdoTimeout)
     assert [str(frame) for frame in exchange.out] == ["603#8000200000000405"]
-    assert b"\x00\x20\x00" in exchange.quarantine.owed
+    assert b"\x00\x20\x00" in exchange.late_answers.pending
 
 
 @given(st.integers(0, 3), st.booleans(), st.lists(st.sampled_from([0, *AbortCode]), max_size=40))
@@ -337,9 +337,9 @@ def test_whatever_goes_wrong_a_request_is_not_tried_for_ever(retries, block, tro
         if request.done:
             break
         if code:
-            exchange.refused(request, code, now)
+            exchange.handle_abort(request, code, now)
         else:
-            exchange.timed_out(request, now)
+            exchange.handle_timeout(request, now)
         assert exchange.finished == ([request] if request.done else [])
         assert (exchange.active is None) is request.done
     assert exchange.retried <= retries + 10

@@ -195,3 +195,12 @@ def test_the_progress_of_a_download_is_what_was_acknowledged():
     assert client.progress == (0, 20)
     client, _ = writing("583#A2037F0000000000")
     assert client.progress == (20, 20)
+
+
+def test_a_copy_of_a_last_segment_that_looks_like_the_end_is_ignored():
+    data = bytes(range(7)) * 65  # the last segment is number 65: its first byte, 0xC1, is that of the end
+    segments = [f"583#{number | (0x80 if number == 65 else 0):02X}{bytes(range(7)).hex()}" for number in range(1, 66)]
+    client, request = reading(*segments, segments[-1], size=len(data).to_bytes(4, "little").hex(), crc=False)
+    assert (request.done, client.ignored) == (False, 1)
+    client.receive(frame("583#C100000000000000"), 0)
+    assert (request.error, request.data) == (None, data)
