@@ -184,6 +184,7 @@ def controllers() -> str:
         params,
         pid_params,
         steering_params,
+        tricycle,
         types,
     )
     from canopen_control.controllers.base_params import TwistAxisLimits
@@ -202,6 +203,7 @@ def controllers() -> str:
         ("Diff drive", diff.DiffDriveParams, "DiffDrive"),
         ("Bicycle steering", steering_params.BicycleParams, "BicycleSteering"),
         ("Tricycle steering", steering_params.TricycleParams, "TricycleSteering"),
+        ("Tricycle: one wheel drives and steers", tricycle.DrivenWheelParams, "tricycle_controller/Tricycle"),
         ("Ackermann steering", steering_params.AckermannParams, "AckermannSteering"),
         ("Mecanum drive", mecanum_params.MecanumParams, "MecanumDrive"),
         ("Omni wheel drive", omni_params.OmniParams, "OmniWheelDrive"),
@@ -220,6 +222,22 @@ def controllers() -> str:
         ("Batteries", broadcasters.BatteryParams, "BatteryState"),
         ("GPIO and diagnostics", broadcasters.StateParams, "(Gpio|Diagnostics)Broadcaster"),
     )
+    parts: dict[type[Any], dict[str, type[Any]]] = {
+        diff.DiffDriveParams: {"Limits: `linear.x.KEY` and `angular.z.KEY`": diff.SwitchedLimits},
+        tricycle.DrivenWheelParams: {
+            "Limits: `traction.KEY`": tricycle.TractionLimits,
+            "Limits: `steering.KEY`": tricycle.SteeringLimits,
+        },
+        mecanum_params.MecanumParams: {"Limits: `linear.x.KEY`, `linear.y.KEY` and `angular.z.KEY`": TwistAxisLimits},
+        pid_params.PidParams: {"Each degree of freedom: `gains.DOF.KEY`": pid_params.DofGains},
+        broadcasters.PoseParams: {"Its transform: `tf.KEY`": broadcasters.PoseTransform},
+        broadcasters.BatteryParams: {"Each battery: `BATTERY.KEY`": broadcasters.BatteryFacts},
+        trajectory.TrajectoryParams: {
+            "Each joint: `gains.JOINT.KEY`": trajectory.JointGains,
+            "Each joint: `constraints.JOINT.KEY`": trajectory.JointConstraints,
+            "Each joint: `joint_limits.JOINT.KEY`": trajectory.LimitParams,
+        },
+    }
     text = [
         "# Controllers and their parameters\n",
         "Names, defaults and meaning are those of ros2_controllers. `ros2 param describe` prints them too.\n",
@@ -232,36 +250,8 @@ def controllers() -> str:
             named = [name for name in named if "Multi" not in name]
         text += [f"## {title}\n", *(f"- `{name}`" for name in named), ""]
         text.append(_keys(cls, _parameters(cls), {} if cls is CommonParams else CommonParams.__annotations__))
-        if cls is diff.DiffDriveParams:
-            text += [
-                "### Limits: `linear.x.KEY` and `angular.z.KEY`\n",
-                _keys(diff.SwitchedLimits, _parameters(diff.SwitchedLimits), {}),
-            ]
-        if cls is mecanum_params.MecanumParams:
-            text += [
-                "### Limits: `linear.x.KEY`, `linear.y.KEY` and `angular.z.KEY`\n",
-                _keys(TwistAxisLimits, _parameters(TwistAxisLimits), {}),
-            ]
-        if cls is pid_params.PidParams:
-            text += [
-                "### Each degree of freedom: `gains.DOF.KEY`\n",
-                _keys(pid_params.DofGains, _parameters(pid_params.DofGains), {}),
-            ]
-        if cls is broadcasters.PoseParams:
-            part = broadcasters.PoseTransform
-            text += ["### Its transform: `tf.KEY`\n", _keys(part, _parameters(part), {})]
-        if cls is broadcasters.BatteryParams:
-            text += [
-                "### Each battery: `BATTERY.KEY`\n",
-                _keys(broadcasters.BatteryFacts, _parameters(broadcasters.BatteryFacts), {}),
-            ]
-        if cls is trajectory.TrajectoryParams:
-            for part, title in (
-                (trajectory.JointGains, "gains"),
-                (trajectory.JointConstraints, "constraints"),
-                (trajectory.LimitParams, "joint_limits"),
-            ):
-                text += [f"### Each joint: `{title}.JOINT.KEY`\n", _keys(part, _parameters(part), {})]
+        for part_title, part in parts.get(cls, {}).items():
+            text += [f"### {part_title}\n", _keys(part, _parameters(part), {})]
     return "\n".join(text)
 
 

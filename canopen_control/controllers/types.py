@@ -29,6 +29,7 @@ TYPES: Final = {
     "diff_drive_controller/DiffDriveController": f"{_HERE}.diff_drive:DiffDriveController",
     "bicycle_steering_controller/BicycleSteeringController": f"{_HERE}.steering:BicycleSteeringController",
     "tricycle_steering_controller/TricycleSteeringController": f"{_HERE}.steering:TricycleSteeringController",
+    "tricycle_controller/TricycleController": f"{_HERE}.tricycle:TricycleController",
     "ackermann_steering_controller/AckermannSteeringController": f"{_HERE}.steering:AckermannSteeringController",
     "mecanum_drive_controller/MecanumDriveController": f"{_HERE}.mecanum:MecanumDriveController",
     "omni_wheel_drive_controller/OmniWheelDriveController": f"{_HERE}.omni:OmniWheelDriveController",

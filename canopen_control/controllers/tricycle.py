@@ -1,0 +1,245 @@
+"""The tricycle controller: a twist becomes the speed and the angle of one wheel that drives and steers.
+
+Names, defaults and limits are those of ros2_controllers' tricycle_controller, with its timeout in ms. While the wheel
+is far from its angle it turns slowly, and both joints have limits of their own. Ours: the least speeds, accelerations
+and jerks (`min_...` but `steering.min_position`) have no effect, since they keep a robot moving that is to stand;
+without a twist the wheel brakes along `traction.max_deceleration` and stays at its angle, see `mobile_base`; a timeout
+of 0 lets a twist move it for one update, where upstream's never moves.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final
+
+from canopen_control.controllers.base import DriveGeometry
+from canopen_control.controllers.base_params import BaseParams, refuse
+from canopen_control.controllers.limiter import NAN, RateLimiter, VelocityLimits
+from canopen_control.controllers.mobile_base import MobileBase
+from canopen_control.controllers.planar_pose import PlanarPose, RollingMean
+from canopen_control.hardware.interfaces import OK, ReturnType
+from canopen_control.urdf.joint_element import POSITION, VELOCITY
+from canopen_control.yamlfile.convert import setting
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from canopen_control.controllers.params import Params
+    from canopen_control.hardware.interfaces import CommandInterface, StateInterface
+    from canopen_control.rpc.messages.samples import OdometrySample
+
+
+_ON_TARGET: Final = math.pi / 6  # rad: as near as this to its angle the wheel has its whole speed
+_SLOWEST: Final = 0.01  # of the speed, from a quarter turn off on
+_PER_MS: Final = 1000.0
+_RENAMES: Final = {
+    "odom_only_twist": "",
+    "publish_ackermann_command": "",
+    "use_stamped_vel": "",
+    **{f"traction.min_{each}": "" for each in ("velocity", "acceleration", "deceleration", "jerk")},
+    **{f"steering.min_{each}": "" for each in ("velocity", "acceleration")},
+}
+
+
+@dataclass(frozen=True)
+class TractionLimits:
+    """The limits of the wheel that drives, in both directions; nan is none."""
+
+    max_velocity: float = setting(NAN, low=0.0, nan=True, help="rad/s")
+    max_acceleration: float = setting(NAN, low=0.0, nan=True, help="rad/s^2 while gaining speed")
+    max_deceleration: float = setting(NAN, low=0.0, nan=True, help="rad/s^2 while losing it; absent: the same")
+    max_jerk: float = setting(NAN, low=0.0, nan=True, help="half of the rad/s^3")
+
+    def limiter(self) -> RateLimiter:
+        """Return what limits the speed; upstream's jerk counts twice."""
+        gain, loss = self.max_acceleration, self.max_deceleration
+        if math.isnan(gain) and not math.isnan(loss):
+            gain = math.inf
+        jerk = 2.0 * self.max_jerk
+        return RateLimiter(VelocityLimits(NAN, self.max_velocity, NAN, gain, -loss, loss, NAN, jerk))
+
+
+@dataclass(frozen=True)
+class SteeringLimits:
+    """The limits of the angle of the wheel; nan is none."""
+
+    max_position: float = setting(NAN, nan=True, help="rad; absent: minus `min_position`")
+    min_position: float = setting(NAN, nan=True, help="rad; absent: minus `max_position`")
+    max_velocity: float = setting(NAN, low=0.0, nan=True, help="rad/s")
+    max_acceleration: float = setting(NAN, low=0.0, nan=True, help="half of the rad/s^2")
+
+    def bounds(self) -> tuple[float, float]:
+        """Return the least and the greatest angle."""
+        low = -self.max_position if math.isnan(self.min_position) else self.min_position
+        return low, -low if math.isnan(self.max_position) else self.max_position
+
+    def limiter(self) -> RateLimiter:
+        """Return what limits the angle, whose first derivative is a velocity; upstream's acceleration counts twice."""
+        low, high = self.bounds()
+        speed, gain = self.max_velocity, 2.0 * self.max_acceleration
+        return RateLimiter(VelocityLimits(low, high, -speed, speed, -speed, speed, -gain, gain))
+
+
+@dataclass(frozen=True)
+class DrivenWheelParams(BaseParams):
+    """Parameters of tricycle_controller/TricycleController: m, rad."""
+
+    traction_joint_name: str = setting("", help="joint that drives the wheel")
+    steering_joint_name: str = setting("", help="joint that steers it")
+    wheelbase: float = setting(0.0, low=0.0, help="m from the wheel to the axle of the others")
+    wheel_radius: float = setting(0.0, low=0.0, help="m")
+    open_loop: bool = setting(False, help="odometry from the commands instead of the wheel")
+    enable_odom_tf: bool = setting(False, help="publishes odom to base as a transform")
+    cmd_vel_timeout: int = setting(
+        500, low=0, high=10**9, help="ms after which a twist ends; 0: it counts for one update"
+    )
+    velocity_rolling_window_size: int = setting(
+        10, low=1, high=100_000, help="steps over which the odometry's velocity is averaged"
+    )
+    traction: TractionLimits = setting(TractionLimits(), key="traction", section=True)
+    steering: SteeringLimits = setting(SteeringLimits(), key="steering", section=True)
+
+    def mistakes(self) -> Iterator[tuple[bool, str]]:
+        """Say what is wrong, each with whether it is."""
+        for key in ("traction_joint_name", "steering_joint_name"):
+            yield not getattr(self, key), f"no {key}; give the joint"
+        both = bool(self.traction_joint_name) and self.traction_joint_name == self.steering_joint_name
+        yield both, f"{self.traction_joint_name} drives and steers; name a joint for each"
+        yield self.wheelbase <= 0.0, "wheelbase is missing or 0; give the distance of the wheel from the axle in m"
+        yield self.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"
+        low, high = self.steering.bounds()
+        yield low > high, f"steering.min_position {low:g} is above steering.max_position {high:g}; exchange them"
+
+
+class DrivenWheelPose(PlanarPose):
+    """The pose of a base with one wheel that drives and steers, and the means of its velocities in m/s and rad/s."""
+
+    def __init__(self, radius: float, wheelbase: float, window: int = 1) -> None:
+        super().__init__()
+        self.linear = self.angular = 0.0
+        self._radius, self._wheelbase = radius, wheelbase
+        self._means = RollingMean(window), RollingMean(window)
+
+    def follow(self, speed: float, angle: float, dt: float) -> None:
+        """Follow the wheel at `speed` in rad/s and `angle` in rad for `dt` s."""
+        rim = speed * self._radius
+        linear, angular = rim * math.cos(angle), rim * math.sin(angle) / self._wheelbase
+        self.drive(linear * dt, angular * dt)
+        for mean, value in zip(self._means, (linear, angular), strict=True):
+            mean.add(value)
+        self.linear, self.angular = (mean.mean for mean in self._means)
+
+    def believe(self, linear: float, angular: float, dt: float) -> None:
+        """Follow a twist."""
+        self.linear, self.angular = linear, angular
+        self.drive(linear * dt, angular * dt)
+
+    def command(self, linear: float, angular: float) -> tuple[float, float]:
+        """Return speed and angle of the wheel for a twist; across for one that turns on the spot."""
+        across = angular * self._wheelbase
+        speed = math.hypot(linear, across) / self._radius
+        if linear == 0.0:
+            return speed, math.copysign(math.pi / 2, angular) if angular else 0.0
+        return math.copysign(speed, linear), math.atan(across / linear)
+
+
+class TricycleController(MobileBase):
+    """Drives a base by one wheel that drives and steers; `kinematics` is where it is."""
+
+    references: ClassVar[tuple[str, ...]] = ()
+    settable: ClassVar[tuple[str, ...]] = ("cmd_vel_timeout", "enable_odom_tf", "traction.*", "steering.*")
+
+    def __init__(self, name: str, type_name: str = "tricycle_controller/TricycleController") -> None:
+        self.kinematics = DrivenWheelPose(1.0, 1.0)
+        super().__init__(name, type_name, self.kinematics)
+        self.params = DrivenWheelParams()
+        self._take_limits()
+        self._previous = self._before = (0.0, NAN)
+
+    def wheel_base(self) -> DriveGeometry:
+        """Return its frames and the radius of its wheel, which stands on no side."""
+        given = self.params
+        return DriveGeometry((), (), 0.0, given.wheel_radius, *given.frame_ids(), given.enable_odom_tf)
+
+    def on_configure(self, params: Params) -> None:
+        """Read the parameters; the pose becomes 0."""
+        self.params = given = self._read(params)
+        self.kinematics = DrivenWheelPose(given.wheel_radius, given.wheelbase, given.velocity_rolling_window_size)
+        self.pose = self.kinematics
+        self.joints = (given.traction_joint_name, given.steering_joint_name)
+        self._take_limits()
+        self.set_up(given, given.cmd_vel_timeout / _PER_MS, len(self.joints), open_loop=given.open_loop)
+
+    def on_set(self, params: Params) -> None:
+        """Take other limits and another timeout, from the next update on."""
+        given = self._read(params)
+        self.take(given, given.cmd_vel_timeout / _PER_MS)
+        self.params = given
+        self._take_limits()
+
+    def _read(self, params: Params) -> DrivenWheelParams:
+        given = params.read(DrivenWheelParams, _RENAMES)
+        refuse(self.name, given.mistakes())
+        return given
+
+    def _take_limits(self) -> None:
+        self._limiters = self.params.traction.limiter(), self.params.steering.limiter()
+
+    def command_interface_names(self) -> list[str]:
+        """Return the velocity of traction and the position of steering."""
+        return [f"{self.params.traction_joint_name}/{VELOCITY}", f"{self.params.steering_joint_name}/{POSITION}"]
+
+    def state_interface_names(self) -> list[str]:
+        """Return the same of what is measured."""
+        return self.command_interface_names()
+
+    def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
+        """Start at standstill."""
+        super().on_activate(commands, states, now)
+        self._previous = self._before = (0.0, NAN)
+
+    def forget(self, now: int) -> None:
+        """Stop at once."""
+        super().forget(now)
+        self._previous = self._before = (0.0, NAN)
+
+    def sample(self, wall_offset_ns: int) -> OdometrySample | None:
+        """Return the odometry as it was published last."""
+        return self.odometry_sample(wall_offset_ns)
+
+    def velocities(self) -> tuple[float, float, float]:
+        """Return the means of its odometry."""
+        return self.kinematics.linear, 0.0, self.kinematics.angular
+
+    def advance(self, dt: float) -> None:
+        """Follow the wheel."""
+        self.kinematics.follow(self.states[0].value, self.states[1].value, dt)
+
+    def believe(self, dt: float) -> None:
+        """Follow the twist."""
+        self.kinematics.believe(self.limited[0], self.limited[1], dt)
+
+    def work_out(self, twist: Sequence[float]) -> None:
+        """Make speed and angle of a twist, within their greatest; slow while the wheel is far from that angle."""
+        speed, angle = self.kinematics.command(twist[0], twist[1])
+        off = abs(angle - self.states[1].value) if self.states else NAN
+        if off >= _ON_TARGET:  # not where it is unknown
+            speed *= max(math.cos(min(off, math.pi / 2)), _SLOWEST)
+        traction, steering = self._limiters
+        self.targets[:] = traction.limit_velocity(speed), steering.limit_velocity(angle)
+
+    def update(self, now: int, period: float) -> ReturnType:
+        """Do one step, then limit what both joints are commanded against their last two commands; `period` in s."""
+        result = super().update(now, period)
+        if result is OK and all(each.enabled for each in self.commands):
+            traction, steering = self.commands
+            (speed, angle), (speed_before, angle_before) = self._previous, self._before
+            if math.isfinite(traction.value):
+                traction.value = speed = self._limiters[0].limit(traction.value, speed, speed_before, period)
+            angle = self.states[1].value if math.isnan(angle) else angle  # it begins where it stands
+            if math.isfinite(steering.value):
+                angle_before = angle if math.isnan(angle_before) else angle_before
+                steering.value = angle = self._limiters[1].limit(steering.value, angle, angle_before, period)
+            self._before, self._previous = self._previous, (speed, angle)
+        return result
