@@ -297,6 +297,35 @@ def quirks() -> str:
     )
 
 
+def personalities() -> str:
+    """Return which manufacturer's drives behave how, from the files of `eds/personalities`."""
+    from canopen_control.personality import personality_names, read_personality
+    from canopen_control.virtual.quirks import parse_quirk
+
+    rows, keys, unknown = [], [], []
+    for name in personality_names():
+        drive = read_personality(name)
+        called = f"`{name}`, {drive.title}"
+        does = [parse_quirk(line.quirk).quirk.does for line in drive.quirks]
+        rows += [
+            f"| {called} | {each} | `{line.quirk}` | {line.source} |"
+            for each, line in zip(does, drive.quirks, strict=True)
+        ]
+        keys += [f"| {called} | `{key.text}` | {key.why} | {key.source} |" for key in drive.bus_keys]
+        ids = ", ".join(f"0x{each.vendor:X}" for each in drive.identity) or "not known"
+        unknown.append(f"- {called} (vendor id: {ids}): {'; '.join(drive.not_known)}.")
+    return (
+        "# Which drive behaves how\n\n"
+        "From the files of `eds/personalities`; [the guide](../guide/drive_makers.md) says how to use them.\n\n"
+        + _table("| drive | it | quirk | source |", rows)
+        + "\n## Keys of bus.yml that they need\n\n"
+        + _table("| drive | key | because | source |", keys)
+        + "\n## What is not known\n\n"
+        + "\n".join(unknown)
+        + "\n"
+    )
+
+
 def command_line() -> str:
     """Return the help of every verb."""
     import importlib
@@ -451,6 +480,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "controllers.md": controllers,
     "faults.md": faults,
     "quirks.md": quirks,
+    "personalities.md": personalities,
     "command_line.md": command_line,
     "robot_socket.md": robot_socket,
     "drive_socket.md": drive_socket,

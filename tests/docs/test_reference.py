@@ -13,10 +13,12 @@ from canopen_control import controllers
 from canopen_control.cli.verbs import VERBS
 from canopen_control.controllers.types import TYPES
 from canopen_control.master import keys
+from canopen_control.personality import personality_names, read_personality
 from canopen_control.rpc.messages.drive import DRIVE
 from canopen_control.rpc.messages.hub import HUB
 from canopen_control.rpc.messages.robot import ROBOT
 from canopen_control.virtual.fault_table import FAULTS
+from canopen_control.virtual.quirks import QUIRKS
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +70,16 @@ def test_every_fault_and_every_verb_is_told(generate):
     faults, verbs = generate.faults(), generate.command_line()
     assert [name for name in FAULTS if f"| `{name}` |" not in faults] == []
     assert [verb for verb in VERBS if f"\n## {verb}\n" not in verbs] == []
+
+
+def test_every_quirk_and_every_personality_is_told(generate):
+    quirks, drives = generate.quirks(), generate.personalities()
+    assert [name for name in QUIRKS if f"| `{name}` |" not in quirks] == []
+    for name in personality_names():
+        personality = read_personality(name)
+        assert [line.quirk for line in personality.quirks if f"| `{line.quirk}` | {line.source} |" not in drives] == []
+        assert [key.text for key in personality.bus_keys if f"| `{key.text}` |" not in drives] == []
+        assert f"\n- `{name}`, {personality.title} (vendor id: " in drives
 
 
 def test_defaults_and_bounds_are_those_of_the_code(generate):
