@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "version": (set(), PURE | {"importlib"}),
     "data_files": (set(), PURE),
     "host": (set(), STDLIB),
-    "rpc": ({"host"}, STDLIB | {"msgspec"}),
+    "rpc": ({"host", "cia402.state"}, STDLIB | {"msgspec"}),  # a state has one name
     "yamlfile": ({"data_files"}, PURE | {"yaml", "os"}),
     "personality": ({"data_files", "yamlfile"}, PURE),  # of drives: what both sides of the wire know of manufacturers
     "urdf": (set(), STDLIB | {"xacro", "ament_index_python"}),
@@ -113,7 +113,7 @@ MAY_IMPORT = {
     ),
     # what is done at one node is the work of the subpackage service; od and cia301 tell what it holds
     "view": (
-        {"client", "host", "rpc", "urdf", "service", "od", "cia301"},
+        {"client", "host", "rpc", "urdf", "service", "od", "cia301", "cia402.state"},
         STDLIB | {"nicegui", "fastapi", "starlette", "uvicorn"},
     ),
     "interop": ({"od", "bus", "client"}, STDLIB | {"canopen"}),

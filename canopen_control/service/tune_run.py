@@ -311,7 +311,7 @@ class TuneRun:
         """Judge a sample and keep it."""
         self._sample = sample
         joint, axis = sample.joints.get(self._drive.joint), axis_reading(sample, self._drive)
-        enabled = axis is None or axis.state == "OPERATION_ENABLED"
+        enabled = axis is None or axis.enabled
         if joint is None:
             motion.see(None, None, None, enabled=enabled)
             return

@@ -15,6 +15,7 @@ from functools import partial
 from random import Random
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.state import State
 from canopen_control.runtime.core import RobotState
 from canopen_control.simulation.fault_coverage import BOOT, DRIVE, NMT, POWER, cells_of
 from canopen_control.simulation.motions import motions_of
@@ -61,13 +62,13 @@ _WAYS: Final[Mapping[tuple[str, str], tuple[str, int]]] = {
     (POWER, "DISABLING"): ("stop", _LEAD_NS),
     (POWER, "QUICK_STOPPING"): ("quick-stop", _LEAD_NS),
     (POWER, "QUICK_STOPPED"): ("quick-stop", _LEAD_NS),
-    (DRIVE, "SWITCH_ON_DISABLED"): ("disable", _LEAD_NS),
-    (DRIVE, "READY_TO_SWITCH_ON"): _UP,
-    (DRIVE, "SWITCHED_ON"): _UP,
-    (DRIVE, "OPERATION_ENABLED"): ("", _LEAD_NS),
-    (DRIVE, "QUICK_STOP_ACTIVE"): ("quick-stop", _LEAD_NS),
-    (DRIVE, "FAULT_REACTION_ACTIVE"): ("fault", _LEAD_NS),
-    (DRIVE, "FAULT"): ("fault", _LEAD_NS),
+    (DRIVE, State.SWITCH_ON_DISABLED.name): ("disable", _LEAD_NS),
+    (DRIVE, State.READY_TO_SWITCH_ON.name): _UP,
+    (DRIVE, State.SWITCHED_ON.name): _UP,
+    (DRIVE, State.OPERATION_ENABLED.name): ("", _LEAD_NS),
+    (DRIVE, State.QUICK_STOP_ACTIVE.name): ("quick-stop", _LEAD_NS),
+    (DRIVE, State.FAULT_REACTION_ACTIVE.name): ("fault", _LEAD_NS),
+    (DRIVE, State.FAULT.name): ("fault", _LEAD_NS),
     (NMT, "OPERATIONAL"): ("", _LEAD_NS),
     (NMT, "PRE_OPERATIONAL"): ("nmt 128", _LEAD_NS),
     (NMT, "STOPPED"): ("nmt 2", _LEAD_NS),

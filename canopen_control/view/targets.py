@@ -70,8 +70,7 @@ def drive_targets(state: StateSample, controllers: Iterable[ControllerReading]) 
             if joint in axes:
                 node, axis = axes[joint]
                 mode = axis.mode if axis.mode in MODES else ""
-                enabled = axis.state == "OPERATION_ENABLED"
-                found.append(DriveTarget(controller.name, node, joint, enabled, mode or ""))
+                found.append(DriveTarget(controller.name, node, joint, axis.enabled, mode or ""))
     return tuple(found)
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.cia402.state import State
 from canopen_control.rpc.messages.health import Health, judge_axis
 
 if TYPE_CHECKING:
@@ -47,14 +48,14 @@ NEEDS_ENABLE: Final = Banner(
 )
 #: CiA 402 states: what they mean to who looks, and how good that is
 _STATES: Final = {
-    "NOT_READY_TO_SWITCH_ON": ("starting up", IDLE),
-    "SWITCH_ON_DISABLED": ("disabled", IDLE),
-    "READY_TO_SWITCH_ON": ("disabled, ready to switch on", IDLE),
-    "SWITCHED_ON": ("switched on, not enabled", WARN),
-    "OPERATION_ENABLED": ("enabled, follows commands", GOOD),
-    "QUICK_STOP_ACTIVE": ("quick stop", WARN),
-    "FAULT_REACTION_ACTIVE": ("fault, stopping", BAD),
-    "FAULT": ("fault", BAD),
+    State.NOT_READY_TO_SWITCH_ON.name: ("starting up", IDLE),
+    State.SWITCH_ON_DISABLED.name: ("disabled", IDLE),
+    State.READY_TO_SWITCH_ON.name: ("disabled, ready to switch on", IDLE),
+    State.SWITCHED_ON.name: ("switched on, not enabled", WARN),
+    State.OPERATION_ENABLED.name: ("enabled, follows commands", GOOD),
+    State.QUICK_STOP_ACTIVE.name: ("quick stop", WARN),
+    State.FAULT_REACTION_ACTIVE.name: ("fault, stopping", BAD),
+    State.FAULT.name: ("fault", BAD),
 }
 #: what the runtime says of the robot as a whole; a word that it learns later is shown as it is
 _ROBOT: Final = {
@@ -95,7 +96,7 @@ def banner(state: StateSample) -> Banner:
     known = _ROBOT.get(state.state.replace(" ", "_"), Banner(state.state or "unknown", WARN))
     if known.tone == BAD:
         return replace(known, cause=_causes(axis_rows(state)))
-    off = [axis for node in state.nodes.values() for axis in node.axes if axis.state != "OPERATION_ENABLED"]
+    off = [axis for node in state.nodes.values() for axis in node.axes if not axis.enabled]
     if known.action == "enable" or (known.tone == GOOD and off):  # a stop that has ended leaves the drives disabled
         who = _who_is_off(off, sum(len(node.axes) for node in state.nodes.values()))
         return replace(NEEDS_ENABLE, cause=state.hint or who)

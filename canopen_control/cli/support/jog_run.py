@@ -210,7 +210,7 @@ class JogRun:
         if self._sample is not None:
             joint = self._sample.joints.get(self._drive.joint)
             axis = axis_reading(self._sample, self._drive)
-            enabled = axis is None or axis.state == "OPERATION_ENABLED"
+            enabled = axis is None or axis.enabled
             motion.see(
                 None if joint is None else joint.position,
                 None if joint is None else joint.velocity,

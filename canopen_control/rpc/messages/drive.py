@@ -180,7 +180,7 @@ class SetPointQuality(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=T
 
 
 class AxisState(msgspec.Struct, frozen=True, kw_only=True):
-    """An axis: `state` is that of CiA 402, such as "OPERATION_ENABLED", `mode` such as "PV".
+    """An axis: `state` is that of CiA 402, such as "SWITCHED_ON", `mode` such as "PV".
 
     `statusword` is 0x6041, `controlword` 0x6040, `position` 0x6064 and `velocity` 0x606C in the units of the drive;
     `set_points` is there once the axis was enabled in a cyclic mode (CSP, CSV, CST, interpolated position).

@@ -10,14 +10,15 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from canopen_control.cia402.state import State
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from canopen_control.rpc.messages.state import AxisReading, NodeReading
 
 
-_FAULTS: Final = ("FAULT", "FAULT_REACTION_ACTIVE")
-_ENABLED: Final = "OPERATION_ENABLED"
+_FAULTS: Final = (State.FAULT.name, State.FAULT_REACTION_ACTIVE.name)
 
 
 class Health(enum.IntEnum):
@@ -52,7 +53,7 @@ def judge(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: 
     if not ready:
         level = Health.WARN if nmt and not error else Health.ERROR
         return Verdict(level, error or f"not ready, NMT state {_words(nmt or 'unknown')}")
-    waiting = [state for state in states if state != _ENABLED]
+    waiting = [state for state in states if state != State.OPERATION_ENABLED.name]
     if error:
         return Verdict(Health.ERROR if waiting else Health.WARN, error)
     if waiting:

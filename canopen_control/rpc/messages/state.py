@@ -11,6 +11,7 @@ from typing import TypeAlias, TypeVar
 
 import msgspec
 
+from canopen_control.cia402.state import State
 from canopen_control.rpc.messages.declare import Count, NodeId, UnixTime
 from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
 
@@ -28,7 +29,7 @@ class SdoCounts(msgspec.Struct, frozen=True):
 
 
 class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"}):
-    """An axis of a drive: `state` is that of CiA 402, such as "OPERATION_ENABLED", `mode` such as "PV"."""
+    """An axis of a drive: `state` is that of CiA 402, such as "SWITCHED_ON", `mode` such as "PV"."""
 
     joint: str
     axis: int = 0
@@ -36,6 +37,11 @@ class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"})
     statusword: int | None = None
     mode: str | None = None
     error: str | None = None
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the drive is enabled and follows commands."""
+        return self.state == State.OPERATION_ENABLED.name
 
 
 class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age_s"}):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from nicegui import ui
 
+from canopen_control.cia402.state import POWERED_STATES
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.robot import NmtRequest
 from canopen_control.service.restore import Reached, RestoreOptions
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 
 _CONFIRMED: Final = ("PRE_OPERATIONAL", "STOPPED")  # the NMT states that a node is taken out by
-_TORQUE: Final = ("OPERATION_ENABLED", "QUICK_STOP_ACTIVE", "FAULT_REACTION_ACTIVE")
+_TORQUE: Final = tuple(state.name for state in POWERED_STATES)
 
 
 class ReleasePanel:

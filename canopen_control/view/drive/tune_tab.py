@@ -161,7 +161,7 @@ class TuneTab:
 
     def _why_no_gains(self, content: PageContent) -> str:
         reading = self._context.reading(content)
-        on = [each.joint for each in reading.axes if each.state == "OPERATION_ENABLED"] if reading is not None else []
+        on = [each.joint for each in reading.axes if each.enabled] if reading is not None else []
         return f"{', '.join(on)} {'is' if len(on) == 1 else 'are'} enabled: disable it to set gains." if on else ""
 
     def leave(self) -> None:
