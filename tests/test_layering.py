@@ -84,7 +84,7 @@ MAY_IMPORT = {
         STDLIB | {"numpy", "matplotlib"},
     ),
     "testing": ({"simulation", "runtime", "virtual", "master"}, STDLIB | {"pytest"}),
-    "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime", "check"}, STDLIB),
+    "scaffold": ({"od", "cia402", "profiles", "controllers", "master", "runtime", "check", "personality"}, STDLIB),
     "client": ({"host", "rpc", "yamlfile"}, STDLIB),  # files of what is sent
     "conformance": ({"od", "bus", "host", "cia301", "cia402"}, STDLIB),
     "calibration": ({"client", "controllers", "rpc", "yamlfile"}, STDLIB),

@@ -12,24 +12,22 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.check.drive_rules import DRIVE_RULES
 from canopen_control.check.launch_rules import check_launch
 from canopen_control.check.timing_rules import CheckedRobot, Finding
 from canopen_control.cia402 import objects
-from canopen_control.controllers.base import ALL_STATES
 from canopen_control.controllers.command_timeout import DEFAULT_LIFE_S, ENDLESS
 from canopen_control.controllers.controllers_file import ManagerParams, is_within
 from canopen_control.controllers.mobile_base import ONE_UPDATE
 from canopen_control.controllers.types import make_controller
 from canopen_control.errors import CanopenError, ConfigError, nearest
 from canopen_control.hardware.device_parts import device_of
-from canopen_control.hardware.feedback import MEASURED
 from canopen_control.hardware.mode_choice import PLUGINS
 from canopen_control.hardware.plugins import KNOWN, PluginKind
 from canopen_control.master.keys import SCALES
 from canopen_control.od.issues import Severity
 from canopen_control.rpc.messages.robot import STREAM_RATE
 from canopen_control.runtime.setup import started_controllers
-from canopen_control.urdf.joint_element import EFFORT, POSITION, VELOCITY
 from canopen_control.yamlfile.convert import keys_of
 
 if TYPE_CHECKING:
@@ -39,7 +37,6 @@ if TYPE_CHECKING:
     from canopen_control.controllers.controllers_file import ControllerConfig, ControllersFile
     from canopen_control.master.config import BusConfig
     from canopen_control.master.keys import NodeConfig
-    from canopen_control.od.model import ObjectDictionary
     from canopen_control.runtime.robot_files import RobotFiles
     from canopen_control.urdf.description import UrdfDescription
     from canopen_control.urdf.joint_element import Joint
@@ -484,82 +481,6 @@ _MEASURE: Final = (
 )
 
 
-def _blind(robot: CheckedRobot) -> Iterator[Finding]:
-    """Look for drives that tell neither where they are nor how fast they turn."""
-    bus = robot.bus
-    if bus is None:
-        return
-    for name, node in bus.nodes.items():
-        plan = bus.plans.get(name)
-        if plan is None:
-            continue
-        for offset in plan.axes:
-            carried = {mapped.index for layout in plan.tpdos for mapped in layout.objects}
-            if carried.isdisjoint({objects.POSITION_ACTUAL + offset, objects.VELOCITY_ACTUAL + offset}):
-                text = (
-                    f"{name}: no TPDO carries 0x{objects.POSITION_ACTUAL + offset:04X} or "
-                    f"0x{objects.VELOCITY_ACTUAL + offset:04X}: it is moved without anything that tells how"
-                )
-                place, od = bus.place(name, "tpdo"), bus.dictionaries[name]
-                there = any(_shown(od, index + offset) for index in (objects.POSITION_ACTUAL, objects.VELOCITY_ACTUAL))
-                fix = (
-                    "map one of them"
-                    if there
-                    else f"{node.identity.dcf} lets neither be mapped, so no loop can be closed over it"
-                )
-                yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
-
-
-def _shown(od: ObjectDictionary, index: int) -> bool:
-    """Whether a TPDO can carry an object."""
-    entry = od.get(index, 0)
-    return entry is not None and entry.tpdo_mappable
-
-
-def _measured(robot: CheckedRobot) -> Iterator[Finding]:
-    """Name the state interfaces of the description that no TPDO brings."""
-    bus, description = robot.bus, robot.description
-    if bus is None or description is None or robot.mock:
-        return
-    by_id = {str(node.node_id): name for name, node in bus.nodes.items()}
-    # the hardware interfaces of ROS 1 have an effort whether a robot has it or not
-    measured = {name: index for name, index in MEASURED.items() if not (description.ros1 and name == EFFORT)}
-    silent = any(tag.joints for tag in description.hardware)
-    for tag in description.hardware:
-        silent = silent and not tag.sensors and not tag.gpios
-        if KNOWN.get(tag.plugin) is not PluginKind.CANOPEN and not robot.real:
-            silent = False
-            continue
-        for joint in tag.joints:
-            name = joint.parameters.get("device_name") or by_id.get(joint.parameters.get("node_id", "").strip(), "")
-            axis = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
-            if (plan := bus.plans.get(name)) is None or not axis.isdigit() or int(axis) >= len(plan.axes):
-                silent = False
-                continue
-            carried = {mapped.index for layout in plan.tpdos for mapped in layout.objects}
-            silent = silent and carried.isdisjoint(objects.axis_index(index, int(axis)) for index in MEASURED.values())
-            lacks = {
-                interface: objects.axis_index(index, int(axis))
-                for interface, index in measured.items()
-                if interface in joint.state_interfaces and objects.axis_index(index, int(axis)) not in carried
-            }
-            for interface, index in lacks.items():
-                text = f"joint {joint.name} asks for its {interface}, and no TPDO of {name} carries 0x{index:04X}"
-                derived = interface == VELOCITY and objects.axis_index(MEASURED[POSITION], int(axis)) in carried
-                end = "it is made of its positions, later and coarser" if derived else "it has none"
-                there = _shown(bus.dictionaries[name], index)
-                file = bus.nodes[name].identity.dcf
-                fix = f"map 0x{index:04X} in {bus.path}" if there else f"{file} has none that can be mapped"
-                severity = Severity.NOTE if derived else Severity.WARNING
-                yield Finding(description.path, joint.place.line, severity, f"{text}: {end}", fix)
-    for name, controller in robot.configured.items() if silent else ():
-        if ALL_STATES in controller.state_interface_names():
-            config = robot.config(name)
-            text = f"{name} would have nothing to publish: no TPDO carries a position, a velocity or an effort"
-            fix = "map 0x6064 or 0x606C, or leave it out"
-            yield Finding(config.path, config.line, robot.severity(name), text, fix)
-
-
 def _no_hardware(robot: CheckedRobot) -> Iterator[Finding]:
     description = robot.description
     if description is not None and not description.hardware:
@@ -678,8 +599,7 @@ COMMAND_PERIOD_S: Final = 0.1
 
 RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (
     _guesses,
-    _blind,
-    _measured,
+    *DRIVE_RULES,
     _shared_names,
     _unknown_controllers,
     _illegal_names,

@@ -263,7 +263,9 @@ def _node_line(node: NewNode) -> str:
     who = f"  node {node.device.node_id} {node.name}:"
     if node.drive is not None:
         moved = [f"{joint.name}, {joint.axis.interface} in {joint.axis.mode.name}" for joint in node.joints]
-        return f"{who} moves {'; '.join(moved)}"
+        known = node.known
+        like = "" if known is None or not known.bus_keys else f"; known as {known.title}, see its bus.yml"
+        return f"{who} moves {'; '.join(moved)}{like}"
     if node.unusable:
         return f"{who} {node.device.eds.name}, a drive that nothing here can move"
     if node.measured:

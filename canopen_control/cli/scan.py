@@ -32,19 +32,23 @@ from canopen_control.data_files import data_names
 from canopen_control.errors import CanopenError, ConfigError, RemoteError, RobotConfigError, SdoTimeout
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import PARALLEL, DirectBus
+from canopen_control.master.known_drives import known_drive
 from canopen_control.rpc.messages.declare import Document
 from canopen_control.rpc.messages.robot import GetStatus
 from canopen_control.rpc.wire import plain
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
+
+    from canopen_control.personality import Personality
 
 
 EXAMPLE = """canopen-control scan --can can0 --config robby
          canopen-control scan --can can0 --eds-dir ~/eds
          canopen-control scan"""
 
+_DRIVE = 402
 _OBJECTS = [*(address for address, _ in FIELDS.values()), NAME]
 _HEADINGS = ("node", "device type", "vendor", "product", "revision", "serial", "device name", "NMT", "EDS", "bus.yml")
 
@@ -274,6 +278,8 @@ def _report(survey: ScanResult, *, as_json: bool) -> None:
         for found in survey.found.values():
             table.add(_row(survey, found))
         print("\n".join(table.lines()))
+        for line in known_lines(survey.found.values()):
+            print(line)
     else:
         print(
             f"canopen-control: nobody answers on {survey.channel}; is it powered, and the bit rate right?",
@@ -281,6 +287,22 @@ def _report(survey: ScanResult, *, as_json: bool) -> None:
         )
     for note in survey.notes:
         print(f"canopen-control: {note}", file=sys.stderr)
+
+
+def known_lines(nodes: Iterable[FoundNode]) -> Iterator[str]:
+    """Yield what is known of the drives of a manufacturer, and the keys of bus.yml that they need."""
+    known: dict[str, tuple[Personality, list[int]]] = {}
+    for node in nodes:
+        identity = node.identity or ScannedDevice()
+        if (identity.device_type or 0) & 0xFFFF == _DRIVE and (
+            drive := known_drive(identity.vendor_id or 0, identity.product_code or 0, identity.device_name or "")
+        ):
+            known.setdefault(drive.name, (drive, []))[1].append(node.node_id)
+    for drive, ids in known.values():
+        which = f"node {ids[0]} is" if len(ids) == 1 else f"nodes {', '.join(map(str, ids))} are"
+        yield f"{which} known as {drive.title} (`canopen-control drive --like {drive.name}`)"
+        for key in drive.bus_keys:
+            yield f"  in bus.yml: `{key.text}`: {key.why} ({key.source})"
 
 
 def _row(survey: ScanResult, found: FoundNode) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from canopen_control.cia402.objects import (
     QUICK_STOP_DECELERATION,
     object_name,
 )
+from canopen_control.master.known_drives import proposals
 from canopen_control.od.codec import outside_limits
 from canopen_control.profiles.device_type import Profile
 from canopen_control.profiles.profile_tables import has_error_mode
@@ -115,7 +116,19 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
     if node.drive is None:
         what = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
         return [*lines, *_watched(node), *_kept(robot, node), f"# {what}its PDOs stay as it has them"]
-    return [*lines, *_motion(node, node.drive), *_writes(node, node.drive), *_pdos(node.drive)]
+    return [*lines, *_motion(node, node.drive), *_known(robot, node), *_writes(node, node.drive), *_pdos(node.drive)]
+
+
+def _known(robot: NewRobot, node: NewNode) -> list[str]:
+    """Return the keys that a drive of a known manufacturer needs, as comments with their sources."""
+    drive = node.known
+    if drive is None:
+        return []
+    commanded = {joint.axis.interface for joint in node.joints}
+    lines = ["", f"# {drive.title}: `canopen-control drive --like {drive.name}` behaves as such a drive does."]
+    for key, text in proposals(drive, robot.sync_us, (), (), commanded):
+        lines += [f"# {drive.name.upper()}: {key.why} ({key.source}):", f"# {text}"]
+    return lines
 
 
 def _watched(node: NewNode) -> list[str]:

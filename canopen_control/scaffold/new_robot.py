@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.errors import RobotConfigError
+from canopen_control.master.known_drives import known_drive
 from canopen_control.profiles.device_type import Profile, profile_of
 from canopen_control.profiles.profile_tables import profile_signals
 from canopen_control.scaffold.bases import BASES, BaseKind
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from canopen_control.od.model import ObjectDictionary
+    from canopen_control.personality import Personality
     from canopen_control.profiles.device_signal import Signal
     from canopen_control.scaffold.drive_choice import AxisChoice, DriveChoice, Supervision
 
@@ -85,6 +87,18 @@ class NewNode:
         """The joint that an encoder measures, "" for other devices."""
         turns = any(signal.name == POSITION and signal.unit == "rad" for signal in self.signals)
         return f"{self.name}_joint" if self.profile is Profile.ENCODER and turns else ""
+
+    @property
+    def known(self) -> Personality | None:
+        """What is known of drives of this manufacturer, None where it is none of them."""
+        od, device = self.device.od, self.device.od.device
+
+        def number(subindex: int, told: int | None) -> int:
+            entry = od.get(0x1018, subindex)
+            return entry.default if entry is not None and isinstance(entry.default, int) else told or 0
+
+        vendor, product = number(1, device.vendor_number), number(2, device.product_number)
+        return known_drive(vendor, product, f"{device.vendor_name} {device.product_name}")
 
     @property
     def outputs(self) -> tuple[Signal, ...]:

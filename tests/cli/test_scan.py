@@ -29,11 +29,12 @@ def scan(*arguments, channel="memory:scan"):
 
 def test_everybody_on_a_bare_bus_is_named_with_the_eds_that_fits(bus, capsys):
     assert scan() == 0
-    head, two, three = capsys.readouterr().out.splitlines()
+    head, two, three, *known = capsys.readouterr().out.splitlines()
     assert head.split()[:2] == ["node", "device"]
     assert "bus.yml" not in head
     assert two.split() == ["2", *TMCM_ROW.split(), "0x00000002", "TMCM-1270", "-", "TMCM-1270.eds"]
     assert three.endswith("Generic CiA 402 servo  -    generic_cia402.eds")
+    assert known == ["node 2 is known as Trinamic TMCM-1270 (`canopen-control drive --like tmcm1270`)"]
 
 
 def test_nothing_is_written_and_only_the_three_objects_are_read(private_folders):
@@ -61,7 +62,7 @@ class Watcher:
 
 def test_a_bus_yml_is_held_against_what_is_there(bus, capsys):
     assert scan("--config", "robby") == 1
-    _, two, three = capsys.readouterr().out.splitlines()
+    _, two, three, *_known = capsys.readouterr().out.splitlines()
     assert two.endswith("right_drive: as expected")
     assert three.endswith(
         "left_drive: device type 0xFFFF0192 expected, 0x00020192 found, vendor 0x00000286 expected, 0x00000000 found, "
@@ -72,7 +73,7 @@ def test_a_bus_yml_is_held_against_what_is_there(bus, capsys):
 def test_missing_and_additional_nodes_are_told(private_folders, capsys):
     with OnBus("memory:scan", {2: TMCM, 9: TMCM}):
         assert scan("--config", str(data_path("config", "robby"))) == 1
-    _, two, three, nine = capsys.readouterr().out.splitlines()
+    _, two, three, nine, *_known = capsys.readouterr().out.splitlines()
     assert two.endswith("right_drive: as expected")
     assert three.split() == ["3", *["-"] * 8, "left_drive:", "missing"]
     assert nine.endswith("not in it")
@@ -93,7 +94,7 @@ def test_a_node_that_answers_no_sdo_is_known_by_its_heartbeat(private_folders, c
     beating = Beating()
     with OnBus("memory:scan", cores=(beating,)):
         assert scan("--config", "robby") == 1
-    _, two, three = capsys.readouterr().out.splitlines()
+    _, two, three, *_known = capsys.readouterr().out.splitlines()
     assert two.endswith("right_drive: missing")
     assert three.split() == ["3", *["-"] * 6, "STOPPED", "-", "left_drive:", "answers", "no", "SDO"]
 
@@ -137,7 +138,7 @@ def test_the_bus_of_a_running_robot_its_own_nodes_through_it_and_a_stranger(priv
         monkey.setattr(ChannelKind, "shared", True)  # the robot is in this process
         for arguments in (["scan", *FAST], ["scan", "--can", "memory:scanrobot", *FAST]):
             assert main(arguments) == 0
-            _, two, three, stranger = capsys.readouterr().out.splitlines()
+            _, two, three, stranger, *_known = capsys.readouterr().out.splitlines()
             assert two.split()[0] == "2"
             assert "OPERATIONAL" in two
             assert two.endswith("right_drive: as expected")
@@ -147,7 +148,7 @@ def test_the_bus_of_a_running_robot_its_own_nodes_through_it_and_a_stranger(priv
         monkey.undo()
         assert main(["scan", "--name", "scanrobot", *FAST]) == 0
         said = capsys.readouterr()
-        assert len(said.out.splitlines()) == 3
+        assert len(said.out.splitlines()) == 4
         assert "memory:scanrobot can be opened once only" in said.err
         history = [(label, frame) for label, frame in drives_history() if frame.can_id in (0x602, 0x603)]
         assert {label for label, _ in history} == {"master"}  # one client for each server

@@ -1,5 +1,6 @@
 """A robot of two generic CiA 402 axes in virtual time, whose drives a test makes deviate as real makers' drives do."""
 
+import re
 from pathlib import Path
 from types import MappingProxyType
 
@@ -92,6 +93,20 @@ def folder(path: Path, *modes: str, keys: str = "", edit=None) -> Path:
     lines = [f"  {kind}_mode: {number}" for kind, number, _ in kinds] + [f"  {key}" for key in keys.splitlines()]
     targets = ", ".join(f"{{index: {target}}}" for _, _, target in kinds)
     (path / "bus.yml").write_text(_BUS.format(eds=eds, keys="\n".join(lines), targets=targets))
+    return path
+
+
+_BOTH = "mapping: [{index: 0x6064}, {index: 0x606C}]"
+
+
+def unmapped(path: Path, mapping: str, *, broadcast: bool = True) -> Path:
+    """Write a robot whose TPDO 2 carries another mapping, "" for none."""
+    bus, controllers = folder(path, "csv") / "bus.yml", path / "ros2_controllers.yaml"
+    text = bus.read_text()
+    without = re.sub(r"2: \{[^}]*0x6064.*", "2: {enabled: false}", text)
+    bus.write_text(text.replace(_BOTH, mapping) if mapping else without)
+    if not broadcast:
+        controllers.write_text(re.sub("    joint_state_broadcaster.*\n", "", controllers.read_text()))
     return path
 
 

@@ -1,0 +1,53 @@
+"""Drives that are known by their identity or by their names in the EDS, and the keys of bus.yml that they need.
+
+The knowledge is in the files of `eds/personalities`. A key is proposed, with its source, and never taken: what a user
+has written counts.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Final
+
+from canopen_control.personality import personality_names, personality_of, read_personality
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+
+    from canopen_control.personality import BusKey, Personality
+
+
+_CYCLE_PERIOD: Final = re.compile(r"(index: 0x1006, sub_index: 0, value: )\d+")
+_INDEX: Final = re.compile(r"index: (0x[0-9A-Fa-f]+)")
+
+
+def known_drive(vendor: int, product: int, words: str) -> Personality | None:
+    """Return what is known of a device: by 0x1018:01 and :02 (0: not told), else by a word of the names in its EDS.
+
+    A name counts where the file of the manufacturer's drives has no vendor id, or the device has none.
+    """
+    if vendor and (found := personality_of(vendor, product)) is not None:
+        return found
+    names = re.split(r"[^0-9a-z]+", words.lower())
+    for each in map(read_personality, personality_names()):
+        if any(word.startswith(each.name) for word in names) and not (vendor and each.identity):
+            return each
+    return None
+
+
+def proposals(
+    drive: Personality, sync_us: int, given: Collection[str], written: Collection[int], commanded: Collection[str]
+) -> Iterator[tuple[BusKey, str]]:
+    """Yield the keys that a drive needs and that are not `given`, each with its line of bus.yml.
+
+    `written` are the objects of the `sdo:` list; the mode of a command interface is proposed where it is `commanded`.
+    """
+    for key in drive.bus_keys:
+        text = _CYCLE_PERIOD.sub(rf"\g<1>{sync_us}", key.text) if sync_us else key.text
+        if key.key == "sdo":
+            has = all(int(index, 16) in written for index in _INDEX.findall(text))
+        else:
+            interface = key.key.removesuffix("_mode")
+            has = key.key in given or (interface != key.key and interface not in commanded)
+        if not has:
+            yield key, text

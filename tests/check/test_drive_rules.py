@@ -1,0 +1,38 @@
+"""What `check` says of the drives of a robot: state interfaces that no TPDO brings."""
+
+import re
+
+import pytest
+from support.makers import folder, unmapped
+
+from canopen_control.check.checker import CheckOptions, check_robot
+from canopen_control.runtime.robot_files import find_robot
+
+
+def findings(path):
+    return [str(each) for each in check_robot(find_robot(str(path)), CheckOptions()).findings]
+
+
+def test_check_refuses_a_broadcaster_that_has_nothing_to_publish(tmp_path):
+    found = findings(unmapped(tmp_path, ""))
+    assert any("joint_state_broadcaster would have nothing to publish" in each for each in found)
+
+
+@pytest.mark.parametrize(
+    ("mapping", "words"),
+    [
+        (
+            "mapping: [{index: 0x6064}]",
+            "asks for its velocity, .*0x606C: it is made of its positions, later and coarser",
+        ),
+        ("mapping: [{index: 0x606C}]", "asks for its position, .*0x6064: it has none"),
+        ("", "asks for its velocity, .*0x606C: it has none"),
+    ],
+)
+def test_check_names_what_the_description_asks_for_and_no_tpdo_brings(tmp_path, mapping, words):
+    found = findings(unmapped(tmp_path, mapping))
+    assert any(re.search(f"joint pan {words}; map 0x60", each) for each in found)
+
+
+def test_check_says_nothing_of_a_robot_that_is_measured(tmp_path):
+    assert not [each for each in findings(folder(tmp_path, "csv")) if "asks for its" in each]
