@@ -30,7 +30,7 @@ MAY_IMPORT = {
     "yamlfile": ({"data_files"}, PURE | {"yaml", "os"}),
     "personality": ({"data_files", "yamlfile"}, PURE),  # of drives: what both sides of the wire know of manufacturers
     "urdf": (set(), STDLIB | {"xacro", "ament_index_python"}),
-    "od": ({"data_files"}, PURE),
+    "od": ({"data_files"}, PURE | {"xml"}),
     "cia301": ({"od"}, PURE),
     "cia402": ({"od", "cia301"}, PURE),
     "profiles": ({"od"}, PURE),

@@ -1,4 +1,4 @@
-"""Check, show and compare EDS and DCF files.
+"""Check, show, compare and convert EDS, DCF, XDD and XDC files.
 
 Exit codes: 0 good; 1 errors found, differences found, no such object, or not an EDS; 2 wrong usage or no such file.
 """
@@ -7,18 +7,22 @@ from __future__ import annotations
 
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from canopen_control.cli.support.arguments import node_id
 from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.data_files import data_path
-from canopen_control.errors import EdsError
-from canopen_control.od.eds import read_eds
+from canopen_control.errors import ConfigError, EdsError
+from canopen_control.host.files import write_whole
+from canopen_control.od.dcf import dcf_text, eds_text
+from canopen_control.od.eds import SUFFIXES, read_eds
 from canopen_control.od.eds_values import format_value
 from canopen_control.od.issues import Severity
 from canopen_control.od.model import DataType, ObjectCode
 from canopen_control.od.pdos import MAX_BITS, Pdo, pdos_of
+from canopen_control.od.xdd import xdd_text
 from canopen_control.rpc.messages.declare import Document
 
 if TYPE_CHECKING:
@@ -226,7 +230,8 @@ def _plain(value: Value | None) -> Plain:
 EXAMPLE = """canopen-control eds check TMCM-1270.eds
          canopen-control eds show TMCM-1270.eds 0x6041
          canopen-control eds diff TMCM-1270.eds generic_cia402.eds
-         canopen-control eds pdos TMCM-1270.eds"""
+         canopen-control eds pdos TMCM-1270.eds
+         canopen-control eds convert TMCM-1270.eds -o TMCM-1270.xdd"""
 
 _ADDRESS = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{1,4})(?::(?:0[xX])?([0-9A-Fa-f]{1,2}))?")
 
@@ -244,7 +249,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     diff.add_argument("b", metavar="B")
     pdos = actions.add_parser("pdos", help="show what the PDOs map by default")
     pdos.add_argument("file", metavar="FILE")
-    for action in (check, show, diff, pdos):
+    convert = actions.add_parser("convert", help="write a file as EDS, DCF, XDD or XDC, by the ending of OUT")
+    convert.add_argument("file", metavar="FILE")
+    convert.add_argument("-o", "--output", metavar="OUT", required=True, help="file to write; it must not exist")
+    convert.add_argument("--force", action="store_true", help="overwrite OUT")
+    for action in (check, show, diff, pdos, convert):
         action.add_argument("--node-id", type=node_id, metavar="N", help="value of $NODEID")
 
 
@@ -454,7 +463,49 @@ def _pdo_line(od: ObjectDictionary, pdo: Pdo, relative: bool) -> str:
     return f"{pdo.name}  {state}  {cob_id}{plus}  type {kind}  {pdo.bits} of {MAX_BITS} bits, {pdo.slots} slots"
 
 
+# --- convert ---
+
+
+class ConvertedDocument(Document, frozen=True):
+    """What `eds convert` wrote; `problems` is the number of issues of the file that it read."""
+
+    file: str
+    output: str
+    objects: int
+    problems: int
+
+
+def _convert(args: argparse.Namespace) -> int:
+    """Write a file in the format that the ending of the output names."""
+    output = Path(args.output)
+    ending = output.suffix.lower()
+    if ending not in SUFFIXES:
+        raise ConfigError(f"{output}: its ending names the format: {', '.join(SUFFIXES)}")
+    if output.exists() and not args.force:
+        raise ConfigError(f"{output} exists; take another name, or --force")
+    if not output.absolute().parent.is_dir():
+        raise ConfigError(f"{output} cannot be written: no such folder")
+    file = _read(args.file, args)
+    write_whole(output, _converted(file.od, ending, args).encode())
+    for issue in [] if args.json else file.issues:
+        print(f"{args.file}:{issue.line}: {issue.severity.name.lower()}: {issue.text}")
+    done = ConvertedDocument(args.file, str(output), len(file.od.objects), len(file.issues))
+    print(json_text(done) if args.json else f"{output}: {done.objects} objects of {args.file}")
+    return 0
+
+
+def _converted(od: ObjectDictionary, ending: str, args: argparse.Namespace) -> str:
+    if ending in (".eds", ".xdd"):  # the description of a type of device, without the values of one
+        entries = {address: replace(entry, parameter_value=None) for address, entry in od.entries.items()}
+        od = replace(od, entries=entries)
+        return eds_text(od) if ending == ".eds" else xdd_text(od)
+    if od.node_id is None:
+        raise ConfigError(f"{args.output} is of one device, and {args.file} has no node id; give --node-id N")
+    return dcf_text(od, od.node_id, od.bitrate or 0) if ending == ".dcf" else xdd_text(od, configured=True)
+
+
 _ACTIONS: dict[str, Callable[[argparse.Namespace], int]] = {
+    "convert": _convert,
     "check": _check,
     "show": _show,
     "diff": _diff,

@@ -33,6 +33,7 @@ from canopen_control.errors import CanopenError, ConfigError, RemoteError, Robot
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import PARALLEL, DirectBus
 from canopen_control.master.known_drives import known_drive
+from canopen_control.od.eds import SUFFIXES
 from canopen_control.rpc.messages.declare import Document
 from canopen_control.rpc.messages.robot import GetStatus
 from canopen_control.rpc.wire import plain
@@ -154,7 +155,7 @@ def _folder(text: str) -> Path:
 def _eds_files(folders: Iterable[Path]) -> list[Path]:
     files = [find_eds(name) for name in data_names("eds") if name.lower().endswith(".eds")]
     for folder in folders:
-        files += sorted(path for path in folder.iterdir() if path.suffix.lower() in (".eds", ".dcf") and path.is_file())
+        files += sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file())
     return files
 
 

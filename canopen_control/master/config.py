@@ -41,7 +41,7 @@ from canopen_control.master.keys import (
 )
 from canopen_control.master.plan import NodePlan, PlanInput, make_plan
 from canopen_control.od.dcf import concise_of, decode_concise
-from canopen_control.od.eds import read_eds
+from canopen_control.od.eds import SUFFIXES, read_eds
 from canopen_control.od.model import BIT_RATES
 from canopen_control.yamlfile.convert import convert, keys_of
 from canopen_control.yamlfile.node import Node
@@ -267,7 +267,6 @@ def _check_scales(keys: UnitKeys, node: Node) -> None:
 
 
 BUS_FOLDER = "@BUS_CONFIG_PATH@"  # replaced by the other stack's build; here the folder of the file itself
-_TEXT_FILES = (".dcf", ".eds")
 
 
 class NotFound(ConfigError):
@@ -316,7 +315,7 @@ class Sources:
         Those of a DCF come by rising address, which is no order for PDO parameters. ValueError, EdsError, NotFound.
         """
         path = self.find(name, dcf_path)
-        if path.suffix.lower() in _TEXT_FILES:
+        if path.suffix.lower() in SUFFIXES:
             return tuple(concise_of(self.dictionary(path, node_id)))
         try:
             return tuple(decode_concise(path.read_bytes()))

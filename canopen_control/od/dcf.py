@@ -217,7 +217,7 @@ def _sections(od: ObjectDictionary, *, is_dcf: bool = False) -> Iterator[tuple[s
         if name not in _FIRST and name not in COMMISSIONING and name not in compact:
             yield title, od.sections[title]
     yield from _lists(od)
-    yield from _objects(od)
+    yield from object_sections(od)
 
 
 def _respelled(lines: _Lines) -> _Lines:
@@ -317,7 +317,8 @@ def _lists(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
         yield title, {"SupportedObjects": str(len(indices)), **numbered}
 
 
-def _objects(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
+def object_sections(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
+    """Yield title and lines of each object and subindex, in rising order."""
     subindices: dict[int, list[int]] = {index: [] for index in od.objects}
     for index, subindex in od.entries:
         subindices.setdefault(index, []).append(subindex)

@@ -1,4 +1,4 @@
-"""Reader of EDS and DCF files (CiA 306-1) that tolerates the errors of real files.
+"""Reader of EDS and DCF files (CiA 306-1), and of their XML forms (CiA 311), that tolerates the errors of real files.
 
 `EdsError` is raised only if the file is not a CANopen EDS. Any other error becomes an `Issue` with its line, and no
 value is lost or replaced silently. The text of each key is kept with its entry, so that a writer can reproduce it. The
@@ -36,6 +36,7 @@ from canopen_control.od.eds_values import parse_number
 from canopen_control.od.issues import Issue, Report
 from canopen_control.od.model import SCALAR_CODES, DataType, DeviceInfo, Entry, ObjectCode, ObjectDictionary, ObjectInfo
 from canopen_control.od.pdos import INVALID, MAX_BITS, is_cob_id, pdos_of
+from canopen_control.od.xdd import is_xml, xdd_sections
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -384,6 +385,8 @@ def _add_sub0(od: ObjectDictionary, index: int, count: int, access: str) -> None
     od.entries[index, 0] = Entry(index, 0, "Highest sub-index supported", DataType.UNSIGNED8, access, default=count)
 
 
+SUFFIXES = (".eds", ".dcf", ".xdd", ".xdc")
+"""Endings of the files that `read_eds` reads."""
 MAX_BYTES = 32_000_000
 """Maximum length of a file: the largest in use have a few MB."""
 _OBJECT = re.compile(r"([0-9a-f]{4})(?: ?sub ?([0-9a-f]{1,2}))?")
@@ -428,12 +431,13 @@ def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -
         text = "is a concise DCF: what is written to a device, and no EDS; give it as configuration_file in bus.yml"
         raise EdsError(name, 0, text)
     text, encoding = decode_text(data)
-    sections = split_sections(text, report)
+    sections = xdd_sections(text, report) if is_xml(text) else split_sections(text, report)
     if not any(_OBJECT.fullmatch(section) for section in sections):
         raise EdsError(name, 1, what_else(text) or _why_not(sections))
     od = read_device(sections, node_id, report)
     _Reader(od, sections, report).run()
-    check_lists(od, sections, report)
+    if not is_xml(text):
+        check_lists(od, sections, report)
     expand_compact_pdos(od, report)
     check_dictionary(od, report)
     report.issues.sort(key=lambda issue: issue.line)

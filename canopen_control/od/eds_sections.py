@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 _COMMENT = ";#"
 _BLANK = " \t\r\n\x00\x1a\ufeff"
 _NOT_CANOPEN = (  # beginning of the file, and the format it indicates
-    ("<", "is XML, a device description of CiA 311 (XDD or XDC), and no EDS; ask the vendor for the EDS"),
     ("$", "is an EtherNet/IP EDS (ODVA) and no CANopen one"),
     ("version https://git-lfs", "is a pointer of git-lfs; fetch the file itself: git lfs pull"),
 )

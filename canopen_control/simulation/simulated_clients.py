@@ -179,7 +179,7 @@ C = TypeVar("C", bound=SimulatedClient)
 class SimulatedClients:
     """Clients of a robot.
 
-    `blocked` counts the times at which it waited for one, `all` are those of its current process. `on_request` receives
+    `blocked` counts the times at which it waited for one, `all` are those of its current process; `observer` receives
     each request, in the robot's time.
     """
 

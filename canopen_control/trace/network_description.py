@@ -18,7 +18,7 @@ from canopen_control.cia301.sync import SYNC_COB_ID
 from canopen_control.cia402 import objects
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.frame import can_id_of
-from canopen_control.od.eds import read_eds
+from canopen_control.od.eds import SUFFIXES, read_eds
 from canopen_control.od.model import DataType, ObjectCode
 from canopen_control.od.pdos import pdos_of
 
@@ -237,7 +237,6 @@ def _read(path: str, node_id: int, notes: list[str]) -> ObjectDictionary | None:
 
 
 _NODE_IDS = range(1, 128)
-_SUFFIXES = (".eds", ".dcf")
 
 
 def network_of_eds(channel: str, options: Iterable[str], find: Callable[[str], Path] = Path) -> NetworkDescription:
@@ -278,7 +277,7 @@ def _all(path: Path) -> Iterator[NodeDescription]:
 
 
 def _folder(folder: Path) -> Iterator[NodeDescription]:
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file())
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file())
     parsed = [(path, read_eds(path).od) for path in files]
     named = [(path, od) for path, od in parsed if od.node_id is not None]
     if not named:

@@ -6,6 +6,7 @@ import pytest
 from support.eds import MALFORMED, eds, section
 
 from canopen_control.cli.eds import EXAMPLE, run
+from canopen_control.cli.main import main
 from canopen_control.cli.verbs import parser_of
 from canopen_control.data_files import data_path
 from canopen_control.od.dcf import write_dcf
@@ -45,7 +46,8 @@ def test_the_bundled_files_are_good(cli, name):
     assert out.endswith("entries: no issue\n")
 
 
-def test_the_example_is_a_command_that_works(cli):
+def test_the_example_is_a_command_that_works(cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     for example in EXAMPLE.splitlines():
         program, verb, *words = example.split()
         assert (program, verb) == ("canopen-control", "eds")
@@ -215,3 +217,21 @@ def test_pdos_that_are_not_whole_are_shown_too(cli, tmp_path):
         "    0x0005:00   8 bits  dummy",
         "    0x6040:00  16 bits  (not in the file)",
     ]
+
+
+def test_a_file_is_converted_to_the_format_of_the_outputs_ending(tmp_path, capsys):
+    xdd, eds, xdc = (str(tmp_path / name) for name in ("a.xdd", "b.eds", "c.xdc"))
+    assert main(["eds", "convert", TMCM, "-o", xdd]) == 0
+    assert main(["eds", "convert", xdd, "-o", eds]) == 0
+    assert main(["eds", "diff", TMCM, eds]) == 0
+    assert main(["eds", "convert", xdd, "-o", xdc, "--node-id", "3"]) == 0
+    assert read_eds(xdc).od.node_id == 3
+    capsys.readouterr()
+    for words, complaint in (
+        ([xdd, "-o", xdc], "c.xdc exists; take another name, or --force"),
+        ([xdd, "-o", f"{xdc}2"], "its ending names the format: .eds, .dcf, .xdd, .xdc"),
+        ([xdd, "-o", str(tmp_path / "d.dcf")], "a.xdd has no node id; give --node-id N"),
+        ([xdd, "-o", str(tmp_path / "no" / "d.eds")], "cannot be written: no such folder"),
+    ):
+        assert main(["eds", "convert", *words]) == 2
+        assert complaint in capsys.readouterr().err

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import pytest
 from support.localbus import end_hubs
 
@@ -30,9 +32,10 @@ def receive_until(tap, found, count):
 @pytest.mark.process
 def test_it_hears_what_others_send_and_sends_nothing_itself(channel):
     found, ports = [], []
+    watcher = SimpleNamespace(port_changed=ports.append)
     with_others = open_port(channel, label="others")
     tap = BusTap(NetworkDescription(channel), found.append)
-    tap.watch(ports.append)
+    tap.watch(watcher)
     assert tap.problem == "not opened yet"
     tap.tick(0)
     assert (tap.problem, len(ports)) == ("", 1)

@@ -344,7 +344,6 @@ def test_lines_that_say_nothing_are_reported():
     [
         ("", "is empty"),
         ("\n \n", "is empty"),
-        ("<?xml version='1.0'?>\n", "XDD"),
         ("$ EtherNet/IP EDS\nx\n", "ODVA"),
         ("../../common/Elmo.dcf", "symbolic link"),
         ("version https://git-lfs.github.com/spec/v1\noid x\n", "git-lfs"),

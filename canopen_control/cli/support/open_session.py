@@ -19,6 +19,7 @@ from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.support.target import BusTarget, RobotTarget, add_target_arguments, find_eds, robot_on
 from canopen_control.client import RobotClient
 from canopen_control.errors import CanopenError, ConfigError, DriveError
+from canopen_control.od.eds import SUFFIXES
 from canopen_control.rpc.wire import plain
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.service.driven_axis import drive_of_robot, fault_words, why_not_free
@@ -223,9 +224,6 @@ class WarningPrinter(RobotObserver):
 # What `diff`, `restore` and `clone` are given: a DCF file, or a node whose parameters are read.
 
 
-_ENDINGS = (".dcf", ".eds")
-
-
 @dataclass(frozen=True, slots=True)
 class Side:
     """Parameters, and those that a node refused."""
@@ -239,7 +237,7 @@ def as_file(word: str) -> Path | None:
     path = Path(word).expanduser()
     if path.is_file():
         return path
-    if path.suffix.lower() in _ENDINGS or "/" in word:
+    if path.suffix.lower() in SUFFIXES or "/" in word:
         what = "is a folder" if path.is_dir() else "no such file"
         raise ConfigError(f"{word}: {what}; a node is a name or a node id")
     return None
