@@ -71,8 +71,9 @@ def test_every_key_that_the_other_stack_reads_is_known(cls, keys):
 @pytest.mark.parametrize("cls", [FileOptions, MasterConfig, NodeConfig, PdoConfig])
 def test_every_key_is_used_or_named_as_unused_and_none_is_both_forgotten(cls):
     unused = UNUSED.get(cls, {})
-    # Read through `units_of`, which stands beside the schema, or by the kind of a PDO.
-    beside = {"boot", *SCALES, "scale_eff_from_dev", "offset_pos_to_dev", "offset_pos_from_dev", "rpdo", "tpdo"}
+    # Read through `units_of`, which stands beside the schema, by the kind of a PDO or by the interface of a target.
+    beside = {"boot", *SCALES, "position_target", "velocity_target", "effort_target", "scale_eff_from_dev"}
+    beside |= {"offset_pos_to_dev", "offset_pos_from_dev", "rpdo", "tpdo"}
     assert names(cls) - read_attributes() - set(unused) - beside == set()
     read = {"driver", "software_file"}  # told to the ROS bridge, and to the boot
     assert names(cls) & set(unused) <= read
