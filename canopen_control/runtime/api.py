@@ -224,6 +224,7 @@ class SimulationMethods:
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot = robot
+        self._stepping: Call[StepSimulation] | None = None
         server.answers(GetSimulation, self._get)
         server.answers(GetLaserScans, self._scan)
         server.answers(PauseSimulation, self._pause)
@@ -271,16 +272,19 @@ class SimulationMethods:
         call.reply(self._told())
 
     def _step(self, call: Call[StepSimulation]) -> None:
-        def done(error: str | None) -> None:
-            if error is None:
-                call.reply(self._told())
-            else:
-                call.refuse(ControlError(error))
-
         clock = self._clock()
         if not clock.paused:
             raise ControlError("the simulation is not paused, so that it cannot be stepped; pause it first")
-        clock.step(call.request.steps, done)
+        clock.step(call.request.steps, self)  # which settles the request before
+        self._stepping = call
+
+    def settle(self, error: str | None) -> None:
+        """Answer the request for steps."""
+        call, self._stepping = self._stepping, None
+        if call is not None and error is None:
+            call.reply(self._told())
+        elif call is not None:
+            call.refuse(ControlError(error))
 
     def _act(self, call: Call[Any]) -> None:
         """Let something happen in the world of a simulation plugin; a joint that is blocked has no drive to be told."""

@@ -12,7 +12,7 @@ satellites, a person). `WallClock` follows it; everything else counts monotonic 
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -88,6 +88,14 @@ def step_words(moved_ns: int) -> str:
     )
 
 
+class StepRequest(Protocol):
+    """What waits for the end of steps."""
+
+    def settle(self, error: str | None) -> None:
+        """Take that they were done, or why not."""
+        ...
+
+
 class RobotClock:
     """The clock of one robot; `simulated`: it lives on the grid of its cycles.
 
@@ -101,7 +109,7 @@ class RobotClock:
         self._reactor, self._period_ns = reactor, period_ns
         self._resumed = False  # since the last edge
         self._steps = 0
-        self._done: Callable[[str | None], None] | None = None
+        self._request: StepRequest | None = None
 
     def now(self) -> int:
         """Return the time, as commands and controllers count it."""
@@ -128,19 +136,19 @@ class RobotClock:
             self._end("the simulation goes on: the steps that were left are no longer wanted")
             self.paused, self._resumed, self._steps = False, True, 0
 
-    def step(self, count: int, done: Callable[[str | None], None]) -> None:
-        """Let a number of cycles happen while it is paused; `done(error)` once they have."""
+    def step(self, count: int, request: StepRequest) -> None:
+        """Let a number of cycles happen while it is paused; the `request` is settled once they have."""
         self._end("other steps were asked for")
-        self._steps, self._done = count, done
+        self._steps, self._request = count, request
 
     def end(self) -> None:
         """Answer who waits for steps: the robot has stopped."""
         self._end("the robot has stopped")
 
     def _end(self, error: str | None) -> None:
-        done, self._done = self._done, None
-        if done is not None:
-            done(error)
+        request, self._request = self._request, None
+        if request is not None:
+            request.settle(error)
 
     # -- the cycle
 

@@ -80,10 +80,7 @@ _ADDED: Final = tuple(
 
 
 class BagMessages:
-    """Messages of ROS 2 Jazzy for a bag, created by rosbags; those of control_msgs from their definitions.
-
-    `states` contains, by the kind of a controller's sample, the method that creates its `controller_state`.
-    """
+    """Messages of ROS 2 Jazzy for a bag, created by rosbags; those of control_msgs from their definitions."""
 
     def __init__(self) -> None:
         try:
@@ -96,12 +93,6 @@ class BagMessages:
         for name in _ADDED:
             self.store.register(get_types_from_msg("\n".join(DEFINITIONS[name]), name))
         self.array = array
-        self.states: dict[type[Sample], Callable[[Any], object]] = {
-            TrajectorySample: self._trajectory,
-            PidSample: self._loops,
-            SteeringSample: self._steering,
-            MecanumSample: self._mecanum,
-        }
 
     def make(self, kind: str, *values: Any) -> Any:  # noqa: ANN401 - rosbags makes the classes at run time
         """Return a message of `package/Name` with its fields in order."""
@@ -129,68 +120,6 @@ class BagMessages:
 
     # -- controller states
 
-    def _trajectory(self, sample: TrajectorySample) -> object:
-        """Return reference and feedback of the joints of a trajectory."""
-        points = [self._point(each) for each in (sample.reference, sample.feedback, sample.error, sample.output)]
-        nowhere = self.make("trajectory_msgs/MultiDOFJointTrajectoryPoint", [], [], [], self._duration(0.0))
-        return self.make(
-            "control_msgs/JointTrajectoryControllerState",
-            self.header(sample.time, ""),
-            list(sample.joints),
-            *points,
-            [],
-            *[nowhere] * len(points),
-            sample.speed_scaling_factor,
-        )
-
-    def _point(self, point: TrajectoryPoint) -> object:
-        values = (point.positions, point.velocities, point.accelerations, point.effort)
-        after = self._duration(point.time_from_start)
-        return self.make("trajectory_msgs/JointTrajectoryPoint", *map(self.floats, values), after)
-
-    def _duration(self, seconds: float) -> object:
-        return self.make("builtin_interfaces/Duration", *stamp_of(seconds))
-
-    def _loops(self, sample: PidSample) -> object:
-        """Return the reference of each degree of freedom of a PID controller."""
-        dofs = [
-            self.make(
-                "control_msgs/SingleDOFState",
-                each.name,
-                *map(unknown_as_nan, (each.reference, each.feedback, each.feedback_dot, each.error, each.error_dot)),
-                each.time_step,
-                unknown_as_nan(each.output),
-            )
-            for each in sample.dofs
-        ]
-        return self.make("control_msgs/MultiDOFStateStamped", self.header(sample.time, ""), dofs)
-
-    def _steering(self, sample: SteeringSample) -> object:
-        """Return the wheels of a steered base, measured and commanded."""
-        columns = (
-            sample.traction_positions,
-            sample.traction_velocities,
-            sample.steering,
-            sample.traction_commands,
-            sample.steering_commands,
-        )
-        values = [self.floats(map(unknown_as_nan, each)) for each in columns]
-        return self.make("control_msgs/SteeringControllerStatus", self.header(sample.time, sample.frame_id), *values)
-
-    def _mecanum(self, sample: MecanumSample) -> object:
-        """Return the wheels of a mecanum base, and its reference twist."""
-        unknown = (None,) * 4  # of a base that has not reported its wheels yet
-        ahead, lateral, turning = map(unknown_as_nan, (*sample.reference, *unknown)[:3])
-        return self.make(
-            "control_msgs/MecanumDriveControllerState",
-            self.header(sample.time, sample.frame_id),
-            *map(unknown_as_nan, (*sample.wheels, *unknown)[:4]),
-            self.twist(ahead, turning, lateral),
-        )
-
-
-# -- samples of broadcasters and grippers
-
 
 class BagTopic(NamedTuple):
     """Topic of the samples of one `kind` of a controller; `make` returns the message of one sample."""
@@ -198,6 +127,77 @@ class BagTopic(NamedTuple):
     kind: type[Sample]
     topic: str
     make: Callable[[BagMessages, Any], object]
+
+
+# -- states of controllers
+
+
+def _trajectory(ros: BagMessages, sample: TrajectorySample) -> object:
+    """Return reference and feedback of the joints of a trajectory."""
+    points = [_point(ros, each) for each in (sample.reference, sample.feedback, sample.error, sample.output)]
+    nowhere = ros.make("trajectory_msgs/MultiDOFJointTrajectoryPoint", [], [], [], _duration(ros, 0.0))
+    return ros.make(
+        "control_msgs/JointTrajectoryControllerState",
+        ros.header(sample.time, ""),
+        list(sample.joints),
+        *points,
+        [],
+        *[nowhere] * len(points),
+        sample.speed_scaling_factor,
+    )
+
+
+def _point(ros: BagMessages, point: TrajectoryPoint) -> object:
+    values = (point.positions, point.velocities, point.accelerations, point.effort)
+    after = _duration(ros, point.time_from_start)
+    return ros.make("trajectory_msgs/JointTrajectoryPoint", *map(ros.floats, values), after)
+
+
+def _duration(ros: BagMessages, seconds: float) -> object:
+    return ros.make("builtin_interfaces/Duration", *stamp_of(seconds))
+
+
+def _loops(ros: BagMessages, sample: PidSample) -> object:
+    """Return the reference of each degree of freedom of a PID controller."""
+    dofs = [
+        ros.make(
+            "control_msgs/SingleDOFState",
+            each.name,
+            *map(unknown_as_nan, (each.reference, each.feedback, each.feedback_dot, each.error, each.error_dot)),
+            each.time_step,
+            unknown_as_nan(each.output),
+        )
+        for each in sample.dofs
+    ]
+    return ros.make("control_msgs/MultiDOFStateStamped", ros.header(sample.time, ""), dofs)
+
+
+def _steering(ros: BagMessages, sample: SteeringSample) -> object:
+    """Return the wheels of a steered base, measured and commanded."""
+    columns = (
+        sample.traction_positions,
+        sample.traction_velocities,
+        sample.steering,
+        sample.traction_commands,
+        sample.steering_commands,
+    )
+    values = [ros.floats(map(unknown_as_nan, each)) for each in columns]
+    return ros.make("control_msgs/SteeringControllerStatus", ros.header(sample.time, sample.frame_id), *values)
+
+
+def _mecanum(ros: BagMessages, sample: MecanumSample) -> object:
+    """Return the wheels of a mecanum base, and its reference twist."""
+    unknown = (None,) * 4  # of a base that has not reported its wheels yet
+    ahead, lateral, turning = map(unknown_as_nan, (*sample.reference, *unknown)[:3])
+    return ros.make(
+        "control_msgs/MecanumDriveControllerState",
+        ros.header(sample.time, sample.frame_id),
+        *map(unknown_as_nan, (*sample.wheels, *unknown)[:4]),
+        ros.twist(ahead, turning, lateral),
+    )
+
+
+# -- samples of broadcasters and grippers
 
 
 def _imu(ros: BagMessages, sample: ImuSample) -> object:
@@ -294,7 +294,11 @@ def _known(values: Iterable[float | None]) -> list[float]:
     return [unknown_as_nan(each) for each in values]
 
 
-SENSORS: Final = (
+CONTROLLER_TOPICS: Final = (
+    BagTopic(TrajectorySample, "controller_state", _trajectory),
+    BagTopic(PidSample, "controller_state", _loops),
+    BagTopic(SteeringSample, "controller_state", _steering),
+    BagTopic(MecanumSample, "controller_state", _mecanum),
     BagTopic(ImuSample, "imu", _imu),
     BagTopic(RangeSample, "range", _range),
     BagTopic(WrenchSample, "wrench", _wrench),
@@ -362,10 +366,7 @@ class BagWriter:
         for name, sample in odometry.items():
             self._odometry(name, sample)
         self._ground_truth(state)
-        for kind, make in self._ros.states.items():
-            for name, told in self._new(state.told(kind), "state").items():
-                self._write(f"/{name}/controller_state", told.time, make(told))
-        for row in SENSORS:
+        for row in CONTROLLER_TOPICS:
             for name, told in self._new(state.told(row.kind), row.topic).items():
                 self._write(f"/{name}/{row.topic}", told.time, row.make(self._ros, told))
         self._transforms(state, joint_states.values(), odometry.values())

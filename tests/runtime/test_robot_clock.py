@@ -20,6 +20,9 @@ class Made:
         self.clock = RobotClock(self.reactor, PERIOD, simulated=True)
         self.times, self.answers = [], []
 
+    def settle(self, error):
+        self.answers.append(error)
+
     def cycle(self, count=1, steps=3):
         for _ in range(count):
             self.manual.now_ns += PERIOD
@@ -62,18 +65,18 @@ def test_a_pause_takes_no_time(made):
 def test_who_asked_for_steps_is_told_once_when_they_are_done_or_left(made):
     made.cycle()
     made.clock.pause()
-    made.clock.step(5, made.answers.append)
+    made.clock.step(5, made)
     made.cycle()
     assert made.answers == []
     made.cycle(3)
     assert made.answers == [None]
-    made.clock.step(500, made.answers.append)
-    made.clock.step(1, made.answers.append)
+    made.clock.step(500, made)
+    made.clock.step(1, made)
     assert made.answers == [None, "other steps were asked for"]
     made.clock.resume()
     assert "no longer wanted" in made.answers[-1]
     made.clock.pause()
-    made.clock.step(3, made.answers.append)
+    made.clock.step(3, made)
     made.clock.end()
     assert made.answers[-1] == "the robot has stopped"
 
@@ -88,7 +91,7 @@ def test_whatever_is_asked_for_each_cycle_is_one_period_after_the_one_before(act
     for act in acts:
         if isinstance(act, int):
             if made.clock.paused:
-                made.clock.step(act, made.answers.append)
+                made.clock.step(act, made)
                 made.cycle(act)
                 wanted += act
         elif act == "cycle":

@@ -31,7 +31,7 @@ from canopen_control.rpc.messages.samples import (
 )
 from canopen_control.rpc.messages.state import StateSample
 from canopen_control.runtime.api import ApiServer
-from canopen_control.trace.bag import SENSORS, BagMessages, BagWriter
+from canopen_control.trace.bag import CONTROLLER_TOPICS, BagMessages, BagWriter
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed: pip install canopen-control[bag]")
 SAMPLES = {
@@ -91,7 +91,8 @@ def test_each_is_there_once_with_its_type_and_stamp(found_of_sensors, topic):
 
 
 def test_every_row_is_tried_here():
-    assert {row.topic for row in SENSORS} == {topic.rpartition("/")[2] for topic in KINDS}
+    tried = {topic.rpartition("/")[2] for topic in KINDS}
+    assert {row.topic for row in CONTROLLER_TOPICS} == tried | {"controller_state"}
 
 
 def test_an_imu(found_of_sensors):
@@ -207,7 +208,8 @@ def test_bases_tell_their_wheels_beside_their_odometry(found):
 
 
 def test_a_mecanum_base_that_has_told_no_wheels_yet_is_nan_throughout():
-    message = BagMessages().states[MecanumSample](MecanumSample(time=1.0, x=0.0, y=0.0, heading=0.0))
+    (row,) = [each for each in CONTROLLER_TOPICS if each.kind is MecanumSample]
+    message = row.make(BagMessages(), MecanumSample(time=1.0, x=0.0, y=0.0, heading=0.0))
     assert math.isnan(message.front_left_wheel_velocity)
     assert math.isnan(message.reference_velocity.angular.z)
 
@@ -225,7 +227,8 @@ def test_the_types_are_upstreams_by_their_hashes():
 
 
 def test_every_kind_has_its_message():
-    assert set(BagMessages().states) == {TrajectorySample, PidSample, SteeringSample, MecanumSample}
+    states = {row.kind for row in CONTROLLER_TOPICS if row.topic == "controller_state"}
+    assert states == {TrajectorySample, PidSample, SteeringSample, MecanumSample}
 
 
 READ_WITH_RCLPY = """
