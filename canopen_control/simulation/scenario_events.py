@@ -31,9 +31,9 @@ KINDS: Final = {
     "fault": EventKind("node", "switches a fault of a virtual drive on, and off after `for`", lasts=True, breaks=True),
     "heal": EventKind("node", "switches a fault of a virtual drive off"),
     "quirk": EventKind(
-        "node", "lets a virtual drive have a quirk, NAME=VALUE@AXIS, and no more after `for`", lasts=True
+        "node", "switches a quirk of a virtual drive on, `NAME=VALUE@AXIS`, and off after `for`", lasts=True
     ),
-    "quirk_off": EventKind("node", "ends a quirk of a virtual drive"),
+    "quirk_off": EventKind("node", "switches a quirk of a virtual drive off"),
     "plant": EventKind("node", "sets numbers of what hangs on an axis"),
     "world": EventKind("", "puts on a payload, pushes, blocks a joint, or changes the grip of the floor", lasts=True),
     "power": EventKind("node", "takes the supply of a drive away, for good or for a while", lasts=True, breaks=True),
