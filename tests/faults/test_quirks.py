@@ -1,0 +1,121 @@
+"""A whole robot with each quirk and each personality of its drives: it works, or stops safely and says why.
+
+What a robot without further keys in bus.yml does is in `REFUSED`, by quirk: a word of the reason that it gives.
+"""
+
+import functools
+
+import pytest
+from support import makers
+
+from canopen_control.personality import personality_names, read_personality
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.testing.tested_robot import TestedRobot
+from canopen_control.virtual.quirks import QUIRKS
+
+REFUSED = {
+    "one_mode": "mode CSP not confirmed",
+    "switch_on_delay": "in time",
+    "enable_faults": "0x5201",
+    "sync_period_judged": "0x8700",
+    "remote_when_enabled": "local control",
+    "remote_never": "local control",
+    "sdo_late": "",  # it boots for minutes
+    "optional_missing": "0x6007",
+    "velocity_absent": "TPDO 2",
+    "mapping_fixed": "RPDO 1",
+    "tpdo_by_event": "Transmission type 0x1800:02",
+    "boot_delay": "boot error B",
+    "start_after_boot": "boot error T",
+    "heartbeat_absent": "0x1016:01",
+    "consumer_refused": "0x1016:01",
+}
+BREACHED = {"set_points_elsewhere", "parameter_clamped"}  # the drive does not do what its bus says: found, and reported
+
+
+@functools.cache
+def setup_of(folder, mode, keys=""):
+    """A robot of two drives whose bus.yml has further keys."""
+    sdo = [key.removeprefix("sdo: [").removesuffix("]") for key in keys.splitlines() if key.startswith("sdo:")]
+    others = "\n".join(key for key in keys.splitlines() if not key.startswith(("sdo:", "velocity_mode:")))
+    makers.folder(folder, mode, keys=others)
+    path = folder / "bus.yml"
+    path.write_text(path.read_text().replace("  sdo:\n", "  sdo:\n" + "".join(f"    - {each}\n" for each in sdo)))
+    return read_robot(find_robot(str(folder)))
+
+
+class Patient(TestedRobot):
+    """One that need not run."""
+
+    def until(self, condition, timeout=10.0):
+        """Let time pass, also where the condition is never met."""
+        try:
+            return super().until(condition, min(timeout, 20.0))
+        except AssertionError:
+            return timeout
+
+
+def moves(robot, mode):
+    """Whether it goes where it is led."""
+    if mode == "csp":
+        start = robot.position("pan")
+        for step in range(1, 41):
+            robot.command("pos", start + 0.0125 * step, start + 0.0125 * step)
+            robot.run(0.05)
+        robot.run(0.3)
+        return abs(robot.position("pan") - start - 0.5) < 0.01
+    robot.command("vel", 0.5, 0.5, seconds=1.0)
+    robot.run(0.9)
+    return abs(robot.velocity("pan") - 0.5) < 0.05
+
+
+@pytest.mark.rest
+@pytest.mark.parametrize("name", QUIRKS)
+def test_a_robot_works_or_stands_and_says_why(name, tmp_path):
+    robot = Patient(setup_of(tmp_path, "csp"), quirks={"all": [name]})
+    try:
+        if name in REFUSED:
+            assert robot.state in ("disabled", "fault", "stopped")
+            assert not robot.moving
+            assert REFUSED[name] in "; ".join(makers.sentences(robot))
+        elif name == "set_points_elsewhere":
+            assert not moves(robot, "csp")
+            assert "set-point" in "; ".join(makers.sentences(robot))
+        else:
+            assert robot.state == "running"
+            assert moves(robot, "csp")
+            assert robot.state == "running"
+        assert name in BREACHED or robot.breaches == []
+    finally:
+        robot.close()
+
+
+@pytest.mark.rest
+@pytest.mark.parametrize("name", personality_names())
+def test_a_robot_with_the_drives_of_a_manufacturer_boots_drives_faults_recovers_and_stops(name, tmp_path):
+    personality = read_personality(name)
+    mode = "vl" if name == "vfd" else "csp"
+    setup = setup_of(tmp_path, mode, "\n".join(key.text for key in personality.bus_keys))
+    robot = Patient(setup, quirks={"all": [line.quirk for line in personality.quirks]})
+    try:
+        robot.until(lambda: robot.state == "running", 20)
+        assert robot.state == "running", makers.sentences(robot)[-6:]
+        assert moves(robot, mode)
+        robot.run(1.0)
+        robot.drives[2].fault("drive_fault", seconds=0.5)
+        robot.run(1.5)
+        assert robot.state == "fault"
+        assert robot.stopped_within(1.0)
+        robot.reset_faults()
+        robot.run(6.0)
+        robot.enable()
+        robot.until(lambda: robot.state == "running", 15)
+        assert robot.state == "running", makers.sentences(robot)[-6:]
+        robot.run(1.0)
+        assert moves(robot, mode)
+        robot.stop()
+        assert robot.stopped_within(2.0)
+        assert robot.breaches == []
+    finally:
+        robot.close()
