@@ -356,7 +356,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """
     import difflib  # needed only for a mistake
 
-    names = [str(each) for each in known]
+    names = [str(name_of_known) for name_of_known in known]
     words = _words(name)
 
     def ratio(other: str) -> float:

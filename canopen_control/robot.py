@@ -175,7 +175,7 @@ class Robot:
 
         Controllers already in the requested state are skipped, unloaded ones loaded first.
         """
-        states = {each.name: each.state for each in self.controllers().values()}
+        states = {controller.name: controller.state for controller in self.controllers().values()}
         for name in activate:
             if name not in states:
                 self._ask(messages.LoadController(controller=name))
@@ -203,7 +203,7 @@ class Robot:
 
     def controllers(self) -> dict[str, ControllerReading]:
         """Return the controllers that are loaded, by name."""
-        return {each.name: each for each in self._ask(messages.ListControllers())}
+        return {controller.name: controller for controller in self._ask(messages.ListControllers())}
 
     def status(self) -> Status:
         """Return the complete status, as printed by `status --json`."""
@@ -252,36 +252,36 @@ class Robot:
 
     def sdo_upload(self, node: str | int, index: int, subindex: int = 0, *, block: bool = True) -> bytes:
         """Read the bytes of an object, by block transfer if the node supports it."""
-        found = self._find_node(node)
+        reading = self._find_node(node)
         seconds = _CALL_S + (MAX_OBJECT / _BLOCK_BYTES_PER_S if block else 0)
-        request = SdoRead(node=str(found.node_id), index=index, subindex=subindex, block=block)
-        return self._ask_node(found, request, seconds).data
+        request = SdoRead(node=str(reading.node_id), index=index, subindex=subindex, block=block)
+        return self._ask_node(reading, request, seconds).data
 
     def sdo_download(self, node: str | int, index: int, subindex: int, data: bytes) -> None:
         """Write the bytes of an object."""
-        found = self._find_node(node)
+        reading = self._find_node(node)
         if len(data) > MAX_OBJECT:
             raise ConfigError(f"{len(data)} bytes are more than the {MAX_OBJECT} that a running robot passes on")
-        request = SdoWrite(node=str(found.node_id), index=index, subindex=subindex, data=data)
+        request = SdoWrite(node=str(reading.node_id), index=index, subindex=subindex, data=data)
         try:
             self._client().sdo_write(request, _CALL_S + len(data) / _BLOCK_BYTES_PER_S)
         except RemoteError as error:
-            raise _of_node(found, error) from None
+            raise _of_node(reading, error) from None
 
     def _address(self, node: str | int, item: str | int, subindex: int) -> tuple[int, ObjectAddress]:
         from canopen_control.od.address import find_object
 
-        found = self._find_node(node)
+        reading = self._find_node(node)
         text = f"0x{item:04X}:{subindex:02X}" if isinstance(item, int) else item
-        return found.node_id, find_object(text, self._dictionary(found))
+        return reading.node_id, find_object(text, self._dictionary(reading))
 
     def _find_node(self, node: str | int) -> NodePlace:
         self._listing = self._listing or self._ask(messages.GetNodes()).nodes
-        found = next((each for each in self._listing if str(node) in (each.name, str(each.node_id))), None)
-        if found is None:
-            known = ", ".join(f"{each.name} ({each.node_id})" for each in self._listing) or "none"
-            raise errors.UnknownName(f"no node {str(node)!r}; there are: {known}")
-        return found
+        match = next((reading for reading in self._listing if str(node) in (reading.name, str(reading.node_id))), None)
+        if match is None:
+            names = ", ".join(f"{reading.name} ({reading.node_id})" for reading in self._listing) or "none"
+            raise errors.UnknownName(f"no node {str(node)!r}; there are: {names}")
+        return match
 
     def _dictionary(self, node: NodePlace) -> ObjectDictionary:
         from canopen_control.od.eds import read_eds
@@ -336,7 +336,7 @@ def _as_here(error: RemoteError) -> CanopenError:
     Only classes that can be constructed from a sentence alone are used.
     """
     kind = getattr(errors, error.kind, None)
-    for each in kind.__mro__ if isinstance(kind, type) else ():
-        if issubclass(each, CanopenError) and each.__init__ is Exception.__init__ and each is not CanopenError:
-            return each(str(error))
+    for base in kind.__mro__ if isinstance(kind, type) else ():
+        if issubclass(base, CanopenError) and base.__init__ is Exception.__init__ and base is not CanopenError:
+            return base(str(error))
     return error

@@ -13,6 +13,6 @@ TO_COMPILE: Final = "faster: tools/compile --install"
 
 def build() -> str:
     """Return the build that this process runs: `COMPILED` or `PURE`."""
-    found = importlib.util.find_spec("canopen_control.frame")  # a compiled module that every process imports
+    spec = importlib.util.find_spec("canopen_control.frame")  # a compiled module that every process imports
     extension = tuple(importlib.machinery.EXTENSION_SUFFIXES)
-    return COMPILED if found is not None and str(found.origin).endswith(extension) else PURE
+    return COMPILED if spec is not None and str(spec.origin).endswith(extension) else PURE

@@ -76,8 +76,8 @@ class Listener:
 
 def find_listeners(interface: str, proc: Path = PROC) -> list[Listener]:
     """Return the CAN sockets of an interface by process, and those whose interface this user may not read."""
-    found = (each for pid in _processes(proc) for each in _sockets_of(pid, proc))
-    return [each for each in found if each.interface in (interface, "", None)]
+    listeners = (listener for pid in _processes(proc) for listener in _sockets_of(pid, proc))
+    return [listener for listener in listeners if listener.interface in (interface, "", None)]
 
 
 def count_hearing(interface: str, proc: Path = PROC) -> int:
@@ -206,12 +206,12 @@ def measure(
     since = clock()
     if before:
         sleep(seconds)
-    found = {}
+    traffic = {}
     for name, (link, first) in before.items():
         last = _counted(link, network_class)
         if first is not None and last is not None:
-            found[name] = _traffic(link, last[0] - first[0], last[1] - first[1], clock() - since)
-    return found
+            traffic[name] = _traffic(link, last[0] - first[0], last[1] - first[1], clock() - since)
+    return traffic
 
 
 def _traffic(link: CanInterface, frames: int, size: int, seconds: float) -> Traffic:
@@ -222,9 +222,12 @@ def _traffic(link: CanInterface, frames: int, size: int, seconds: float) -> Traf
 def _counted(link: CanInterface, network_class: Path) -> tuple[int, int] | None:
     """Return the number of frames and data bytes since the interface was created."""
     folder = network_class / link.name / "statistics"
-    ways = ("tx",) if link.kind in _LOOPED else ("rx", "tx")
+    directions = ("tx",) if link.kind in _LOOPED else ("rx", "tx")
     try:
-        frames, size = (sum(int((folder / f"{way}_{what}").read_text()) for way in ways) for what in _COUNTERS)
+        frames, size = (
+            sum(int((folder / f"{direction}_{counter}").read_text()) for direction in directions)
+            for counter in _COUNTERS
+        )
     except (OSError, ValueError):
         return None
     return frames, size
@@ -344,7 +347,9 @@ def _link(entry: _Entry) -> CanInterface:
         restart_ms=data.get("restart_ms"),
         error_counters=None if counters is None else (counters.get("tx", 0), counters.get("rx", 0)),
         counters=dict(info.get("info_xstats", {})),
-        traffic={f"{way}_{name}": n for way, each in entry.get("stats64", {}).items() for name, n in each.items()},
+        traffic={
+            f"{direction}_{name}": n for direction, each in entry.get("stats64", {}).items() for name, n in each.items()
+        },
     )
 
 
@@ -388,13 +393,13 @@ def _up_virtual(name: str, kind: str, link: CanInterface | None) -> list[Interfa
 def _up_real(
     link: CanInterface, bitrate: int | None, restart_ms: int | None, sample_point: float | None
 ) -> list[InterfaceCommand]:
-    wanted: dict[str, float | None] = {"bitrate": bitrate, "sample-point": sample_point, "restart-ms": restart_ms}
+    settings: dict[str, float | None] = {"bitrate": bitrate, "sample-point": sample_point, "restart-ms": restart_ms}
     present: dict[str, float | None] = {
         "bitrate": link.bitrate,
         "sample-point": link.sample_point,
         "restart-ms": link.restart_ms,
     }
-    changed = {key: value for key, value in wanted.items() if value is not None and value != present[key]}
+    changed = {key: value for key, value in settings.items() if value is not None and value != present[key]}
     rate = bitrate or link.bitrate
     if rate is not None and "sample-point" in changed:
         changed["bitrate"] = rate  # the kernel computes the bit timing from both
@@ -404,7 +409,7 @@ def _up_real(
     if changed and link.is_up:
         commands.append(_ip("take it down to change it", "set", link.name, "down"))
     if changed:
-        words = [word for key in wanted if key in changed for word in (key, str(changed[key]))]
+        words = [word for key in settings if key in changed for word in (key, str(changed[key]))]
         commands.append(_ip("set the controller", "set", link.name, "type", "can", *words))
     if link.queue_length != QUEUE_LENGTH:
         commands.append(_ip("lengthen its queue", "set", link.name, "txqueuelen", str(QUEUE_LENGTH)))
@@ -441,7 +446,7 @@ def up_commands(
 
 def bring_up(
     name: str,
-    say: Callable[[str], None],
+    report: Callable[[str], None],
     *,
     bitrate: int | None = None,
     restart_ms: int | None = None,
@@ -455,29 +460,29 @@ def bring_up(
     link = find_can_interface(name, run)
     commands = up_commands(name, link, bitrate=bitrate, restart_ms=restart_ms, sample_point=sample_point)
     if not commands:
-        say(f"{name} is up already")
-    _run_all(name, commands, say, run)
+        report(f"{name} is up already")
+    _run_all(name, commands, report, run)
 
 
-def bring_down(name: str, say: Callable[[str], None], *, run: Run = run_command) -> None:
+def bring_down(name: str, report: Callable[[str], None], *, run: Run = run_command) -> None:
     """Bring an interface down; a virtual one remains and can be brought up again. ConfigError as for `bring_up`."""
     link = find_can_interface(name, run)
     if link is None:
         raise ConfigError(f"no CAN interface {name!r}; what there is: canopen-control bus list")
     if not link.is_up:
-        say(f"{name} is down already")
+        report(f"{name} is down already")
         return
-    _run_all(name, [_ip("take it down", "set", name, "down")], say, run)
+    _run_all(name, [_ip("take it down", "set", name, "down")], report, run)
 
 
-def _run_all(name: str, commands: Sequence[InterfaceCommand], say: Callable[[str], None], run: Run) -> None:
+def _run_all(name: str, commands: Sequence[InterfaceCommand], report: Callable[[str], None], run: Run) -> None:
     prefix = _privilege(name, commands, run) if commands else ()
     for command in commands:
-        whole = command._replace(argv=(*prefix, *command.argv))
-        say(f"{whole}   # {command.purpose}")
-        problem = _problem(whole, run)
+        full_command = command._replace(argv=(*prefix, *command.argv))
+        report(f"{full_command}   # {command.purpose}")
+        problem = _problem(full_command, run)
         if problem and not command.optional:
-            raise ConfigError(f"{name}: {whole} failed: {problem}")
+            raise ConfigError(f"{name}: {full_command} failed: {problem}")
 
 
 def _problem(command: InterfaceCommand, run: Run) -> str:
@@ -488,8 +493,8 @@ def _problem(command: InterfaceCommand, run: Run) -> str:
         return f"{error.strerror}; install iproute2"
     if result.returncode == 0:
         return ""
-    said = result.error.removeprefix("Error: ").rstrip(".")
-    return said + next((f"; {advice}" for text, advice in _ADVICE.items() if text in said), "")
+    reason = result.error.removeprefix("Error: ").rstrip(".")
+    return reason + next((f"; {advice}" for text, advice in _ADVICE.items() if text in reason), "")
 
 
 def _privilege(name: str, commands: Sequence[InterfaceCommand], run: Run) -> tuple[str, ...]:

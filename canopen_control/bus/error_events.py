@@ -181,8 +181,8 @@ def _parts(frame: CanFrame) -> Iterator[str]:
     if classes & (PROTOCOL | BUS_ERROR):
         yield _disturbance(classes, data)
     if classes & TRANSCEIVER:
-        found = [text for code, text in _WIRES.items() if code in (data[4] & 0x0F, data[4] & 0xF0)]
-        yield "transceiver: " + (", ".join(found) or "a problem without detail")
+        wires = [text for code, text in _WIRES.items() if code in (data[4] & 0x0F, data[4] & 0xF0)]
+        yield "transceiver: " + (", ".join(wires) or "a problem without detail")
     if unknown := classes & ~_EVERY_CLASS:
         yield f"a class of errors without a name, 0x{unknown:X}"
 
@@ -192,9 +192,9 @@ def _disturbance(classes: int, data: bytes) -> str:
     text = "bus error: a frame was disturbed"
     if not classes & PROTOCOL:
         return text
-    what = ", ".join(name for bit, name in _VIOLATIONS.items() if data[2] & bit)
+    violations = ", ".join(name for bit, name in _VIOLATIONS.items() if data[2] & bit)
     where = _PLACES.get(data[3], "")
-    text = f"bus error: {what or 'a frame was disturbed'}"
+    text = f"bus error: {violations or 'a frame was disturbed'}"
     text += " while sending" if data[2] & _WHILE_SENDING else ""
     text += f", at: {where}" if where else ""
     unheard = data[3] == _ACKNOWLEDGE_SLOT and data[2] & _WHILE_SENDING

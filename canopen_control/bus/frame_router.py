@@ -82,9 +82,9 @@ class FrameRouter:
         return member
 
     def _unique(self, label: str) -> str:
-        taken = {member.label for member in self.members.values()}
+        labels = {member.label for member in self.members.values()}
         name, number = label, 1
-        while name in taken:
+        while name in labels:
             number += 1
             name = f"{label}-{number}"
         return name
@@ -92,7 +92,7 @@ class FrameRouter:
     def leave(self, member: RouterPort) -> None:
         """Remove a member; its frames are still delivered, except those that wait for the wire."""
         self.members.pop(member.number, None)
-        self._stamping = any(each.subscription.stamps for each in self.members.values())
+        self._stamping = any(other.subscription.stamps for other in self.members.values())
         self._last_due.pop(member.number, None)
         if self.wire is not None:
             self.wire.forget(member.number)

@@ -92,20 +92,20 @@ class HubControl:
     def _label(self, label: str) -> str:
         """Return a label of a member or of a fault; ConfigError for any other."""
         faults = self._exchange.faults
-        known = [member.label for member in self._exchange.members.values()]
-        if label in known or faults.silences(label) or label in faults.delays:
+        labels = [member.label for member in self._exchange.members.values()]
+        if label in labels or faults.silences(label) or label in faults.delays:
             return label
-        raise ConfigError(f"nobody called {label!r} on local:{self._name}; there are: {', '.join(known) or 'none'}")
+        raise ConfigError(f"nobody called {label!r} on local:{self._name}; there are: {', '.join(labels) or 'none'}")
 
     def _anybody(self, label: str) -> str:
         return self._label(label) if label else ""
 
-    def _drop(self, asked: hub.DropFrames) -> None:
-        rule = DropRule(self._anybody(asked.label), asked.can_id, asked.every, asked.count)
+    def _drop(self, request: hub.DropFrames) -> None:
+        rule = DropRule(self._anybody(request.label), request.can_id, request.every, request.count)
         self._exchange.faults.drops.append(rule)
 
-    def _delay(self, asked: hub.DelayFrames) -> None:
-        self._exchange.faults.delay(self._anybody(asked.label), asked.ms * _NS_PER_MS)
+    def _delay(self, request: hub.DelayFrames) -> None:
+        self._exchange.faults.delay(self._anybody(request.label), request.ms * _NS_PER_MS)
 
     def _status(self) -> hub.HubStatus:
         exchange, faults, now = self._exchange, self._exchange.faults, self._now()
@@ -125,8 +125,8 @@ class HubControl:
         )
 
 
-def _frame(asked: hub.SendErrorFrame) -> CanFrame:
-    return ERROR_FRAMES[asked.kind]()
+def _frame(request: hub.SendErrorFrame) -> CanFrame:
+    return ERROR_FRAMES[request.kind]()
 
 
 def _member(member: RouterPort) -> hub.Member:

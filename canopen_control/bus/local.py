@@ -99,7 +99,9 @@ class LocalPort:
         if self._chunks is not None:
             self._chunks = [*chunks_of(data, self._chunks[-1])]
             data = (
-                self._chunks[0].records if len(self._chunks) == 1 else b"".join([each.records for each in self._chunks])
+                self._chunks[0].records
+                if len(self._chunks) == 1
+                else b"".join([chunk.records for chunk in self._chunks])
             )
         self.stats.rx += len(data) // RECORD_SIZE
         if has_error_frames(data):
@@ -108,9 +110,9 @@ class LocalPort:
 
     def _reassemble(self, data: bytes) -> bytes:
         data = self._partial + data
-        whole = len(data) - len(data) % RECORD_SIZE
-        self._partial = data[whole:]
-        return data[:whole]
+        complete = len(data) - len(data) % RECORD_SIZE
+        self._partial = data[complete:]
+        return data[:complete]
 
     def ask_stamps(self, *, echo: bool = False) -> None:
         """Request the time of each chunk from now on; with `echo` also the own frames, in their order.
@@ -173,11 +175,11 @@ class LocalPort:
         if self._abilities & TAKES_SUBSCRIPTION:
             self._tell(pack_subscription(can_ids))
 
-    def _tell(self, asked: bytes) -> None:
+    def _tell(self, records: bytes) -> None:
         """Send control records, which are not frames."""
         with contextlib.suppress(BusClosed):  # the next receive or send reports it
-            self.send(asked)
-            self.stats.tx -= len(asked) // RECORD_SIZE
+            self.send(records)
+            self.stats.tx -= len(records) // RECORD_SIZE
 
     def flush(self) -> None:
         """Write queued records to the socket as far as it accepts them; BusClosed after the hub has ended."""

@@ -140,10 +140,10 @@ class MemoryBus:
     def release(self) -> int:
         """Deliver the held frames in order and return their number."""
         with self.lock:
-            held, self._held = self._held, []
-            for label, frame in held:
+            records, self._held = self._held, []
+            for label, frame in records:
                 self._deliver(label, pack_records([frame]))
-            return len(held)
+            return len(records)
 
     def cut(self, label: str) -> None:
         """Cut the cable of the ports with this label: no frame passes in either direction, and no error is reported."""

@@ -49,12 +49,12 @@ def play(
     """
     begin, newest = clock(), 0
     first: int | None = None
-    for each in frames:
-        if each.frame.is_error:
+    for recorded in frames:
+        if recorded.frame.is_error:
             played.errors += 1
             continue
-        first = each.time_ns if first is None else first
-        newest = max(newest, each.time_ns - first)
+        first = recorded.time_ns if first is None else first
+        newest = max(newest, recorded.time_ns - first)
         due = begin + round(newest / speed)
         late = clock() - due
         if late < 0:
@@ -62,7 +62,7 @@ def play(
             late = clock() - due
         played.late_max = max(played.late_max, late / _NS)
         port.receive()  # received frames are discarded
-        port.send(pack_records([each.frame]))
+        port.send(pack_records([recorded.frame]))
         _flush(port, 0.0)
         played.frames += 1
     _flush(port, _LAST_FRAMES_S)

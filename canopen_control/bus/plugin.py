@@ -64,8 +64,8 @@ class LocalBus(can.BusABC):
         self._wake = WakeDescriptor()
         self._woken = False
         self._poll = select.poll()
-        for each in (self._port, self._wake):
-            self._poll.register(each, select.POLLIN)
+        for source in (self._port, self._wake):
+            self._poll.register(source, select.POLLIN)
         self._readable: selectors.BaseSelector | None = None
         super().__init__(channel=name, can_filters=can_filters, **kwargs)
 
@@ -75,11 +75,11 @@ class LocalBus(can.BusABC):
             return -1
         if self._readable is None:
             self._readable = selectors.DefaultSelector()  # its own descriptor is readable while one of these is
-            for each in (self._port, self._wake):
-                self._readable.register(each, selectors.EVENT_READ)
+            for source in (self._port, self._wake):
+                self._readable.register(source, selectors.EVENT_READ)
             self._tell_waiting()
-        found: int = self._readable.fileno()  # type: ignore[attr-defined] # epoll's and kqueue's have one
-        return found
+        descriptor: int = self._readable.fileno()  # type: ignore[attr-defined] # epoll's and kqueue's have one
+        return descriptor
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a message; CanOperationError if the bus is gone or does not accept it within `timeout` s."""

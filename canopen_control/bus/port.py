@@ -204,8 +204,8 @@ class WakeDescriptor:
     def close(self) -> None:
         """Close the descriptors."""
         descriptors, self._reader, self._writer = {self._reader, self._writer} - {-1}, -1, -1
-        for each in descriptors:
-            os.close(each)
+        for descriptor in descriptors:
+            os.close(descriptor)
 
 
 def _open_wake() -> tuple[int, int]:

@@ -107,13 +107,13 @@ class AdapterClock:
         now = self._monotonic()
         if not seconds:
             return now
-        told = round(seconds * _NS)
-        by_unix = told - self._unix.ns()
+        stamp_ns = round(seconds * _NS)
+        by_unix = stamp_ns - self._unix.ns()
         if self._is_unix is not False:
             self._is_unix = 0 <= now - by_unix < _NS
             if self._is_unix:
                 return by_unix
-        return min(now, told + self._lag_of(now - told, now))
+        return min(now, stamp_ns + self._lag_of(now - stamp_ns, now))
 
     def _lag_of(self, lag: int, now: int) -> int:
         """Return the minimum recent delay from stamp to reading."""

@@ -97,10 +97,10 @@ def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
             elif name == ";$STARTTIME":
                 start = _start(value)
         elif text:
-            found = _parsed(text, columns)
-            if found is None and not line.endswith("\n"):
+            row = _parsed(text, columns)
+            if row is None and not line.endswith("\n"):
                 raise EOFError
-            yield None if found is None else (round((start + found[0] / 1000) * 1e6) * _NS_PER_US, found[1])
+            yield None if row is None else (round((start + row[0] / 1000) * 1e6) * _NS_PER_US, row[1])
 
 
 def _start(days: str) -> float:
@@ -156,16 +156,16 @@ def _report(kind: str, words: list[str], columns: str) -> CanFrame | None:
     if kind in _ERROR_TYPES:
         if "d" not in columns:  # up to version 1.3 the kind of error is in the identifier
             data = bytes((int(words[columns.index("I")], 16) & 0xFF,)) + data
-        what, way, place, receive, transmit = data[:5]
-        detail = _VIOLATION.get(what, 0) | (0 if way else _SENDING)
+        kind_code, way, place, receive, transmit = data[:5]
+        detail = _VIOLATION.get(kind_code, 0) | (0 if way else _SENDING)
         classes = PROTOCOL | BUS_ERROR | COUNTERS
         return CanFrame(ERROR_FLAG | classes, bytes((0, 0, detail, place, 0, 0, transmit, receive)))
     if kind in _STATUS_TYPES and len(data) >= 4:
         status = int.from_bytes(data[:4], "big")
         classes, detail = 0, 0
-        for bit, each, more in _STATUS:
+        for bit, error_class, more in _STATUS:
             if status & bit:
-                classes, detail = classes | each, detail | more
+                classes, detail = classes | error_class, detail | more
         if not status:
             classes, detail = CONTROLLER, ACTIVE_AGAIN
         return CanFrame(ERROR_FLAG | classes, bytes((0, detail, 0, 0, 0, 0, 0, 0))) if classes else None
@@ -208,15 +208,15 @@ def parse_line(line: str) -> tuple[int, CanFrame] | None:
 
     A clock that was set can cause negative times. A DLC above 8 (`_9` to `_F`, can-utils 2020 and later) means 8 bytes.
     """
-    found = _LINE.fullmatch(line)
-    if found is None:
+    match = _LINE.fullmatch(line)
+    if match is None:
         return None
-    time_ns = int(found["seconds"]) * _NS + int(f"{found['fraction']:0<9}"[:9])
-    time_ns = -time_ns if found["sign"] else time_ns
-    can_id = int(found["id"], 16)
-    if len(found["id"]) > _STANDARD_DIGITS and not can_id & ERROR_FLAG:
+    time_ns = int(match["seconds"]) * _NS + int(f"{match['fraction']:0<9}"[:9])
+    time_ns = -time_ns if match["sign"] else time_ns
+    can_id = int(match["id"], 16)
+    if len(match["id"]) > _STANDARD_DIGITS and not can_id & ERROR_FLAG:
         can_id = can_id & ~REMOTE_FLAG | EXTENDED_FLAG
-    data = found["data"]
+    data = match["data"]
     if data[:1] in ("R", "r"):
         return time_ns, CanFrame(can_id | REMOTE_FLAG, bytes(min(int(data[1:] or 0), 8)))
     return time_ns, CanFrame(can_id, bytes.fromhex(data.replace(".", "")))
@@ -433,12 +433,12 @@ class Recording:
     def __iter__(self) -> Iterator[RecordedFrame]:
         self.skipped, self.problem, self._ends, count = 0, "", False, 0
         try:
-            for each in self._lines() if self._format.reader is None else self._messages():
-                if each is None:
+            for frame in self._lines() if self._format.reader is None else self._messages():
+                if frame is None:
                     self.skipped += 1
                 else:
                     count += 1
-                    yield each
+                    yield frame
             if not count:
                 self.problem = f"{self.path}: no frame is in it"
         except OSError as error:
@@ -452,8 +452,8 @@ class Recording:
     def _lines(self) -> Iterator[RecordedFrame | None]:
         with self._open() as file:
             try:
-                for each in self._format.lines(file):
-                    yield None if each is None else RecordedFrame(*each)
+                for frame in self._format.lines(file):
+                    yield None if frame is None else RecordedFrame(*frame)
             except EOFError:
                 self._ends = not _is_packed(self.path)
                 raise
@@ -491,6 +491,6 @@ class Recording:
 
 
 def _open_packed(path: Path, mode: str) -> TextIO:
-    found: Any = gzip.open(path, mode, encoding="utf-8", errors="replace")  # noqa: SIM115 - the caller closes it
-    text: TextIO = found
+    file: Any = gzip.open(path, mode, encoding="utf-8", errors="replace")  # noqa: SIM115 - the caller closes it
+    text: TextIO = file
     return text

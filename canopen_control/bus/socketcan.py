@@ -91,10 +91,10 @@ class SocketCanPort:
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
         """Let the kernel deliver only these identifiers and error frames; if there are too many, all 11-bit ones."""
-        wanted = frozenset(can_ids)
-        if wanted == self._heard or self._closed:
+        identifiers = frozenset(can_ids)
+        if identifiers == self._heard or self._closed:
             return
-        self._heard, self._filters = wanted, filters_of(wanted)
+        self._heard, self._filters = identifiers, filters_of(identifiers)
         set_filters(self._socket, self._filters)
 
     def receive(self) -> bytes:
@@ -196,16 +196,16 @@ class SocketCanPort:
     def flush(self) -> None:
         """Send queued records as far as the kernel accepts them."""
         self._full = False
-        taken, data = 0, memoryview(bytes(self._queue.data))
+        sent, data = 0, memoryview(bytes(self._queue.data))
         problem: OSError | None = None
         try:
-            while taken < len(data):
-                taken += self._send_one(data[taken : taken + RECORD_SIZE])
+            while sent < len(data):
+                sent += self._send_one(data[sent : sent + RECORD_SIZE])
         except BlockingIOError:
             pass
         except OSError as error:
             problem = error
-        self._queue.taken(taken)
+        self._queue.taken(sent)
         if problem is not None:
             self._refused(problem)
         self.stats.queued = len(self._queue)
@@ -247,12 +247,12 @@ class SocketCanPort:
         """Record that the interface is down or removed; it is reported once until it works again."""
         self._drop_queue()
         self._bus_off = False
-        gone = error.errno in (errno.ENODEV, errno.ENXIO)
-        if gone and self._rebind_at is None:
+        removed = error.errno in (errno.ENODEV, errno.ENXIO)
+        if removed and self._rebind_at is None:
             self._rebind_at = self._now() + _REBIND_NS
             self._bind(ALL_INTERFACES)
         text = _DOWN_TEXTS.get(error.errno or 0, error.strerror or str(error))
-        if not self._down or (gone and self._down != _GONE):  # a removed interface goes down first
+        if not self._down or (removed and self._down != _GONE):  # a removed interface goes down first
             self._down = text
             self._events.add(BusEventKind.DOWN, f"bus {self.channel}: {text}")
 

@@ -185,8 +185,8 @@ _MOST: Final = 4096  # maximum number of identifiers; beyond it a port receives 
 
 def pack_subscription(can_ids: Iterable[int]) -> bytes:
     """Return the records that request only these identifiers."""
-    wanted = sorted(set(can_ids))
-    pairs = [wanted[at : at + 2] for at in range(0, len(wanted), 2)] or [[]]
+    identifiers = sorted(set(can_ids))
+    pairs = [identifiers[at : at + 2] for at in range(0, len(identifiers), 2)] or [[]]
     last = len(pairs) - 1
     return b"".join(
         _RECORD.pack(MARK, len(pair) | (_LAST if number == last else 0), *pair, *[0] * (2 - len(pair)))

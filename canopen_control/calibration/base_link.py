@@ -46,8 +46,8 @@ def parse_end(text: str) -> tuple[float, float]:
 class TypedEnds:
     """End positions typed at a terminal; `ask` shows a text and returns a line, or raises EOFError."""
 
-    def __init__(self, ask: Callable[[str], str], say: Callable[[str], object]) -> None:
-        self._ask, self._say = ask, say
+    def __init__(self, ask: Callable[[str], str], report: Callable[[str], object]) -> None:
+        self._ask, self._say = ask, report
 
     def before(self, text: str) -> None:
         """Wait for Enter."""
@@ -72,8 +72,8 @@ class TypedEnds:
 class FiledEnds:
     """End positions from a file, in its order."""
 
-    def __init__(self, ends: Sequence[tuple[float, float]], say: Callable[[str], object]) -> None:
-        self._ends, self._say = list(ends), say
+    def __init__(self, ends: Sequence[tuple[float, float]], report: Callable[[str], object]) -> None:
+        self._ends, self._say = list(ends), report
 
     def before(self, text: str) -> None:
         """Report the next square without waiting."""
@@ -84,7 +84,7 @@ class FiledEnds:
         return self._ends.pop(0)
 
 
-def read_ends(path: Path, wanted: int, say: Callable[[str], object]) -> FiledEnds:
+def read_ends(path: Path, count: int, report: Callable[[str], object]) -> FiledEnds:
     """Return the end positions of a file, without empty lines and ``# comments``.
 
     ConfigError with all mistakes and their lines.
@@ -100,11 +100,11 @@ def read_ends(path: Path, wanted: int, say: Callable[[str], object]) -> FiledEnd
                 ends.append(parse_end(text))
             except ConfigError as error:
                 problems.append(f"{path}:{number}: {error}")
-    if not problems and len(ends) < wanted:
-        problems.append(f"{path} has {len(ends)} ends, and {wanted} squares are driven; give one for each")
+    if not problems and len(ends) < count:
+        problems.append(f"{path} has {len(ends)} ends, and {count} squares are driven; give one for each")
     if problems:
         raise ConfigError("\n".join(problems))
-    return FiledEnds(ends, say)
+    return FiledEnds(ends, report)
 
 
 #: parameters that a calibration changes: track, left and right radius
@@ -138,18 +138,20 @@ class Driven:
     truth: Planar | None = None
 
 
-def choose_base(controllers: tuple[ControllerReading, ...], wanted: str | None) -> ControllerReading:
+def choose_base(controllers: tuple[ControllerReading, ...], name: str | None) -> ControllerReading:
     """Return the diff drive controller to calibrate: the requested one, or the only one; ConfigError with advice."""
-    names = ", ".join(each.name for each in controllers)
-    bases = [each for each in controllers if each.type == _TYPE]
-    found = [each for each in bases if each.name == wanted] if wanted is not None else bases
-    if wanted is not None and not found:
-        raise ConfigError(f"{wanted!r} is no diff drive controller of the robot; it has: {names}")
-    if not found:
+    names = ", ".join(controller.name for controller in controllers)
+    bases = [controller for controller in controllers if controller.type == _TYPE]
+    matches = [controller for controller in bases if controller.name == name] if name is not None else bases
+    if name is not None and not matches:
+        raise ConfigError(f"{name!r} is no diff drive controller of the robot; it has: {names}")
+    if not matches:
         raise ConfigError(f"the robot has no {_TYPE}, which is what UMBmark calibrates; it has: {names}")
-    active = [each for each in found if each.active] or found
+    active = [controller for controller in matches if controller.active] or matches
     if len(active) > 1:
-        raise ConfigError(f"several could be meant: {', '.join(each.name for each in active)}; give --controller NAME")
+        raise ConfigError(
+            f"several could be meant: {', '.join(controller.name for controller in active)}; give --controller NAME"
+        )
     if not active[0].active:
         raise ConfigError(
             f"{active[0].name} is {active[0].state}; activate it: canopen-control controller switch --activate "
@@ -161,16 +163,18 @@ def choose_base(controllers: tuple[ControllerReading, ...], wanted: str | None) 
 class BaseLink:
     """Connection to the robot; `controller` is its base."""
 
-    def __init__(self, robot: RobotClient, wanted: str | None = None) -> None:
+    def __init__(self, robot: RobotClient, controller_name: str | None = None) -> None:
         self._robot = robot
-        self.controller = choose_base(robot.ask(ListControllers()), wanted).name
+        self.controller = choose_base(robot.ask(ListControllers()), controller_name).name
 
     def wheel_values(self) -> WheelValues:
         """Return the wheel values of the controller; ConfigError if one value overrides those of both sides."""
-        found = {each.name: each.plain for each in self._robot.ask(GetParameters(controller=self.controller))}
+        params = {
+            parameter.name: parameter.plain for parameter in self._robot.ask(GetParameters(controller=self.controller))
+        }
 
         def value(name: str, otherwise: float = math.nan) -> float:
-            given = found.get(name)
+            given = params.get(name)
             number = float(given) if isinstance(given, int | float) else math.nan
             return otherwise if math.isnan(number) else number
 
@@ -243,14 +247,14 @@ class BaseLink:
         if state.state in _ENDING:
             raise ControlError(f"the robot is {state.state}")
         if state.state == "fault":
-            wrong = [f"{name}: {each.error or 'not there'}" for name, each in state.nodes.items()
-                     if each.error or not each.ready]  # fmt: skip
+            wrong = [f"{name}: {node.error or 'not there'}" for name, node in state.nodes.items()
+                     if node.error or not node.ready]  # fmt: skip
             raise ControlError(
                 f"the robot is in fault: {'; '.join(wrong) or 'a drive is silent, see canopen-control status'}"
             )
-        found = state.samples.get(self.controller)
-        if isinstance(found, OdometrySample):
-            return found
+        sample = state.samples.get(self.controller)
+        if isinstance(sample, OdometrySample):
+            return sample
         if time.monotonic() - begun > _BEGIN_S:
             raise ControlError(f"{self.controller} publishes no odometry; is it active, with a publish_rate?")
         self._twist(0.0, 0.0)

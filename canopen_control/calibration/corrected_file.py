@@ -94,7 +94,7 @@ def _edit(path: Path, lines: Sequence[str], flat: Node, name: str, value: float)
     if node is not None:
         _require_same(path, node, name)
         return _Edit(node.line - 1, node.column - 1, len(node.text), f"{value:.9g}")
-    anchor = next((key for each in _ANCHORS if (key := flat.keys().get(each)) is not None), None)
+    anchor = next((key for anchor_key in _ANCHORS if (key := flat.keys().get(anchor_key)) is not None), None)
     if anchor is None:
         raise ConfigError(f"{path}: nothing there names the wheels of the base; write {name}: {value:.9g} by hand")
     _require_same(path, anchor, name)
@@ -124,14 +124,14 @@ def _applied(lines: Sequence[str], edits: Sequence[_Edit]) -> list[str]:
 
 def _check(file: ControllersFile, copy: Path, controller: str, values: Mapping[str, float]) -> None:
     """Delete the copy and raise ConfigError if it differs from the file in anything but the values."""
-    wanted = _values(file)
-    wanted[controller] |= {name: float(f"{value:.9g}") for name, value in values.items()}
+    expected = _values(file)
+    expected[controller] |= {name: float(f"{value:.9g}") for name, value in values.items()}
     try:
-        found = _values(read_controllers(copy))
+        actual = _values(read_controllers(copy))
     except ConfigError as error:
         copy.unlink()
         raise ConfigError(f"no copy was written, it could not be read: {error}") from error
-    if found != wanted:
+    if actual != expected:
         copy.unlink()
         text = ", ".join(f"{name}: {value:.9g}" for name, value in values.items())
         raise ConfigError(f"{file.path} is laid out in a way that no copy could be made of; write by hand: {text}")
@@ -140,5 +140,6 @@ def _check(file: ControllersFile, copy: Path, controller: str, values: Mapping[s
 def _values(file: ControllersFile) -> dict[str, dict[str, object]]:
     """Return all parameters of all controllers."""
     return {
-        name: {key: node.value for key, node in each.params.flat.items()} for name, each in file.controllers.items()
+        name: {key: node.value for key, node in controller.params.flat.items()}
+        for name, controller in file.controllers.items()
     }

@@ -102,9 +102,9 @@ def correction(runs: Sequence[SquareRun], side: float, separation: float, least:
     _refuse_sizes(side, separation)
     for number, run in enumerate(runs, 1):
         _refuse_run(number, run, side)
-    by_direction = {each: [run for run in runs if run.direction is each] for each in Direction}
+    by_direction = {direction: [run for run in runs if run.direction is direction] for direction in Direction}
     _refuse_count(by_direction, least)
-    means = {each: _mean(found) for each, found in by_direction.items()}
+    means = {direction: _mean(group) for direction, group in by_direction.items()}
     (x_ccw, y_ccw), (x_cw, y_cw) = means[Direction.CCW], means[Direction.CW]
     # in rad; x and y each give it with an error of second order in the other angle, so that their mean is used
     alpha = ((x_cw + x_ccw) + (y_cw - y_ccw)) / (-8.0 * side)
@@ -242,9 +242,9 @@ class SquarePath:
         seen = relative(pose, self._start)
         self._check(seen, now)
         if self._phase in _MOVES:
-            wanted = self._along(seen) if self._phase is _Phase.SIDE else self._around(seen)
-            if wanted is not None:
-                return wanted
+            command = self._along(seen) if self._phase is _Phase.SIDE else self._around(seen)
+            if command is not None:
+                return command
             self._enter(_NEXT[self._phase], now)
         elif self._stands(seen, now):
             self._enter(_NEXT[self._phase], now)
@@ -304,9 +304,9 @@ class SquarePath:
                 "its start; does anybody else drive it?"
             )
         if now - self._since > self._patience():
-            what = "does not come to rest" if self._phase not in _MOVES else "does not move as it is commanded"
+            problem = "does not come to rest" if self._phase not in _MOVES else "does not move as it is commanded"
             where = f"{self._phase.value} {min(self.corner + 1, _CORNERS)} of the square"
-            raise ControlError(f"the base {what}: {now - self._since:.0f} s at {where}; see canopen-control status")
+            raise ControlError(f"the base {problem}: {now - self._since:.0f} s at {where}; see canopen-control status")
 
     def _patience(self) -> float:
         pace = self.pace

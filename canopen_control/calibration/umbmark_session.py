@@ -61,8 +61,8 @@ class Ends(Protocol):
 class TrueEnds:
     """True pose of a simulated base."""
 
-    def __init__(self, say: Callable[[str], object]) -> None:
-        self._say = say
+    def __init__(self, report: Callable[[str], object]) -> None:
+        self._say = report
 
     def before(self, text: str) -> None:
         """Report the next square without waiting."""
@@ -112,14 +112,14 @@ class CalibrationResult:
         return self.first.largest / self.last.largest if self.last.largest else math.inf
 
 
-def fitting_pace(wanted: Pace, wheels: WheelValues) -> Pace:
+def fitting_pace(pace: Pace, wheels: WheelValues) -> Pace:
     """Return the pace within the controller's own limits."""
     return replace(
-        wanted,
-        speed=min(wanted.speed, wheels.most_linear),
-        turn=min(wanted.turn, wheels.most_angular),
-        ramp=min(wanted.ramp, _OF_LIMIT * wheels.linear_ramp),
-        turn_ramp=min(wanted.turn_ramp, _OF_LIMIT * wheels.angular_ramp),
+        pace,
+        speed=min(pace.speed, wheels.most_linear),
+        turn=min(pace.turn, wheels.most_angular),
+        ramp=min(pace.ramp, _OF_LIMIT * wheels.linear_ramp),
+        turn_ramp=min(pace.turn_ramp, _OF_LIMIT * wheels.angular_ramp),
     )
 
 
@@ -136,17 +136,17 @@ def calibrate(
     base: Base,
     ends: Ends,
     plan: CalibrationPlan,
-    say: Callable[[str], object],
+    report: Callable[[str], object],
     corrected: Callable[[dict[str, float]], object] = lambda _: None,
 ) -> CalibrationResult:
-    """Calibrate a base; `say` receives each step, `corrected` each set of new multipliers, by parameter.
+    """Calibrate a base; `report` receives each step, `corrected` each set of new multipliers, by parameter.
 
     ControlError, RemoteError or ImplausibleEnds if it fails; the robot then has its old values again.
     """
     wheels = base.wheel_values()
     original = wheels.factors
     try:
-        first = last = _round(base, ends, plan, wheels.separation, f"as it is, 1 of {plan.passes + 1}", say)
+        first = last = _round(base, ends, plan, wheels.separation, f"as it is, 1 of {plan.passes + 1}", report)
         for number in range(1, plan.passes + 1):
             if last.largest <= (EXACT if last is first else _NO_BETTER):
                 break
@@ -155,7 +155,7 @@ def calibrate(
             wheels = replace(wheels, factors=new, separation=wheels.separation * last.e_b)
             corrected(dict(zip(FACTORS, new, strict=True)))
             base.set_factors(new)
-            last = _round(base, ends, plan, wheels.separation, f"corrected, {number + 1} of {plan.passes + 1}", say)
+            last = _round(base, ends, plan, wheels.separation, f"corrected, {number + 1} of {plan.passes + 1}", report)
         if wheels.factors != original and last.largest >= first.largest:
             raise ControlError(
                 f"the largest error is {1e3 * last.largest:.1f} mm with the corrected values and was "
@@ -170,26 +170,26 @@ def calibrate(
 
 
 def _round(
-    base: Base, ends: Ends, plan: CalibrationPlan, separation: float, what: str, say: Callable[[str], object]
+    base: Base, ends: Ends, plan: CalibrationPlan, separation: float, title: str, report: Callable[[str], object]
 ) -> Correction:
     """Drive all squares once with the current values; return the correction."""
-    found = []
+    runs = []
     for number in range(1, plan.runs + 1):
         for direction in Direction:
-            text = f"{what}: run {number} of {plan.runs}, {direction.word}"
+            text = f"{title}: run {number} of {plan.runs}, {direction.word}"
             ends.before(text)
             driven = base.drive(SquarePath(plan.side, direction, plan.pace))
             x, y = ends.end(text, driven)
             run = SquareRun(direction, x - driven.odometry[0], y - driven.odometry[1])
-            say(f"  ended {1e3 * math.hypot(run.x, run.y):.1f} mm from odometry: {_millimetres(run.x, run.y)}")
-            found.append(run)
-    told = correction(found, plan.side, separation, least=plan.runs)
-    scatter = "" if told.scatter is None else f", scatter (3 sigma) {1e3 * told.scatter:.1f} mm"
-    say(
-        f"  largest systematic error {1e3 * told.largest:.1f} mm{scatter}; right wheel to left {told.e_d:.6f}, "
-        f"track to the one in use {told.e_b:.6f}"
+            report(f"  ended {1e3 * math.hypot(run.x, run.y):.1f} mm from odometry: {_millimetres(run.x, run.y)}")
+            runs.append(run)
+    result = correction(runs, plan.side, separation, least=plan.runs)
+    scatter = "" if result.scatter is None else f", scatter (3 sigma) {1e3 * result.scatter:.1f} mm"
+    report(
+        f"  largest systematic error {1e3 * result.largest:.1f} mm{scatter}; right wheel to left {result.e_d:.6f}, "
+        f"track to the one in use {result.e_b:.6f}"
     )
-    return told
+    return result
 
 
 def _written(value: float) -> float:
@@ -198,5 +198,5 @@ def _written(value: float) -> float:
 
 
 def _millimetres(x: float, y: float) -> str:
-    ahead, left = (round(1e3 * each, 1) + 0.0 for each in (x, y))
+    ahead, left = (round(1e3 * metres, 1) + 0.0 for metres in (x, y))
     return f"{ahead:+.1f} mm ahead, {left:+.1f} mm to the left"

@@ -458,7 +458,9 @@ class EmcyConsumer:
         """
         register, code = message.error_register, message.error_code
         reset = message.is_reset
-        present = {each: own for each, own in self._active.items() if own & register or not (own or reset)}
+        present = {
+            active_code: own for active_code, own in self._active.items() if own & register or not (own or reset)
+        }
         if reset:
             self._perhaps_gone = set(present)  # CiA 301, 7.2.7: an error reset does not name the error
         else:

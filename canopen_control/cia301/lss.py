@@ -84,7 +84,7 @@ def lss_frame(command: int, value: int = 0, *, tail: bytes = b"", cob_id: int = 
 
 def bit_timing_index(bitrate: int) -> int | None:
     """Return the index of `bitrate` (bit/s) in bit timing table 0, None if it is not in the table."""
-    return next((index for index, known in BIT_TIMINGS.items() if known == bitrate), None)
+    return next((index for index, table_bitrate in BIT_TIMINGS.items() if table_bitrate == bitrate), None)
 
 
 LssResult: TypeAlias = int | LssIdentity | None
@@ -334,20 +334,20 @@ def _question(number: int, bit: int, part: int, following: int) -> _Ask:
     return _Ask([frame], LssCommand.IDENTIFIED, scan=True)
 
 
-def _fast_scan(known: tuple[int | None, ...]) -> _Service:
+def _fast_scan(known_parts: tuple[int | None, ...]) -> _Service:
     if (yield _question(0, FAST_SCAN_START, 0, 0)) is None:
         return None
-    found: list[int] = []
-    for part, given in enumerate(known):
-        number = given or 0
-        for bit in range(31, -1, -1) if given is None else ():
+    parts: list[int] = []
+    for part, known_part in enumerate(known_parts):
+        number = known_part or 0
+        for bit in range(31, -1, -1) if known_part is None else ():
             if (yield _question(number, bit, part, part)) is None:
                 number |= 1 << bit  # no slave has a 0 at this bit
         if (yield _question(number, 0, part, (part + 1) % 4)) is None:
             name = PART_NAMES[part]
             raise RemoteProtocolError(0, f"LSS fast scan: no slave confirms {name} 0x{number:08X}; scan again")
-        found.append(number)
-    return LssIdentity(*found)
+        parts.append(number)
+    return LssIdentity(*parts)
 
 
 OK, REFUSED, STORE_FAILED = 0, 1, 2

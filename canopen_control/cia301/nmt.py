@@ -348,8 +348,8 @@ _REACTIONS = {int(value): value for value in ErrorReaction}
 
 def reaction(value: int, state: NmtState) -> NmtCommand | None:
     """Return the command that a node gives itself after an error, None for none or a manufacturer-specific value."""
-    known = _REACTIONS.get(value)
-    return None if known is None else REACTIONS.get((known, state))
+    commands = _REACTIONS.get(value)
+    return None if commands is None else REACTIONS.get((commands, state))
 
 
 def check_reaction(value: int) -> AbortCode | None:

@@ -112,8 +112,8 @@ class PdoRules:
         if value & INVALID_BIT:
             return None
         moved = (new.cob_id, new.extended) != (present.cob_id, present.extended)
-        taken = not new.extended and (is_restricted(new.cob_id) or self.in_use(new.cob_id))
-        if (moved and present.enabled) or taken:
+        in_use = not new.extended and (is_restricted(new.cob_id) or self.in_use(new.cob_id))
+        if (moved and present.enabled) or in_use:
             return AbortCode.INVALID_VALUE
         return self._check_type(new.transmission_type, new)
 
@@ -136,5 +136,5 @@ class PdoRules:
         return None if mappable and fits else AbortCode.NOT_MAPPABLE
 
 
-def _fixed_while_valid(value: int, held: int, present: PdoParameters) -> AbortCode | None:
-    return AbortCode.INVALID_VALUE if value != held and present.enabled else None
+def _fixed_while_valid(value: int, current: int, present: PdoParameters) -> AbortCode | None:
+    return AbortCode.INVALID_VALUE if value != current and present.enabled else None

@@ -129,7 +129,7 @@ def segment_frames(cob_id: int, data: bytes, first: int, count: int) -> list[Can
         payload[byte + 1 :: 8] = chunk[byte::SEGMENT_DATA]
     if end >= len(data):
         payload[-8] |= LAST_FLAG
-    return [CanFrame(cob_id, each) for (each,) in _FRAME_DATA.iter_unpack(payload)]
+    return [CanFrame(cob_id, segment) for (segment,) in _FRAME_DATA.iter_unpack(payload)]
 
 
 def deliver(
@@ -151,10 +151,10 @@ def deliver(
     least = end - SHORTEST_RUN * RECORD_SIZE  # after it there are too few records
     while start < end:
         second = start + RECORD_SIZE
-        alike = start <= least and records[start : start + _ID_SIZE] == records[second : second + _ID_SIZE]
-        taken = receive_records(records, start, now) if alike else 0
-        if not taken:
+        same_identifier = start <= least and records[start : start + _ID_SIZE] == records[second : second + _ID_SIZE]
+        received = receive_records(records, start, now) if same_identifier else 0
+        if not received:
             can_id, length, data = RECORD.unpack_from(records, start)
             receive(CanFrame(can_id, data[:length]), now)
-            taken = 1
-        start += taken * RECORD_SIZE
+            received = 1
+        start += received * RECORD_SIZE

@@ -70,10 +70,10 @@ class CheckList(list[Check]):
 GENERAL_ERROR = 0x08000000  # a device may always abort with it (CiA 301, 7.2.4.3.17)
 
 
-def expect(good: bool, came: str, due: str) -> None:
+def expect(good: bool, actual: str, due: str) -> None:
     """Raise CheckFailed unless `good`."""
     if not good:
-        raise CheckFailed(came, due)
+        raise CheckFailed(actual, due)
 
 
 def expect_abort(node: CheckedNode, request: bytes, *codes: int) -> None:
@@ -95,8 +95,8 @@ def expect_refused(node: CheckedNode, index: int, subindex: int, data: bytes, *c
     try:
         node.write(index, subindex, data)
     except SdoAbort as error:
-        came = f"abort 0x{error.code:08X} ({abort_text(error.code)})"
-        expect(error.code in (*codes, GENERAL_ERROR), came, due)
+        actual = f"abort 0x{error.code:08X} ({abort_text(error.code)})"
+        expect(error.code in (*codes, GENERAL_ERROR), actual, due)
     else:
         raise CheckFailed(f"{data.hex(' ').upper()} was accepted by 0x{index:04X}:{subindex:02X}", due)
 

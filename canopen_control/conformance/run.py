@@ -143,7 +143,7 @@ def run_checks(
     for number, check in enumerate(checks):
         progress(number, len(checks))
         if silences >= _SILENCES:
-            results.append(_result(check, ERROR, came="not made: the device stopped answering"))
+            results.append(_result(check, ERROR, actual="not made: the device stopped answering"))
             continue
         result, silent = _run(node, check)
         results.append(result)
@@ -165,39 +165,39 @@ def _identity(node: CheckedNode) -> dict[str, str]:
         if isinstance(error, BusError):
             raise
         device_type = b""
-    found = {"device type": device_type[::-1].hex().upper()}
+    identity = {"device type": device_type[::-1].hex().upper()}
     for name, subindex in (("vendor", 1), ("product", 2), ("revision", 3), ("serial", 4)):
         try:
-            found[name] = node.read(0x1018, subindex)[::-1].hex().upper()
+            identity[name] = node.read(0x1018, subindex)[::-1].hex().upper()
         except RemoteProtocolError:
             continue
-    return found
+    return identity
 
 
 def _run(node: CheckedNode, check: Check) -> tuple[CheckResult, bool]:
     """Return the result of a check, and whether it ended because the device did not answer."""
     node.begin()
     begin = node.reactor.now()
-    verdict, came, due, silent = PASSED, "", "", False
+    verdict, actual, due, silent = PASSED, "", "", False
     try:
         check.run(node)
     except NotApplicable as reason:
-        verdict, came = SKIPPED, str(reason)
+        verdict, actual = SKIPPED, str(reason)
     except CheckFailed as failure:
-        verdict, came, due = FAILED, failure.came, failure.due
+        verdict, actual, due = FAILED, failure.came, failure.due
     except SdoTimeout as error:
-        verdict, came, due, silent = FAILED, str(error), "an answer", True
+        verdict, actual, due, silent = FAILED, str(error), "an answer", True
     except RemoteProtocolError as error:
-        verdict, came, due = FAILED, str(error), "a transfer without an abort"
+        verdict, actual, due = FAILED, str(error), "a transfer without an abort"
     seconds = (node.reactor.now() - begin) / 1e9
     frames = list(node.log) if verdict == FAILED else []
-    return _result(check, verdict, came, due, seconds, list(node.notes), frames), silent
+    return _result(check, verdict, actual, due, seconds, list(node.notes), frames), silent
 
 
 def _result(
     check: Check,
     verdict: str,
-    came: str = "",
+    actual: str = "",
     due: str = "",
     seconds: float = 0.0,
     notes: Sequence[str] = (),
@@ -205,7 +205,7 @@ def _result(
 ) -> CheckResult:
     level = check.level.value
     of_check = check.id, check.group, check.clause, check.title, level
-    return CheckResult(*of_check, verdict, came, due, seconds, list(notes), list(frames))
+    return CheckResult(*of_check, verdict, actual, due, seconds, list(notes), list(frames))
 
 
 # -- restoring the device

@@ -62,8 +62,8 @@ def _client_abort(index: int) -> bytes:
 @_add("S01", "7.2.4.3.5", "0x1000 is uploaded expedited with four bytes")  # T 2.1
 def _device_type(node: CheckedNode) -> None:
     answer = node.ask(_upload(0x1000))
-    came = "no answer" if answer is None else answer.hex(" ").upper()
-    expect(answer is not None and answer[:4] == b"\x43\x00\x10\x00", came, "43 00 10 00 and the device type")
+    actual = "no answer" if answer is None else answer.hex(" ").upper()
+    expect(answer is not None and answer[:4] == b"\x43\x00\x10\x00", actual, "43 00 10 00 and the device type")
 
 
 @_add("S03", "7.2.4.3.17", "a download to 0x1000 (const) is refused")  # T 2.3
@@ -115,8 +115,8 @@ def _segments(node: CheckedNode) -> None:
     while True:
         answer = node.ask(bytes((0x60 | toggle, *bytes(7))))
         if answer is None or answer[0] & 0xE0 or answer[0] & 0x10 != toggle:
-            came = "no answer" if answer is None else answer.hex(" ").upper()
-            raise CheckFailed(came, f"a segment with toggle bit {toggle >> 4}")
+            actual = "no answer" if answer is None else answer.hex(" ").upper()
+            raise CheckFailed(actual, f"a segment with toggle bit {toggle >> 4}")
         count += 7 - (answer[0] >> 1 & 7)
         if answer[0] & 1:
             break
@@ -205,8 +205,8 @@ def _initiation_within(node: CheckedNode) -> None:
     index, _ = _segmented(node)
     node.ask(_upload(index))
     answer = node.ask(_upload(0x1000))
-    came = "no answer" if answer is None else answer.hex(" ").upper()
-    expect(answer is not None and answer[0] == 0x43, came, "the answer to the new request")
+    actual = "no answer" if answer is None else answer.hex(" ").upper()
+    expect(answer is not None and answer[0] == 0x43, actual, "the answer to the new request")
 
 
 @_add("S25", "7.2.4.3.17", "a request for a segment without a transfer is refused", _SHOULD)
@@ -265,8 +265,8 @@ def _segment_of_two(node: CheckedNode) -> None:
 def _no_size(node: CheckedNode) -> None:
     value = node.optional(0x1017)
     answer = node.ask(bytes((0x22, *mux(0x1017), *value, 0, 0)))
-    came = "no answer" if answer is None else answer.hex(" ").upper()
-    expect(answer is not None and answer[0] in (0x60, ABORT), came, "60 or an abort")
+    actual = "no answer" if answer is None else answer.hex(" ").upper()
+    expect(answer is not None and answer[0] in (0x60, ABORT), actual, "60 or an abort")
 
 
 # -- objects

@@ -35,8 +35,8 @@ def lean_python(module: str) -> list[str]:
     from importlib.util import find_spec
 
     msgspec = find_spec("msgspec")
-    found = [Path(__file__).parents[2]] + ([Path(msgspec.origin).parents[1]] if msgspec and msgspec.origin else [])
-    folders = [str(folder) for folder in found]
+    paths = [Path(__file__).parents[2]] + ([Path(msgspec.origin).parents[1]] if msgspec and msgspec.origin else [])
+    folders = [str(folder) for folder in paths]
     code = f"import sys; sys.path += {folders!r}; from {module} import main; sys.exit(main())"
     return [sys.executable, "-I", "-S", "-c", code]
 

@@ -337,11 +337,13 @@ class LineServer:
         """Disconnect an idle client with a message, so that another may connect; False if none is idle."""
         now = self.reactor.now()
         candidates = [
-            each for each in self._connections if each.eviction_order(now) is not None and not self.keeps(each)
+            connection
+            for connection in self._connections
+            if connection.eviction_order(now) is not None and not self.keeps(connection)
         ]
         if not candidates:
             return False
-        leaving = min(candidates, key=lambda each: each.eviction_order(now) or (0, 0))
+        leaving = min(candidates, key=lambda connection: connection.eviction_order(now) or (0, 0))
         leaving.send(self.complaint("BusError", _MADE_WAY))
         leaving.abandon(_MADE_WAY)
         return True

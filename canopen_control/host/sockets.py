@@ -74,39 +74,39 @@ def private_folder(path: Path) -> Path:
     try:
         with contextlib.suppress(FileExistsError):
             path.mkdir(mode=0o700)
-        found = os.lstat(path)
+        status = os.lstat(path)
     except OSError as error:
         raise ConfigError(f"cannot make {path}: {error.strerror}; set XDG_RUNTIME_DIR to a folder of yours") from error
-    problem = _distrust(found)
+    problem = _distrust(status)
     if problem:
         raise ConfigError(f"{path} cannot hold sockets: {problem}")
     return path
 
 
-def _distrust(found: os.stat_result) -> str:
-    if stat.S_ISLNK(found.st_mode):
+def _distrust(status: os.stat_result) -> str:
+    if stat.S_ISLNK(status.st_mode):
         return "it is a symbolic link; remove it"
-    if not stat.S_ISDIR(found.st_mode):
+    if not stat.S_ISDIR(status.st_mode):
         return "it is no folder; remove it"
-    if found.st_uid != os.getuid():
-        return f"it belongs to user id {found.st_uid}, not to yours ({os.getuid()}); remove it or set XDG_RUNTIME_DIR"
-    if stat.S_IMODE(found.st_mode) & 0o077:
-        return f"others have access to it (mode {stat.S_IMODE(found.st_mode):04o}); chmod 700 it"
+    if status.st_uid != os.getuid():
+        return f"it belongs to user id {status.st_uid}, not to yours ({os.getuid()}); remove it or set XDG_RUNTIME_DIR"
+    if stat.S_IMODE(status.st_mode) & 0o077:
+        return f"others have access to it (mode {stat.S_IMODE(status.st_mode):04o}); chmod 700 it"
     return ""
 
 
 def _refuse_open_parent(parent: Path) -> None:
     """Raise ConfigError for a parent in which another user could replace our folder."""
     try:
-        found = parent.stat()
+        status = parent.stat()
     except OSError as error:
         raise ConfigError(f"no folder {parent} for the sockets: {error.strerror}; set XDG_RUNTIME_DIR") from error
-    if found.st_uid not in (0, os.getuid()):
+    if status.st_uid not in (0, os.getuid()):
         raise ConfigError(
-            f"{parent} belongs to user id {found.st_uid}, not to yours ({os.getuid()}); "
+            f"{parent} belongs to user id {status.st_uid}, not to yours ({os.getuid()}); "
             "set XDG_RUNTIME_DIR to a folder of yours, or unset it"
         )
-    if found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX:
+    if status.st_mode & stat.S_IWOTH and not status.st_mode & stat.S_ISVTX:
         raise ConfigError(f"everybody may write to {parent}, and it is not sticky; set XDG_RUNTIME_DIR to another")
 
 
@@ -274,10 +274,10 @@ def _bind_private(sock: socket.socket, path: Path) -> None:
 
 def _remove_stale(path: Path) -> None:
     try:
-        found = os.lstat(path)
+        status = os.lstat(path)
     except FileNotFoundError:
         return
-    if not stat.S_ISSOCK(found.st_mode):
+    if not stat.S_ISSOCK(status.st_mode):
         raise ConfigError(f"{path} is no socket; remove it")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         if _answers(probe, path):
@@ -318,8 +318,8 @@ def close_listener(sock: socket.socket) -> None:
 
 def _timeval(seconds: float) -> bytes:
     """Return a `struct timeval`, at least 1 us for a positive time."""
-    whole, part = divmod(math.ceil(seconds * 1_000_000), 1_000_000)
-    return struct.pack("@ll", whole, part)
+    whole_seconds, microseconds = divmod(math.ceil(seconds * 1_000_000), 1_000_000)
+    return struct.pack("@ll", whole_seconds, microseconds)
 
 
 def connect(path: Path, timeout: float | None = 5.0) -> socket.socket:

@@ -259,7 +259,7 @@ def _start(argv: Sequence[str], environment: dict[str, str], log: LogFile | None
             stdout=output,
             stderr=output,
             env=environment,
-            pass_fds=[int(environment[each]) for each in (LIFELINE, READY) if each in environment],
+            pass_fds=[int(environment[variable]) for variable in (LIFELINE, READY) if variable in environment],
             start_new_session=True,
         )
 

@@ -97,14 +97,14 @@ def concise_of(od: ObjectDictionary) -> list[ConciseEntry]:
     Entries that cannot be written and those whose ObjFlags refuse a download are omitted. PDO parameters need another
     order (disable the COB-ID, mapping, enable the COB-ID), which the caller must apply.
     """
-    wanted = (
+    downloads = (
         entry
         for entry in od
         if entry.parameter_value is not None and entry.writable and not entry.obj_flags & _REFUSES_DOWNLOAD
     )
     return [
         ConciseEntry(entry.index, entry.subindex, encode(entry.parameter_value, entry.data_type))
-        for entry in sorted(wanted, key=lambda entry: entry.address)
+        for entry in sorted(downloads, key=lambda entry: entry.address)
         if entry.parameter_value is not None
     ]
 
@@ -205,10 +205,10 @@ def _one_line(value: str) -> str:
 
 def _sections(od: ObjectDictionary, *, is_dcf: bool = False) -> Iterator[tuple[str, _Lines]]:
     kept = {title.lower(): title for title in od.sections}
-    made = _device_sections(od)
+    device_sections = _device_sections(od)
     for name in _FIRST:
-        if name in made:
-            yield made[name]
+        if name in device_sections:
+            yield device_sections[name]
         elif name in kept:
             yield _TITLES[name], _respelled(od.sections[kept[name]])
     yield from _commissioning(od, kept, is_dcf)
@@ -228,7 +228,7 @@ def _respelled(lines: _Lines) -> _Lines:
 def _compact_companions(od: ObjectDictionary) -> set[str]:
     """Return the [xxxxName] and [xxxxValue] sections, whose content is written with the entries."""
     compact = [index for index, info in od.objects.items() if _get(info.texts, "compactsubobj")]
-    return {f"{index:04x}{what}" for index in compact for what in ("name", "value")}
+    return {f"{index:04x}{suffix}" for index in compact for suffix in ("name", "value")}
 
 
 def _get(texts: Mapping[str, str], wanted: str) -> str:
@@ -245,17 +245,17 @@ def _section(title: str, texts: Mapping[str, str]) -> Section:
 def _device_sections(od: ObjectDictionary) -> dict[str, tuple[str, _Lines]]:
     """Return the device sections that differ from their text in the file and must be written from the dictionary."""
     sections = {title.lower(): _section(title, texts) for title, texts in od.sections.items()}
-    told = read_device(sections, None, Report(""))
-    made: dict[str, tuple[str, _Lines]] = {}
-    if told.device != od.device or (od.device == DeviceInfo() and "deviceinfo" not in sections):
-        made["deviceinfo"] = "DeviceInfo", _device_info(od, sections.get("deviceinfo"))
-    if told.dummy_usage != od.dummy_usage or "dummyusage" not in sections:
-        made["dummyusage"] = "DummyUsage", {f"Dummy{i:04X}": str(int(i in od.dummy_usage)) for i in range(1, 8)}
-    if told.comments != od.comments or "comments" in sections:
+    parsed = read_device(sections, None, Report(""))
+    new_sections: dict[str, tuple[str, _Lines]] = {}
+    if parsed.device != od.device or (od.device == DeviceInfo() and "deviceinfo" not in sections):
+        new_sections["deviceinfo"] = "DeviceInfo", _device_info(od, sections.get("deviceinfo"))
+    if parsed.dummy_usage != od.dummy_usage or "dummyusage" not in sections:
+        new_sections["dummyusage"] = "DummyUsage", {f"Dummy{i:04X}": str(int(i in od.dummy_usage)) for i in range(1, 8)}
+    if parsed.comments != od.comments or "comments" in sections:
         lines = {f"Line{number}": line for number, line in enumerate(od.comments, 1)}
         count = {"Lines": str(len(lines)), **lines}
-        made["comments"] = "Comments", count | _unknown(sections.get("comments"), count)
-    return made
+        new_sections["comments"] = "Comments", count | _unknown(sections.get("comments"), count)
+    return new_sections
 
 
 def _device_info(od: ObjectDictionary, old: Section | None) -> _Lines:
@@ -277,8 +277,8 @@ def _device_text(key: str, value: str | int) -> str:
 
 
 def _unknown(old: Section | None, lines: _Lines) -> _Lines:
-    known = {key.lower() for key in lines}
-    return {} if old is None else {key: value for key, value in old.texts().items() if key.lower() not in known}
+    known_keys = {key.lower() for key in lines}
+    return {} if old is None else {key: value for key, value in old.texts().items() if key.lower() not in known_keys}
 
 
 def _commissioning(od: ObjectDictionary, kept: dict[str, str], is_dcf: bool) -> Iterator[tuple[str, _Lines]]:
@@ -360,8 +360,8 @@ def _code_text(info: ObjectInfo) -> str:
         number = parse_number(text)[0]
     except ValueError:
         number = -1
-    known = number in {int(code) for code in ObjectCode}
-    return text if text and (number == info.code or not known) else f"0x{info.code:X}"
+    is_code = number in {int(code) for code in ObjectCode}
+    return text if text and (number == info.code or not is_code) else f"0x{info.code:X}"
 
 
 def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
@@ -369,8 +369,8 @@ def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
     section = _section("", entry.texts)
     reader = EntryReader(od.node_id, Report(""))
     name = section.get("parametername") or entry.name
-    told = reader.read(section, entry.index, entry.subindex, name, code) if entry.texts else None
-    keys = _entry_keys(entry, told, code, od.node_id or 0)
+    parsed = reader.read(section, entry.index, entry.subindex, name, code) if entry.texts else None
+    keys = _entry_keys(entry, parsed, code, od.node_id or 0)
     lines: _Lines = {}
     for key, (text, same) in keys.items():
         if same and key in section.values:
@@ -380,7 +380,7 @@ def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
     return lines | _unknown(section, lines | dict.fromkeys(keys, ""))
 
 
-def _entry_keys(entry: Entry, told: Entry | None, code: ObjectCode, node_id: int) -> dict[str, tuple[str, bool]]:
+def _entry_keys(entry: Entry, parsed: Entry | None, code: ObjectCode, node_id: int) -> dict[str, tuple[str, bool]]:
     """Return for each key the text of the field, and whether the text in the file has the same value."""
 
     def value_text(value: Value | None, relative: bool) -> str:
@@ -393,11 +393,11 @@ def _entry_keys(entry: Entry, told: Entry | None, code: ObjectCode, node_id: int
         return format_value(value, entry.data_type)
 
     def same(*fields: str) -> bool:
-        return told is not None and all(getattr(told, field) == getattr(entry, field) for field in fields)
+        return parsed is not None and all(getattr(parsed, field) == getattr(entry, field) for field in fields)
 
     return {
         "parametername": (entry.name, same("name")),
-        "objecttype": (f"0x{code:X}", told is not None),
+        "objecttype": (f"0x{code:X}", parsed is not None),
         "datatype": (f"0x{entry.data_type:04X}", same("data_type")),
         "accesstype": (entry.access, same("access")),
         "defaultvalue": (value_text(entry.default, entry.relative), same("default", "relative")),

@@ -194,12 +194,12 @@ def _check_code(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], r
     base = info.index
     if base >= _PROFILE_START:
         base = _PROFILE_START + (base - _PROFILE_START) % AXIS_STEP
-    wanted = next((code for code, indices in _CODES_OF.items() if any(base in each for each in indices)), None)
+    expected = next((code for code, indices in _CODES_OF.items() if any(base in each for each in indices)), None)
     if info.code is ObjectCode.ARRAY and len(types) > 1:
         named = ", ".join(sorted(each.name for each in types))
         report.warning(info.line, "object-code", f"{where} is an ARRAY with entries of {named}; it is a RECORD")
-    elif wanted is not None and info.code in (ObjectCode.ARRAY, ObjectCode.RECORD) and info.code is not wanted:
-        report.note(info.line, "object-code", f"{where} is {info.code.name}; the standard has {wanted.name} there")
+    elif expected is not None and info.code in (ObjectCode.ARRAY, ObjectCode.RECORD) and info.code is not expected:
+        report.note(info.line, "object-code", f"{where} is {info.code.name}; the standard has {expected.name} there")
 
 
 def _check_sub0(entry: Entry, highest: int, report: Report) -> None:
@@ -219,12 +219,12 @@ def _check_sub_number(info: ObjectInfo, count: int, where: str, report: Report) 
     if not text or "compactsubobj" in texts:
         return
     try:
-        said = parse_number(text)[0]
+        declared = parse_number(text)[0]
     except ValueError:
         report.warning(info.line, "sub-number", f"{where}: SubNumber={clip(text)} is no number; ignored")
         return
-    if said != count:
-        report.warning(info.line, "sub-number", f"{where}: SubNumber says {said}, {count} subindices are described")
+    if declared != count:
+        report.warning(info.line, "sub-number", f"{where}: SubNumber says {declared}, {count} subindices are described")
 
 
 def _check_pdos(od: ObjectDictionary, report: Report) -> None:
@@ -233,17 +233,17 @@ def _check_pdos(od: ObjectDictionary, report: Report) -> None:
         _check_pdo(od, pdo, report)
         for mapped in pdo.mapped:
             _check_mapped(od, pdo, mapped, report)
-    for name, said, is_rpdo in (("Rx", od.device.rpdo_count, True), ("Tx", od.device.tpdo_count, False)):
+    for name, declared, is_rpdo in (("Rx", od.device.rpdo_count, True), ("Tx", od.device.tpdo_count, False)):
         present = sum(pdo.is_rpdo is is_rpdo for pdo in pdos)
-        if present and present != said and od.device != DeviceInfo() and not od.device.compact_pdo:
-            report.note(0, "pdo-number", f"NrOf{name}PDO says {said}, {present} are described")
+        if present and present != declared and od.device != DeviceInfo() and not od.device.compact_pdo:
+            report.note(0, "pdo-number", f"NrOf{name}PDO says {declared}, {present} are described")
 
 
 def _check_pdo(od: ObjectDictionary, pdo: Pdo, report: Report) -> None:
     line = od.objects[pdo.mapping].line if pdo.mapping in od.objects else od.objects[pdo.communication].line
-    for index, what in ((pdo.communication, "communication"), (pdo.mapping, "mapping")):
+    for index, record_name in ((pdo.communication, "communication"), (pdo.mapping, "mapping")):
         if index not in od.objects:
-            report.warning(line, "pdo-record", f"{pdo.name} has no {what} record 0x{index:04X}")
+            report.warning(line, "pdo-record", f"{pdo.name} has no {record_name} record 0x{index:04X}")
     if pdo.bits > MAX_BITS:
         report.error(line, "pdo-bits", f"{pdo.name} maps {pdo.bits} bits; a frame holds {MAX_BITS}")
     if pdo.count is None or pdo.count > MAX_BITS:
@@ -278,13 +278,13 @@ def _check_mapped(od: ObjectDictionary, pdo: Pdo, mapped: Mapped, report: Report
 
 
 def _check_dummy(od: ObjectDictionary, pdo: Pdo, mapped: Mapped, report: Report) -> None:
-    what = f"{pdo.name} maps the dummy 0x{mapped.index:04X}"
+    subject = f"{pdo.name} maps the dummy 0x{mapped.index:04X}"
     if not pdo.is_rpdo:
-        report.error(mapped.source.line, "pdo-direction", f"{what}; only an RPDO may have gaps")
+        report.error(mapped.source.line, "pdo-direction", f"{subject}; only an RPDO may have gaps")
     elif mapped.index not in od.dummy_usage:
-        report.error(mapped.source.line, "pdo-target", f"{what}, which [DummyUsage] does not allow")
+        report.error(mapped.source.line, "pdo-target", f"{subject}, which [DummyUsage] does not allow")
     if mapped.bits != DataType(mapped.index).bits:
-        report.error(mapped.source.line, "pdo-length", f"{what} with {mapped.bits} bits")
+        report.error(mapped.source.line, "pdo-length", f"{subject} with {mapped.bits} bits")
 
 
 def _check_profile(od: ObjectDictionary, report: Report) -> None:
@@ -296,9 +296,9 @@ def _check_profile(od: ObjectDictionary, report: Report) -> None:
         if entry.index < _PROFILE_START:
             continue
         address = _PROFILE_START + (entry.index - _PROFILE_START) % AXIS_STEP, entry.subindex
-        wanted = TYPES.get(address)
-        if wanted is not None and entry.data_type not in wanted:
-            names = " or ".join(data_type.name for data_type in wanted)
+        expected = TYPES.get(address)
+        if expected is not None and entry.data_type not in expected:
+            names = " or ".join(data_type.name for data_type in expected)
             text = f"{_where(entry)} ({clip(entry.name)}) is {entry.data_type.name}, {names} in CiA 402; kept"
             report.warning(entry.line, "profile-type", text)
 
@@ -346,9 +346,9 @@ def expand_compact_pdos(od: ObjectDictionary, report: Report) -> None:
         for offset in range(min(max(count, 0), _HIGHEST)):
             _add_communication(od, direction, offset, mask)
             _add_mapping(od, direction, offset)
-    made = len(od.objects) - before
-    if made:
-        report.note(0, "compact-pdo", f"CompactPDO stands for {made} PDO records that have no section; they were made")
+    added = len(od.objects) - before
+    if added:
+        report.note(0, "compact-pdo", f"CompactPDO stands for {added} PDO records that have no section; they were made")
 
 
 def _add_communication(od: ObjectDictionary, direction: _Direction, offset: int, mask: int) -> None:
@@ -472,7 +472,7 @@ def _range_types(sections: Sections) -> Iterator[tuple[int, RangeType]]:
             continue
         parts = [sections.get(f"{match[1]}sub{number}") for number in (1, 2, 3)]
         try:
-            numbers = [None if each is None else parse_number(each.get("defaultvalue"))[0] for each in parts]
+            numbers = [None if section is None else parse_number(section.get("defaultvalue"))[0] for section in parts]
         except ValueError:
             continue
         if numbers[0] in _TYPES:
@@ -498,18 +498,18 @@ class _Reader:
     def run(self) -> None:
         """Read all object sections and keep the others."""
         self.entry_reader.ranges.update(_range_types(self.sections))
-        found: list[tuple[int, int, Section]] = []  # subindex -1 denotes the object itself
+        object_sections: list[tuple[int, int, Section]] = []  # subindex -1 denotes the object itself
         for name, section in self.sections.items():
             match = _OBJECT.fullmatch(name)
             if match is None:
                 self._keep(section)
                 continue
             subindex = -1 if match[2] is None else int(match[2], 16)
-            found.append((int(match[1], 16), subindex, section))
+            object_sections.append((int(match[1], 16), subindex, section))
             if subindex > 0:
                 self.has_subs.add(int(match[1], 16))
-        found.sort(key=lambda item: item[:2])
-        for index, subindex, section in found:
+        object_sections.sort(key=lambda item: item[:2])
+        for index, subindex, section in object_sections:
             if subindex < 0:
                 self._object(section, index)
             else:

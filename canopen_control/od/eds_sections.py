@@ -145,9 +145,9 @@ def _number(section: Section, key: str, report: Report, default: int | None = No
         number, _, issue = parse_number(text)
     except ValueError as problem:
         written, line = section.spelled(key), section.line_of(key)
-        what = f"{clip(text)} is {problem}" if text else "is empty"
+        description = f"{clip(text)} is {problem}" if text else "is empty"
         instead = "absent" if default is None else default
-        report.warning(line, "key-number", f"{clip(written)} {what}; taken as {instead}")
+        report.warning(line, "key-number", f"{clip(written)} {description}; taken as {instead}")
         return None
     if issue is not None:
         written, line = section.spelled(key), section.line_of(key)
@@ -200,8 +200,8 @@ class _Keys(dict[str, tuple[str, str]]):
         key = raw.strip()
         if key[:1] in ("[", ";", "#"):
             raise ValueError("no key")
-        self[raw] = found = key, key.lower()
-        return found
+        self[raw] = keys = key, key.lower()
+        return keys
 
 
 class _Splitter:
@@ -360,9 +360,9 @@ class EntryReader:
     def read(self, section: Section, index: int, subindex: int, name: str, code: int) -> Entry:
         """Return the entry of `section`; `code` is its object code."""
         traits = self._traits(section, code)
-        data_type, known, access, pdo_mappable, low, high, obj_flags, _ = traits
-        default = self._parsed(section, "defaultvalue", traits) if known else _NO_VALUE
-        parameter = self._parsed(section, "parametervalue", traits) if known else _NO_VALUE
+        data_type, is_known, access, pdo_mappable, low, high, obj_flags, _ = traits
+        default = self._parsed(section, "defaultvalue", traits) if is_known else _NO_VALUE
+        parameter = self._parsed(section, "parametervalue", traits) if is_known else _NO_VALUE
         return Entry(
             index,
             subindex,
@@ -421,12 +421,12 @@ class EntryReader:
         if traits is not None:
             return traits
         issues = len(self.report.issues)
-        data_type, known = self._data_type(section, code)
+        data_type, is_known = self._data_type(section, code)
         low, high = self._limits(section, data_type)
         access = self._access(section)
         pdo_mappable = read_number(section, "pdomapping", 0, self.report) != 0
         obj_flags = read_number(section, "objflags", 0, self.report)
-        traits = _Traits(data_type, known, access, pdo_mappable, low, high, obj_flags, {})
+        traits = _Traits(data_type, is_known, access, pdo_mappable, low, high, obj_flags, {})
         if len(self.report.issues) == issues:
             self.kept[told] = traits
         return traits
@@ -441,13 +441,15 @@ class EntryReader:
         data_type = _TYPES.get(number) if number is not None else None
         if data_type is not None:
             return data_type, True
-        what = (
+        description = (
             f"DataType={clip(section.get('datatype'))} is no basic type"
             if "datatype" in section.values
             else f"[{section.title}] has no DataType"
         )
         kept = " and its values kept as text" if any(section.get(key) for key in _VALUE_KEYS) else ""
-        self.report.warning(section.line_of("datatype"), "data-type", f"{what}; handled as bytes of any length{kept}")
+        self.report.warning(
+            section.line_of("datatype"), "data-type", f"{description}; handled as bytes of any length{kept}"
+        )
         return DataType.DOMAIN, False
 
     def _range_type(self, section: Section) -> RangeType | None:
@@ -461,8 +463,8 @@ class EntryReader:
         access = _ACCESS.get(text)
         if access is None:
             access = _ACCESS_ALIASES.get(text, "rw")
-            what = f"AccessType={clip(text)} is unknown" if text else f"[{section.title}] has no AccessType"
-            self.report.warning(section.line_of("accesstype"), "access-type", f"{what}; taken as {access}")
+            description = f"AccessType={clip(text)} is unknown" if text else f"[{section.title}] has no AccessType"
+            self.report.warning(section.line_of("accesstype"), "access-type", f"{description}; taken as {access}")
         return access
 
     def _parsed(self, section: Section, key: str, traits: _Traits) -> Parsed:
@@ -490,8 +492,8 @@ class EntryReader:
             return _NO_VALUE
         if parsed.issue is not None:
             issue = parsed.issue
-            told = f"{section.spelled(key)}={clip(text)}: {issue.text}"
-            self.report.add(section.line_of(key), issue.code, issue.severity, told)
+            message = f"{section.spelled(key)}={clip(text)}: {issue.text}"
+            self.report.add(section.line_of(key), issue.code, issue.severity, message)
         return parsed
 
     def _limits(self, section: Section, data_type: DataType) -> tuple[_Limit, _Limit]:
@@ -512,8 +514,8 @@ class EntryReader:
         try:
             parsed = parse_value(text, data_type, self.node_id)
         except ValueError as problem:
-            told = f"{section.spelled(key)}={clip(text)} is no {data_type.name} ({problem}); ignored"
-            self.report.warning(section.line_of(key), "limit-form", told)
+            message = f"{section.spelled(key)}={clip(text)} is no {data_type.name} ({problem}); ignored"
+            self.report.warning(section.line_of(key), "limit-form", message)
             return _NO_LIMIT
         return _Limit(parsed.value, parsed.relative) if isinstance(parsed.value, int | float) else _NO_LIMIT
 
@@ -652,7 +654,8 @@ def _read_list(section: Section, listed: dict[int, Pair], report: Report) -> Non
         first = listed.setdefault(index, pair)
         if first is not pair:
             report.warning(pair.line, "list-object", f"0x{index:04X} is listed twice, first in line {first.line}")
-    said = optional_number(section, "supportedobjects", report)
-    if said != count:
-        text = f"[{section.title}] has {count} entries, SupportedObjects says {'nothing' if said is None else said}"
+    declared = optional_number(section, "supportedobjects", report)
+    if declared != count:
+        declaration = "nothing" if declared is None else declared
+        text = f"[{section.title}] has {count} entries, SupportedObjects says {declaration}"
         report.warning(section.line_of("supportedobjects"), "list-count", text)

@@ -175,8 +175,8 @@ class _Reader:
             yield f"{path}: these models are not static, and stand fast here: {', '.join(self._loose)}"
         if self._meshes:
             files = {file.name: len(parts) for (file, _), parts in self._meshes.items()}
-            told = ", ".join(f"{name} ({count} part{'s' if count > 1 else ''})" for name, count in files.items())
-            yield f"{path}: each part of a mesh touches as its convex hull: {told}"
+            listed = ", ".join(f"{name} ({count} part{'s' if count > 1 else ''})" for name, count in files.items())
+            yield f"{path}: each part of a mesh touches as its convex hull: {listed}"
 
     def mistake(self, path: Path, element: Element, text: str) -> None:
         """Add a mistake with its place."""
@@ -234,7 +234,7 @@ class _Reader:
         root = None if file is None else self.root(file)
         if file is None or root is None:
             return
-        models = [each for each in root.children if each.tag == "model"]
+        models = [child for child in root.children if child.tag == "model"]
         if len(models) != 1:
             self.mistake(file, root, f"{len(models)} models in a file that is included; one has to be in it")
             return
@@ -259,13 +259,13 @@ class _Reader:
             places += [folder / below for folder in package_folders(name, path)]
         else:
             places = [path.parent / unquote(parts.path)]
-        found = next((each for each in places if each.exists()), None)
-        if found is None:
+        file = next((candidate for candidate in places if candidate.exists()), None)
+        if file is None:
             where = "beside this file, in GZ_SIM_RESOURCE_PATH or as a package" if parts.scheme else f"at {places[0]}"
             advice = "give the folder or the file of the model as <uri>"
             self.mistake(path, element, f"{uri}: there is no such model {where}; {advice}")
             return None
-        return _model_file(found) if found.is_dir() else found
+        return _model_file(file) if file.is_dir() else file
 
     # -- poses
 
@@ -296,20 +296,20 @@ class _Reader:
     def _pose(self, path: Path, element: Element) -> Pose:
         words, quat = element.text.split(), element.attributes.get("rotation_format") == "quat_xyzw"
         numbers = [finite_number(word) for word in words]
-        known = [each for each in numbers if each is not None]
+        values = [number for number in numbers if number is not None]
         if not words:
             return ORIGIN
-        if len(known) < len(numbers) or len(known) != (7 if quat else 6):
-            what = "seven numbers, x y z and a quaternion" if quat else "six numbers, x y z in m and roll pitch yaw"
-            self.mistake(path, element, f"<pose> {element.text!r} is not {what}")
+        if len(values) < len(numbers) or len(values) != (7 if quat else 6):
+            expected = "seven numbers, x y z and a quaternion" if quat else "six numbers, x y z in m and roll pitch yaw"
+            self.mistake(path, element, f"<pose> {element.text!r} is not {expected}")
             return ORIGIN
-        x, y, z, first, second, third = known[:6]
+        x, y, z, first, second, third = values[:6]
         if quat:
-            length = math.hypot(*known[3:])
+            length = math.hypot(*values[3:])
             if not length:
                 self.mistake(path, element, "the quaternion of <pose> is 0; 0 0 0 1 is no rotation")
                 return ORIGIN
-            return Pose((x, y, z), (known[6] / length, first / length, second / length, third / length))
+            return Pose((x, y, z), (values[6] / length, first / length, second / length, third / length))
         turn = math.radians if _is_yes(element.attributes.get("degrees", "")) else float
         return Pose((x, y, z), from_rpy((turn(first), turn(second), turn(third))))
 
@@ -317,9 +317,9 @@ class _Reader:
 
     def _link(self, scope: _Scope, link: Element) -> None:
         inner = _Scope(scope.path, link, self._place(scope, link), self._name(scope, link))
-        for each in link.children:
-            if each.tag == "collision":
-                self._collision(scope, inner, each)
+        for child in link.children:
+            if child.tag == "collision":
+                self._collision(scope, inner, child)
 
     def _collision(self, model: _Scope, link: _Scope, element: Element) -> None:
         pose = element.child("pose")
@@ -343,11 +343,11 @@ class _Reader:
     def lengths(self, path: Path, shape: Element, tag: str, count: int = 1) -> tuple[float, ...] | None:
         """Return the positive numbers of a shape's element, None if they are invalid, which is reported."""
         words = _text(shape, tag).split()
-        numbers = tuple(each for each in map(finite_number, words) if each is not None and each > 0.0)
+        numbers = tuple(number for number in map(finite_number, words) if number is not None and number > 0.0)
         if len(numbers) == len(words) == count:
             return numbers
-        what = "a number" if count == 1 else f"{count} numbers"
-        self.mistake(path, shape.child(tag) or shape, f"<{tag}> of <{shape.tag}> is {what} above 0, in m")
+        expected = "a number" if count == 1 else f"{count} numbers"
+        self.mistake(path, shape.child(tag) or shape, f"<{tag}> of <{shape.tag}> is {expected} above 0, in m")
         return None
 
     def mesh(self, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
@@ -356,7 +356,7 @@ class _Reader:
         scale = (1.0, 1.0, 1.0)
         if shape.child("scale") is not None:
             words = _text(shape, "scale").split()
-            numbers = [each for each in map(finite_number, words) if each]  # 0 is invalid
+            numbers = [number for number in map(finite_number, words) if number]  # 0 is invalid
             if len(numbers) != 3 or len(words) != 3:
                 self.mistake(path, shape.child("scale") or shape, "<scale> of <mesh> is three numbers, none of them 0")
                 return None
@@ -364,10 +364,10 @@ class _Reader:
         try:
             file = _mesh_file(path, uri)
             if (file, scale) not in self._meshes:
-                found = read_mesh(file)
-                if found.format != "stl":
+                read = read_mesh(file)
+                if read.format != "stl":
                     raise ConfigError(f"mesh {file}: {file.suffix} is drawn, and not simulated; STL, OBJ and DAE are")
-                self._meshes[file, scale] = convex_parts(found.content, scale)
+                self._meshes[file, scale] = convex_parts(read.content, scale)
         except (ConfigError, ValueError) as error:
             self.mistake(path, shape, str(error) if isinstance(error, ConfigError) else f"mesh {uri}: {error}")
             return None
@@ -376,7 +376,7 @@ class _Reader:
 
 def _box(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
     size = reader.lengths(path, shape, "size", 3)
-    return None if size is None else Solid(name, "box", place, tuple(0.5 * each for each in size))
+    return None if size is None else Solid(name, "box", place, tuple(0.5 * length for length in size))
 
 
 def _sphere(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
@@ -397,7 +397,7 @@ def _round(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
 def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
     """Return an infinite plane; the floor itself is skipped."""
     words = _text(shape, "normal").split() or ["0", "0", "1"]
-    numbers = [each for each in map(finite_number, words) if each is not None]
+    numbers = [number for number in map(finite_number, words) if number is not None]
     if len(numbers) != 3 or len(words) != 3 or not any(numbers):
         reader.mistake(path, shape.child("normal") or shape, "<normal> of <plane> is three numbers, not all of them 0")
         return None
@@ -410,7 +410,7 @@ def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
 
 def _turn_up(normal: Vector) -> tuple[float, float, float, float]:
     """Return the rotation from z to a normal."""
-    x, y, z = (each / math.hypot(*normal) for each in normal)
+    x, y, z = (component / math.hypot(*normal) for component in normal)
     if math.hypot(x, y) < _ON_FLOOR:
         return about((1.0, 0.0, 0.0), 0.0 if z > 0.0 else math.pi)
     return about((-y, x, 0.0), math.acos(max(-1.0, min(1.0, z))))
@@ -446,7 +446,7 @@ def _resources(path: Path) -> Iterator[Path]:
     """Yield the folders of models: those around the file, and those that Gazebo searches."""
     yield from (path.parent, path.parent.parent, path.parent.parent / "models")
     for key in _PATHS:
-        yield from (Path(each) for each in os.environ.get(key, "").split(os.pathsep) if each)
+        yield from (Path(entry) for entry in os.environ.get(key, "").split(os.pathsep) if entry)
 
 
 def _model_file(folder: Path) -> Path:
@@ -456,7 +456,7 @@ def _model_file(folder: Path) -> Path:
         root = read_document(config.read_text(encoding="utf-8"), str(config)).root
     except (OSError, UnicodeDecodeError, RobotConfigError):
         return folder / "model.sdf"
-    named = [each.text for each in root.children if each.tag == "sdf" and each.text]
+    named = [child.text for child in root.children if child.tag == "sdf" and child.text]
     return folder / (named[-1] if named else "model.sdf")
 
 
@@ -467,7 +467,7 @@ def _mesh_file(path: Path, uri: str) -> Path:
     parts = urlsplit(uri)
     if parts.scheme in ("model", "package"):
         rest = unquote(f"{parts.netloc}{parts.path}")
-        found = next((folder / rest for folder in _resources(path) if (folder / rest).is_file()), None)
-        if found is not None:
-            return found
+        file = next((folder / rest for folder in _resources(path) if (folder / rest).is_file()), None)
+        if file is not None:
+            return file
     return find_mesh(uri, str(path))

@@ -71,7 +71,7 @@ def _crossing(model: Any, starts: Mapping[str, RobotStart], path: str) -> Iterat
     """
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    told = set[tuple[str, str]]()
+    reported = set[tuple[str, str]]()
     for contact in data.contact:
         names = [str(model.geom(int(geom)).name) for geom in contact.geom]
         first, second = (_owner(name, starts) for name in names)
@@ -79,11 +79,11 @@ def _crossing(model: Any, starts: Mapping[str, RobotStart], path: str) -> Iterat
             first, second = sorted((first, second), key=list(starts).index)
         elif second not in starts:
             first, second = second, first
-        if second not in starts or first == second or not _solid(first, starts) or (first, second) in told:
+        if second not in starts or first == second or not _solid(first, starts) or (first, second) in reported:
             continue
         if first.startswith(SOLID) and contact.dist > -_SUNK_M:  # the robot starts on it
             continue
-        told.add((first, second))
+        reported.add((first, second))
         here = starts[second].here
         yield (f"{path}:{here.line}:{here.column}: {second} begins inside {first}, at "
                f"x {contact.pos[0]:.2f} m, y {contact.pos[1]:.2f} m; give it another place")  # fmt: skip

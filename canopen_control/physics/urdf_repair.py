@@ -58,8 +58,8 @@ def repaired(description: UrdfDescription) -> RepairedUrdf:
     notes: list[str] = []
     meshes = _Meshes()
     for tag in _FOREIGN:
-        for each in root.findall(tag):
-            root.remove(each)
+        for element in root.findall(tag):
+            root.remove(element)
     for link in root.findall("link"):
         _give_shapes(link, description.path, notes, meshes)
     problems = _masses_missing(root, description)
@@ -156,10 +156,10 @@ def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[s
     if element is None or mass <= 0.0:
         return
     name = link.get("name", "")
-    known = description.links.get(name)
+    known_link = description.links.get(name)
     where = f"{description.path}: link {name}"
-    if known is not None:
-        where = f"{description.path}:{known.place.line}:{known.place.column}: link {name}"
+    if known_link is not None:
+        where = f"{description.path}:{known_link.place.line}:{known_link.place.column}: link {name}"
     try:
         xx, yy, zz, xy, xz, yz = (float(element.get(key, "0")) for key in _MOMENTS)
     except ValueError:
@@ -170,17 +170,17 @@ def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[s
         problems.append(f"{where}: its <inertia> has what is no number; correct it")
         return
     moments, axes = np.linalg.eigh(matrix)
-    told = ", ".join(f"{each:.4g}" for each in moments)
+    listed = ", ".join(f"{moment:.4g}" for moment in moments)
     if moments[0] < _LEAST_MOMENT and (matrix.any() or _is_moved(description, name)):
         advice = "correct it, or leave <inertial> away: then the shapes give it"
-        problems.append(f"{where}: no body of {mass:g} kg has the moments of inertia {told} kg m²; {advice}")
+        problems.append(f"{where}: no body of {mass:g} kg has the moments of inertia {listed} kg m²; {advice}")
         return
     most = moments[0] + moments[1]
     if moments[2] <= most:
         return
     if moments[2] > most * _ROUNDED:
         notes.append(
-            f"{where}: its moments of inertia {told} kg m² are impossible, the largest is more than the sum of the "
+            f"{where}: its moments of inertia {listed} kg m² are impossible, the largest is more than the sum of the "
             f"others; simulated with {most:.4g} instead of {moments[2]:.4g}"
         )
     moments[2] = most * (1.0 - 1e-9)

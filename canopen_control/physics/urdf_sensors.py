@@ -61,57 +61,57 @@ def urdf_sensors(
     parts: Iterable[ControlJoint], links: Collection[str], root: str, path: str
 ) -> dict[str, SensorSettings]:
     """Return the sensors of a tag by name; PhysicsError with all mistakes and their lines in the file at `path`."""
-    found, problems = {}, list[str]()
+    sensors, problems = {}, list[str]()
     for part in parts:
         wrong = list[str]()
         settings = _sensor(part, links, root, wrong)
         problems += [f"{path}:{part.place.line}:{part.place.column}: sensor {part.name}: {text}" for text in wrong]
         if settings is not None:
-            found[part.name] = settings
+            sensors[part.name] = settings
     if problems:
         raise PhysicsError("\n".join(problems))
-    return found
+    return sensors
 
 
 def _kind(part: ControlJoint) -> SensorKind | None:
     """Return the kind of a tag, None if a world cannot measure it; an unknown `mujoco_type` gives None too."""
-    wanted = part.parameters.get("mujoco_type")
-    if wanted is not None:
-        return _TYPES.get(wanted.strip())
+    mujoco_type = part.parameters.get("mujoco_type")
+    if mujoco_type is not None:
+        return _TYPES.get(mujoco_type.strip())
     names = [*part.state_interfaces]
     return next((kind for word, kind in _BEGINNINGS if any(name.startswith(word) for name in names)), None)
 
 
 def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[str]) -> SensorSettings | None:
     """Return one sensor, None if a world cannot measure it; mistakes are added to `wrong`."""
-    given = part.parameters
-    wanted = given.get("mujoco_type", "").strip()
-    if wanted and wanted not in (*_TYPES, *_OTHERS):
-        wrong.append(f"no mujoco_type {wanted!r}{nearest(wanted, _TYPES)}")
+    params = part.parameters
+    mujoco_type = params.get("mujoco_type", "").strip()
+    if mujoco_type and mujoco_type not in (*_TYPES, *_OTHERS):
+        wrong.append(f"no mujoco_type {mujoco_type!r}{nearest(mujoco_type, _TYPES)}")
     kind = _kind(part)
     if kind is None:
         return None
     unknown = [name for name in part.state_interfaces if name not in INTERFACES[kind]]
     wrong += [f"no {kind} sensor has {name!r}{nearest(name, INTERFACES[kind])}" for name in unknown]
-    link = given.get("frame_id", root).strip()
-    if link not in links and SENSOR_PREFIX not in given:
+    link = params.get("frame_id", root).strip()
+    if link not in links and SENSOR_PREFIX not in params:
         wrong.append(f"no link {link!r} for its frame_id{nearest(link, links)}")
-    noise, reach = (_number(given, key, default, wrong) for key, default in (("noise", 0.0), ("range_max", 10.0)))
-    seed = _number(given, "seed", 0.0, wrong)
+    noise, reach = (_number(params, key, default, wrong) for key, default in (("noise", 0.0), ("range_max", 10.0)))
+    seed = _number(params, "seed", 0.0, wrong)
     if seed != round(seed) or seed > _LARGEST_SEED:
-        wrong.append(f"seed is {given['seed']!r}; it is a whole number from 0 to {_LARGEST_SEED}")
+        wrong.append(f"seed is {params['seed']!r}; it is a whole number from 0 to {_LARGEST_SEED}")
     if reach == 0.0:
         wrong.append("range_max is 0; it is above that")
-    scene = given.get(SENSOR_PREFIX, "").strip()
+    scene = params.get(SENSOR_PREFIX, "").strip()
     return None if wrong else SensorSettings(kind, link, noise, reach, round(seed), scene)
 
 
-def _number(given: Mapping[str, str], key: str, default: float, wrong: list[str]) -> float:
+def _number(params: Mapping[str, str], key: str, default: float, wrong: list[str]) -> float:
     try:
-        value = float(given.get(key, default))
+        value = float(params.get(key, default))
     except ValueError:
         value = math.nan
     if math.isfinite(value) and value >= 0.0:
         return value
-    wrong.append(f"{key} is {given[key]!r}; it is a number from 0")
+    wrong.append(f"{key} is {params[key]!r}; it is a number from 0")
     return default

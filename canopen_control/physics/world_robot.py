@@ -60,7 +60,7 @@ class WorldRobot:
     def touch_down(self) -> None:
         """Initialise the load on its rollers and its initial heading after it was put on the floor."""
         load = self._weight() / max(1, len(self.body.rollers))
-        self._rollers = [MecanumContact(self.body.model, self._data, each, load) for each in self.body.rollers]
+        self._rollers = [MecanumContact(self.body.model, self._data, wheel, load) for wheel in self.body.rollers]
         self.look_at_heading()
 
     def _weight(self) -> float:
@@ -94,11 +94,11 @@ class WorldRobot:
     # -- its base
 
     def _place(self) -> tuple[float, float, float]:
-        x, y, z = (float(each) for each in self._data.qpos[self._qpos : self._qpos + 3])
+        x, y, z = (float(coordinate) for coordinate in self._data.qpos[self._qpos : self._qpos + 3])
         return x, y, z
 
     def _rotation(self) -> tuple[float, float, float, float]:
-        w, x, y, z = (float(each) for each in self._data.qpos[self._qpos + 3 : self._qpos + 7])
+        w, x, y, z = (float(component) for component in self._data.qpos[self._qpos + 3 : self._qpos + 7])
         return w, x, y, z
 
     def look_at_heading(self) -> None:

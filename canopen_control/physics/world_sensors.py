@@ -60,9 +60,9 @@ class WorldSensor:
     scene: str = ""  # prefix of its parts in a scene
 
     @classmethod
-    def of(cls, name: str, each: SensorSettings) -> WorldSensor:
+    def of(cls, name: str, settings: SensorSettings) -> WorldSensor:
         """Return the sensor described by a file or a tag."""
-        return cls(name, each.kind, each.link, each.noise, each.reach, each.seed, each.scene)
+        return cls(name, settings.kind, settings.link, settings.noise, settings.reach, settings.seed, settings.scene)
 
     def own(self) -> tuple[str, ...]:
         """Return the names of its parts as added to a model."""
@@ -75,10 +75,10 @@ class WorldSensor:
 
 def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  # noqa: ANN401 - of MuJoCo
     """Add sensors to a specification; PhysicsError for a missing link."""
-    there = {sensor.name: sensor for sensor in spec.sensors if sensor.name}
+    existing = {sensor.name: sensor for sensor in spec.sensors if sensor.name}
     links = [body.name for body in spec.bodies if body.name != "world"]
     for each in sensors:
-        if _stands(each, there, path):
+        if _stands(each, existing, path):
             continue
         body = spec.body(each.link) if each.link in links else None
         if body is None:
@@ -93,15 +93,15 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
                 sensor.intprm[0] = 1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST)
 
 
-def _stands(sensor: WorldSensor, there: Mapping[str, Any], path: str) -> bool:
+def _stands(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> bool:
     """Return whether a scene already has a sensor; PhysicsError if another MuJoCo object has its name."""
     names = sensor.of_scene()
-    if not names or not all(name in there for name in names):
+    if not names or not all(name in existing for name in names):
         return False
     for name, kind in zip(names, _PARTS[sensor.kind], strict=True):
-        if there[name].type != kind:
-            what = kind.name.removeprefix("mjSENS_").lower()
-            raise PhysicsError(f"{path}: sensor {sensor.name}: {name} of the scene is no {what}")
+        if existing[name].type != kind:
+            type_name = kind.name.removeprefix("mjSENS_").lower()
+            raise PhysicsError(f"{path}: sensor {sensor.name}: {name} of the scene is no {type_name}")
     return True
 
 
@@ -120,27 +120,27 @@ class SensorReader:
         prefix: str = "",
     ) -> None:
         self._data, self._sensors = data, sensors
-        self._random = {each.name: random.Random(f"{seed} {each.seed} {each.name}") for each in sensors}
+        self._random = {sensor.name: random.Random(f"{seed} {sensor.seed} {sensor.name}") for sensor in sensors}
         self._places: dict[str, list[tuple[int, int]]] = {}
-        there = {model.sensor(number).name for number in range(model.nsensor)}
-        for each in sensors:
-            own = [f"{prefix}{name}" for name in each.own()]
-            parts = [model.sensor(name) for name in (own if own[0] in there else each.of_scene())]
-            self._places[each.name] = [(int(part.adr[0]), int(part.adr[0]) + int(part.dim[0])) for part in parts]
+        existing = {model.sensor(number).name for number in range(model.nsensor)}
+        for sensor in sensors:
+            own = [f"{prefix}{name}" for name in sensor.own()]
+            parts = [model.sensor(name) for name in (own if own[0] in existing else sensor.of_scene())]
+            self._places[sensor.name] = [(int(part.adr[0]), int(part.adr[0]) + int(part.dim[0])) for part in parts]
 
     def read(self) -> dict[str, tuple[float, ...]]:
         """Return the values of each sensor by its name."""
-        found = {}
-        for each in self._sensors:
+        readings = {}
+        for sensor in self._sensors:
             numbers: list[float] = []
-            for start, end in self._places[each.name]:
-                noise = 0.0 if end - start == 4 else each.noise  # an orientation must keep a length of 1
+            for start, end in self._places[sensor.name]:
+                noise = 0.0 if end - start == 4 else sensor.noise  # an orientation must keep a length of 1
                 numbers += [
-                    float(value) + _error(self._random[each.name], noise, float(value))
+                    float(value) + _error(self._random[sensor.name], noise, float(value))
                     for value in self._data.sensordata[start:end]
                 ]
-            found[each.name] = tuple(numbers)
-        return found
+            readings[sensor.name] = tuple(numbers)
+        return readings
 
 
 def _error(of: random.Random, noise: float, value: float) -> float:

@@ -116,10 +116,10 @@ def object_of(text: str) -> tuple[int, int, int | None] | None:
     return None if bit is not None and bit > 63 else (int(match[1], 16), int(match[2] or "0", 16), bit)
 
 
-def retyped(value: Value, held: DataType, wanted: DataType) -> Value:
+def retyped(value: Value, source: DataType, target: DataType) -> Value:
     """Return the bits of a value as another type of the same width; nan if they are invalid there."""
     try:
-        return decode(encode(value, held), wanted)
+        return decode(encode(value, source), target)
     except ValueError:
         return math.nan
 

@@ -75,8 +75,8 @@ def profile_of(od: ObjectDictionary) -> Profile:
     entry = od.get(DEVICE_TYPE)
     number = entry.value & 0xFFFF if entry is not None and isinstance(entry.value, int) else 0
     if number:
-        known = number in _WORDS and number != Profile.DRIVE
-        return Profile(number) if known else Profile.NONE
+        is_known = number in _WORDS and number != Profile.DRIVE
+        return Profile(number) if is_known else Profile.NONE
     for objects, profile in _SIGNATURES:
         if all(
             (found := od.get(index, subindex)) is not None and found.data_type is kind

@@ -49,8 +49,8 @@ def measuring_signals(od: ObjectDictionary) -> Iterator[Signal]:
 
     The same values may exist as floats, with 16 and with 32 bits: the ones mapped into a TPDO are used, else the first.
     """
-    index = next((each for each in (0x7130, 0x9130, 0x6130, 0x8130) if _mapped(od, each)), None)
-    index = index or next((each for each in (0x7130, 0x9130, 0x6130, 0x8130) if (each, 1) in od), None)
+    index = next((candidate for candidate in (0x7130, 0x9130, 0x6130, 0x8130) if _mapped(od, candidate)), None)
+    index = index or next((candidate for candidate in (0x7130, 0x9130, 0x6130, 0x8130) if (candidate, 1) in od), None)
     for subindex in () if index is None else od.subindices(index):
         if 1 <= subindex < 0xFF:
             status = (0x6150, subindex) if (0x6150, subindex) in od else None
@@ -124,8 +124,8 @@ def inclinometer_signals(od: ObjectDictionary) -> Iterator[Signal]:
     """Yield `longitudinal` and `lateral` in rad of a CiA 410 device, with the 16-bit or the 32-bit objects."""
     scales = (SignalScale((0x6000, 0), _resolution, _number(od, 0x6000, 0, 10)),)
     for name, short, long in (("longitudinal", 0x6010, 0x6110), ("lateral", 0x6020, 0x6120)):
-        index = next((each for each in (short, long) if _mapped(od, each)), None)
-        index = index or next((each for each in (short, long) if (each, 0) in od), None)
+        index = next((candidate for candidate in (short, long) if _mapped(od, candidate)), None)
+        index = index or next((candidate for candidate in (short, long) if (candidate, 0) in od), None)
         if index is not None:
             yield Signal(name, index, unit="rad", scales=scales)
 
@@ -303,8 +303,8 @@ def profile_signals(od: ObjectDictionary, profile: Profile) -> dict[str, Signal]
 
 def object_signal(od: ObjectDictionary, name: str) -> Signal | None:
     """Return the raw number of an object as a signal named by its address, None if there is no such object."""
-    found = object_of(name) if name[:2] in ("0x", "0X") else None
-    entry = None if found is None else od.get(found[0], found[1])
-    if found is None or entry is None or entry.data_type.bits is None:
+    place = object_of(name) if name[:2] in ("0x", "0X") else None
+    entry = None if place is None else od.get(place[0], place[1])
+    if place is None or entry is None or entry.data_type.bits is None:
         return None
-    return Signal(name, found[0], found[1], output=entry.rpdo_mappable and entry.writable, bit=found[2])
+    return Signal(name, place[0], place[1], output=entry.rpdo_mappable and entry.writable, bit=place[2])

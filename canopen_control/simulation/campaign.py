@@ -103,7 +103,7 @@ def targeted_schedule(
 
 def _moves(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]:
     """Return commands before and after, if the robot has a motion."""
-    motion = next((each for each in motions if each.starts), None)
+    motion = next((candidate for candidate in motions if candidate.starts), None)
     if motion is None:
         return []
     values = tuple(round(low + (high - low) * (0.1 + 0.9 * drawn), 3) for low, high in motion.ranges)
@@ -252,41 +252,41 @@ class Totals:
     @property
     def broken(self) -> list[SeedResult]:
         """Seeds with breaches, in order."""
-        return [each for _, each in sorted(self.results.items()) if each.breaches]
+        return [result for _, result in sorted(self.results.items()) if result.breaches]
 
     @property
     def robot_s(self) -> float:
         """Simulated time of all robots in s."""
-        return sum(each.robot_s for _, each in sorted(self.results.items()))
+        return sum(result.robot_s for _, result in sorted(self.results.items()))
 
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return sum(each.frames for each in self.results.values())
+        return sum(result.frames for result in self.results.values())
 
     @property
     def troubles(self) -> Counter[tuple[str, str]]:
         """Number of faults by kind and state of the robot."""
-        found: Counter[tuple[str, str]] = Counter()
-        for _, each in sorted(self.results.items()):
-            found.update(each.troubles)
-        return found
+        total: Counter[tuple[str, str]] = Counter()
+        for _, result in sorted(self.results.items()):
+            total.update(result.troubles)
+        return total
 
     @property
     def edges(self) -> Counter[Edge]:
         """Number of each transition of the state machines."""
-        found: Counter[Edge] = Counter()
-        for _, each in sorted(self.results.items()):
-            found.update(each.edges)
-        return found
+        total: Counter[Edge] = Counter()
+        for _, result in sorted(self.results.items()):
+            total.update(result.edges)
+        return total
 
     @property
     def cells(self) -> Counter[Cell]:
         """Number of faults of each kind in each state of each machine."""
-        found: Counter[Cell] = Counter()
-        for _, each in sorted(self.results.items()):
-            found.update(each.cells)
-        return found
+        total: Counter[Cell] = Counter()
+        for _, result in sorted(self.results.items()):
+            total.update(result.cells)
+        return total
 
 
 class Campaign:
@@ -370,14 +370,14 @@ class Campaign:
         run = SimulationRun(self._setup, seed, acts, motions=self._motions)
         try:
             run.run(duration_ns)
-            found = run.outcome
+            outcome = run.outcome
             return SeedResult(
                 seed,
-                found.robot_s,
-                found.real_s,
-                found.frames,
-                found.events,
-                found.sha256,
+                outcome.robot_s,
+                outcome.real_s,
+                outcome.frames,
+                outcome.events,
+                outcome.sha256,
                 tuple(run.invariants.breaches),
                 dict(run.player.troubles),
                 run.invariants.coverage.walked,

@@ -77,9 +77,9 @@ def write_text(path: Path, text: str) -> None:
 
 def junit_summary(robot: str, totals: Totals) -> str:
     """Return the results as JUnit XML: one test case per seed."""
-    cases = "".join(_case(robot, each) for _, each in sorted(totals.results.items()))
+    cases = "".join(_case(robot, result) for _, result in sorted(totals.results.items()))
     count = f'tests="{len(totals.results)}" failures="{len(totals.broken)}"'
-    seconds = sum(each.real_s for each in totals.results.values())
+    seconds = sum(result.real_s for result in totals.results.values())
     return (
         f'<?xml version="1.0" encoding="utf-8"?>\n<testsuite name={quoteattr(f"simulate {robot}")} {count} '
         f'time="{seconds:.3f}">\n{cases}</testsuite>\n'
@@ -90,18 +90,20 @@ def _case(robot: str, result: SeedResult) -> str:
     head = f'<testcase classname={quoteattr(robot)} name="seed {result.seed}" time="{result.real_s:.3f}"'
     if not result.breaches:
         return f"{head}/>\n"
-    said = "\n".join(breach.sentence for breach in result.breaches)
-    return f"{head}><failure message={quoteattr(result.breaches[0].sentence)}>{xml(said)}</failure></testcase>\n"
+    text = "\n".join(breach.sentence for breach in result.breaches)
+    return f"{head}><failure message={quoteattr(result.breaches[0].sentence)}>{xml(text)}</failure></testcase>\n"
 
 
 def html_summary(robot: str, totals: Totals) -> str:
     """Return the results as HTML: simulated time, faults by state, breaches."""
     states = sorted({state for _, state in totals.troubles})
     kinds = sorted({kind for kind, _ in totals.troubles})
-    head = "".join(f"<th>{escape(each)}</th>" for each in ("", *states))
+    head = "".join(f"<th>{escape(heading)}</th>" for heading in ("", *states))
     rows = "".join(f"<tr>{_cells(kind, states, totals)}</tr>\n" for kind in kinds)
     breaches = "".join(
-        f"<li>seed {each.seed}: {escape(breach.sentence)}</li>\n" for each in totals.broken for breach in each.breaches
+        f"<li>seed {heading.seed}: {escape(breach.sentence)}</li>\n"
+        for heading in totals.broken
+        for breach in heading.breaches
     )
     edges = totals.edges
     walked = "".join(f"<tr>{_edge(edge, edges[edge])}</tr>\n" for edge in sorted({*edges, *left_out(edges)}))
@@ -128,12 +130,14 @@ def _cell_tables(totals: Totals) -> str:
     """Return a table for each machine: kinds of faults by state, including those not covered."""
     cells = totals.cells
     kinds = sorted({kind for _, _, kind in cells})
-    found = ""
+    tables = ""
     for machine, states in STATES.items():
-        head = "".join(f"<th>{escape(each)}</th>" for each in (machine, *states))
-        rows = "".join(f"<tr>{_counts(kind, [cells[machine, each, kind] for each in states])}</tr>\n" for kind in kinds)
-        found += f"<table><tr>{head}</tr>\n{rows}</table>\n"
-    return found
+        head = "".join(f"<th>{escape(heading)}</th>" for heading in (machine, *states))
+        rows = "".join(
+            f"<tr>{_counts(kind, [cells[machine, heading, kind] for heading in states])}</tr>\n" for kind in kinds
+        )
+        tables += f"<table><tr>{head}</tr>\n{rows}</table>\n"
+    return tables
 
 
 def _cells(kind: str, states: Sequence[str], totals: Totals) -> str:
@@ -141,8 +145,8 @@ def _cells(kind: str, states: Sequence[str], totals: Totals) -> str:
 
 
 def _counts(kind: str, counts: Sequence[int]) -> str:
-    return "".join(f"<td>{each}</td>" for each in (escape(kind), *(each or "" for each in counts)))
+    return "".join(f"<td>{cell}</td>" for cell in (escape(kind), *(cell or "" for cell in counts)))
 
 
 def _edge(edge: Edge, count: int) -> str:
-    return "".join(f"<td>{escape(each)}</td>" for each in (*edge, str(count) if count else "not walked"))
+    return "".join(f"<td>{escape(cell)}</td>" for cell in (*edge, str(count) if count else "not walked"))

@@ -127,12 +127,12 @@ class EventPlayer:
 
     def world(self, act: ScenarioEvent) -> None:
         """Apply a disturbance in the world; a joint blocked for a time is released again."""
-        floor, what = self.robot.floor, act.world
-        if floor is None or what is None:
+        floor, world_act = self.robot.floor, act.world
+        if floor is None or world_act is None:
             return
-        floor.act(what)
-        if act.for_ns is not None and isinstance(what, BlockJoint):
-            self._later(act.for_ns, partial(floor.act, BlockJoint(joint=what.joint, on=False)))
+        floor.act(world_act)
+        if act.for_ns is not None and isinstance(world_act, BlockJoint):
+            self._later(act.for_ns, partial(floor.act, BlockJoint(joint=world_act.joint, on=False)))
 
     # -- processes
 
@@ -183,7 +183,7 @@ class EventPlayer:
 
     def frame(self, act: ScenarioEvent) -> None:
         """Send a frame on every bus."""
-        can_id, *data = (int(each) for each in act.values)
+        can_id, *data = (int(value) for value in act.values)
         for wire in self.robot.wires.values():
             wire.inject(CanFrame(can_id, bytes(data)))
 

@@ -79,15 +79,15 @@ class StateCoverage:
     @property
     def walked(self) -> dict[Edge, int]:
         """Number of each transition, including those that no diagram has."""
-        found: Counter[Edge] = Counter()
+        total: Counter[Edge] = Counter()
         for (state, trigger), count in self._rows.counts.items():
-            found[POWER, state.name, trigger.name] += count
+            total[POWER, state.name, trigger.name] += count
         for node in self._nodes:
             for (before, after), count in node.drive_edges.items():
-                found[DRIVE, _drive_state(before), _drive_state(after)] += count
+                total[DRIVE, _drive_state(before), _drive_state(after)] += count
             for (before, after), count in node.nmt_edges.items():
-                found[NMT, _nmt_state(before), _nmt_state(after)] += count
-        return dict(sorted(found.items()))
+                total[NMT, _nmt_state(before), _nmt_state(after)] += count
+        return dict(sorted(total.items()))
 
 
 def coverage_words(walked: Mapping[Edge, int]) -> str:
@@ -137,9 +137,9 @@ def cells_of(faults: Sequence[str]) -> list[Cell]:
 
 def cells_words(hit: Iterable[Cell], faults: Sequence[str]) -> str:
     """Return the coverage of cells of each machine as text."""
-    found, wanted = set(hit), cells_of(faults)
-    counts = Counter(machine for machine, _, _ in wanted)
-    hits = Counter(cell[0] for cell in wanted if cell in found)
+    hit_cells, all_cells = set(hit), cells_of(faults)
+    counts = Counter(machine for machine, _, _ in all_cells)
+    hits = Counter(cell[0] for cell in all_cells if cell in hit_cells)
     return ", ".join(f"{machine} {hits[machine]} of {total}" for machine, total in counts.items())
 
 
@@ -163,7 +163,9 @@ def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
 def state_reached(robot: RobotUnderTest, act: ScenarioEvent) -> bool:
     """Whether the state that an event waits for is reached by its node, or by any if it has none."""
     nodes = [int(act.target)] if act.target.isdigit() else list(robot.drives)
-    return not act.when or any(" ".join(each) == act.when for node_id in nodes for each in states_of(robot, node_id))
+    return not act.when or any(
+        " ".join(machine_state) == act.when for node_id in nodes for machine_state in states_of(robot, node_id)
+    )
 
 
 class FaultCoverage:

@@ -56,8 +56,10 @@ class ReportInvariants:
     `asked`, `taken` and `sampled` are called as time passes.
     """
 
-    def __init__(self, robot: RobotUnderTest, views: Mapping[str, WireView], tell: Callable[[str, str], None]) -> None:
-        self._robot, self._tell = robot, tell
+    def __init__(
+        self, robot: RobotUnderTest, views: Mapping[str, WireView], report: Callable[[str, str], None]
+    ) -> None:
+        self._robot, self._tell = robot, report
         self._nodes = [node for view in views.values() for node in view.nodes.values()]
         self._wrong_since: dict[tuple[str, str], int] = {}  # (rule, node): since when
         self._names = {node.node_id: f"node {node.node_id}" for node in self._nodes}
@@ -77,7 +79,7 @@ class ReportInvariants:
     def taken(self, now: int, act: ScenarioEvent) -> None:
         """Check an accepted command: the robot must refuse it if all its drives have been disabled for a while."""
         core = self._robot.core
-        joints = [core.joints.get(each.joint) for each in core.manager.get(act.target).commands]
+        joints = [core.joints.get(command.joint) for command in core.manager.get(act.target).commands]
         moved = {joint.node.node_id for joint in joints if joint is not None}
         axes = [node for node in self._nodes if node.node_id in moved]
         if axes and all(_is_off(node, now) for node in axes):
@@ -105,10 +107,12 @@ class ReportInvariants:
 
     def _judge_latch(self, now: int) -> None:
         """Check that STOP is latched exactly from a client's latch request until a release."""
-        held, latched = self._robot.core.latch.held, self._latched
-        if held is not latched or self._wrong_since:
-            self._hold("STOP was latched by {}, and is not any more", "a client", latched is True and not held, now)
-            self._hold("STOP is latched, and {} asked for it", "nobody", latched is False and held, now)
+        latch_held, latched = self._robot.core.latch.held, self._latched
+        if latch_held is not latched or self._wrong_since:
+            self._hold(
+                "STOP was latched by {}, and is not any more", "a client", latched is True and not latch_held, now
+            )
+            self._hold("STOP is latched, and {} asked for it", "nobody", latched is False and latch_held, now)
 
     def _judge_state(self, node: ObservedNode, now: int) -> bool:
         """Check that RUNNING means that no node is missing or in fault; return whether it is violated."""
@@ -129,21 +133,21 @@ class ReportInvariants:
             return
         for joint in self._robot.core.joints.values():
             if joint.node.node_id == node.node_id:
-                told = wrong and joint.enabled
-                self._hold("{} is told enabled, and its statusword says no", joint.joint, told, now)
+                reported = wrong and joint.enabled
+                self._hold("{} is told enabled, and its statusword says no", joint.joint, reported, now)
                 claimed = wrong and not troubled and not joint.axis.number and joint.claimed not in (None, TARGET)
                 off = claimed and self._robot.core.state is RobotState.RUNNING
                 self._hold("running, and {} is claimed by a controller and off", joint.joint, off, now)
 
-    def _hold(self, text: str, who: str, wrong: bool, now: int) -> None:
+    def _hold(self, text: str, subject: str, wrong: bool, now: int) -> None:
         """Report a violation that lasts longer than the time allowed for reporting."""
-        since, what = self._wrong_since, (text, who)
+        since, key = self._wrong_since, (text, subject)
         if not wrong:
             if since:
-                since.pop(what, None)
-        elif now - since.setdefault(what, now) > _SOON_NS and since[what] >= 0:
-            since[what] = 1 << 62  # only once
-            self._tell("state_told", text.format(who))
+                since.pop(key, None)
+        elif now - since.setdefault(key, now) > _SOON_NS and since[key] >= 0:
+            since[key] = 1 << 62  # only once
+            self._tell("state_told", text.format(subject))
 
     def _weigh(self, now: int) -> None:
         blocks = sys.getallocatedblocks()
@@ -176,8 +180,8 @@ class ClientInvariants:
     `sampled` is called as time passes.
     """
 
-    def __init__(self, robot: RobotUnderTest, clients: SimulatedClients, tell: Callable[[str, str], None]) -> None:
-        self._robot, self._clients, self._tell = robot, clients, tell
+    def __init__(self, robot: RobotUnderTest, clients: SimulatedClients, report: Callable[[str, str], None]) -> None:
+        self._robot, self._clients, self._tell = robot, clients, report
         self._blocked = 0
         self._told: set[SimulatedClient] = set()
 
@@ -225,7 +229,7 @@ class Breach:
 
 def user_rules() -> list[tuple[str, Rule]]:
     """Return the rules of installed packages, by name."""
-    return [(each.name, each.load()) for each in _entry_points()]
+    return [(entry_point.name, entry_point.load()) for entry_point in _entry_points()]
 
 
 @functools.cache

@@ -62,11 +62,11 @@ class MotionInvariants:
         robot: RobotUnderTest,
         views: Mapping[str, WireView],
         motions: Sequence[SampleMotion],
-        tell: Callable[[str, str], None],
+        report: Callable[[str, str], None],
     ) -> None:
-        self._robot, self._views, self._tell = robot, views, tell
+        self._robot, self._views, self._tell = robot, views, report
         self._nodes = [node for view in views.values() for node in view.nodes.values()]
-        self._lives = {each.controller: each.life_ns or PLACE_NS for each in motions}
+        self._lives = {motion.controller: motion.life_ns or PLACE_NS for motion in motions}
         self._fresh: dict[str, int] = {}  # controller -> expiry of its command
         self._held: dict[str, bool] = {}  # controller -> whether its newest command ends with its client
         self._enabled_ns = robot.now_ns
@@ -75,7 +75,7 @@ class MotionInvariants:
         self._latched = False
         self._fastest: dict[int, float] = {}
         joints = robot.core.joints.values() if robot.floor is not None else ()
-        self._least = {each.node.node_id: _ON_A_FLOOR * abs(each.scale.pos_to_dev) for each in joints}
+        self._least = {motion.node.node_id: _ON_A_FLOOR * abs(motion.scale.pos_to_dev) for motion in joints}
         self._moving: set[int] = set()  # nodes whose motion was reported
         self._judged: dict[int, int] = {}  # node -> time of the last checked enable command
         self._excused: dict[int, int] = {}
@@ -91,14 +91,14 @@ class MotionInvariants:
     def asked(self, now: int, act: ScenarioEvent) -> None:
         """Record a request of a client; a stalled process receives it when it continues."""
         heard = max(now, self._robot.host.stalled_until)
-        what = f"{act.kind} {act.name}".strip()
+        request = f"{act.kind} {act.name}".strip()
         self._latched = _LATCHES.get(act.kind, self._latched)
-        if what in _ENABLES and not self._latched:
+        if request in _ENABLES and not self._latched:
             self._enabled_ns, self._stop = heard, None
             if self._all_stand():
                 self._fresh.clear()  # a command must be newer
-        elif what in _STOPS:
-            self._stop_by(heard, f"{what} was asked", heard)
+        elif request in _STOPS:
+            self._stop_by(heard, f"{request} was asked", heard)
         elif act.kind == "activate":
             if not self._latched:  # an activated controller enables the drives that it claims
                 self._enabled_ns, self._stop = heard, None
@@ -161,7 +161,7 @@ class MotionInvariants:
         since = self._followed_ns
         for view in self._views.values():
             watched = view.config.master.heartbeat_producer * _MS * 5
-            gone = watched > 0 and 0 < view.master_at < now - watched - GRACE_NS
+            silent = watched > 0 and 0 < view.master_at < now - watched - GRACE_NS
             for node in view.nodes.values():
                 limit = node.timeout_ns
                 alive_at = node.alive_at if node.alive_at > since else since
@@ -171,7 +171,7 @@ class MotionInvariants:
                     yield _Stop(node.booted_at, f"node {node.node_id} has booted", node.booted_at)
                 if limit and alive_at < now - limit - GRACE_NS:
                     yield _Stop(alive_at + limit, f"node {node.node_id} is silent", alive_at + limit)
-                if gone:
+                if silent:
                     yield _Stop(view.master_at, f"{MASTER} is silent", view.master_at + watched)
 
     # -- checks
@@ -213,7 +213,7 @@ class MotionInvariants:
             self._alone_since.pop(node.node_id, None)
         elif node.node_id not in self._alone_since:
             self._alone_since[node.node_id] = now
-            missed = max((each.master_s for each in self._facts[node.node_id]), default=0.0)
+            missed = max((fact.master_s for fact in self._facts[node.node_id]), default=0.0)
             self._alone_until[node.node_id] = now + round(missed * 1e9)
 
     def _judge_shaft(self, node: ObservedNode, now: int) -> None:
@@ -257,9 +257,9 @@ class MotionInvariants:
 
         It starts from the maximum speed in the files, else from the largest speed observed.
         """
-        fastest, known = self._fastest.get(node_id, 0.0), self._facts[node_id]
+        fastest, facts = self._fastest.get(node_id, 0.0), self._facts[node_id]
         if self._ramps.get(node_id, (-1.0, 0))[0] != fastest:
-            bound = [each if math.isfinite(each.speed) else replace(each, speed=fastest) for each in known]
-            ramps = [case.ramp_s for each in bound for case in stop_time(each).cases if math.isfinite(case.ramp_s)]
+            bound = [fact if math.isfinite(fact.speed) else replace(fact, speed=fastest) for fact in facts]
+            ramps = [case.ramp_s for fact in bound for case in stop_time(fact).cases if math.isfinite(case.ramp_s)]
             self._ramps[node_id] = fastest, round(max(ramps, default=1.0) * 1e9)
         return self._ramps[node_id][1]

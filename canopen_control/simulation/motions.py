@@ -51,9 +51,9 @@ def motions_of(setup: RobotSetup) -> tuple[SampleMotion, ...]:
     """
     with Reactor(ManualClock(), MarkedSelector()) as reactor:
         core = RobotCore(setup, reactor)
-        found = [_motion(setup, core, name, config.type) for name, config in setup.controllers.controllers.items()]
+        motions = [_motion(setup, core, name, config.type) for name, config in setup.controllers.controllers.items()]
         core.close()
-    return tuple(each for each in found if each is not None)
+    return tuple(motion for motion in motions if motion is not None)
 
 
 def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> SampleMotion | None:
@@ -72,17 +72,19 @@ def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> Sa
     joints = setup.description.joints
     if controller.topic is None or "trajectory" in type_name:
         return _trajectory(controller, joints, starts=starts)
-    ranges = [_range(joints.get(each.partition("/")[0]), each.rpartition("/")[2]) for each in names]
-    known = tuple(each for each in ranges if each is not None)
-    if not known or len(known) != len(ranges):
+    ranges = [
+        _range(joints.get(limit_or_name.partition("/")[0]), limit_or_name.rpartition("/")[2]) for limit_or_name in names
+    ]
+    limits = tuple(limit_or_name for limit_or_name in ranges if limit_or_name is not None)
+    if not limits or len(limits) != len(ranges):
         return None
-    return SampleMotion(name, "command", known, starts, life_ns, ends=tuple(names))
+    return SampleMotion(name, "command", limits, starts, life_ns, ends=tuple(names))
 
 
 def _trajectory(controller: Controller, joints: object, *, starts: bool) -> SampleMotion | None:
     if "trajectory" not in controller.type:
         return None  # grippers have goals instead
-    ranges = [_range(joints.get(each), POSITION) for each in controller.joints]  # type: ignore[attr-defined]
+    ranges = [_range(joints.get(joint), POSITION) for joint in controller.joints]  # type: ignore[attr-defined]
     return SampleMotion(controller.name, "trajectory", tuple(ranges), starts, joints=tuple(controller.joints))  # type: ignore[arg-type]
 
 

@@ -66,7 +66,7 @@ class RandomSchedule:
         self._duration = duration_ns
         self._motions, self._nodes, self._faults = list(motions), list(nodes), list(faults if nodes else ())
         self._acts: list[ScenarioEvent] = []
-        self._active = next((each for each in motions if each.starts), None)
+        self._active = next((motion for motion in motions if motion.starts), None)
 
     def acts(self) -> tuple[ScenarioEvent, ...]:
         """Return the events."""
@@ -84,7 +84,7 @@ class RandomSchedule:
         if self._faults:
             self._hang()
         self._cancel()
-        return tuple(sorted((each for each in self._acts if each.at_ns < self._duration), key=lambda each: each.at_ns))
+        return tuple(sorted((act for act in self._acts if act.at_ns < self._duration), key=lambda act: act.at_ns))
 
     # -- numbers
 
@@ -106,7 +106,7 @@ class RandomSchedule:
         if motion is not None:
             drawn = [low + (high - low) * self._random() for low, high in motion.ranges]
             still = self._random() < 0.15
-            values = tuple(0.0 if still and motion.kind == "command" else round(each, 3) for each in drawn)
+            values = tuple(0.0 if still and motion.kind == "command" else round(value, 3) for value in drawn)
             self._add(now, motion.kind, motion.controller, values=values, for_ns=lasts)
         return now + lasts + (self._between(0, 6 * _S) if self._random() < 0.25 else 0)
 
@@ -150,7 +150,7 @@ class RandomSchedule:
         if self._random() >= _HANGING:
             return
         kind, at = self._one(_HANGS), self._between(_BOOTED_NS, max(_BOOTED_NS, self._duration // 3))
-        commanded = [each for each in self._motions if each.kind == "command" and each.starts]
+        commanded = [candidate for candidate in self._motions if candidate.kind == "command" and candidate.starts]
         if kind != "dead_man":
             count = (float(self._one((1, 20, 80))),) if kind == "silent" else ()
             lasts = self._between(_S, self._duration) if kind == "silent" else None
@@ -164,7 +164,7 @@ class RandomSchedule:
     def _cancel(self) -> None:
         """Cancel some of the trajectories; the other events of a seed do not depend on this."""
         self._random = Random(f"{self._seed}/cancels").random
-        for act in [each for each in self._acts if each.kind == "trajectory"]:
+        for act in [candidate for candidate in self._acts if candidate.kind == "trajectory"]:
             if self._random() < _CANCELLED:
                 self._add(act.at_ns + self._between(0, act.for_ns or 0), "cancel", act.target)
 
@@ -202,7 +202,7 @@ class RandomSchedule:
         return self._recover(max(at + lasts, moved) + self._between(0, _S))
 
     def _fault(self) -> str:
-        losses = [each for each in _LOSSES if each in self._faults]
+        losses = [loss for loss in _LOSSES if loss in self._faults]
         return self._one(losses if losses and self._random() < 1 / 3 else self._faults)
 
     def _frame(self) -> list[float]:
@@ -215,4 +215,4 @@ class RandomSchedule:
 def known_faults(*, physics: bool = False) -> list[str]:
     """Return the faults of drives; with physics without those that let a drive move its shaft by itself."""
     encoders = _OF_ENCODERS if physics else ()
-    return [each.name for each in FAULTS.values() if each.acts not in _OF_DEVICES and each.name not in encoders]
+    return [fault.name for fault in FAULTS.values() if fault.acts not in _OF_DEVICES and fault.name not in encoders]

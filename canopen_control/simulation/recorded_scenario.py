@@ -84,7 +84,7 @@ class BusHistory:
     def _sort(self) -> None:
         owners = {base + node: node for node in self._plans for base in (0x080, 0x580, 0x700)}
         for node, plan in self._plans.items():
-            owners |= {each.cob_id: node for each in plan.tpdos}
+            owners |= {tpdo.cob_id: node for tpdo in plan.tpdos}
         ours = (0x080, 0x700 + self._config.master.node_id)
         for now, frame in self._frames:
             can_id, data = frame.can_id, frame.data
@@ -165,24 +165,24 @@ class BusHistory:
                 shown = None
             elif shown is None and not _is_consequence(code):
                 shown = _FAULTS.get(code, _OTHER)
-                gone = next((at for at, later in told[number:] if later == 0), None)
-                off = None if gone is None else max(now + _MS, self._ended(gone, shown))
+                end = next((at for at, later in told[number:] if later == 0), None)
+                off = None if end is None else max(now + _MS, self._ended(end, shown))
                 yield ScenarioEvent(now, "fault", str(node), shown, for_ns=None if off is None else off - now)
 
-    def _ended(self, gone: int, fault: str) -> int:
+    def _ended(self, end: int, fault: str) -> int:
         """Return the end of the cause of a fault, before the reset that reported its end."""
         if fault in _PASSING:
-            return gone
-        at = bisect_left(self._resets, gone)
-        return (self._resets[at - 1] if at and gone - self._resets[at - 1] < _S else gone) - 50 * _MS
+            return end
+        at = bisect_left(self._resets, end)
+        return (self._resets[at - 1] if at and end - self._resets[at - 1] < _S else end) - 50 * _MS
 
 
 def _gaps(times: Sequence[int], limit: int, end: int) -> list[tuple[int, int | None]]:
     """Return the intervals without a frame longer than a limit, from just after the last one; None: to the end."""
-    found: list[tuple[int, int | None]] = [
+    gaps: list[tuple[int, int | None]] = [
         (last + _MS, after) for last, after in pairwise(times) if after - last > limit
     ]
-    return found + ([(times[-1] + _MS, None)] if times and end - times[-1] > limit else [])
+    return gaps + ([(times[-1] + _MS, None)] if times and end - times[-1] > limit else [])
 
 
 def _is_consequence(code: int) -> bool:
@@ -208,16 +208,16 @@ class RecordedRobot:
 
 def scenario_of_recording(recorded: RecordedRobot, setup: RobotSetup) -> Scenario:
     """Return the scenario; ConfigError for a recording without frames, or with other buses than the robot's."""
-    known = [each for each in recorded.frames if each[1] in setup.buses]
+    known = [item for item in recorded.frames if item[1] in setup.buses]
     if not known:
-        there = ", ".join(sorted({bus for _, bus, _ in recorded.frames})) or "no frame"
-        raise ConfigError(f"the recording holds {there}, the robot has the buses {', '.join(setup.buses)}")
+        buses = ", ".join(sorted({bus for _, bus, _ in recorded.frames})) or "no frame"
+        raise ConfigError(f"the recording holds {buses}, the robot has the buses {', '.join(setup.buses)}")
     end = _end(recorded, known[-1][0])
     origin, early = _origin(recorded, known[0][0])
     requests = RequestActs(motions_of(setup))
-    asked = [act for each in recorded.requests for act in requests.acts(each)]
-    resets = [act.at_ns for act in asked if act.name == "fault-reset"]
-    acts = [*_merged(asked), *(_initial(recorded, setup, origin) if early else ())]
+    requested = [act for item in recorded.requests for act in requests.acts(item)]
+    resets = [act.at_ns for act in requested if act.name == "fault-reset"]
+    acts = [*_merged(requested), *(_initial(recorded, setup, origin) if early else ())]
     for name, config in setup.buses.items():
         frames = [(now, frame) for now, bus, frame in known if bus == name and now <= end]
         acts += BusHistory(config, frames, resets).acts()
@@ -237,13 +237,13 @@ def _placed(act: ScenarioEvent, origin: int) -> ScenarioEvent:
 
 def _end(recorded: RecordedRobot, last: int) -> int:
     """Return the end of the recording, or of its robot."""
-    ended = [round(each.time * 1e9) for each in recorded.events if each.kind == "stopping"]
+    ended = [round(event.time * 1e9) for event in recorded.events if event.kind == "stopping"]
     return min([last, *ended])
 
 
 def _origin(recorded: RecordedRobot, first: int) -> tuple[int, bool]:
     """Return time 0 of the scenario, and whether the robot ran before the recording began."""
-    began = min((round(each.first * 1e9) for each in recorded.events), default=0)
+    began = min((round(event.first * 1e9) for event in recorded.events), default=0)
     return (began - _LED_NS, False) if began > first - _S else (first - _BEFORE_NS, True)
 
 
@@ -277,20 +277,20 @@ class RequestActs:
     """Conversion of client requests to events; earlier uploaded points of a trajectory are kept for it."""
 
     def __init__(self, motions: Sequence[SampleMotion]) -> None:
-        self._motions: Mapping[str, SampleMotion] = {each.controller: each for each in motions}
+        self._motions: Mapping[str, SampleMotion] = {motion.controller: motion for motion in motions}
         self._points: list[Any] = []
 
-    def acts(self, asked: Asked) -> Iterator[ScenarioEvent]:
+    def acts(self, record: Asked) -> Iterator[ScenarioEvent]:
         """Yield the events of a request, at Unix ns; none for one without effect on motion."""
-        method = ROBOT.methods.get(asked.method)
+        method = ROBOT.methods.get(record.method)
         if method is None:
             return
         try:
-            request = decode(asked.params, method.request)
+            request = decode(record.params, method.request)
         except ValueError:
             return  # of another version
         for act in self._of(request):
-            yield replace(act, at_ns=round(asked.time * 1e9))
+            yield replace(act, at_ns=round(record.time * 1e9))
 
     def _of(self, request: object) -> Iterator[ScenarioEvent]:
         if isinstance(request, messages.CommandController):
@@ -310,8 +310,8 @@ class RequestActs:
         elif isinstance(request, messages.Release):
             yield ScenarioEvent(0, "release")
         elif isinstance(request, messages.AxisRequest) and request.action in _ACTIONS:
-            whole = str(request.node) == "all"
-            yield ScenarioEvent(0, "axis", "" if whole else str(request.node), str(request.action))
+            all_nodes = str(request.node) == "all"
+            yield ScenarioEvent(0, "axis", "" if all_nodes else str(request.node), str(request.action))
         elif isinstance(request, messages.SwitchControllers):
             yield from (ScenarioEvent(0, "deactivate", name) for name in request.deactivate if not request.activate)
             yield from (ScenarioEvent(0, "activate", name) for name in request.activate)
@@ -321,8 +321,8 @@ class RequestActs:
         motion = self._motions.get(request.controller)
         order = motion.joints if motion is not None and set(motion.joints) == set(request.joints) else request.joints
         places = [request.joints.index(joint) for joint in order]
-        kept = [each for each in points if len(each.positions) == len(places) and each.time_from_start > 0]
-        values = tuple(each.positions[place] for each in kept for place in places)
+        kept = [point for point in points if len(point.positions) == len(places) and point.time_from_start > 0]
+        values = tuple(point.positions[place] for point in kept for place in places)
         if values:
             yield ScenarioEvent(
                 0, "trajectory", request.controller, values=values, times=tuple(e.time_from_start for e in kept)

@@ -99,8 +99,8 @@ class ScenarioEvent:
     def words(self) -> str:
         """Description of the event in one line."""
         world = "" if self.world is None else " ".join(f"{key} {value}" for key, value in world_words(self.world))
-        what = " ".join(each for each in (self.kind, self.target, self.name, world) if each)
-        values = " ".join(f"{each:g}" for each in self.values)
+        text = " ".join(word for word in (self.kind, self.target, self.name, world) if word)
+        values = " ".join(f"{word:g}" for word in self.values)
         lasts = f" for {self.for_ns / 1e9:g} s" if self.for_ns is not None else ""
         when = f", as soon as {self.when}" if self.when else ""
-        return f"{self.at_ns / 1e9:.3f} s: {what}{f' {values}' if values else ''}{lasts}{when}"
+        return f"{self.at_ns / 1e9:.3f} s: {text}{f' {values}' if values else ''}{lasts}{when}"

@@ -101,7 +101,7 @@ def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
     controllers = list(setup.controllers.controllers)
     acts: list[ScenarioEvent] = []
-    found: list[Scenario] = []
+    scenarios: list[Scenario] = []
 
     def check(file: SimulationFile, _problems: Problems) -> None:
         for step in file.steps:
@@ -111,10 +111,10 @@ def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
             file.here.error("for: 0 simulates nothing; give a time above 0, as 20s")
         elif length is not None:
             _check_ends(file, length)
-        found.append(Scenario(tuple(sorted(acts, key=lambda act: act.at_ns)), length, file.seed))
+        scenarios.append(Scenario(tuple(sorted(acts, key=lambda act: act.at_ns)), length, file.seed))
 
     load(path, SimulationFile, error=ScenarioError, check=check)
-    return found[0]
+    return scenarios[0]
 
 
 def _check_ends(file: SimulationFile, length: int) -> None:
@@ -206,34 +206,38 @@ class _Checked:
             self._no("for", "payload, push and friction")
         if step.when and step.when not in _MOMENTS:
             step.here.error(f"when: {step.when} is no state{nearest(step.when, _MOMENTS)}")
-        for what in happens:
-            self._check_part(what)
-            yield ScenarioEvent(_time(step.here, step.at), "world", for_ns=lasts, when=step.when, world=what)
+        for world_act in happens:
+            self._check_part(world_act)
+            yield ScenarioEvent(_time(step.here, step.at), "world", for_ns=lasts, when=step.when, world=world_act)
 
-    def _check_part(self, what: WorldAct) -> None:
+    def _check_part(self, world_act: WorldAct) -> None:
         """Report a link or joint that the robot lacks."""
         here, model = self._step.here, self._setup.description.model
-        if isinstance(what, BlockJoint):
+        if isinstance(world_act, BlockJoint):
             joints = [joint.name for tag in self._setup.description.hardware for joint in tag.joints]
-            if what.joint not in joints:
-                here.error(f"block: no drive moves a joint {what.joint!r}{nearest(what.joint, joints)}")
-        elif isinstance(what, AddPayload | PushRobot) and what.on and what.on not in model.links:
-            here.error(f"on: the robot has no link {what.on!r}{nearest(what.on, list(model.links))}")
+            if world_act.joint not in joints:
+                here.error(f"block: no drive moves a joint {world_act.joint!r}{nearest(world_act.joint, joints)}")
+        elif isinstance(world_act, AddPayload | PushRobot) and world_act.on and world_act.on not in model.links:
+            here.error(f"on: the robot has no link {world_act.on!r}{nearest(world_act.on, list(model.links))}")
 
     def _no(self, key: str, kind: str) -> tuple[float, ...]:
         self._step.here.error(f"{key}: does not go with {kind}")
         return ()
 
     def _check_target(self, kind: str, target: str) -> None:
-        wanted, here = KINDS[kind].target, self._step.here
-        known = [str(each) for each in self._nodes]
-        if wanted == "controller" and target not in self._controllers:
+        target_kind, here = KINDS[kind].target, self._step.here
+        node_ids = [str(node_id) for node_id in self._nodes]
+        if target_kind == "controller" and target not in self._controllers:
             here.error(f"target: the robot has no controller {target!r}{nearest(target, self._controllers)}")
-        elif wanted == "node" and target not in known:
-            here.error(f"{kind}: there is no node {target or 'named'}; there are: {', '.join(known)}")
-        elif wanted == "member" and target not in (*known, MASTER) and (target or kind in ("stall", "cut", "bus_off")):
-            here.error(f"target: {target or 'nobody'} is not on a bus; there are: {MASTER}, {', '.join(known)}")
-        elif wanted == "" and target and kind != "axis":
+        elif target_kind == "node" and target not in node_ids:
+            here.error(f"{kind}: there is no node {target or 'named'}; there are: {', '.join(node_ids)}")
+        elif (
+            target_kind == "member"
+            and target not in (*node_ids, MASTER)
+            and (target or kind in ("stall", "cut", "bus_off"))
+        ):
+            here.error(f"target: {target or 'nobody'} is not on a bus; there are: {MASTER}, {', '.join(node_ids)}")
+        elif target_kind == "" and target and kind != "axis":
             here.error(f"target: does not go with {kind}")
 
     def _check_name(self, kind: str, name: str) -> None:
@@ -264,8 +268,8 @@ class _Checked:
     def _check_frame(self) -> None:
         values = self._step.values
         data = values[1:]
-        legal = 1 <= len(values) <= 9 and 0 <= values[0] <= 0x7FF and all(0 <= each <= 255 for each in data)
-        if not legal or any(each != int(each) for each in values):
+        legal = 1 <= len(values) <= 9 and 0 <= values[0] <= 0x7FF and all(0 <= byte <= 255 for byte in data)
+        if not legal or any(byte != int(byte) for byte in values):
             self._step.here.error("values: of a frame are its identifier, 0 to 0x7FF, and up to eight bytes")
 
 

@@ -158,7 +158,7 @@ class ServedSimulation:
             return
         self._here.append(self._clients.admit(OutsideClient(self._clients, sock, self._front)))
 
-    def requested(self, asked: Asked) -> None:
+    def requested(self, record: Asked) -> None:
         """Take what a program asks for, as the acts that it stands for."""
-        for act in self._requests.acts(asked):
+        for act in self._requests.acts(record):
             self._player.asked(act)

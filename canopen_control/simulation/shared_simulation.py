@@ -91,16 +91,16 @@ class SharedSimulation:
     @property
     def outcome(self) -> SharedOutcome:
         """Result so far."""
-        found = {name: run.outcome for name, run in self.runs.items()}
+        outcomes = {name: run.outcome for name, run in self.runs.items()}
         return SharedOutcome(
             self.seed,
             self.robot_s,
             round(self.real_s, 3),
-            sum(each.frames for each in found.values()),
-            sum(each.events for each in found.values()),
-            hashlib.sha256("".join(each.sha256 for each in found.values()).encode()).hexdigest(),
-            tuple(f"{name}: {breach}" for name, each in found.items() for breach in each.breaches),
-            found,
+            sum(outcome.frames for outcome in outcomes.values()),
+            sum(outcome.events for outcome in outcomes.values()),
+            hashlib.sha256("".join(outcome.sha256 for outcome in outcomes.values()).encode()).hexdigest(),
+            tuple(f"{name}: {breach}" for name, outcome in outcomes.items() for breach in outcome.breaches),
+            outcomes,
         )
 
     def close(self) -> None:

@@ -74,10 +74,10 @@ class _ServerEnd:
         """Send data as far as the client accepts them; BlockingIOError if it accepts none."""
         if not self._client.here:
             raise BrokenPipeError
-        taken = self._client.take(data)
-        if not taken:
+        accepted = self._client.take(data)
+        if not accepted:
             raise BlockingIOError
-        return taken
+        return accepted
 
     def sendall(self, data: bytes) -> None:
         """Send all data, which blocks the robot if the client does not read."""
@@ -153,9 +153,9 @@ class SimulatedClient:
     def take(self, data: bytes) -> int:
         """Receive data of the server as far as the buffer has space; return the number of bytes."""
         if not self.reads:
-            taken = min(len(data), _ROOM - self._unread)
-            self._unread += taken
-            return taken
+            accepted = min(len(data), _ROOM - self._unread)
+            self._unread += accepted
+            return accepted
         self._lines.feed(bytes(data))
         while (line := self._lines.next_line()) is not None:
             if b'"id":' in line[:8]:

@@ -73,11 +73,11 @@ class SimulatedFloor:
         """Return the true pose of the base."""
         return self._world.describe()
 
-    def act(self, what: WorldAct) -> None:
+    def act(self, world_act: WorldAct) -> None:
         """Apply a disturbance now; ConfigError for a missing link or joint."""
         self._keep_up_with(self._time.now_ns)
         if isinstance(self._world, AcceptsEvents):
-            self._world.act(what)
+            self._world.act(world_act)
 
     def _keep_up(self) -> None:
         self._keep_up_with(self._time.now_ns)

@@ -208,8 +208,8 @@ class SimulatedWire:
         can_id: int = RECORD.unpack(record)[0]
         observers = tuple(observer.hear for observer in self._observers if observer.wants(can_id))
         ports = tuple(port for port in self._ports.values() if port.wanted is None or can_id in port.wanted)
-        found = self._listeners[record[:_ID_SIZE]] = observers, ports
-        return found
+        listeners = self._listeners[record[:_ID_SIZE]] = observers, ports
+        return listeners
 
 
 def _taken(rules: list[DropRule], label: str, can_id: int) -> bool:

@@ -114,7 +114,7 @@ class SimulationRun:
     @property
     def breaches(self) -> tuple[str, ...]:
         """Violated invariants, in sentences."""
-        return tuple(each.sentence for each in self.invariants.breaches)
+        return tuple(breach.sentence for breach in self.invariants.breaches)
 
     def why_never(self, duration_ns: int) -> str:
         """Return the reason why the robot never ran; "" if it ran, or a user ended it before."""

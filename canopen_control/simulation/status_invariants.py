@@ -98,7 +98,7 @@ class _Shaft:
             return True
         bounds = self._bounds.get(which)
         if bounds is None:
-            seen = [each[which] for each in self.truth]
+            seen = [truth[which] for truth in self.truth]
             bounds = self._bounds[which] = min(seen), max(seen)
         low, high = bounds
         if which == _POSITION and self.offset is None:
@@ -118,9 +118,9 @@ class StatusInvariants:
         robot: RobotUnderTest,
         views: Mapping[str, WireView],
         disturbed: DisturbedNodes,
-        tell: Callable[[str, str], None],
+        report: Callable[[str, str], None],
     ) -> None:
-        self._robot, self._disturbed, self._tell = robot, disturbed, tell
+        self._robot, self._disturbed, self._tell = robot, disturbed, report
         self._nodes = {
             name: view.nodes[plan.node_id] for view in views.values() for name, plan in view.config.plans.items()
         }
@@ -161,9 +161,9 @@ class StatusInvariants:
         self._judge_snapshot(_FACES if same else _FACES[:1], status, now)
         if not same:
             self._judge_snapshot(_FACES[1:], sample, now)
-        for each in sample.samples.values():
-            if isinstance(each, JointStatesSample):
-                self._judge_published(each, now)
+        for item in sample.samples.values():
+            if isinstance(item, JointStatesSample):
+                self._judge_published(item, now)
         for name, view in self._nodes.items():
             self._judge_supply(name, status.nodes[name], status.events, now)
             self._judge_fault(name, view, status.events, now)
@@ -175,7 +175,7 @@ class StatusInvariants:
         """Return the minimum and maximum of a joint's position in the last cycles, in SI units; None if unknown."""
         for shaft in self._shafts:
             if shaft.joint == joint and shaft.truth and shaft.offset is not None and self._calm.get(shaft.view.node_id):
-                places = [each[_POSITION] for each in shaft.truth]
+                places = [truth[_POSITION] for truth in shaft.truth]
                 return min(places) + shaft.offset, max(places) + shaft.offset
         return None
 
@@ -189,32 +189,32 @@ class StatusInvariants:
         for name, view in self._nodes.items():
             self._judge_node(faces, shown.nodes[name], view, now)
         for shaft in self._shafts:
-            told = shown.joints.get(shaft.joint)
-            if told is not None:  # a joint without feedback is not reported
-                self._judge_values(faces, shaft, told.position, told.velocity, now)
+            reading = shown.joints.get(shaft.joint)
+            if reading is not None:  # a joint without feedback is not reported
+                self._judge_values(faces, shaft, reading.position, reading.velocity, now)
 
     # -- states
 
-    def _judge_node(self, faces: Faces, told: NodeReading, view: ObservedNode, now: int) -> None:
+    def _judge_node(self, faces: Faces, reading: NodeReading, view: ObservedNode, now: int) -> None:
         """Compare the reported states of a node and its axes with the actual ones."""
         device = self._robot.drives[view.node_id].device
         if device is None:
             return
         calm = self._calm[view.node_id]
-        self._judge_claim(faces, told.name, "NMT", told.nmt_state, device.nmt.state.name, calm, now)
-        for axis in told.axes:
+        self._judge_claim(faces, reading.name, "NMT", reading.nmt_state, device.nmt.state.name, calm, now)
+        for axis in reading.axes:
             drive = device.drives[axis.axis]
-            self._judge_claim(faces, told.name, "CiA 402", axis.state, drive.state.name, calm, now)
-            self._judge_claim(faces, told.name, "mode", axis.mode, mode_name(drive.modes.number), calm, now)
+            self._judge_claim(faces, reading.name, "CiA 402", axis.state, drive.state.name, calm, now)
+            self._judge_claim(faces, reading.name, "mode", axis.mode, mode_name(drive.modes.number), calm, now)
 
     def _judge_claim(
-        self, faces: Faces, who: str, what: str, claim: str | None, truth: str, calm: bool, now: int
+        self, faces: Faces, subject: str, what: str, claim: str | None, truth: str, calm: bool, now: int
     ) -> None:
         if claim is None or claim == truth or not calm:
             if self._wrong_since:
-                self._wrong_since.pop((faces, who, what), None)
-        elif self._lasts((faces, who, what), _SOON_NS, now):
-            self._tell_of(faces, f"{who} is told as {claim}, it is {truth}")
+                self._wrong_since.pop((faces, subject, what), None)
+        elif self._lasts((faces, subject, what), _SOON_NS, now):
+            self._tell_of(faces, f"{subject} is told as {claim}, it is {truth}")
 
     def _judge_values(
         self, faces: Faces, shaft: _Shaft, position: float | None, velocity: float | None, now: int
@@ -231,13 +231,13 @@ class StatusInvariants:
         self._judge_value(faces, shaft, _VELOCITY, velocity, calm, now)
 
     def _judge_value(self, faces: Faces, shaft: _Shaft, which: int, value: float | None, calm: bool, now: int) -> None:
-        what = _VALUES[which]
+        quantity = _VALUES[which]
         if not calm or shaft.agrees(which, value):
             if self._wrong_since:
-                self._wrong_since.pop((faces, shaft.joint, what), None)
-        elif self._lasts((faces, shaft.joint, what), _EVERY_NS, now):
+                self._wrong_since.pop((faces, shaft.joint, quantity), None)
+        elif self._lasts((faces, shaft.joint, quantity), _EVERY_NS, now):
             true = shaft.truth[-1][which]
-            self._tell_of(faces, f"the {what} of {shaft.joint} is told as {value}, it is {true:.4f}")
+            self._tell_of(faces, f"the {quantity} of {shaft.joint} is told as {value}, it is {true:.4f}")
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
         """Check the published `/joint_states` and their stamps."""
@@ -267,13 +267,13 @@ class StatusInvariants:
 
     # -- mandatory events
 
-    def _judge_supply(self, name: str, told: NodeReading, events: list[RobotEvent], now: int) -> None:
+    def _judge_supply(self, name: str, reading: NodeReading, events: list[RobotEvent], now: int) -> None:
         """Check that a node without supply is reported as lost within its heartbeat time, with an event."""
         view = self._nodes[name]
         if self._robot.drives[view.node_id].device is not None:
             self._gone.pop(name, None)
-            self._ready[name] = told.ready
-            if told.ready:
+            self._ready[name] = reading.ready
+            if reading.ready:
                 self._ready_since.setdefault(name, now)
             else:
                 self._ready_since.pop(name, None)
@@ -282,7 +282,7 @@ class StatusInvariants:
         limit = view.plan.heartbeat_timeout_ns
         if not limit or now < max(since, self._disturbed.hidden_at) + limit + _SOON_NS:
             return
-        if told.ready:
+        if reading.ready:
             self._tell_once(name, since, "shown_wrong", f"status: {name} is told as ready and has no supply")
         elif was_ready and not _has_event(events, name, since):
             self._tell_once(name, since, "event_missing", f"{name} was lost, and no event says so")
@@ -312,8 +312,8 @@ class StatusInvariants:
         """Check that a repeated toggle bit in a guarding answer of a present node has an event."""
         at = view.toggled_at
         hidden = max(self._disturbed.deaf_at, self._robot.started_ns, view.booted_at)
-        known = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
-        if known and at < now - _SOON_NS and not _has_event(events, name, at, "guarding"):
+        was_ready = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
+        if was_ready and at < now - _SOON_NS and not _has_event(events, name, at, "guarding"):
             self._tell_once(
                 name, at, "event_missing", f"the guarding toggle bit of {name} was wrong, and no event says so"
             )
@@ -379,9 +379,9 @@ class GoalInvariants:
     """
 
     def __init__(
-        self, robot: RobotUnderTest, player: EventPlayer, faces: StatusInvariants, tell: Callable[[str, str], None]
+        self, robot: RobotUnderTest, player: EventPlayer, faces: StatusInvariants, report: Callable[[str, str], None]
     ) -> None:
-        self._robot, self._player, self._faces, self._tell = robot, player, faces, tell
+        self._robot, self._player, self._faces, self._tell = robot, player, faces, report
         self._open: list[_Open] = []
         self._core: object = None
         self._torn = 0
@@ -419,75 +419,79 @@ class GoalInvariants:
         if self._robot.core is not self._core:
             self._open.clear()
             return
-        self._open = [each for each in self._open if self._is_open(each, now)]
+        self._open = [item for item in self._open if self._is_open(item, now)]
 
-    def _is_open(self, given: _Open, now: int) -> bool:
+    def _is_open(self, goal: _Open, now: int) -> bool:
         """Check a goal; return whether it must be checked again."""
-        if given.goal.state is GoalState.CANCELED:
-            return self._comes_to_rest(given, now)
-        off = self._off(given)
-        if not given.goal.ended:
-            there = _are_there(off)
-            given.there_since = (given.there_since or now) if there else 0
-            if not (there and now > max(given.over_ns, given.there_since) + _LATE_NS):
-                return now < given.over_ns + 10 * _LATE_NS
-            self._tell("goal_wrong", f"the goal of {given.act.target} has been reached, and it does not end")
-        elif given.goal.state is GoalState.SUCCEEDED:
+        if goal.goal.state is GoalState.CANCELED:
+            return self._comes_to_rest(goal, now)
+        off = self._off(goal)
+        if not goal.goal.ended:
+            arrived = _are_there(off)
+            goal.there_since = (goal.there_since or now) if arrived else 0
+            if not (arrived and now > max(goal.over_ns, goal.there_since) + _LATE_NS):
+                return now < goal.over_ns + 10 * _LATE_NS
+            self._tell("goal_wrong", f"the goal of {goal.act.target} has been reached, and it does not end")
+        elif goal.goal.state is GoalState.SUCCEEDED:
             for joint, (_, least) in off.items():
                 if least > _GOAL_SLACK:
-                    text = f"the goal of {given.act.target} is told as reached, {joint} is off by {least:.4f} more"
+                    text = f"the goal of {goal.act.target} is told as reached, {joint} is off by {least:.4f} more"
                     self._tell("goal_wrong", f"{text} than its tolerance")
-        elif given.goal.code is ResultCode.GOAL_TOLERANCE_VIOLATED and _are_there(off):
-            self._tell("goal_wrong", f"the goal of {given.act.target} is told as missed, and all joints are there")
-        elif given.goal.code is ResultCode.INVALID_GOAL and off and self._hides_its_stop(given, now):
-            told = f"a stop has ended the goal of {given.act.target}, which says: {given.goal.text}"
-            self._tell("goal_wrong", told)
+        elif goal.goal.code is ResultCode.GOAL_TOLERANCE_VIOLATED and _are_there(off):
+            self._tell("goal_wrong", f"the goal of {goal.act.target} is told as missed, and all joints are there")
+        elif goal.goal.code is ResultCode.INVALID_GOAL and off and self._hides_its_stop(goal, now):
+            message = f"a stop has ended the goal of {goal.act.target}, which says: {goal.goal.text}"
+            self._tell("goal_wrong", message)
         return False
 
-    def _hides_its_stop(self, given: _Open, now: int) -> bool:
+    def _hides_its_stop(self, goal: _Open, now: int) -> bool:
         """Whether a goal that was just ended by a stop reports another reason."""
-        return now - self._stopped_at < _STOPPED_NS and _STOP not in given.goal.text
+        return now - self._stopped_at < _STOPPED_NS and _STOP not in goal.goal.text
 
-    def _comes_to_rest(self, given: _Open, now: int) -> bool:
+    def _comes_to_rest(self, goal: _Open, now: int) -> bool:
         """Check that joints stop after a cancel; return whether they must be checked again.
 
         Disturbed joints, joints pulled by a floor, and joints with a newer request are not checked.
         """
-        ways = {joint: self._faces.true_place(joint) for joint in given.places}
-        known = [(joint, high - low) for joint, (low, high) in ((each, way) for each, way in ways.items() if way)]
-        if len(known) < len(ways) or self._newest is not given.act or self._robot.floor is not None:
+        ways = {joint: self._faces.true_place(joint) for joint in goal.places}
+        travels = [(joint, high - low) for joint, (low, high) in ((name, way) for name, way in ways.items() if way)]
+        if len(travels) < len(ways) or self._newest is not goal.act or self._robot.floor is not None:
             return False
-        if not given.rests_ns:
-            given.rests_ns = now + _REST_NS + round(self._brake_s(given, dict(known)) * 1e9)
-        if now < given.rests_ns:
+        if not goal.rests_ns:
+            goal.rests_ns = now + _REST_NS + round(self._brake_s(goal, dict(travels)) * 1e9)
+        if now < goal.rests_ns:
             return True
-        for joint, way in known:
+        for joint, way in travels:
             if way > _GOAL_SLACK:
-                text = f"the goal of {given.act.target} was cancelled, and {joint} moves on"
+                text = f"the goal of {goal.act.target} was cancelled, and {joint} moves on"
                 self._tell("goal_wrong", text)
         return False
 
-    def _brake_s(self, given: _Open, ways: dict[str, float]) -> float:
+    def _brake_s(self, goal: _Open, ways: dict[str, float]) -> float:
         """Return the braking time of joints with these travels in the last cycles, by the parameters."""
-        params = self._robot.core.manager.get(given.act.target).params  # type: ignore[attr-defined]
-        slow = dict(zip(params.joints, (each.max_deceleration_on_cancel for each in params.constraints), strict=True))
+        params = self._robot.core.manager.get(goal.act.target).params  # type: ignore[attr-defined]
+        slow = dict(
+            zip(
+                params.joints, (constraint.max_deceleration_on_cancel for constraint in params.constraints), strict=True
+            )
+        )
         times = [way / (LAG_NS / 1e9) / slow[joint] for joint, way in ways.items() if slow[joint] > 0.0]
         return max(times, default=0.0)
 
-    def _off(self, given: _Open) -> dict[str, tuple[float, float]]:
+    def _off(self, goal: _Open) -> dict[str, tuple[float, float]]:
         """Return for each joint the minimum and maximum error beyond its tolerance in the last cycles.
 
         Empty if one of them is unknown.
         """
-        found = {}
-        for joint, (place, tolerance) in given.places.items():
+        errors = {}
+        for joint, (place, tolerance) in goal.places.items():
             between = self._faces.true_place(joint)
             if between is None:
                 return {}
             low, high = between[0] - place, between[1] - place
             least = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
-            found[joint] = max(abs(low), abs(high)) - tolerance, least - tolerance
-        return found
+            errors[joint] = max(abs(low), abs(high)) - tolerance, least - tolerance
+        return errors
 
 
 def _are_there(off: dict[str, tuple[float, float]]) -> bool:

@@ -72,12 +72,12 @@ class _Followed:
 
     def limits(self, drive: VirtualDrive, now: int) -> tuple[int, int, int]:
         """Return the limits of 0x607D and the maximum velocity of 0x607F, 0 for none; updated every second."""
-        if self._limits_of != (known := (drive, now // _CALM_NS)):
+        if self._limits_of != (version := (drive, now // _CALM_NS)):
             objects = drive.objects
             low, high = (objects.number(o.SOFTWARE_POSITION_LIMIT, sub) for sub in (1, 2))
             most = objects.number(o.MAX_PROFILE_VELOCITY)
             ends = (low, high) if low < high else (0, 0)
-            self._limits_of, self._limits = known, (*ends, most if most < _UNLIMITED_ABOVE else 0)
+            self._limits_of, self._limits = version, (*ends, most if most < _UNLIMITED_ABOVE else 0)
         return self._limits
 
     def rest(self) -> None:
@@ -123,11 +123,11 @@ class TargetInvariants:
         views: Mapping[str, WireView],
         motions: Sequence[SampleMotion],
         disturbed: DisturbedNodes,
-        tell: Callable[[str, str], None],
+        report: Callable[[str, str], None],
     ) -> None:
-        self._robot, self._disturbed, self._tell = robot, disturbed, tell
+        self._robot, self._disturbed, self._tell = robot, disturbed, report
         self._axes = [_Followed(node) for view in views.values() for node in view.nodes.values()]
-        self._ends = {each.controller: each.ends for each in motions}
+        self._ends = {motion.controller: motion.ends for motion in motions}
         self._scales = _velocity_scales(robot)
         self._commanded: dict[str, deque[tuple[int, float]]] = {}  # joint -> its last commands
         self._stopped_at = 0  # time of the last request that may end a command
@@ -213,17 +213,17 @@ class TargetInvariants:
         low, high, most = axis.limits(drive, now)
         targets, mode = axis.view.targets, drive.modes.number
         if mode == _CSP:
-            told = targets.get(o.TARGET_POSITION)
-            if low == high or told is None or low <= told <= high:
+            target = targets.get(o.TARGET_POSITION)
+            if low == high or target is None or low <= target <= high:
                 return ""
             place = float(drive.objects.units.user(drive.mover.plant.position))
             inside = low - _LEAST <= place <= high + _LEAST  # otherwise it may hold its position
-            return f"to go to {told}, its software limits are {low} and {high}" if inside else ""
+            return f"to go to {target}, its software limits are {low} and {high}" if inside else ""
         if mode not in (_PV, _CSV):
             return ""
-        told = targets.get(_VELOCITY, 0)
-        if most and abs(told) > most + 1:
-            return f"to turn at {told}, its greatest velocity is {most}"
+        target = targets.get(_VELOCITY, 0)
+        if most and abs(target) > most + 1:
+            return f"to turn at {target}, its greatest velocity is {most}"
         return ""
 
     def _pushes(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
@@ -233,16 +233,16 @@ class TargetInvariants:
         """
         if not view.statusword & _LIMIT or view.limited_at > now - _OFF_NS or drive.modes.number not in (_PV, _CSV):
             return ""
-        told = view.targets_since(_VELOCITY, now - _LAG_NS)
-        pushes = bool(told) and all(told) and abs(drive.mover.plant.velocity) < _LEAST
-        return f"to turn at {told[-1]}, against the limit that it has come to" if pushes else ""
+        targets = view.targets_since(_VELOCITY, now - _LAG_NS)
+        pushes = bool(targets) and all(targets) and abs(drive.mover.plant.velocity) < _LEAST
+        return f"to turn at {targets[-1]}, against the limit that it has come to" if pushes else ""
 
     def _not_at_rest(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
         """Return the target other than standstill of a disabled drive; "" for none."""
         if view.commanded or now - view.status_at > _LAG_NS:
             return ""
-        if told := view.targets.get(_VELOCITY, 0):
-            return f"to turn at {told}, and it is off"
+        if target := view.targets.get(_VELOCITY, 0):
+            return f"to turn at {target}, and it is off"
         place = view.targets.get(o.TARGET_POSITION)
         plant, units = drive.mover.plant, drive.objects.units
         if place is None or abs(plant.velocity) > _LEAST:
@@ -258,24 +258,24 @@ class TargetInvariants:
         if mode not in (_PV, _CSV, _CSP):
             axis.rest()
             return
-        told = axis.view.targets_since(o.TARGET_POSITION if mode == _CSP else o.TARGET_VELOCITY, now - _LAG_NS)
-        if not told:
+        targets = axis.view.targets_since(o.TARGET_POSITION if mode == _CSP else o.TARGET_VELOCITY, now - _LAG_NS)
+        if not targets:
             axis.rest()
         elif mode == _CSP:
-            least, most = min(told), max(told)
+            least, most = min(targets), max(targets)
             place, reach = float(units.user(plant.position)), most - least + _reach(drive)
-            self._within(axis, place, told, 1.0, (least - reach, most + reach), "is at {} of its units")
+            self._within(axis, place, targets, 1.0, (least - reach, most + reach), "is at {} of its units")
         else:
             limited, unit = drive.limits.velocity, units.velocity
-            low = high = limited(told[0] * unit)
-            if len(told) > 1:
-                ends = limited(min(told) * unit), limited(max(told) * unit)
+            low = high = limited(targets[0] * unit)
+            if len(targets) > 1:
+                ends = limited(min(targets) * unit), limited(max(targets) * unit)
                 low, high = min(ends), max(ends)
             axis.ramp(low, high, axis.slope(drive) if mode == _PV else _AT_ONCE, now, plant.velocity)
-            self._within(axis, plant.velocity, told, unit, (axis.low, axis.high), "turns at {} counts/s")
+            self._within(axis, plant.velocity, targets, unit, (axis.low, axis.high), "turns at {} counts/s")
 
     def _within(
-        self, axis: _Followed, value: float, told: Sequence[int], unit: float, bounds: tuple[float, float], does: str
+        self, axis: _Followed, value: float, targets: Sequence[int], unit: float, bounds: tuple[float, float], does: str
     ) -> None:
         """Report a value outside of its bounds, with the drive's targets in a unit."""
         low, high = bounds
@@ -284,10 +284,9 @@ class TargetInvariants:
             axis.told = False
         elif not axis.told:
             axis.told = True
-            said = does.format(round(value))
-            text = (
-                f"the shaft of node {axis.view.node_id} {said}, told {', '.join(f'{unit * each:.0f}' for each in told)}"
-            )
+            motion = does.format(round(value))
+            commanded = ", ".join(f"{unit * target:.0f}" for target in targets)
+            text = f"the shaft of node {axis.view.node_id} {motion}, told {commanded}"
             self._tell("target_missed", text)
 
     # -- the targets follow the commands
@@ -296,29 +295,29 @@ class TargetInvariants:
         for axis in self._axes:
             view = axis.view
             for joint, scale in self._scales.get(view.node_id, ()):
-                told = view.targets.get(o.TARGET_VELOCITY)
+                target = view.targets.get(o.TARGET_VELOCITY)
                 commands = self._commanded.get(joint)
-                if told is None or not commands or not self._may_judge(view, now):
+                if target is None or not commands or not self._may_judge(view, now):
                     self._wrong.discard(joint)
                     continue
                 recent = _recent(commands, now)
-                self._judge_target(joint, float(told), [scale * each for each in recent])
-                if not told or joint in self._lost:
+                self._judge_target(joint, float(target), [scale * value for value in recent])
+                if not target or joint in self._lost:
                     self._judge_life(joint, view, recent, now)
 
-    def _judge_target(self, joint: str, told: float, commanded: list[float]) -> None:
+    def _judge_target(self, joint: str, target: float, commanded: list[float]) -> None:
         low, high = min(0.0, *commanded), max(0.0, *commanded)
         slack = 1.0 + _SLACK * max(-low, high)
-        if low - slack <= told <= high + slack:
+        if low - slack <= target <= high + slack:
             self._wrong.discard(joint)
         elif joint not in self._wrong:
             self._wrong.add(joint)
-            self._tell("target_wrong", f"the drive of {joint} is told {told:.0f}, commanded was {commanded[-1]:.0f}")
+            self._tell("target_wrong", f"the drive of {joint} is told {target:.0f}, commanded was {commanded[-1]:.0f}")
 
     def _judge_life(self, joint: str, view: ObservedNode, recent: Sequence[float], now: int) -> None:
         """Check that a drive is not commanded to stand while a command is renewed and not ended."""
         commands, value = self._commanded[joint], recent[-1]
-        renewed = commands[0][0] < now - _LAG_NS < commands[-1][0] and all(each == value != 0.0 for each in recent)
+        renewed = commands[0][0] < now - _LAG_NS < commands[-1][0] and all(number == value != 0.0 for number in recent)
         closed = view.limited_at > view.booted_at  # one direction
         if view.targets[_VELOCITY] or closed or not renewed or not self._all_calm(now):
             self._lost.discard(joint)
@@ -329,20 +328,20 @@ class TargetInvariants:
 
 def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:
     """Return the current value, and previous ones that may still be active."""
-    found = []
+    values = []
     for at, value in reversed(commands):
-        found.append(value)
+        values.append(value)
         if at < now - _LAG_NS:
             break
-    return found[::-1]
+    return values[::-1]
 
 
 def _velocity_scales(robot: RobotUnderTest) -> dict[int, list[tuple[str, float]]]:
     """Return the joints of the first axis of each node with their velocity scales from the files."""
-    found: dict[int, list[tuple[str, float]]] = {}
+    scales: dict[int, list[tuple[str, float]]] = {}
     for joint, node in watched_joints(robot.setup):
-        found.setdefault(node.node_id, []).append((joint, node.units.of_axis(0)["vel_to_dev"]))
-    return found
+        scales.setdefault(node.node_id, []).append((joint, node.units.of_axis(0)["vel_to_dev"]))
+    return scales
 
 
 def _slope(drive: VirtualDrive) -> float:

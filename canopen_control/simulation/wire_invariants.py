@@ -74,11 +74,11 @@ class ConfigurationInvariants:
         robot: RobotUnderTest,
         plans: Iterable[NodePlan],
         disturbed: DisturbedNodes,
-        tell: Callable[[str, str], None],
+        report: Callable[[str, str], None],
     ) -> None:
-        self._robot, self._disturbed, self._tell = robot, disturbed, tell
+        self._robot, self._disturbed, self._tell = robot, disturbed, report
         self._nodes = [_Configured(plan.name, plan) for plan in plans]
-        self._wide = [each for each in self._nodes if each.wide]
+        self._wide = [node for node in self._nodes if node.wide]
         self._due = robot.now_ns + _EVERY_NS
         self._core: object = None
 
@@ -99,17 +99,17 @@ class ConfigurationInvariants:
             if device is None:
                 continue
             self._judge_pdos(node, device)
-            there = robot.core.nodes[node.name]
-            if robot.up and there.ready and now >= robot.host.stalled_until:
-                self._judge_boot(node, there, device, now)
-                self._judge_wide(node, there, now)
+            remote = robot.core.nodes[node.name]
+            if robot.up and remote.ready and now >= robot.host.stalled_until:
+                self._judge_boot(node, remote, device, now)
+                self._judge_wide(node, remote, now)
 
     # -- values written by a boot
 
-    def _judge_boot(self, node: _Configured, there: RemoteNode, device: VirtualNode, now: int) -> None:
-        if there.boots == node.boots:
+    def _judge_boot(self, node: _Configured, remote: RemoteNode, device: VirtualNode, now: int) -> None:
+        if remote.boots == node.boots:
             return
-        node.boots = there.boots
+        node.boots = remote.boots
         # foreign frames do not excuse it
         disturbed = max(self._disturbed.moved(node.plan.node_id), self._disturbed.deaf_at)
         if disturbed and disturbed > now - _CALM_NS:
@@ -152,18 +152,20 @@ class ConfigurationInvariants:
             while seen[0][0] < now - _LAG_NS:
                 seen.popleft()
 
-    def _judge_wide(self, node: _Configured, there: RemoteNode, now: int) -> None:
+    def _judge_wide(self, node: _Configured, remote: RemoteNode, now: int) -> None:
         """Compare the robot's decoded value with those of the object in the last cycles."""
         if self._disturbed.last(node.plan.node_id) > now - _CALM_NS:
             return
         for cob_id, position, mapped, seen in node.wide:
-            pdo = next((each for each in there.received if each.cob_id == cob_id), None)
+            pdo = next((candidate for candidate in remote.received if candidate.cob_id == cob_id), None)
             if pdo is None or pdo.stamp < 0 or not seen or now - pdo.stamp > _LAG_NS:
                 continue
-            told: Any = pdo.values[position]
+            reported: Any = pdo.values[position]
             values: list[Any] = [value for _, value in seen]
-            if isinstance(told, int | float) and not min(values) <= told <= max(values):
-                self._tell("shown_wrong", f"process data: {_name(mapped)} of {node.name} is {told}, it is {values[-1]}")
+            if isinstance(reported, int | float) and not min(values) <= reported <= max(values):
+                self._tell(
+                    "shown_wrong", f"process data: {_name(mapped)} of {node.name} is {reported}, it is {values[-1]}"
+                )
                 seen.clear()
 
 
@@ -209,9 +211,9 @@ class WireInvariants:
     """
 
     def __init__(
-        self, robot: RobotUnderTest, wire: SimulatedWire, view: WireView, tell: Callable[[str, str], None]
+        self, robot: RobotUnderTest, wire: SimulatedWire, view: WireView, report: Callable[[str, str], None]
     ) -> None:
-        self._robot, self._wire, self._view, self._tell = robot, wire, view, tell
+        self._robot, self._wire, self._view, self._tell = robot, wire, view, report
         master = view.config.master
         self._sync_ns, self._heartbeat_ns = master.sync_period * 1000, master.heartbeat_producer * _MS
         self._ours = master.sync_producer != "other"
@@ -246,11 +248,13 @@ class WireInvariants:
             if length and data[0] >> 5 == _ABORT:
                 self._in_block.discard(can_id & 0x7F)
 
-    def _keeps_time(self, what: str, period: int, now: int) -> None:
-        last, self._last[what] = self._last.get(what, 0), now
+    def _keeps_time(self, service: str, period: int, now: int) -> None:
+        last, self._last[service] = self._last.get(service, 0), now
         gap = now - last
         if period and last > self._excused(now) and gap > period * _LATE:
-            self._tell("late", f"{what} of the master came after {gap / 1e6:.1f} ms, its period is {period / 1e6:g} ms")
+            self._tell(
+                "late", f"{service} of the master came after {gap / 1e6:.1f} ms, its period is {period / 1e6:g} ms"
+            )
 
     def _request(self, node: int, data: bytes, now: int) -> None:
         """Check an SDO request: the next one only after the answer, an abort, or the timeout (CiA 301, 7.2.4)."""
@@ -266,9 +270,9 @@ class WireInvariants:
         if node in self._in_block:
             self._waiting.pop(node, None)
             return
-        asked = self._waiting.get(node)
-        if asked is not None and 0 < now - asked[0] < _SDO_WAIT_NS and self._all_heard_since(asked[0]):
-            again = f"{(now - asked[0]) / 1e6:.1f} ms after {asked[1].hex(' ')}, which has no answer yet"
+        pending = self._waiting.get(node)
+        if pending is not None and 0 < now - pending[0] < _SDO_WAIT_NS and self._all_heard_since(pending[0]):
+            again = f"{(now - pending[0]) / 1e6:.1f} ms after {pending[1].hex(' ')}, which has no answer yet"
             self._tell("sdo_overlap", f"node {node} is asked {data.hex(' ')} {again}")
         self._waiting[node] = (now, data)
 

@@ -107,12 +107,12 @@ class ObservedNode:
 
     def targets_since(self, index: int, since: int) -> list[int]:
         """Return the values of a target since a time, the newest last; empty if there is none."""
-        found: list[int] = []
+        values: list[int] = []
         for at, value in reversed(self.recent.get(index, ())):
-            found.append(value)
+            values.append(value)
             if at <= since:
                 break
-        return found[::-1]
+        return values[::-1]
 
     def tells(self, index: int, value: int, now: int) -> None:
         """Record an object sent by the node."""
@@ -164,8 +164,14 @@ class WireView:
 
     def wants(self, can_id: int) -> bool:
         """Whether `hear` needs frames with this identifier."""
-        known: tuple[Container[int], ...] = (self._pdos, self._alive, self._requests, self._emcys, (0x80, self._master))
-        return any(can_id in each for each in known)
+        identifier_sets: tuple[Container[int], ...] = (
+            self._pdos,
+            self._alive,
+            self._requests,
+            self._emcys,
+            (0x80, self._master),
+        )
+        return any(can_id in identifiers for identifiers in identifier_sets)
 
     def hear(self, now: int, label: str, record: bytes) -> None:
         """Record a frame; foreign frames are received as by the robot."""
@@ -193,8 +199,8 @@ class WireView:
         length: int,
         now: int,
     ) -> None:
-        view, to_node, whole, fields = pdo
-        if length < whole:  # the receiver drops a short PDO (CiA 301, 7.2.2.5)
+        view, to_node, length_needed, fields = pdo
+        if length < length_needed:  # the receiver drops a short PDO (CiA 301, 7.2.2.5)
             return
         for index, at, mask, signed in fields:
             value = bits >> at & mask
@@ -209,7 +215,7 @@ class WireView:
 def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
     """Yield each joint of the first axis of a drive, whose words are decoded, with its node in bus.yml."""
     for config in setup.joined.values():
-        for joint in (each for tag in setup.description.hardware for each in tag.joints):
+        for joint in (joint_tag for tag in setup.description.hardware for joint_tag in tag.joints):
             node = node_of(config, joint)
             plan = None if node is None or axis_number(joint) else config.plans.get(node.name)
             if node is not None and plan is not None and plan.axes:

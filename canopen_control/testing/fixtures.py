@@ -68,15 +68,15 @@ def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
     from canopen_control.testing.tested_robot import TestedRobot
 
     config, words = _wanted(request)
-    made = TestedRobot(
+    tested = TestedRobot(
         _setup(config, tuple(words.get("controllers", ()))), words.get("seed", 0), quirks=words.get("quirks")
     )
     try:
-        yield made
+        yield tested
     finally:
-        made.close()
-    if made.breaches and not words.get("breaches", False):
-        pytest.fail("an invariant did not hold: " + "; ".join(made.breaches), pytrace=False)
+        tested.close()
+    if tested.breaches and not words.get("breaches", False):
+        pytest.fail("an invariant did not hold: " + "; ".join(tested.breaches), pytrace=False)
 
 
 @pytest.fixture

@@ -99,8 +99,8 @@ class TestedRobot:
         passed = 0.0
         while not condition():
             if passed >= timeout:
-                said = "; ".join(event.sentence for event in self.events[-3:])
-                raise AssertionError(f"condition not met within {timeout:g} s; last events: {said or 'none'}")
+                events = "; ".join(event.sentence for event in self.events[-3:])
+                raise AssertionError(f"condition not met within {timeout:g} s; last events: {events or 'none'}")
             self.run(_STEP_S)
             passed += _STEP_S
         return passed
@@ -128,7 +128,7 @@ class TestedRobot:
     @property
     def breaches(self) -> list[str]:
         """Violated invariants, in sentences."""
-        return [each.sentence for each in self._invariants.breaches]
+        return [breach.sentence for breach in self._invariants.breaches]
 
     def velocity(self, joint: str) -> float:
         """Return the velocity of a joint as measured by the robot, in rad/s or m/s."""
@@ -214,9 +214,9 @@ class TestedRobot:
         self.player.play(ScenarioEvent(0, kind, target, name, tuple(map(float, values)), for_ns))
 
     def _controller(self, name: str) -> None:
-        known = self.simulated.setup.controllers.controllers
-        if name not in known:
-            raise UnknownName(f"no controller {name!r}{nearest(name, known)}")
+        controllers = self.simulated.setup.controllers.controllers
+        if name not in controllers:
+            raise UnknownName(f"no controller {name!r}{nearest(name, controllers)}")
 
     def close(self) -> None:
         """Release all resources."""
@@ -291,13 +291,13 @@ class TestedDrives:
     def __init__(self, robot: TestedRobot) -> None:
         buses = robot.simulated.setup.buses.values()
         self._ids = {node.name: node.node_id for bus in buses for node in bus.nodes.values()}
-        self._drives = {number: TestedDrive(robot, each) for number, each in robot.simulated.drives.items()}
+        self._drives = {number: TestedDrive(robot, drive) for number, drive in robot.simulated.drives.items()}
 
     def __getitem__(self, node: int | str) -> TestedDrive:
         drive = self._drives.get(self._ids.get(node, -1) if isinstance(node, str) else node)
         if drive is None:
-            known = ", ".join(f"{name} ({number})" for name, number in self._ids.items())
-            raise UnknownName(f"no drive {node!r}; there are: {known}")
+            names = ", ".join(f"{name} ({number})" for name, number in self._ids.items())
+            raise UnknownName(f"no drive {node!r}; there are: {names}")
         return drive
 
     def __iter__(self) -> Iterator[TestedDrive]:

@@ -134,7 +134,7 @@ class BagTopic(NamedTuple):
 
 def _trajectory(ros: BagMessages, sample: TrajectorySample) -> object:
     """Return reference and feedback of the joints of a trajectory."""
-    points = [_point(ros, each) for each in (sample.reference, sample.feedback, sample.error, sample.output)]
+    points = [_point(ros, point) for point in (sample.reference, sample.feedback, sample.error, sample.output)]
     nowhere = ros.make("trajectory_msgs/MultiDOFJointTrajectoryPoint", [], [], [], _duration(ros, 0.0))
     return ros.make(
         "control_msgs/JointTrajectoryControllerState",
@@ -162,12 +162,12 @@ def _loops(ros: BagMessages, sample: PidSample) -> object:
     dofs = [
         ros.make(
             "control_msgs/SingleDOFState",
-            each.name,
-            *map(unknown_as_nan, (each.reference, each.feedback, each.feedback_dot, each.error, each.error_dot)),
-            each.time_step,
-            unknown_as_nan(each.output),
+            dof.name,
+            *map(unknown_as_nan, (dof.reference, dof.feedback, dof.feedback_dot, dof.error, dof.error_dot)),
+            dof.time_step,
+            unknown_as_nan(dof.output),
         )
-        for each in sample.dofs
+        for dof in sample.dofs
     ]
     return ros.make("control_msgs/MultiDOFStateStamped", ros.header(sample.time, ""), dofs)
 
@@ -181,7 +181,7 @@ def _steering(ros: BagMessages, sample: SteeringSample) -> object:
         sample.traction_commands,
         sample.steering_commands,
     )
-    values = [ros.floats(map(unknown_as_nan, each)) for each in columns]
+    values = [ros.floats(map(unknown_as_nan, column)) for column in columns]
     return ros.make("control_msgs/SteeringControllerStatus", ros.header(sample.time, sample.frame_id), *values)
 
 
@@ -233,7 +233,7 @@ def _range(ros: BagMessages, sample: RangeSample) -> object:
 
 
 def _wrench(ros: BagMessages, sample: WrenchSample) -> object:
-    force, torque = (ros.vector(*_known(each)) for each in (sample.force, sample.torque))
+    force, torque = (ros.vector(*_known(vector)) for vector in (sample.force, sample.torque))
     wrench = ros.make("geometry_msgs/Wrench", force, torque)
     return ros.make("geometry_msgs/WrenchStamped", ros.header(sample.time, sample.frame_id), wrench)
 
@@ -246,8 +246,8 @@ def _pose(ros: BagMessages, sample: PoseSample) -> object:
 
 def _gpio(ros: BagMessages, sample: GpioSample) -> object:
     values = [
-        ros.make("control_msgs/InterfaceValue", list(each), ros.floats(_known(each.values())))
-        for each in sample.parts.values()
+        ros.make("control_msgs/InterfaceValue", list(part), ros.floats(_known(part.values())))
+        for part in sample.parts.values()
     ]
     return ros.make("control_msgs/DynamicInterfaceGroupValues", ros.header(sample.time, ""), list(sample.parts), values)
 
@@ -282,7 +282,9 @@ def _together(ros: BagMessages, sample: BatteriesSample) -> object:
 
 
 def _each(ros: BagMessages, sample: BatteriesSample) -> object:
-    return ros.make("control_msgs/BatteryStateArray", [_battery(ros, each, sample.time) for each in sample.batteries])
+    return ros.make(
+        "control_msgs/BatteryStateArray", [_battery(ros, battery, sample.time) for battery in sample.batteries]
+    )
 
 
 def _gripper(ros: BagMessages, sample: GripperSample) -> object:
@@ -291,7 +293,7 @@ def _gripper(ros: BagMessages, sample: GripperSample) -> object:
 
 
 def _known(values: Iterable[float | None]) -> list[float]:
-    return [unknown_as_nan(each) for each in values]
+    return [unknown_as_nan(value) for value in values]
 
 
 CONTROLLER_TOPICS: Final = (
@@ -332,7 +334,7 @@ class BagWriter:
         self.messages = 0
         self._robot, self._urdf = robot, urdf
         self._ros = BagMessages()
-        self._controllers = {each.name: each for each in controllers}
+        self._controllers = {controller.name: controller for controller in controllers}
         self._joints = tuple(read_model(urdf).joints.values()) if urdf else ()
         self._path, self._writer = path, _open(path)
         self._topics: dict[str, object] = {}  # rosbags' connections
@@ -355,7 +357,8 @@ class BagWriter:
     def state(self, state: StateSample) -> None:
         """Write a sample of the state stream."""
         self._controllers = {
-            name: each.became(state.controllers.get(name, each.state)) for name, each in self._controllers.items()
+            name: controller.became(state.controllers.get(name, controller.state))
+            for name, controller in self._controllers.items()
         }
         for write in (self._describe, self._commands, self._diagnostics):
             write(state)
@@ -402,21 +405,23 @@ class BagWriter:
         self, state: StateSample, joint_states: Iterable[JointStatesSample], odometry: Iterable[OdometrySample]
     ) -> None:
         based = frames_with_a_place(state)
-        joints = [each for each in self._joints if each.child not in based]
+        joints = [joint for joint in self._joints if joint.child not in based]
         if self._is_new("/tf_static", based):
-            fixed = (each.transform({}) for each in joints if each.fixed)
-            self._send_transforms("/tf_static", ((state.time, each) for each in fixed))
-        moving = [each for each in joints if not each.fixed]
-        moved = [(sample.time, each.transform(positions_of(sample))) for sample in joint_states for each in moving]
+            fixed = (joint.transform({}) for joint in joints if joint.fixed)
+            self._send_transforms("/tf_static", ((state.time, joint) for joint in fixed))
+        moving = [joint for joint in joints if not joint.fixed]
+        moved = [(sample.time, joint.transform(positions_of(sample))) for sample in joint_states for joint in moving]
         poses = self._new(state.told(PoseSample), "transform").values()
         based_on = [(sample.time, transform_of(sample)) for sample in (*odometry, *poses)]
         self._send_transforms("/tf", [*moved, *based_on])
 
     def _send_transforms(self, topic: str, transforms: Iterable[tuple[float, Transform | None]]) -> None:
-        known = [(time, each) for time, each in transforms if each is not None]
-        if known:
-            messages = [self._transform(each, time) for time, each in known]
-            self._write(topic, max(time for time, _ in known), self._ros.make("tf2_msgs/TFMessage", messages))
+        known_transforms = [(time, transform) for time, transform in transforms if transform is not None]
+        if known_transforms:
+            messages = [self._transform(transform, time) for time, transform in known_transforms]
+            self._write(
+                topic, max(time for time, _ in known_transforms), self._ros.make("tf2_msgs/TFMessage", messages)
+            )
 
     def _transform(self, transform: Transform, time: float) -> object:
         ros = self._ros
@@ -432,8 +437,8 @@ class BagWriter:
     def _commands(self, state: StateSample) -> None:
         """Write the commands of forward controllers; the command of a joint is known while it is claimed."""
         for name, view in self._controllers.items():
-            known = [state.joints.get(joint) for joint in view.joints]
-            values = [None if joint is None else joint.command for joint in known]
+            joints = [state.joints.get(joint) for joint in view.joints]
+            values = [None if joint is None else joint.command for joint in joints]
             topic = f"/{name}/commands_out"
             if view.topic == "commands" and view.active and values and self._is_new(topic, values):
                 data = self._ros.floats(math.nan if value is None else value for value in values)
@@ -463,7 +468,7 @@ class BagWriter:
 
     def _ground_truth(self, state: StateSample) -> None:
         truth = state.true_pose
-        frame = next((each.frame_id for each in state.told(OdometrySample).values()), None)
+        frame = next((sample.frame_id for sample in state.told(OdometrySample).values()), None)
         if truth is None or truth.in_odometry is None or truth.rpy is None or frame is None:
             return
         if self._is_new("/ground_truth", truth.time):
@@ -478,27 +483,27 @@ class BagWriter:
         if isinstance(last, float) and 0 <= state.time - last < _DIAGNOSTICS_S:
             return
         self._last["/diagnostics"] = state.time
-        found = diagnose(self._robot, state, self._controllers, self._missed)
+        diagnosis = diagnose(self._robot, state, self._controllers, self._missed)
         self._missed = state.cycle.missed
         statuses = [
             self._ros.make(
                 "diagnostic_msgs/DiagnosticStatus",
-                int(each.level),
-                each.name,
-                each.message,
-                each.hardware_id,
-                [self._ros.make("diagnostic_msgs/KeyValue", *pair) for pair in each.values.items()],
+                int(entry.level),
+                entry.name,
+                entry.message,
+                entry.hardware_id,
+                [self._ros.make("diagnostic_msgs/KeyValue", *pair) for pair in entry.values.items()],
             )
-            for each in found
+            for entry in diagnosis
         ]
         header = self._ros.header(state.time, "")
         self._write("/diagnostics", state.time, self._ros.make("diagnostic_msgs/DiagnosticArray", header, statuses))
 
     # -- bag
 
-    def _new(self, told: dict[str, S], use: str = "sample") -> dict[str, S]:
+    def _new(self, samples: dict[str, S], use: str = "sample") -> dict[str, S]:
         """Return the samples published since the last call for this `use`, so that each is written once."""
-        return {name: each for name, each in told.items() if self._is_new(f"{use} of {name}", each.time)}
+        return {name: sample for name, sample in samples.items() if self._is_new(f"{use} of {name}", sample.time)}
 
     def _is_new(self, topic: str, value: object) -> bool:
         """Whether the value differs from the last one passed for the topic."""

@@ -99,7 +99,7 @@ def dbc_text(network: NetworkDescription) -> str:
     except ImportError:
         raise ConfigError("a DBC is written by cantools: pip install 'canopen-control[dbc]'") from None
     senders = _senders(network)
-    messages = [_message(each) for each in _distinct(_messages(network, senders))]
+    messages = [_message(message) for message in _distinct(_messages(network, senders))]
     database = Database(messages, nodes=[_node(name) for name in senders.values()], version="")
     # Vector's tools read windows-1252; LF line ends, as usual in DBC files
     return str(database.as_dbc_string()).replace("\r\n", "\n")
@@ -135,17 +135,17 @@ class _Message:
 
     def add(self, signal: _Signal) -> None:
         """Append a signal with a unique name."""
-        signal.name = _unused(signal.name, {each.name for each in self.signals})
+        signal.name = _unused(signal.name, {other.name for other in self.signals})
         self.signals.append(signal)
 
 
 def _distinct(messages: Iterable[_Message]) -> list[_Message]:
     """Return the messages with unique names."""
-    found: list[_Message] = []
+    distinct: list[_Message] = []
     for message in messages:
-        message.name = _unused(message.name, {each.name for each in found})
-        found.append(message)
-    return found
+        message.name = _unused(message.name, {other.name for other in distinct})
+        distinct.append(message)
+    return distinct
 
 
 def _node(name: str) -> Node:
@@ -161,7 +161,7 @@ def _message(message: _Message) -> Message:
         message.can_id & 0x1FFFFFFF,
         message.name,
         message.length,
-        [_signal(each, message.receiver) for each in message.signals],
+        [_signal(signal, message.receiver) for signal in message.signals],
         comment=_plain(message.comment) or None,
         senders=[message.sender],
         is_extended_frame=bool(message.can_id & EXTENDED_FLAG),
@@ -219,7 +219,7 @@ def _messages(network: NetworkDescription, senders: Mapping[int, str]) -> Iterat
 
 def _nmt(network: NetworkDescription, senders: Mapping[int, str]) -> _Message:
     message = _Message(NMT_COB_ID, "NMT", 2, _MASTER, "Vector__XXX", "NMT command (CiA 301, 7.2.8.2)")
-    message.add(_Signal("NMT_command", 0, 8, values={int(each): _words(each.name) for each in NmtCommand}))
+    message.add(_Signal("NMT_command", 0, 8, values={int(command): _words(command.name) for command in NmtCommand}))
     nodes = {0: "all nodes", **{node_id: senders[node_id] for node_id in sorted(network.nodes)}}
     message.add(_Signal("NMT_node_id", 8, 8, values=nodes))
     return message
@@ -229,7 +229,7 @@ def _heartbeat(node_id: int, name: str, sender: str) -> _Message:
     message = _Message(
         ERROR_CONTROL_COB_ID + node_id, _identifier(f"{name}_heartbeat"), 1, sender, _MASTER, f"node {node_id}"
     )
-    states = {int(each): _words(each.name) for each in NmtState}
+    states = {int(state): _words(state.name) for state in NmtState}
     message.add(_Signal("NMT_state", 0, _HEARTBEAT_BITS, values=states))
     message.add(_Signal("toggle", _HEARTBEAT_BITS, 1))
     return message
@@ -244,7 +244,7 @@ def _emcy(node: NodeDescription, sender: str) -> _Message:
 
 
 def _pdo(node: NodeDescription, pdo: PdoDescription, sender: str) -> _Message:
-    bits = sum(each.bits for each in pdo.objects)
+    bits = sum(mapped.bits for mapped in pdo.objects)
     is_rpdo = pdo.direction == "rpdo"
     message = _Message(
         pdo.cob_id,
@@ -255,11 +255,11 @@ def _pdo(node: NodeDescription, pdo: PdoDescription, sender: str) -> _Message:
         f"{pdo.name} of node {node.node_id}, transmission type {pdo.transmission_type}",
     )
     start = 0
-    for each in pdo.objects:
-        if not each.is_dummy:
-            for signal in _signals(each, start, is_drive=node.is_drive):
+    for mapped in pdo.objects:
+        if not mapped.is_dummy:
+            for signal in _signals(mapped, start, is_drive=node.is_drive):
                 message.add(signal)
-        start += each.bits
+        start += mapped.bits
     return message
 
 
@@ -301,9 +301,9 @@ def _plain_number(value: float) -> float:
     return int(value) if value.is_integer() else value
 
 
-def _unused(name: str, taken: set[str]) -> str:
+def _unused(name: str, names: set[str]) -> str:
     number, candidate = 2, name
-    while candidate in taken:
+    while candidate in names:
         suffix = f"_{number}"
         candidate, number = name[: _LONGEST - len(suffix)] + suffix, number + 1
     return candidate

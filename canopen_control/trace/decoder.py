@@ -88,18 +88,18 @@ class LearnedPdos:
         self._cob_ids[pdo.direction, pdo.number] = pdo.cob_id
         self._held[communication, _TYPE] = pdo.transmission_type
         self._held[mapping, 0] = len(pdo.objects)
-        for slot, each in enumerate(pdo.objects, 1):
-            self._held[mapping, slot] = mapping_entry(each.mapped)
+        for slot, mapped in enumerate(pdo.objects, 1):
+            self._held[mapping, slot] = mapping_entry(mapped.mapped)
 
-    def learn(self, held: SignalValue) -> tuple[PdoDescription, int | None] | None:
+    def learn(self, value: SignalValue) -> tuple[PdoDescription, int | None] | None:
         """Record a value of the node; return a PDO that is now known with its former can_id, else None."""
-        which = _pdo_of(held.index)
-        if which is None or not isinstance(held.value, int):
+        which = _pdo_of(value.index)
+        if which is None or not isinstance(value.value, int):
             return None
-        address = held.index, held.subindex
+        address = value.index, value.subindex
         if address not in self._held and len(self._held) >= LIMIT:
             return None
-        self._held[address] = held.value
+        self._held[address] = value.value
         pdo = self._known(*which)
         if pdo is None:
             return None
@@ -130,7 +130,7 @@ class LearnedPdos:
         """Return the type by the EDS, else by the drive profile, else by the width."""
         in_eds = self._node.od is not None and (index, subindex) in self._node.od
         profile = TYPES.get((objects.axis_of(index)[0], subindex), ()) if self._node.is_drive else ()
-        by_profile = next((each for each in profile if each.bits == bits), None)
+        by_profile = next((candidate for candidate in profile if candidate.bits == bits), None)
         return by_profile if by_profile is not None and not in_eds else type_of(self._node.od, index, subindex, bits)
 
 
@@ -183,8 +183,8 @@ def _bit_timing(data: bytes) -> str:
 
 
 def _switch_global(data: bytes) -> str:
-    known = {int(mode): mode.name.lower() for mode in LssMode}
-    return f"all switch to {known.get(data[1], f'mode {data[1]}')}"
+    modes = {int(mode): mode.name.lower() for mode in LssMode}
+    return f"all switch to {modes.get(data[1], f'mode {data[1]}')}"
 
 
 def _fast_scan(data: bytes) -> str:
@@ -194,9 +194,9 @@ def _fast_scan(data: bytes) -> str:
     return f"fast scan: {part} 0x{_number(data):08X}, bits {data[5]} to 31"
 
 
-def _answer(what: str, answers: dict[int, str]) -> Callable[[bytes], str]:
+def _answer(service: str, answers: dict[int, str]) -> Callable[[bytes], str]:
     def text(data: bytes) -> str:
-        return f"{what}: {answers.get(data[1], f'error {data[1]}, detail {data[2]}')}"
+        return f"{service}: {answers.get(data[1], f'error {data[1]}, detail {data[2]}')}"
 
     return text
 
@@ -351,8 +351,8 @@ class Decoder:
         """Return `frame` as text; `time` in ns is copied to the result. Never raises."""
         frame = frame if len(frame.data) <= _LONGEST else CanFrame(frame.can_id, bytes(frame.data[:_LONGEST]))
         self._time = time
-        route, said = self._answer(frame)
-        node_id = route.node_id if said.node_id is None else said.node_id
+        route, result = self._answer(frame)
+        node_id = route.node_id if result.node_id is None else result.node_id
         return DecodedFrame(
             time,
             frame.can_id,
@@ -360,10 +360,10 @@ class Decoder:
             route.service,
             node_id,
             "" if node_id is None else self.network.name_of(node_id),
-            said.text,
-            said.values,
+            result.text,
+            result.values,
             route.subject,
-            said.mark,
+            result.mark,
         )
 
     def _answer(self, frame: CanFrame) -> tuple[_Route, _Said]:
@@ -410,13 +410,13 @@ class Decoder:
         if parsed is None:
             return _Said("no command of the standard", mark=Mark.WARNING)
         command, node_id = parsed
-        who = "all nodes" if node_id == BROADCAST else self.network.who(node_id)
-        return _Said(f"{command.name.replace('_', ' ')}, {who}", mark=Mark.NOTABLE, node_id=node_id or None)
+        target = "all nodes" if node_id == BROADCAST else self.network.who(node_id)
+        return _Said(f"{command.name.replace('_', ' ')}, {target}", mark=Mark.NOTABLE, node_id=node_id or None)
 
     def _remote(self, frame: CanFrame) -> tuple[_Route, _Said]:
         route = self._routes.get(frame.can_id) or self._predefined(frame.can_id)
-        asked = "guarding request" if route.service == "hb" else f"asks for {route.subject}"
-        return route, _Said(asked if route.subject else f"remote frame, {len(frame.data)} bytes")
+        text = "guarding request" if route.service == "hb" else f"asks for {route.subject}"
+        return route, _Said(text if route.subject else f"remote frame, {len(frame.data)} bytes")
 
     def _emcy(self, node_id: int) -> Callable[[CanFrame], _Said]:
         def said(frame: CanFrame) -> _Said:
@@ -456,8 +456,8 @@ class Decoder:
         node = self._node(node_id)
 
         def said(frame: CanFrame) -> _Said:
-            text, value, is_abort, held = node.sdo.receive(frame.data, from_client=from_client)
-            if held is not None and (learned := node.pdos.learn(held)) is not None:
+            text, value, is_abort, held_value = node.sdo.receive(frame.data, from_client=from_client)
+            if held_value is not None and (learned := node.pdos.learn(held_value)) is not None:
                 self._relearn(node_id, *learned)
             mark = Mark.ERROR if is_abort else _MARKS[node.words.take_change()]
             return _Said(text, () if value is None else (value,), mark)
@@ -473,7 +473,7 @@ class Decoder:
 
     def _pdo(self, node_id: int, pdo: PdoDescription) -> Callable[[CanFrame], _Said]:
         try:
-            codec = PdoCodec([each.mapped for each in pdo.objects])
+            codec = PdoCodec([mapped.mapped for mapped in pdo.objects])
         except LocalProtocolError as error:
             reason = f"its mapping cannot be read: {error}"
             return lambda frame: _Said(f"{frame.data.hex(' ')}; {reason}", mark=Mark.WARNING)
@@ -490,13 +490,15 @@ class Decoder:
 
 def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes) -> _Said:
     """Return the values of a PDO as text; the mode is decoded before the statusword whose bits depend on it."""
-    pairs = [(each, value) for each, value in zip(pdo.objects, codec.unpack(data), strict=True) if not each.is_dummy]
-    for each, value in pairs:
-        if objects.axis_of(each.index)[0] == objects.MODES_OF_OPERATION_DISPLAY:
-            words.text(each.index, each.subindex, value)
+    pairs = [
+        (mapped, value) for mapped, value in zip(pdo.objects, codec.unpack(data), strict=True) if not mapped.is_dummy
+    ]
+    for mapped, value in pairs:
+        if objects.axis_of(mapped.index)[0] == objects.MODES_OF_OPERATION_DISPLAY:
+            words.text(mapped.index, mapped.subindex, value)
     values = tuple(
-        SignalValue(each.index, each.subindex, each.name, value, words.text(each.index, each.subindex, value))
-        for each, value in pairs
+        SignalValue(mapped.index, mapped.subindex, mapped.name, value, words.text(mapped.index, mapped.subindex, value))
+        for mapped, value in pairs
     )
     text = "; ".join(f"{value.name} {value.text}" for value in values)
     if len(data) > codec.length:

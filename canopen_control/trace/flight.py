@@ -158,10 +158,10 @@ class FlightRecorder:
 
     def _take_earlier_events(self, status: Status) -> None:
         """Record events from before the start of this process; the stream may repeat the newest ones."""
-        known = set(self._events.lines())
+        lines = set(self._events.lines())
         self._repeated = {text_of(event) for event in status.events}
         for event in status.events:
-            if text_of(event) not in known:
+            if text_of(event) not in lines:
                 self._on_event(event)
 
     def _refresh(self) -> None:
@@ -242,12 +242,12 @@ class FlightRecorder:
         if self._writer is None:
             return
         child, pipe = self._writer
-        said = os.read(pipe, 4096).decode(errors="replace")
+        sentence = os.read(pipe, 4096).decode(errors="replace")
         self._reactor.remove_reader(pipe)
         os.close(pipe)
         os.waitpid(child, 0)
         self._writer = None
-        self._say(said or "the flight recorder could not write: its writing process died")
+        self._say(sentence or "the flight recorder could not write: its writing process died")
         self._plan()
 
     def write(self, reason: RobotEvent) -> str:

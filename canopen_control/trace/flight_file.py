@@ -363,8 +363,8 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
             if len(archive.infolist()) > _MOST_MEMBERS:
                 raise ConfigError(f"{path}: this is no flight recording: {len(archive.infolist())} files are in it")
             text = _content(archive, _META)
-            said = _parsed(_META, text, FlightFormat)
-            if (said.format, said.version) != (FORMAT, VERSION):
+            file_format = _parsed(_META, text, FlightFormat)
+            if (file_format.format, file_format.version) != (FORMAT, VERSION):
                 raise ConfigError(f"{path}: this is no flight recording that this version can read")
             return read(archive, _parsed(_META, text, FlightMeta))
     except OSError as error:
@@ -395,10 +395,10 @@ def _too_large(name: str, limit: int) -> FlightFileError:
 
 def _parsed(where: str, text: bytes, kind: type[T]) -> T:
     try:
-        found: T = decode(text, kind)
+        document: T = decode(text, kind)
     except ValueError as error:
         raise FlightFileError(f"{where}: {error}") from None
-    return found
+    return document
 
 
 def _lines(archive: zipfile.ZipFile, name: str, kind: type[T]) -> list[T]:
@@ -408,23 +408,23 @@ def _lines(archive: zipfile.ZipFile, name: str, kind: type[T]) -> list[T]:
 
 def _states(archive: zipfile.ZipFile) -> list[TimedSnapshot]:
     """Return the samples with the controllers' data, which are omitted if an earlier version stored them otherwise."""
-    found = _lines(archive, _STATES, TimedSnapshot)  # mandatory
+    samples = _lines(archive, _STATES, TimedSnapshot)  # mandatory
     try:
         return list(_lines(archive, _STATES, StateSample))
     except FlightFileError:
-        return found
+        return samples
 
 
 def _read(archive: zipfile.ZipFile, meta: FlightMeta) -> FlightFile:
     file = FlightFile(meta, _lines(archive, _EVENTS, RobotEvent), _states(archive))
     buses = {interface_name(bus): bus for bus in meta.buses}
     for line in _content(archive, _CAN).decode("ascii", "replace").splitlines():
-        found = parse_line(line)
-        if found is None:
+        parsed = parse_line(line)
+        if parsed is None:
             file.unread_lines += 1
         else:
             interface = line.split()[1]
-            file.frames.append((found[0], buses.get(interface, interface), found[1]))
+            file.frames.append((parsed[0], buses.get(interface, interface), parsed[1]))
     if _REQUESTS in archive.namelist():
         file.requests += _lines(archive, _REQUESTS, Asked)
     for name in archive.namelist():

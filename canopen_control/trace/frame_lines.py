@@ -52,7 +52,7 @@ class Filter:
             return False
         if self.services and decoded.service not in self.services:
             return False
-        if self.ids and not any(decoded.can_id & 0x9FFFFFFF in each for each in self.ids):
+        if self.ids and not any(decoded.can_id & 0x9FFFFFFF in identifiers for identifiers in self.ids):
             return False
         if self.events and decoded.mark is Mark.PLAIN:
             return False
@@ -100,13 +100,13 @@ def _identifier(text: str) -> int:
 
 def node_ids_of(network: NetworkDescription, names: Iterable[str]) -> frozenset[int]:
     """Return the node ids of names or numbers; ConfigError with the valid names."""
-    found = set()
+    node_ids = set()
     for name in names:
         by_name = next((node.node_id for node in network.nodes.values() if node.name == name), None)
         if by_name is None and name == "master":
             by_name = network.master_node_id
-        found.add(_node_id(network, name) if by_name is None else by_name)
-    return frozenset(found)
+        node_ids.add(_node_id(network, name) if by_name is None else by_name)
+    return frozenset(node_ids)
 
 
 def _node_id(network: NetworkDescription, text: str) -> int:
@@ -115,8 +115,8 @@ def _node_id(network: NetworkDescription, text: str) -> int:
     except ValueError:
         node_id = 0
     if not 1 <= node_id <= MAX_NODE_ID:
-        known = ", ".join(node.name for node in network.nodes.values() if node.name) or "none with a name"
-        raise ConfigError(f"no node {text!r}; give a node id, 1 to 127, or a name: {known}")
+        names = ", ".join(node.name for node in network.nodes.values() if node.name) or "none with a name"
+        raise ConfigError(f"no node {text!r}; give a node id, 1 to 127, or a name: {names}")
     return node_id
 
 

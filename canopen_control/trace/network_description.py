@@ -168,11 +168,11 @@ def network_of_layout(layout: BusLayout, kept: Mapping[str, Path] = MappingProxy
     """
     notes: list[str] = []
     nodes = {}
-    for each in layout.nodes:
-        path = str(kept.get(Path(each.eds).name, each.eds)) if each.eds else ""
-        od = _read(path, each.node_id, notes) if path else None
-        pdos = tuple(_pdo_of_layout(pdo) for pdo in each.pdos)
-        nodes[each.node_id] = NodeDescription(each.name, each.node_id, od, pdos, path)
+    for node in layout.nodes:
+        path = str(kept.get(Path(node.eds).name, node.eds)) if node.eds else ""
+        od = _read(path, node.node_id, notes) if path else None
+        pdos = tuple(_pdo_of_layout(pdo) for pdo in node.pdos)
+        nodes[node.node_id] = NodeDescription(node.name, node.node_id, od, pdos, path)
     return NetworkDescription(
         layout.channel, layout.bitrate, layout.master_node_id, layout.sync_cob_id, nodes, tuple(notes)
     )
@@ -208,7 +208,7 @@ def type_of(od: ObjectDictionary | None, index: int, subindex: int, bits: int) -
 
 
 def _pdo_of_layout(pdo: PdoLayout) -> PdoDescription:
-    objects = tuple(_object_of_layout(each) for each in pdo.objects)
+    objects = tuple(_object_of_layout(mapped) for mapped in pdo.objects)
     return PdoDescription(pdo.cob_id, pdo.direction, pdo.number, objects, pdo.transmission_type)
 
 

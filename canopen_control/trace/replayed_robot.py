@@ -100,11 +100,16 @@ class ReplayedRobot:
 
     def _tell(self) -> None:
         sample = self._samples[self._at]
-        self._server.push(sample, [each for each, wanted in self._watching.items() if wanted.state_rate is not None])
+        self._server.push(
+            sample,
+            [connection for connection, subscription in self._watching.items() if subscription.state_rate is not None],
+        )
         while self._events and self._events[0].time <= sample.time:
             event = self._events.pop(0)
             self._told.append(event)
-            self._server.push(event, [each for each, wanted in self._watching.items() if wanted.events])
+            self._server.push(
+                event, [connection for connection, subscription in self._watching.items() if subscription.events]
+            )
         if self._at + 1 == len(self._samples):
             self.over = True
             self._reactor.call_later(_STANDS_NS, self._tell)  # clients take a silent robot for lost
@@ -117,7 +122,7 @@ class ReplayedRobot:
         self._tell()
 
     def _status(self) -> Status:
-        sample, known = self._samples[self._at], self._meta.status
+        sample, status = self._samples[self._at], self._meta.status
         return Status(
             robot=self.name,
             state=sample.state,
@@ -129,8 +134,8 @@ class ReplayedRobot:
             joints=sample.joints,
             controllers=sample.controllers,
             true_pose=sample.true_pose,
-            buses={} if known is None else known.buses,
-            boot=[] if known is None else known.boot,
+            buses={} if status is None else status.buses,
+            boot=[] if status is None else status.boot,
             events=list(self._told),
         )
 

@@ -167,7 +167,7 @@ def stopped_after(joints: Mapping[str, JointFacts], time: float) -> dict[str, fl
 
     A joint that stands for `_STOOD_S` or to the end has stopped; later commands are ignored.
     """
-    found: dict[str, float | None] = {}
+    stopped: dict[str, float | None] = {}
     for name, joint in joints.items():
         pairs = zip(joint.time, joint.velocity, strict=True)
         moves = [(at, abs(value)) for at, value in pairs if value is not None]
@@ -175,8 +175,8 @@ def stopped_after(joints: Mapping[str, JointFacts], time: float) -> dict[str, fl
         if fastest < _STANDING:
             continue
         since = _stands_since([(at, speed) for at, speed in moves if at >= time], _SMALL * fastest)
-        found[name] = None if since is None else round(since - time, 3)
-    return found
+        stopped[name] = None if since is None else round(since - time, 3)
+    return stopped
 
 
 def _stands_since(moves: Sequence[tuple[float, float]], small: float) -> float | None:
@@ -273,10 +273,10 @@ class FrameReader:
 
     def _note(self, time_ns: int, decoded: DecodedFrame) -> None:
         """Record a frame as an event, once if it repeats: a drive in fault reports it in every statusword."""
-        said = (decoded.can_id, decoded.text)
-        if said in self._told:
+        note_key = (decoded.can_id, decoded.text)
+        if note_key in self._told:
             return
-        self._told.add(said)
+        self._told.add(note_key)
         node = decoded.who or None
         text = f"{node or 'bus'}: {decoded.subject or decoded.service} {decoded.text}".rstrip()
         level = _LEVELS[decoded.mark]
@@ -296,12 +296,12 @@ class FrameReader:
     @property
     def around(self) -> list[FrameFacts]:
         """Last frames before the fault, or of all, and the first after it."""
-        return [_line(each) for each in (*self._before, *self._after)]
+        return [_line(frame) for frame in (*self._before, *self._after)]
 
     @property
     def last_words(self) -> list[FrameFacts]:
         """Last frame of each node before the fault, the longest silent first."""
-        return [_line(each) for each in sorted(self._last.values(), key=lambda heard: heard.time)]
+        return [_line(frame) for frame in sorted(self._last.values(), key=lambda heard: heard.time)]
 
     def buses(self) -> dict[str, BusFacts]:
         """Return the traffic of each bus."""
@@ -309,9 +309,13 @@ class FrameReader:
         for bus, counted in self._loads.items():
             bitrate = self._decoders[bus].network.bitrate
             bits, width = _coarse(counted)
-            bins = [each for each in range(min(bits), max(bits) + 1) if self._covered(each, width) > width / 5]
-            load = [bits[each] / self._covered(each, width) / bitrate for each in bins]
-            times = [round((each + 0.5) * width, 3) for each in bins]
+            bins = [
+                bin_number
+                for bin_number in range(min(bits), max(bits) + 1)
+                if self._covered(bin_number, width) > width / 5
+            ]
+            load = [bits[bin_number] / self._covered(bin_number, width) / bitrate for bin_number in bins]
+            times = [round((bin_number + 0.5) * width, 3) for bin_number in bins]
             services = dict(self._services[bus].most_common())
             facts[bus] = BusFacts(sum(services.values()), services, bitrate, BusLoad(times, load))
         return facts
@@ -387,18 +391,18 @@ def read_frames(
 
 def measured(states: Iterable[TimedSnapshot]) -> list[MeasuredFacts]:
     """Return a row for each value that was known at least once, by controller; each publication counts once."""
-    told: dict[str, float] = {}
-    found: dict[tuple[str, str], MeasuredFacts] = {}
+    last_times: dict[str, float] = {}
+    facts: dict[tuple[str, str], MeasuredFacts] = {}
     for state in states:
         for name, sample in state.samples.items() if isinstance(state, StateSample) else ():
-            if told.get(name) == sample.time:
+            if last_times.get(name) == sample.time:
                 continue
-            told[name] = sample.time
-            for what, unit, value in _rows(sample):
+            last_times[name] = sample.time
+            for quantity, unit, value in _rows(sample):
                 if value is not None:
-                    known = found.get((name, what))
-                    found[name, what] = _seen(MeasuredFacts(name, what, unit, value, value, value), known)
-    return list(found.values())
+                    previous = facts.get((name, quantity))
+                    facts[name, quantity] = _seen(MeasuredFacts(name, quantity, unit, value, value, value), previous)
+    return list(facts.values())
 
 
 def _seen(now: MeasuredFacts, before: MeasuredFacts | None) -> MeasuredFacts:
@@ -414,9 +418,9 @@ def _rows(sample: Sample) -> Iterator[Row]:
             yield from rows(sample)
 
 
-def _axes(what: str, axes: str, unit: str, values: Iterable[float | None]) -> Iterator[Row]:
+def _axes(quantity: str, axes: str, unit: str, values: Iterable[float | None]) -> Iterator[Row]:
     for axis, value in zip(axes, values, strict=False):
-        yield f"{what}.{axis}", unit, value
+        yield f"{quantity}.{axis}", unit, value
 
 
 def _imu(sample: ImuSample) -> Iterator[Row]:
@@ -536,11 +540,11 @@ def _merged(
     """Return the states of the nodes; those of axes from the frames, if they contain them."""
     if not sampled:
         return heard
-    told = {(node.bus, node.node_id): node.axes for node in heard.values()}
+    axes = {(node.bus, node.node_id): node.axes for node in heard.values()}
     for name, last in states[-1].nodes.items():
         node = sampled[name]
         for axis in last.axes:
-            spans = told.get((node.bus, node.node_id), {}).get(f"axis {axis.axis}")
+            spans = axes.get((node.bus, node.node_id), {}).get(f"axis {axis.axis}")
             if spans:
                 node.axes[axis.joint] = spans
     return sampled

@@ -79,15 +79,17 @@ def _cycle(facts: ReportFacts) -> Iterator[str]:
 
 def _tracking(facts: ReportFacts) -> Iterator[str]:
     """Yield sentences about the joint with the largest error of each kind, and repeated or skipped set-points."""
-    known = {name: joint.tracking for name, joint in facts.joints.items() if joint.tracking is not None}
+    trackings = {name: joint.tracking for name, joint in facts.joints.items() if joint.tracking is not None}
     for interface, unit in (("position", "rad"), ("velocity", "rad/s")):
-        errors = {name: each for name, each in known.items() if each.interface == interface}
+        errors = {name: tracking for name, tracking in trackings.items() if tracking.interface == interface}
         if errors:
-            name = max(errors, key=lambda each: errors[each].error_max_since_enable)
+            name = max(errors, key=lambda tracking: errors[tracking].error_max_since_enable)
             worst, rms = errors[name].error_max_since_enable, errors[name].error_rms_since_enable
             yield f"Largest {interface} tracking error: {name}, {worst:.2g} {unit}, RMS {rms:.2g}."
     odd = [
-        f"{name} {each.repeated} and {each.skipped}" for name, each in known.items() if each.repeated or each.skipped
+        f"{name} {tracking.repeated} and {tracking.skipped}"
+        for name, tracking in trackings.items()
+        if tracking.repeated or tracking.skipped
     ]
     if odd:
         yield f"Set-points that were repeated, and skipped, while a joint moved: {', '.join(odd)}."
@@ -261,5 +263,5 @@ class ReportFacts(Document, frozen=True, kw_only=True):
 
 def event_at(event: RobotEvent, begin: float) -> EventFacts:
     """Return an event with its time in a recording that begins at `begin`."""
-    told: Mapping[str, object] = {name: getattr(event, name) for name in event.__struct_fields__}
-    return EventFacts(at=round(event.time - begin, 6), **told)  # type: ignore[arg-type] # its own fields
+    fields: Mapping[str, object] = {name: getattr(event, name) for name in event.__struct_fields__}
+    return EventFacts(at=round(event.time - begin, 6), **fields)  # type: ignore[arg-type] # its own fields

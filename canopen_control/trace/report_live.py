@@ -33,7 +33,7 @@ def watch(name: str | None, seconds: float) -> FlightFile:
     """Record the robot `name`, or the only one, for `seconds`, or until it ends; ConfigError if there is none."""
     with RobotClient.connect(name) as robot, Reactor() as reactor:
         layout, status = robot.ask(GetLayout()), robot.ask(GetStatus())
-        channels = {bus: each.channel for bus, each in layout.buses.items()}
+        channels = {bus: bus_layout.channel for bus, bus_layout in layout.buses.items()}
         file = FlightFile(FlightMeta(robot=robot.robot, reason=NO_FAULT), events=list(status.events))
         ports = _listen(reactor, channels, file)
         robot.ask(Subscribe(state_rate=RATE, events=True))

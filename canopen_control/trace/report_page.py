@@ -115,10 +115,10 @@ def lines(
     from_zero: bool = False,
 ) -> str:
     """Return a drawing of values over time: series of (class, values); "" without any value."""
-    known = [value for _, values in series for value in values if value is not None]
-    if not known:
+    values_shown = [value for _, values in series for value in values if value is not None]
+    if not values_shown:
         return ""
-    low, high = _bounds([0.0, *known] if from_zero else known)
+    low, high = _bounds([0.0, *values_shown] if from_zero else values_shown)
     height = 130
 
     def y(value: float) -> float:
@@ -136,8 +136,8 @@ def lines(
     return _svg(title, height + _FOOT, [*parts, *_fault(axis, height)])
 
 
-def _bounds(known: Sequence[float]) -> tuple[float, float]:
-    low, high = min(known), max(known)
+def _bounds(values: Sequence[float]) -> tuple[float, float]:
+    low, high = min(values), max(values)
     if high - low < 1e-9:
         margin = max(abs(high) * 0.1, 0.1)
         return low - margin, high + margin
@@ -153,8 +153,8 @@ def _thinned(time: Sequence[float], values: Sequence[float | None]) -> tuple[lis
     kept: list[int] = []
     for begin in range(0, len(time), stretch):
         part = range(begin, min(begin + stretch, len(time)))
-        known = [(value, index) for index in part if (value := values[index]) is not None]
-        kept += sorted({min(known)[1], max(known)[1]}) if known else [begin]
+        known_points = [(value, index) for index in part if (value := values[index]) is not None]
+        kept += sorted({min(known_points)[1], max(known_points)[1]}) if known_points else [begin]
     return [time[index] for index in kept], [values[index] for index in kept]
 
 
@@ -276,11 +276,11 @@ def _axis(facts: ReportFacts) -> TimeAxis:
 
 
 def _summary(facts: ReportFacts) -> Iterator[str]:
-    said = "".join(
+    sentences = "".join(
         f'<p class="{"first" if text.startswith("What went wrong first") else ""}">{escape(text)}</p>'
         for text in facts.summary
     )
-    yield f'<div class="sum {"bad" if facts.fault else ""}">{said}</div>'
+    yield f'<div class="sum {"bad" if facts.fault else ""}">{sentences}</div>'
 
 
 def _timeline(facts: ReportFacts) -> Iterator[str]:
@@ -309,10 +309,15 @@ def _tracking(facts: ReportFacts) -> Iterator[str]:
     """Yield the tracking quality of each joint, as last measured by the master."""
     rows = []
     for name, joint in facts.joints.items():
-        if (each := joint.tracking) is not None:
-            numbers = each.error_max, each.error_rms, each.error_max_since_enable, each.error_rms_since_enable
-            cells = [("", name), ("", each.interface), *(("n", f"{number:.2g}") for number in numbers)]
-            rows.append(("", [*cells, ("n", str(each.repeated)), ("n", str(each.skipped))]))
+        if (tracking := joint.tracking) is not None:
+            numbers = (
+                tracking.error_max,
+                tracking.error_rms,
+                tracking.error_max_since_enable,
+                tracking.error_rms_since_enable,
+            )
+            cells = [("", name), ("", tracking.interface), *(("n", f"{number:.2g}") for number in numbers)]
+            rows.append(("", [*cells, ("n", str(tracking.repeated)), ("n", str(tracking.skipped))]))
     if rows:
         yield _section("Tracking error, rad or rad/s, and set-points", _table(_TRACKING_HEADINGS, rows))
 
@@ -325,9 +330,9 @@ _TRACKING_HEADINGS: Final = (
 def _measured(facts: ReportFacts) -> Iterator[str]:
     """Yield the measurements of sensors, batteries, inputs, outputs and grippers."""
     rows = [
-        ("", [("", each.controller), ("", each.what), *(("n", f"{value:.4g}") for value in numbers), ("", each.unit)])
-        for each in facts.measured
-        for numbers in [(each.least, each.most, each.last)]
+        ("", [("", fact.controller), ("", fact.what), *(("n", f"{value:.4g}") for value in numbers), ("", fact.unit)])
+        for fact in facts.measured
+        for numbers in [(fact.least, fact.most, fact.last)]
     ]
     if rows:
         yield _section("Measured", _table(("told by", "value", "least", "most", "last", ""), rows), kind="long")
@@ -351,10 +356,10 @@ def _frames(facts: ReportFacts) -> Iterator[str]:
     if not facts.frames:
         return
     fault = facts.fault_at
-    rows, told = [], False
+    rows, fault_marked = [], False
     for frame in facts.frames:
-        here = fault is not None and frame.time > fault and not told
-        told = told or here
+        here = fault is not None and frame.time > fault and not fault_marked
+        fault_marked = fault_marked or here
         rows.append((f"{frame.mark}{' here' if here else ''}", _frame_cells(frame, fault)))
     title = "Frames around the fault" if fault is not None else "The last frames"
     headings = _FRAME_HEADINGS if fault is not None else ("time", *_FRAME_HEADINGS[1:])
@@ -391,13 +396,13 @@ def _boot(facts: ReportFacts) -> Iterator[str]:
     if not steps:
         return
     rows = []
-    for name, found in nodes.items():
-        took = {step.step: step for step in found}
+    for name, node in nodes.items():
+        took = {step.step: step for step in node}
         cells = [("", name), *(("n", _step_text(took.get(step))) for step in steps)]
-        cells.append(("n", f"{1e3 * sum(step.seconds or 0.0 for step in found):.1f}"))
+        cells.append(("n", f"{1e3 * sum(step.seconds or 0.0 for step in node):.1f}"))
         sdo = facts.sdo.get(name)
-        cells += [("n", str(each)) for each in (("", "", "") if sdo is None else (sdo.reads, sdo.writes, sdo.failed))]
-        errors = "; ".join(step.error for step in found if step.error)
+        cells += [("n", str(cell)) for cell in (("", "", "") if sdo is None else (sdo.reads, sdo.writes, sdo.failed))]
+        errors = "; ".join(step.error for step in node if step.error)
         rows.append(("error" if errors else "", [*cells, ("", errors)]))
     headings = ("node", *(f"{step}, ms" for step in steps), "all, ms", "SDO reads", "writes", "failed", "")
     yield _section("Boot", _table(headings, rows))

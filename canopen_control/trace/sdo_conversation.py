@@ -141,8 +141,8 @@ class SdoConversation:
         address = data[1] | data[2] << 8, data[3]
         if address != self._address:
             self._begin(data, "write")
-        held, self._asked = self._asked, None
-        return SdoText(f"{'go on with' if self._open else 'written'} {self._where()}", held=held)
+        value, self._asked = self._asked, None
+        return SdoText(f"{'go on with' if self._open else 'written'} {self._where()}", held=value)
 
     def _segment_answer(self, data: bytes) -> SdoText:  # noqa: ARG002 - one shape for all
         where = self._where()
@@ -159,8 +159,8 @@ class SdoConversation:
         if address != self._address or self._kind != "read":
             self._begin(data, "read")
         if data[0] & _EXPEDITED:
-            said = self._completed(self._carried(data))
-            return said._replace(held=said.value)
+            text = self._completed(self._carried(data))
+            return text._replace(held=text.value)
         size = self._announced(data) if data[0] & _SIZED else "length unsaid"
         return SdoText(f"{self._where()}: {size}, in segments")
 
@@ -189,12 +189,12 @@ class SdoConversation:
             self._end()
         return SdoText(text, value)
 
-    def _abort(self, data: bytes, who: str) -> SdoText:
+    def _abort(self, data: bytes, side: str) -> SdoText:
         code = int.from_bytes(data[4:8], "little")
         index, subindex = data[1] | data[2] << 8, data[3]
         where = self._named(index, subindex) if index else self._where()
         self._end()
-        return SdoText(f"ABORT by {who}, {where}: 0x{code:08X} {abort_text(code)}", is_abort=True)
+        return SdoText(f"ABORT by {side}, {where}: 0x{code:08X} {abort_text(code)}", is_abort=True)
 
     # -- block transfers
 
@@ -264,8 +264,8 @@ class SdoConversation:
         self._streams = False
         unused = data[0] >> 2 & 7
         self._length = max(0, self._length - unused)
-        whole = self._length <= LIMIT
-        value = self._value(bytes(self._data[: self._length])) if whole else None
+        complete = self._length <= LIMIT
+        value = self._value(bytes(self._data[: self._length])) if complete else None
         verb = "write " if kind == "block write" else ""
         return SdoText(f"{verb}{self._where()} = {value.text if value else f'{self._length} bytes'}", value)
 

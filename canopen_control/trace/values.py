@@ -76,12 +76,12 @@ def _status_flags(statusword: int, state: State | None, mode: int | None) -> Ite
         yield "internal limit"
     if state not in POWERED_STATES:
         return  # mode-specific bits have no meaning while the drive is not enabled (CiA 402-2)
-    known = MODE_BITS.get(mode) if mode is not None else None
-    if known is None:
+    mode_bits = MODE_BITS.get(mode) if mode is not None else None
+    if mode_bits is None:
         if statusword & TARGET_REACHED:
             yield "target reached"
         return
-    for bit, text in known.statusword.items():
+    for bit, text in mode_bits.statusword.items():
         if statusword >> bit & 1:
             yield text
 
@@ -98,8 +98,8 @@ def controlword_text(controlword: int, previous: int = 0, state: State | None = 
         name = "DISABLE OPERATION"  # one bit pattern with two names: the state of the drive decides (CiA 402-2)
     else:
         name = command.name.replace("_", " ")
-    known = MODE_BITS.get(mode) if mode is not None else None
-    bits = known.controlword if known is not None else {8: "halt"} if controlword & HALT_BIT else {}
+    mode_bits = MODE_BITS.get(mode) if mode is not None else None
+    bits = mode_bits.controlword if mode_bits is not None else {8: "halt"} if controlword & HALT_BIT else {}
     flags = [text for bit, text in bits.items() if controlword >> bit & 1]
     return ", ".join((f"0x{controlword & 0xFFFF:04X} {name}", *flags))
 

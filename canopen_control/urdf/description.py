@@ -63,7 +63,7 @@ class XacroRun:
     def __init__(self, path: Path, mappings: Mapping[str, str], limits: XacroLimits | None = None) -> None:
         self._path, self._limits = path, limits or XacroLimits()
         # Isolated and without site it starts in a third of the time; it imports modules from our paths.
-        folders = "\n".join(each for each in sys.path if os.path.isabs(each))
+        folders = "\n".join(folder for folder in sys.path if os.path.isabs(folder))
         numbers = (self._limits.processor_s, self._limits.wall_s, self._limits.memory)
         arguments = [folders, os.fspath(path), *map(str, numbers), *(f"{key}:={mappings[key]}" for key in mappings)]
         command = [sys.executable, "-I", "-S", xacro_child.__file__, *arguments]
@@ -176,9 +176,9 @@ class DescriptionReader:
             reason = error.strerror if isinstance(error, OSError) else error
             raise RobotConfigError(f"{path}: cannot be read: {reason}") from error
         is_xacro = file.suffix == ".xacro" or "xmlns:xacro" in self._source
-        given = [name for name in mappings or () if not name.endswith("?")]
-        if given and not is_xacro:
-            raise RobotConfigError(f"{path}: it is no xacro, so it has no arguments; leave {given[0]}:= away")
+        required = [name for name in mappings or () if not name.endswith("?")]
+        if required and not is_xacro:
+            raise RobotConfigError(f"{path}: it is no xacro, so it has no arguments; leave {required[0]}:= away")
         self._xacro = XacroRun(file, mappings or {}) if is_xacro else None
 
     def __enter__(self) -> DescriptionReader:
@@ -199,13 +199,13 @@ def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = N
     """Return the description of a URDF text; `source` is the xacro text it was generated from, for line numbers."""
     document = read_document(urdf, path, source)
     model = model_of(document)
-    tags = [each for each in document.root.children if each.tag == "ros2_control"]
-    old = [each for each in document.root.children if each.tag == "transmission"]
+    tags = [child for child in document.root.children if child.tag == "ros2_control"]
+    old = [child for child in document.root.children if child.tag == "transmission"]
     gazebo = _gazebo_plugins(document.root)
-    hardware = tuple(read_system(document, each, model.joints) for each in tags)
+    hardware = tuple(read_system(document, child, model.joints) for child in tags)
     if not tags and old:
         transmissions = read_transmissions(document, old, model.joints)
-        simulated = any(each.filename.endswith("gazebo_ros_control.so") for each in gazebo)
+        simulated = any(child.filename.endswith("gazebo_ros_control.so") for child in gazebo)
         hardware = (system_of_ros1(model.name, transmissions, simulated=simulated),)
     check_owners(document, hardware)
     document.raise_if_any()
@@ -227,9 +227,12 @@ def _notes(path: str, hardware: Sequence[Ros2ControlSystem], ignored: Sequence[E
     for element in ignored:
         name, line = element.attributes.get("name", ""), element.place.line
         yield f"{path}:{line}: <transmission> {name} is ROS 1's and has no effect beside a <ros2_control> tag"
-    for each in (one for system in hardware for one in system.transmissions if not one.trivial):
-        drive, offset = each.actuator or "its drive", f", offset {each.offset:g}" if each.offset else ""
+    for part in (one for system in hardware for one in system.transmissions if not one.trivial):
+        drive, offset = (
+            part.actuator or "its drive",
+            f", offset {part.offset:g}" if part.offset else "",
+        )
         yield (
-            f"{path}:{each.place.line}: {each.joint} turns once for {each.reduction:g} turns of {drive}{offset}; "
+            f"{path}:{part.place.line}: {part.joint} turns once for {part.reduction:g} turns of {drive}{offset}; "
             "the scales of bus.yml are those of the motor shaft"
         )

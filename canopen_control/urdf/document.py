@@ -50,11 +50,11 @@ class Element:
 
     def child(self, tag: str) -> Element | None:
         """Return the first child with a tag."""
-        return next((each for each in self.children if each.tag == tag), None)
+        return next((child for child in self.children if child.tag == tag), None)
 
     def parameters(self) -> dict[str, str]:
         """Return the `<param name=...>text</param>` children."""
-        return {each.attributes.get("name", ""): each.text for each in self.children if each.tag == "param"}
+        return {child.attributes.get("name", ""): child.text for child in self.children if child.tag == "param"}
 
 
 class UrdfDocument:
@@ -71,8 +71,8 @@ class UrdfDocument:
     def raise_if_any(self) -> None:
         """Raise RobotConfigError with all mistakes, if there are any."""
         if self._problems:
-            found = sorted(self._problems)
-            raise RobotConfigError("\n".join(f"{self._path}:{p.line}:{p.column}: {message}" for p, message in found))
+            problems = sorted(self._problems)
+            raise RobotConfigError("\n".join(f"{self._path}:{p.line}:{p.column}: {message}" for p, message in problems))
 
     def name(self, element: Element) -> str:
         """Return the name of an element, which is mandatory."""
@@ -80,11 +80,11 @@ class UrdfDocument:
             self.error(element, f"<{element.tag}> has no name")
         return element.attributes.get("name", "")
 
-    def by_name(self, found: Iterable[tuple[Element, T]]) -> dict[str, T]:
+    def by_name(self, pairs: Iterable[tuple[Element, T]]) -> dict[str, T]:
         """Return objects by name; a duplicate name is a mistake."""
         firsts: dict[str, Element] = {}
         kept: dict[str, T] = {}
-        for element, read in found:
+        for element, read in pairs:
             name = element.attributes.get("name", "")
             first = firsts.setdefault(name, element)
             if first is element:
@@ -118,12 +118,12 @@ class UrdfDocument:
         """Return the three numbers in an attribute."""
         if element is None or attribute not in element.attributes:
             return default
-        numbers = [finite_number(each) for each in element.attributes[attribute].split()]
+        numbers = [finite_number(word) for word in element.attributes[attribute].split()]
         if len(numbers) != 3 or None in numbers:
             text = element.attributes[attribute]
             self.error(element, f"{attribute}={text!r} of <{element.tag}> is no three numbers")
             return default
-        x, y, z = (each or 0.0 for each in numbers)
+        x, y, z = (word or 0.0 for word in numbers)
         return x, y, z
 
 
@@ -180,10 +180,10 @@ class _XacroLines:
     def __init__(self, source: str) -> None:
         self._places: list[tuple[str, str, ElementPlace]] = []
         self._seen: dict[tuple[str, str], int] = {}
-        for found in _OPENING.finditer(source):
-            begin = found.start()
+        for match in _OPENING.finditer(source):
+            begin = match.start()
             place = ElementPlace(source.count("\n", 0, begin) + 1, begin - source.rfind("\n", 0, begin))
-            self._places.append((found[1], found[2], place))
+            self._places.append((match[1], match[2], place))
 
     def place(self, tag: str, name: str) -> ElementPlace:
         """Return the place of the next element with this tag and name, the beginning of the file if none matches."""

@@ -47,19 +47,19 @@ class InterfaceInfo:
 
 def read_interfaces(document: UrdfDocument, element: Element, tag: str) -> dict[str, InterfaceInfo]:
     """Return the interfaces of a <joint>, <sensor> or <gpio>; `tag` is command_interface or state_interface."""
-    found: dict[str, InterfaceInfo] = {}
-    for each in element.children:
-        if each.tag != tag:
+    interfaces: dict[str, InterfaceInfo] = {}
+    for child in element.children:
+        if child.tag != tag:
             continue
-        name, parameters = document.name(each), each.parameters()
-        if name in found:
-            document.error(each, f"{element.attributes.get('name')}: {tag} {name!r} is given twice")
-        low = document.decimal(each, parameters, "min", -math.inf)
-        high = document.decimal(each, parameters, "max", math.inf)
-        initial = document.decimal(each, parameters, "initial_value", math.nan)
-        limited = _limited(element) and _limited(each)
-        found[name] = InterfaceInfo(name, low, high, initial, parameters, limited)
-    return found
+        name, parameters = document.name(child), child.parameters()
+        if name in interfaces:
+            document.error(child, f"{element.attributes.get('name')}: {tag} {name!r} is given twice")
+        low = document.decimal(child, parameters, "min", -math.inf)
+        high = document.decimal(child, parameters, "max", math.inf)
+        initial = document.decimal(child, parameters, "initial_value", math.nan)
+        limited = _limited(element) and _limited(child)
+        interfaces[name] = InterfaceInfo(name, low, high, initial, parameters, limited)
+    return interfaces
 
 
 def _limited(element: Element) -> bool:
@@ -257,8 +257,10 @@ def _soft_limits(document: UrdfDocument, safety: Element | None) -> SoftLimits |
 def _dynamics(document: UrdfDocument, dynamics: Element | None) -> Dynamics:
     if dynamics is None:
         return Dynamics()
-    given = dynamics.attributes
-    return Dynamics(*(document.number(dynamics, key, 0.0) if key in given else None for key in ("damping", "friction")))
+    attributes = dynamics.attributes
+    return Dynamics(
+        *(document.number(dynamics, key, 0.0) if key in attributes else None for key in ("damping", "friction"))
+    )
 
 
 def _mimic(document: UrdfDocument, element: Element) -> Mimic | None:

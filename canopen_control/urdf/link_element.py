@@ -57,24 +57,24 @@ def read_links(document: UrdfDocument, notes: list[str]) -> dict[str, UrdfLink]:
     """Return the links of a `<robot>` by name; shapes that cannot be drawn are added to `notes`."""
     children = document.root.children
     materials = {
-        each.attributes.get("name", ""): color
-        for each in children
-        if each.tag == "material" and (color := _rgba(each)) is not None
+        child.attributes.get("name", ""): color
+        for child in children
+        if child.tag == "material" and (color := _rgba(child)) is not None
     }
-    links = (each for each in children if each.tag == "link")
-    return document.by_name((each, _link(document, each, materials, notes)) for each in links)
+    links = (child for child in children if child.tag == "link")
+    return document.by_name((child, _link(document, child, materials, notes)) for child in links)
 
 
 def _link(document: UrdfDocument, element: Element, materials: Mapping[str, _Rgba], notes: list[str]) -> UrdfLink:
     name = document.name(element)
     visuals = tuple(_visuals(element, materials, notes))
-    radii = (_radius([each for each in element.children if each.tag == tag]) for tag in ("collision", "visual"))
+    radii = (_radius([child for child in element.children if child.tag == tag]) for tag in ("collision", "visual"))
     return UrdfLink(name, visuals, next((radius for radius in radii if radius is not None), None), element.place)
 
 
 def _radius(elements: Sequence[Element]) -> float | None:
     """Return the radius of the only round shape in <collision> or <visual> tags."""
-    geometries = [geometry.children for each in elements if (geometry := each.child("geometry")) is not None]
+    geometries = [geometry.children for element in elements if (geometry := element.child("geometry")) is not None]
     round_ones = [one for children in geometries for one in children if one.tag in _ROUND]
     size = _lengths(round_ones[0], "radius") if len(round_ones) == 1 else None
     return None if size is None else size[0]
@@ -88,10 +88,10 @@ def _visuals(link: Element, materials: Mapping[str, _Rgba], notes: list[str]) ->
         shape = next(iter(geometry.children), None) if geometry is not None else None
         size = _SIZES[shape.tag](shape) if shape is not None and shape.tag in _SIZES else None
         if shape is None or size is None:
-            what = "nothing" if shape is None else f"<{shape.tag}>"
+            content = "nothing" if shape is None else f"<{shape.tag}>"
             why = " without its size" if shape is not None and shape.tag in _SIZES else ""
             name = link.attributes.get("name")
-            notes.append(f"link {name}: {what}{why} is not drawn; box, cylinder, sphere and mesh are")
+            notes.append(f"link {name}: {content}{why} is not drawn; box, cylinder, sphere and mesh are")
             continue
         red, green, blue, opacity = _color(element, materials)
         color = (round(255 * red), round(255 * green), round(255 * blue))
@@ -128,7 +128,7 @@ def _vector(element: Element | None, key: str) -> Vector | None:
 
 
 def _lengths(element: Element, *keys: str) -> tuple[float, ...] | None:
-    values = [each[0] for key in keys if (each := _numbers(element, key)) is not None and len(each) == 1]
+    values = [numbers[0] for key in keys if (numbers := _numbers(element, key)) is not None and len(numbers) == 1]
     return tuple(map(abs, values)) if len(values) == len(keys) else None
 
 

@@ -34,7 +34,11 @@ Matrix = tuple[tuple[float, ...], ...]
 def stl_triangles(content: bytes) -> list[Triangle]:
     """Return the faces of an ASCII STL file. ValueError or IndexError if it is broken."""
     words = (line.split() for line in content.decode("utf-8", "replace").splitlines())
-    points = [(float(each[1]), float(each[2]), float(each[3])) for each in words if each and each[0] == "vertex"]
+    points = [
+        (float(line_words[1]), float(line_words[2]), float(line_words[3]))
+        for line_words in words
+        if line_words and line_words[0] == "vertex"
+    ]
     if len(points) % 3:
         raise ValueError(f"{len(points)} corners make no whole triangles; does the file end too early?")
     return [(points[n], points[n + 1], points[n + 2]) for n in range(0, len(points), 3)]
@@ -47,11 +51,11 @@ def obj_triangles(content: bytes) -> list[Triangle]:
     for line in content.decode("utf-8", "replace").splitlines():
         word, *rest = line.split() or [""]
         if word == "v":
-            points.append(tuple(float(each) for each in rest[:3]))
+            points.append(tuple(float(corner) for corner in rest[:3]))
         elif word == "f":
-            corners = [int(each.split("/")[0]) for each in rest]
-            found = [points[each - 1 if each > 0 else each] for each in corners]
-            triangles += [(found[0], found[n], found[n + 1]) for n in range(1, len(found) - 1)]
+            corners = [int(corner.split("/")[0]) for corner in rest]
+            face = [points[corner - 1 if corner > 0 else corner] for corner in corners]
+            triangles += [(face[0], face[n], face[n + 1]) for n in range(1, len(face) - 1)]
     return triangles
 
 
@@ -80,7 +84,7 @@ def dae_triangles(content: bytes) -> list[Triangle]:
 def _dae_node(node: ET.Element, matrix: Matrix, geometries: Mapping[str, ET.Element]) -> Iterator[Triangle]:
     for child in node:
         if child.tag in _DAE_MOVES:
-            matrix = _product(matrix, _DAE_MOVES[child.tag]([float(each) for each in (child.text or "").split()]))
+            matrix = _product(matrix, _DAE_MOVES[child.tag]([float(number) for number in (child.text or "").split()]))
         elif child.tag == "instance_geometry":
             for a, b, c in _dae_triangles(geometries[child.get("url", "")]):
                 yield _placed(matrix, a), _placed(matrix, b), _placed(matrix, c)
@@ -124,7 +128,7 @@ def _placed(matrix: Matrix, point: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _scaled(matrix: Matrix, factor: float) -> Matrix:
-    return tuple(tuple(factor * each for each in row) for row in matrix)
+    return tuple(tuple(factor * value for value in row) for row in matrix)
 
 
 _UNTURNED: Final = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))
@@ -152,8 +156,8 @@ def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None 
     path = unquote(parts.path)
     if parts.scheme in ("package", "model"):
         folders = package_folders(parts.netloc, Path(description), os.environ if environment is None else environment)
-        found = (folder / path.lstrip("/") for folder in folders)
-        if (file := next((each for each in found if each.is_file()), None)) is None:
+        candidates = (folder / path.lstrip("/") for folder in folders)
+        if (file := next((candidate for candidate in candidates if candidate.is_file()), None)) is None:
             raise ConfigError(f"mesh {uri}: no package {parts.netloc} with this file; is AMENT_PREFIX_PATH set?")
         return file
     file = Path(description).parent / path

@@ -45,10 +45,10 @@ def installed_packages(package: str, environment: Mapping[str, str] | None = Non
     """Yield the folders of the package in the environment."""
     if not _NAME.fullmatch(package):
         return
-    given = os.environ if environment is None else environment
-    for text in _paths(given, "ROS_PACKAGE_PATH"):
+    variables = os.environ if environment is None else environment
+    for text in _paths(variables, "ROS_PACKAGE_PATH"):
         yield from _below(package, Path(text), _DEPTH)
-    for text in _paths(given, "AMENT_PREFIX_PATH"):
+    for text in _paths(variables, "AMENT_PREFIX_PATH"):
         folder = Path(text) / "share" / package
         if folder.is_dir():
             yield folder
@@ -67,8 +67,8 @@ def installed_file(package: Path, name: Path) -> Path:
     plain = package / name
     if plain.exists():
         return plain
-    found = (source for source in _installed_from(package, name) if source.exists())
-    return next(found, plain)
+    sources = (source for source in _installed_from(package, name) if source.exists())
+    return next(sources, plain)
 
 
 def _installed_from(package: Path, name: Path) -> Iterator[Path]:
@@ -78,8 +78,8 @@ def _installed_from(package: Path, name: Path) -> Iterator[Path]:
     except OSError:
         return
     text = re.sub(r"#[^\n]*", "", text)
-    for found in _INSTALLS.finditer(text):
-        words = found[1].replace('"', " ").split()
+    for match in _INSTALLS.finditer(text):
+        words = match[1].replace('"', " ").split()
         if "DESTINATION" not in words[:-1]:
             continue
         at = words.index("DESTINATION")
@@ -87,9 +87,9 @@ def _installed_from(package: Path, name: Path) -> Iterator[Path]:
         _package, _, folder = below.partition("/")
         if share not in ("share", "${CMAKE_INSTALL_DATADIR}"):
             continue
-        for each in words[:at]:
-            source = package / each.removeprefix("${CMAKE_CURRENT_SOURCE_DIR}/")
-            target = Path(folder) if each.endswith("/") else Path(folder, source.name)
+        for word in words[:at]:
+            source = package / word.removeprefix("${CMAKE_CURRENT_SOURCE_DIR}/")
+            target = Path(folder) if word.endswith("/") else Path(folder, source.name)
             if name.is_relative_to(target):
                 yield source / name.relative_to(target)
 
@@ -109,19 +109,19 @@ def _below(package: str, folder: Path, depth: int) -> Iterator[Path]:
     left, level = _MOST, [folder]
     for _ in range(depth):
         deeper = list[Path]()
-        for each in level[:left]:
-            if (each / "package.xml").is_file():
-                if _names(each, package) or each.name == package:
-                    yield each
+        for candidate in level[:left]:
+            if (candidate / "package.xml").is_file():
+                if _names(candidate, package) or candidate.name == package:
+                    yield candidate
             else:
-                deeper += _folders(each)
+                deeper += _folders(candidate)
         left -= len(level)
         level = deeper
 
 
 def _folders(folder: Path) -> list[Path]:
     try:
-        return sorted(each for each in folder.iterdir() if not each.name.startswith(".") and each.is_dir())
+        return sorted(entry for entry in folder.iterdir() if not entry.name.startswith(".") and entry.is_dir())
     except OSError:
         return []
 
@@ -135,4 +135,4 @@ def _names(folder: Path, package: str) -> bool:
 
 
 def _paths(environment: Mapping[str, str], key: str) -> list[str]:
-    return [each for each in environment.get(key, "").split(os.pathsep) if each]
+    return [entry for entry in environment.get(key, "").split(os.pathsep) if entry]

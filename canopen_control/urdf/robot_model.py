@@ -39,16 +39,16 @@ class WheelGeometry:
         sides = [[self.place(name) for name in side] for side in (left, right)]
         if not all(sides) or any(place is None for side in sides for place in side):
             return None
-        known = [[place for place in side if place is not None] for side in sides]
-        if len({root for side in known for root, _ in side}) != 1:
+        places = [[place for place in side if place is not None] for side in sides]
+        if len({root for side in places for root, _ in side}) != 1:
             return None
-        means = [tuple(sum(point[axis] for _, point in side) / len(side) for axis in range(2)) for side in known]
+        means = [tuple(sum(point[axis] for _, point in side) / len(side) for axis in range(2)) for side in places]
         return math.dist(means[0], means[1])
 
     def radius(self, wheels: Sequence[str]) -> float | None:
         """Return the radius of these wheels, None if it is unknown or they differ."""
-        found = {self._radius(name) for name in wheels}
-        return found.pop() if len(found) == 1 else None
+        radii = {self._radius(name) for name in wheels}
+        return radii.pop() if len(radii) == 1 else None
 
     def _radius(self, wheel: str) -> float | None:
         joint = self._joints.get(wheel)
@@ -57,10 +57,10 @@ class WheelGeometry:
 
     def place(self, joint: str) -> tuple[str, Vector] | None:
         """Return the link above all fixed joints over a joint, and the position of the joint in this link."""
-        found = self._joints.get(joint)
-        if found is None:
+        element = self._joints.get(joint)
+        if element is None:
             return None
-        point, link = found.origin.position, found.parent
+        point, link = element.origin.position, element.parent
         seen = {link}
         while (above := self._above.get(link)) is not None and above.fixed and above.parent not in seen:
             point, link = above.origin.of(point), above.parent
@@ -69,8 +69,8 @@ class WheelGeometry:
 
     def axis(self, joint: str) -> Vector | None:
         """Return the axis of a joint in the frame of its parent link."""
-        found = self._joints.get(joint)
-        return None if found is None else rotate(found.origin.rotation, found.axis)
+        element = self._joints.get(joint)
+        return None if element is None else rotate(element.origin.rotation, element.axis)
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def model_of(document: UrdfDocument) -> RobotModel:
     if root.tag != "robot":
         document.error(root, f"the root element is <{root.tag}>; a description starts with <robot name=...>")
     links = read_links(document, notes)
-    joints = document.by_name((each, read_joint(document, each)) for each in root.children if each.tag == "joint")
+    joints = document.by_name((child, read_joint(document, child)) for child in root.children if child.tag == "joint")
     _check_tree(document, links, joints)
     return RobotModel(root.attributes.get("name", ""), links, joints, tuple(notes))
 
@@ -135,5 +135,5 @@ def _check_tree(document: UrdfDocument, links: Mapping[str, UrdfLink], joints: M
             document.error(joint, f"link {joint.child} hangs on two joints: {both}")
         parents[joint.child] = joint.name
         if joint.mimic is not None and joint.mimic.joint not in joints:
-            wanted = joint.mimic.joint
-            document.error(joint, f"joint {joint.name} mimics {wanted!r}, no such joint{nearest(wanted, joints)}")
+            mimicked = joint.mimic.joint
+            document.error(joint, f"joint {joint.name} mimics {mimicked!r}, no such joint{nearest(mimicked, joints)}")

@@ -56,23 +56,29 @@ def read_transmissions(
     document: UrdfDocument, elements: Iterable[Element], joints: Mapping[str, Joint]
 ) -> tuple[Transmission, ...]:
     """Return the <transmission> tags, one per joint; mistakes are added to the document."""
-    found: dict[str, Transmission] = {}
+    transmissions: dict[str, Transmission] = {}
     for element in elements:
-        each = _transmission(document, element)
-        if each.joint and each.joint not in joints:
-            document.error(element, f"transmission {each.name}: no joint {each.joint!r}{nearest(each.joint, joints)}")
-        if each.joint in found:
-            document.error(element, f"joint {each.joint} has two transmissions: {found[each.joint].name}, {each.name}")
-        found[each.joint] = each
-    return tuple(found.values())
+        part = _transmission(document, element)
+        if part.joint and part.joint not in joints:
+            document.error(
+                element,
+                f"transmission {part.name}: no joint {part.joint!r}{nearest(part.joint, joints)}",
+            )
+        if part.joint in transmissions:
+            document.error(
+                element,
+                f"joint {part.joint} has two transmissions: {transmissions[part.joint].name}, {part.name}",
+            )
+        transmissions[part.joint] = part
+    return tuple(transmissions.values())
 
 
 def _transmission(document: UrdfDocument, element: Element) -> Transmission:
     name = document.name(element)
     kind = element.child("type") or element.child("plugin")
     if kind is None or kind.text.rpartition("/")[2] != "SimpleTransmission":
-        said = f"is {kind.text!r}" if kind is not None else "is missing"
-        document.error(element, f"transmission {name}: its type {said}; the one there is: {SIMPLE}")
+        problem = f"is {kind.text!r}" if kind is not None else "is missing"
+        document.error(element, f"transmission {name}: its type {problem}; the one there is: {SIMPLE}")
     joint, actuator = element.child("joint"), element.child("actuator")
     if joint is None:
         document.error(element, f"transmission {name}: <joint name=...> is missing")
@@ -109,18 +115,18 @@ def _transmission_interfaces(
     document: UrdfDocument, name: str, joint: Element | None, actuator: Element | None
 ) -> tuple[str, ...]:
     """Return the command interfaces of the `<hardwareInterface>` tags, which older files have in the actuator."""
-    found: list[str] = []
+    interfaces: list[str] = []
     for place in (joint, actuator):
-        for each in place.children if place is not None else ():
-            if each.tag != "hardwareInterface":
+        for child in place.children if place is not None else ():
+            if child.tag != "hardwareInterface":
                 continue
-            short = each.text.removeprefix("hardware_interface/")
+            short = child.text.removeprefix("hardware_interface/")
             if short not in HARDWARE_INTERFACES:
                 hint = nearest(short, HARDWARE_INTERFACES)
-                document.error(each, f"transmission {name}: no hardwareInterface {each.text!r}{hint}")
+                document.error(child, f"transmission {name}: no hardwareInterface {child.text!r}{hint}")
             else:
-                found.append(HARDWARE_INTERFACES[short])
-    return tuple(dict.fromkeys(found))
+                interfaces.append(HARDWARE_INTERFACES[short])
+    return tuple(dict.fromkeys(interfaces))
 
 
 KINDS: Final = ("system", "actuator", "sensor")
@@ -205,13 +211,13 @@ def check_owners(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem]) 
             document.error(system, f"two <ros2_control> tags are called {system.name!r}; rename one")
         names.add(system.name)
         for part in (*system.joints, *system.sensors, *system.gpios):
-            own = [(kind, f"{part.name}/{each}") for kind, each in _interfaces(part)]
-            twice = next((exported[each] for each in own if each in exported), None)
+            own = [(kind, f"{part.name}/{interface}") for kind, interface in _interfaces(part)]
+            twice = next((exported[interface] for interface in own if interface in exported), None)
             if owners.get(part.name) == system.name or twice is not None:
                 where = f"{twice} and {system.name}" if twice not in (None, system.name) else system.name
                 document.error(part, f"{part.name!r} stands twice in <ros2_control> ({where}); name it once")
             owners[part.name] = system.name
-            exported.update((each, system.name) for each in own)
+            exported.update((interface, system.name) for interface in own)
 
 
 def _interfaces(part: ControlJoint) -> Iterator[tuple[str, str]]:
@@ -229,13 +235,13 @@ def system_of_ros1(name: str, transmissions: tuple[Transmission, ...], *, simula
     """Return the equivalent <ros2_control> tag: ROS 1 names the drives by the actuators of the transmissions."""
     parts = tuple(
         ControlJoint(
-            each.joint,
-            {"device_name": each.actuator},
-            {command: InterfaceInfo(command) for command in each.interfaces if command},
+            transmission.joint,
+            {"device_name": transmission.actuator},
+            {command: InterfaceInfo(command) for command in transmission.interfaces if command},
             {state: InterfaceInfo(state) for state in _STATES},
-            place=each.place,
+            place=transmission.place,
         )
-        for each in transmissions
+        for transmission in transmissions
     )
     plugin = ROS1_SIMULATION if simulated else ROS1_HARDWARE
     place = transmissions[0].place if transmissions else NOWHERE

@@ -42,7 +42,7 @@ def main(arguments: list[str]) -> None:
     _limit(int(processor_s), int(wall_s), int(memory))
     answer = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # output of an expression is not part of the answer
-    kind, text = _run(path, dict(each.split(":=", 1) for each in mappings))
+    kind, text = _run(path, dict(mapping.split(":=", 1) for mapping in mappings))
     with os.fdopen(answer, "wb") as out:
         out.write(kind + text.encode("utf-8", "replace"))
 
@@ -62,17 +62,17 @@ def _limit(processor_s: int, wall_s: int, memory: int) -> None:
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(wall_s)
     limits = {resource.RLIMIT_CPU: processor_s, resource.RLIMIT_AS: memory, resource.RLIMIT_CORE: 0}
-    for what, value in limits.items():
+    for resource_kind, value in limits.items():
         with contextlib.suppress(ValueError, OSError):  # a system without it, or a lower limit is already set
-            resource.setrlimit(what, (value, value))
+            resource.setrlimit(resource_kind, (value, value))
 
 
 class _Arguments(dict[str, str]):
     """Arguments of a file as xacro keeps them; `asked` are those that the file declares or uses."""
 
-    def __init__(self, given: Mapping[str, str]) -> None:
-        super().__init__({name.removesuffix("?"): value for name, value in given.items()})
-        self._wanted = [name for name in given if not name.endswith("?")]
+    def __init__(self, mappings: Mapping[str, str]) -> None:
+        super().__init__({name.removesuffix("?"): value for name, value in mappings.items()})
+        self._wanted = [name for name in mappings if not name.endswith("?")]
         self.asked: dict[str, None] = {}
 
     def __contains__(self, name: object) -> bool:
@@ -97,10 +97,10 @@ def _hint(name: str, known: Iterable[str]) -> str:
     return f", did you mean {near[0]!r}?" if near else f"; it has {names}" if names else "; it has none"
 
 
-def _run(path: str, given: Mapping[str, str]) -> tuple[bytes, str]:
-    said, arguments = io.StringIO(), _Arguments(given)
+def _run(path: str, mappings: Mapping[str, str]) -> tuple[bytes, str]:
+    output, arguments = io.StringIO(), _Arguments(mappings)
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stderr(output):
             import xacro  # after the limits
 
             with _finding(path):
@@ -108,8 +108,8 @@ def _run(path: str, given: Mapping[str, str]) -> tuple[bytes, str]:
     except Exception as error:  # noqa: BLE001 - a xacro file runs its author's expressions: anything may come
         reason = next((words for kind, words in _TOO_MUCH.items() if _has_cause(error, kind)), "")
         reason = reason or _absent_package(error) or str(error).strip() or type(error).__name__
-        text = f"{reason}{_where(said.getvalue())}"
-        return REFUSED, "; ".join(each for each in (text, arguments.unknown()) if each)
+        text = f"{reason}{_where(output.getvalue())}"
+        return REFUSED, "; ".join(part for part in (text, arguments.unknown()) if part)
     if strange := arguments.unknown():
         return REFUSED, strange
     if len(text) > LARGEST:
@@ -125,30 +125,30 @@ _TOO_MUCH = {
 
 def _has_cause(error: BaseException, kind: type[BaseException]) -> bool:
     """Whether an exception is of a kind, or was raised while one was handled: xacro replaces it by the expression."""
-    return any(isinstance(each, kind) for each in _causes(error))
+    return any(isinstance(cause, kind) for cause in _causes(error))
 
 
 def _absent_package(error: BaseException) -> str:
     """Return the message of `find_package`, "" if no package was missing; xacro repeats it with its class."""
-    return next((str(each) for each in _causes(error) if type(each) is LookupError), "")
+    return next((str(cause) for cause in _causes(error) if type(cause) is LookupError), "")
 
 
 def _causes(error: BaseException) -> Iterator[BaseException]:
-    each: BaseException | None = error
-    while each is not None:
-        yield each
-        each = each.__cause__ or each.__context__
+    cause: BaseException | None = error
+    while cause is not None:
+        yield cause
+        cause = cause.__cause__ or cause.__context__
 
 
 _LONGEST_STACK = 5  # lines of a macro stack that are shown; an endless recursion has hundreds
 
 
-def _where(said: str) -> str:
+def _where(output: str) -> str:
     """Return the macro stack written by xacro, on one line."""
-    lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in said.splitlines()]
-    told = [line for line in lines if line]
-    more = ["..."] if len(told) > _LONGEST_STACK else []
-    return f" ({'; '.join([*told[:_LONGEST_STACK], *more])})" if told else ""
+    lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in output.splitlines()]
+    stack = [line for line in lines if line]
+    more = ["..."] if len(stack) > _LONGEST_STACK else []
+    return f" ({'; '.join([*stack[:_LONGEST_STACK], *more])})" if stack else ""
 
 
 @contextlib.contextmanager

@@ -100,12 +100,12 @@ def derived(default: Any) -> Any:
     return dataclasses.field(default=default, metadata={"derived": True})
 
 
-def convert(node: Node, wanted: Any, default: Any = INVALID, *, ignored: Collection[str] = ()) -> Any:
+def convert(node: Node, target: Any, default: Any = INVALID, *, ignored: Collection[str] = ()) -> Any:
     """Return the node's value as the requested type; report a mistake and return `default` if it is not one.
 
     `ignored` are keys without a field that are not reported.
     """
-    value = _dataclass(node, wanted, ignored) if ignored else _converted(node, wanted, {})
+    value = _dataclass(node, target, ignored) if ignored else _converted(node, target, {})
     return default if value is INVALID else value
 
 
@@ -133,29 +133,29 @@ def help_of(cls: type[Any], entry: dataclasses.Field[Any]) -> str:
 
 def keys_of(cls: type[Any]) -> list[str]:
     """Return the keys of a dataclass, including those of its parts."""
-    hints, found = _hints(cls), list[str]()  # type: ignore[arg-type]  # a class is hashable, which mypy does not see
+    hints, keys = _hints(cls), list[str]()  # type: ignore[arg-type]  # a class is hashable, which mypy does not see
     for entry in dataclasses.fields(cls):
         if entry.metadata.get("part"):
-            found += keys_of(hints[entry.name])
+            keys += keys_of(hints[entry.name])
         elif not (entry.metadata.get("here") or entry.metadata.get("derived")):
-            found.append(key_of(entry))
-    return found
+            keys.append(key_of(entry))
+    return keys
 
 
-def _converted(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
+def _converted(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
     """Return the node's value as the requested type, or INVALID; `meta` is the metadata of the field."""
-    origin = typing.get_origin(wanted)
-    if wanted in (Any, object, Node):
-        return node if wanted is Node else node.value
+    origin = typing.get_origin(target)
+    if target in (Any, object, Node):
+        return node if target is Node else node.value
     if origin in _CONTAINERS:
-        return _CONTAINERS[origin](node, wanted, meta)
-    if wanted in _CONTAINERS:
-        return _CONTAINERS[wanted](node, wanted, meta)
-    if dataclasses.is_dataclass(wanted) and isinstance(wanted, type):
-        return _dataclass(node, wanted)
-    if isinstance(wanted, type) and issubclass(wanted, enum.Enum):
-        return _enum(node, wanted)
-    return _plain(node, wanted, meta)
+        return _CONTAINERS[origin](node, target, meta)
+    if target in _CONTAINERS:
+        return _CONTAINERS[target](node, target, meta)
+    if dataclasses.is_dataclass(target) and isinstance(target, type):
+        return _dataclass(node, target)
+    if isinstance(target, type) and issubclass(target, enum.Enum):
+        return _enum(node, target)
+    return _plain(node, target, meta)
 
 
 def _found(node: Node) -> str:
@@ -167,20 +167,20 @@ def _found(node: Node) -> str:
     return f"{name}{node.text!r}" if isinstance(value, str) else f"{name}{node.text}"
 
 
-def _expected(node: Node, what: str, hint: str = "") -> Any:
+def _expected(node: Node, expected: str, hint: str = "") -> Any:
     """Report a wrong type; return INVALID."""
-    node.error(f"expected {what}, got {_found(node)}{hint}")
+    node.error(f"expected {expected}, got {_found(node)}{hint}")
     return INVALID
 
 
-def _plain(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
+def _plain(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
     value = node.value
-    if wanted is float and type(value) is not float:
+    if target is float and type(value) is not float:
         value = _as_float(node, value)
-    if type(value) is not wanted or node.kind in ("mapping", "sequence"):
-        what = _KINDS.get(wanted, getattr(wanted, "__name__", str(wanted)))
-        quotes = "; put it in quotes" if wanted is str and node.kind == "scalar" else ""
-        return _expected(node, what, quotes or meta.get("hint", ""))
+    if type(value) is not target or node.kind in ("mapping", "sequence"):
+        expected = _KINDS.get(target, getattr(target, "__name__", str(target)))
+        quotes = "; put it in quotes" if target is str and node.kind == "scalar" else ""
+        return _expected(node, expected, quotes or meta.get("hint", ""))
     return _bounded(node, value, meta)
 
 
@@ -208,82 +208,86 @@ def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:
     return value
 
 
-def _enum(node: Node, wanted: type[enum.Enum]) -> Any:
+def _enum(node: Node, target: type[enum.Enum]) -> Any:
     """Return a member by its name, in any case, or by its value."""
     if node.kind == "scalar":
         value = node.value
-        for member in wanted:
+        for member in target:
             if member.name.casefold() == node.text.casefold() or (type(value) is not bool and member.value == value):
                 return member
-        node.error(f"no {wanted.__name__} is called {node.text!r}{nearest(node.text, wanted.__members__)}")
+        node.error(f"no {target.__name__} is called {node.text!r}{nearest(node.text, target.__members__)}")
         return INVALID
-    return _expected(node, f"one of {', '.join(wanted.__members__)}")
+    return _expected(node, f"one of {', '.join(target.__members__)}")
 
 
-def _literal(node: Node, wanted: Any, _meta: Mapping[str, Any]) -> Any:
-    choices, value = typing.get_args(wanted), node.value
-    if any(type(value) is type(each) and value == each for each in choices):
+def _literal(node: Node, target: Any, _meta: Mapping[str, Any]) -> Any:
+    choices, value = typing.get_args(target), node.value
+    if any(type(value) is type(choice) and value == choice for choice in choices):
         return value
-    return _expected(node, " or ".join(str(each) for each in choices))
+    return _expected(node, " or ".join(str(choice) for choice in choices))
 
 
 _FITS: Final = {"mapping": (dict, collections.abc.Mapping), "sequence": (list, tuple, collections.abc.Sequence)}
 
 
-def _fits(node: Node, wanted: Any) -> bool:
+def _fits(node: Node, target: Any) -> bool:
     """Whether a member of a union accepts this kind of node."""
-    if wanted in (Any, Node):
+    if target in (Any, Node):
         return True
-    origin = typing.get_origin(wanted) or wanted
+    origin = typing.get_origin(target) or target
     shape = "mapping" if dataclasses.is_dataclass(origin) or origin in _FITS["mapping"] else "scalar"
     shape = "sequence" if origin in _FITS["sequence"] else shape
     return shape == node.kind
 
 
-def _union(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
-    members = typing.get_args(wanted)
+def _union(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
+    members = typing.get_args(target)
     if node.kind == "null" and type(None) in members:
         return None
-    fitting = [each for each in members if each is not type(None) and _fits(node, each)]
-    same = [each for each in fitting if type(node.value) is each]
-    tried = same or [each for each in fitting if each not in _KINDS] or [each for each in fitting if each is float]
+    fitting = [member for member in members if member is not type(None) and _fits(node, member)]
+    same = [member for member in fitting if type(node.value) is member]
+    tried = (
+        same
+        or [member for member in fitting if member not in _KINDS]
+        or [member for member in fitting if member is float]
+    )
     if len(fitting) == 1 or tried:
         return _converted(node, (fitting if len(fitting) == 1 else tried)[0], meta)
-    shapes = [_KINDS.get(each, "a list" if _is_list(each) else "a mapping") for each in members]
+    shapes = [_KINDS.get(member, "a list" if _is_list(member) else "a mapping") for member in members]
     return _expected(node, " or ".join(dict.fromkeys(shapes)))
 
 
-def _is_list(wanted: Any) -> bool:
-    return (typing.get_origin(wanted) or wanted) in _FITS["sequence"]
+def _is_list(target: Any) -> bool:
+    return (typing.get_origin(target) or target) in _FITS["sequence"]
 
 
-def _list(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
-    return _elements(node, (typing.get_args(wanted) or (Any,))[0], meta)
+def _list(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
+    return _elements(node, (typing.get_args(target) or (Any,))[0], meta)
 
 
 def _elements(node: Node, of: Any, meta: Mapping[str, Any]) -> Any:
     if node.kind != "sequence":
         return _expected(node, "a list")
-    values = [_converted(each, of, meta) for each in node.elements()]
-    return INVALID if any(each is INVALID for each in values) else values
+    values = [_converted(element, of, meta) for element in node.elements()]
+    return INVALID if any(element is INVALID for element in values) else values
 
 
-def _tuple(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
-    of = typing.get_args(wanted) or (Any, ...)
+def _tuple(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
+    of = typing.get_args(target) or (Any, ...)
     if of[-1] is Ellipsis:
         values = _elements(node, of[0], meta)
         return INVALID if values is INVALID else tuple(values)
     elements = node.elements()
     if node.kind != "sequence" or len(elements) != len(of):
         return _expected(node, f"a list of {len(of)} values")
-    values = [_converted(each, kind, meta) for each, kind in zip(elements, of, strict=True)]
-    return INVALID if any(each is INVALID for each in values) else tuple(values)
+    values = [_converted(element, kind, meta) for element, kind in zip(elements, of, strict=True)]
+    return INVALID if any(element is INVALID for element in values) else tuple(values)
 
 
-def _dict(node: Node, wanted: Any, meta: Mapping[str, Any]) -> Any:
+def _dict(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
     if node.kind not in ("mapping", "null"):
         return _expected(node, "a mapping")
-    key_type, of = typing.get_args(wanted) or (str, Any)
+    key_type, of = typing.get_args(target) or (str, Any)
     result: dict[Any, Any] = {}
     bad = False
     for key, value in node.pairs():
@@ -311,10 +315,10 @@ _CONTAINERS: Final[dict[Any, Callable[[Node, Any, Mapping[str, Any]], Any]]] = {
 def _dataclass(node: Node, cls: type[Any], ignored: Collection[str] = ()) -> Any:
     if node.kind not in ("mapping", "null"):
         return _expected(node, "a mapping")
-    known = keys_of(cls)
+    keys = keys_of(cls)
     for key, _ in node.pairs():
-        if key.text not in known and key.text not in ignored:
-            key.problems.suspect(key, f"unknown key {key.text!r}{nearest(key.text, known)}")
+        if key.text not in keys and key.text not in ignored:
+            key.problems.suspect(key, f"unknown key {key.text!r}{nearest(key.text, keys)}")
     return _fields(node, cls)
 
 
@@ -329,14 +333,14 @@ def _fields(node: Node, cls: type[Any]) -> Any:
             values[entry.name] = _fields(node, hints[entry.name])
         elif not entry.metadata.get("derived"):
             _field(node, entry, hints[entry.name], values)
-    return INVALID if any(each is INVALID for each in values.values()) else _made(node, cls, values)
+    return INVALID if any(value is INVALID for value in values.values()) else _made(node, cls, values)
 
 
-def _field(node: Node, entry: dataclasses.Field[Any], wanted: Any, values: _Values) -> None:
+def _field(node: Node, entry: dataclasses.Field[Any], target: Any, values: _Values) -> None:
     """Add the value of a key to `values`; the default if it is absent or null."""
     value = node.get(key_of(entry))
-    if value is not None and (value.kind != "null" or _required(entry) or type(None) in typing.get_args(wanted)):
-        values[entry.name] = _converted(value, wanted, entry.metadata)
+    if value is not None and (value.kind != "null" or _required(entry) or type(None) in typing.get_args(target)):
+        values[entry.name] = _converted(value, target, entry.metadata)
     elif _required(entry):
         values[entry.name] = INVALID
         node.error(f"missing key {key_of(entry)!r}")

@@ -106,11 +106,11 @@ class Problems:
 
     def raise_if_any(self, error: type[ConfigError] = BusConfigError) -> None:
         """Raise `error` with the paragraphs of all errors, if there are any."""
-        found = self.errors
-        if not found:
+        errors = self.errors
+        if not errors:
             return
-        count = f"\n{len(found)} errors" if len(found) > 1 else ""
-        reason = "\n".join(str(each) for each in found) + count
+        count = f"\n{len(errors)} errors" if len(errors) > 1 else ""
+        reason = "\n".join(str(problem) for problem in errors) + count
         if issubclass(error, BusConfigError):
-            raise error(self.path, found[0].line, found[0].where, reason)
+            raise error(self.path, errors[0].line, errors[0].where, reason)
         raise error(reason)

@@ -86,7 +86,7 @@ def _build(node: yaml.Node, where: str, problems: Problems) -> Node:
     return Node.mapping(place, pairs)
 
 
-def _flatten(node: yaml.Node, found: dict[str, tuple[yaml.Node, yaml.Node]]) -> None:
+def _flatten(node: yaml.Node, entries: dict[str, tuple[yaml.Node, yaml.Node]]) -> None:
     """Add the values of a mapping by key: own keys first, then new ones from merge keys (YAML 1.1, merge type)."""
     merged: list[yaml.Node] = []
     own: dict[str, tuple[yaml.Node, yaml.Node]] = {}
@@ -96,10 +96,10 @@ def _flatten(node: yaml.Node, found: dict[str, tuple[yaml.Node, yaml.Node]]) -> 
         elif isinstance(key, yaml.ScalarNode):
             own[key.value] = (key, value)
     for name, pair in own.items():
-        found.setdefault(name, pair)
-    for each in merged:
-        if isinstance(each, yaml.MappingNode):
-            _flatten(each, found)
+        entries.setdefault(name, pair)
+    for mapping in merged:
+        if isinstance(mapping, yaml.MappingNode):
+            _flatten(mapping, entries)
 
 
 class _Walk:
@@ -119,14 +119,14 @@ class _Walk:
             return 1, 1
         if id(node) not in self._sizes:
             self._open.add(id(node))
-            below = [self.measure(each, name) for each, name in self._children(node, where)]
+            below = [self.measure(child, name) for child, name in self._children(node, where)]
             self._open.discard(id(node))
             self._sizes[id(node)] = 1 + sum(size for size, _ in below), 1 + max((deep for _, deep in below), default=0)
         return self._sizes[id(node)]
 
     def _children(self, node: yaml.Node, where: str) -> list[tuple[yaml.Node, str]]:
         if isinstance(node, yaml.SequenceNode):
-            return [(each, f"{where}[{number}]") for number, each in enumerate(node.value)]
+            return [(element, f"{where}[{number}]") for number, element in enumerate(node.value)]
         if isinstance(node, yaml.ScalarNode):
             return []
         dotted = f"{where}." if where else ""
@@ -152,8 +152,8 @@ class _Walk:
 
 
 def _check_merge(here: Node, value: yaml.Node) -> None:
-    each = value.value if isinstance(value, yaml.SequenceNode) else [value]
-    if not all(isinstance(one, yaml.MappingNode) for one in each):
+    elements = value.value if isinstance(value, yaml.SequenceNode) else [value]
+    if not all(isinstance(one, yaml.MappingNode) for one in elements):
         here.error("<< merges mappings only: give it an alias of one, or a list of such")
 
 
