@@ -62,6 +62,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="instead: use the devices on this channel, with the matching EDS, given or bundled",
     )
     parser.add_argument(
+        "--like",
+        metavar="NAME|FILE",
+        help="drives of this manufacturer: the keys that they need stand in bus.yml (default: by the EDS, as comments)",
+    )
+    parser.add_argument(
         "--joint",
         metavar="NAME",
         action="append",
@@ -88,13 +93,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
+    from canopen_control.personality import read_personality
     from canopen_control.scaffold.new_robot import check_robot_name, plan_robot
     from canopen_control.scaffold.robot_folder import refuse_existing, write_robot
 
     folder = Path(args.robot)
     check_robot_name(folder.name)
     refuse_existing(folder, force=args.force)
+    like = None if args.like is None else read_personality(args.like)
     devices = _from_files(args) if args.can is None else _from_bus(args)
+    devices = [replace(device, like=like) for device in devices]
     robot = plan_robot(
         folder.name, devices, joints=args.joint, base=args.base, allow_unsupervised=args.allow_unsupervised
     )

@@ -116,19 +116,40 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
     if node.drive is None:
         what = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
         return [*lines, *_watched(node), *_kept(robot, node), f"# {what}its PDOs stay as it has them"]
-    return [*lines, *_motion(node, node.drive), *_known(robot, node), *_writes(node, node.drive), *_pdos(node.drive)]
+    return [
+        *lines,
+        *_motion(node, node.drive),
+        *_known(robot, node),
+        *_writes(robot, node, node.drive),
+        *_pdos(node.drive),
+    ]
 
 
 def _known(robot: NewRobot, node: NewNode) -> list[str]:
-    """Return the keys that a drive of a known manufacturer needs, as comments with their sources."""
+    """Return the keys that a drive of a known manufacturer needs, with their sources.
+
+    They are comments, or where the manufacturer was named keys, but for a mode beside the one that the EDS chose.
+    """
     drive = node.known
     if drive is None:
         return []
     commanded = {joint.axis.interface for joint in node.joints}
     lines = ["", f"# {drive.title}: `canopen-control drive --like {drive.name}` behaves as such a drive does."]
     for key, text in proposals(drive, robot.sync_us, (), (), commanded):
-        lines += [f"# {drive.name.upper()}: {key.why} ({key.source}):", f"# {text}"]
+        named = node.device.like is not None
+        if named and key.key == "sdo":
+            continue  # stands in that list
+        comment = "" if named and not key.key.endswith("_mode") else "# "
+        lines += [f"# {drive.name.upper()}: {key.why} ({key.source}):", f"{comment}{text}"]
     return lines
+
+
+def _named_writes(robot: NewRobot, node: NewNode) -> list[str]:
+    """Return the entries of `sdo` that a drive of the manufacturer that was named needs."""
+    like = node.device.like
+    found = () if like is None else proposals(like, robot.sync_us, (), (), ())
+    entries = [(key, text.removeprefix("sdo: [").removesuffix("]")) for key, text in found if key.key == "sdo"]
+    return [remark(f"  - {entry}", f"{key.why} ({key.source})") for key, entry in entries]
 
 
 def _watched(node: NewNode) -> list[str]:
@@ -219,7 +240,7 @@ def _said(axis: AxisChoice) -> str:
     return "A GUESS: position counts of one turn of the motor; neither EDS nor drive tells them"
 
 
-def _writes(node: NewNode, drive: DriveChoice) -> list[str]:
+def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
     """Return what a boot writes beside PDOs: the reaction to a lost master, and ramps that the EDS leaves open."""
     lines = []
     if _takes(node, ABORT_CONNECTION_OPTION, _QUICK_STOP):
@@ -234,6 +255,7 @@ def _writes(node: NewNode, drive: DriveChoice) -> list[str]:
     if len(lines) > 1:
         lines.append("  # the EDS gives no ramp defaults, and some drives do not move without them; if omitted,")
         lines.append("  # the values that the drive has stored apply")
+    lines = [*_named_writes(robot, node), *lines]
     return ["sdo:", *lines] if lines else []
 
 

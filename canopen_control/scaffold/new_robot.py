@@ -48,12 +48,16 @@ _MASTERS: Final = (1, *range(127, 1, -1))
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """A node that is to be on the bus: its id, its EDS and what the file says; `remark` is what a scan told of it."""
+    """A node that is to be on the bus: its id, its EDS and what the file says; `remark` is what a scan told of it.
+
+    It is a drive of the manufacturer `like`, where that was named.
+    """
 
     node_id: int
     eds: Path
     od: ObjectDictionary
     remark: str = ""
+    like: Personality | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +95,8 @@ class NewNode:
     @property
     def known(self) -> Personality | None:
         """What is known of drives of this manufacturer, None where it is none of them."""
+        if self.device.like is not None:
+            return self.device.like
         od, device = self.device.od, self.device.od.device
 
         def number(subindex: int, told: int | None) -> int:

@@ -263,3 +263,15 @@ def test_a_robot_is_made_of_the_drives_on_a_bus(stage):
     assert "node 6 joint_1_drive: moves joint_1, velocity in PV" in made.out
     assert "counts_per_revolution in bus.yml is a guess" in made.out
     assert stage.call("check", "found", "--strict").wait() == 0
+
+
+def test_drives_of_a_manufacturer_that_is_named_have_the_keys_that_they_need(tmp_path, capsys):
+    words = ["--eds", "generic_cia402.eds", "--node-id", "2"]
+    assert main(["init", str(tmp_path / "ours"), *words, "--like", "elmo"]) == 0
+    assert "\n  enable_settle_ms: 600\n" in (tmp_path / "ours" / "bus.yml").read_text()
+    assert main(["init", str(tmp_path / "plain"), *words]) == 0
+    assert "enable_settle_ms" not in (tmp_path / "plain" / "bus.yml").read_text()
+    capsys.readouterr()
+    assert main(["init", str(tmp_path / "none"), *words, "--like", "emo"]) == 2
+    assert "no personality 'emo', did you mean 'elmo'?" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()

@@ -9,6 +9,7 @@ import yaml
 from support.drive_shapes import FOUR_PAIRS, TWO_PAIRS, guarded, shape
 
 from canopen_control.od.model import DataType, Entry
+from canopen_control.personality import read_personality
 from canopen_control.scaffold.bus_text import bus_text, remark
 from canopen_control.scaffold.new_robot import Device, plan_robot
 
@@ -123,3 +124,17 @@ def test_a_file_name_with_a_blank_is_quoted():
 def test_a_remark_never_touches_what_it_is_about():
     assert remark("k" * 60, "w").endswith("k # w")
     assert remark("key: 1", "") == "key: 1"
+
+
+def test_the_keys_of_a_manufacturer_that_is_named_stand_in_the_file():
+    def keys(name):
+        device = Device(2, Path("d.eds"), shape(), like=read_personality(name))
+        text = bus_text(plan_robot("r", [device]))
+        return text, yaml.safe_load(text)["defaults"]
+
+    text, elmo = keys("elmo")
+    assert elmo["enable_settle_ms"] == 600
+    assert "# ELMO: set-points count when the brake has lifted (jsd#48):" in text
+    assert keys("festo")[1]["transition_timeouts_ms"] == {3: 10000}
+    text, delta = keys("delta")
+    assert delta["sdo"][0] == {"index": 0x1006, "sub_index": 0, "value": yaml.safe_load(text)["master"]["sync_period"]}
