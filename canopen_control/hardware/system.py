@@ -299,7 +299,8 @@ def _then(cause: JointDrive, *, resumable: bool) -> str:
     if resumable:
         return "; they are enabled again when it is back (recovery: enable)"
     first = "canopen-control axis fault-reset all, then " if cause.machine.fault else ""
-    return f"; to go on: {first}canopen-control axis enable all"
+    when = "" if cause.node.ready else f", when {cause.node.config.name} is back"
+    return f"; to go on{when}: {first}canopen-control axis enable all"
 
 
 def _group(
