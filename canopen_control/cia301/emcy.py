@@ -312,6 +312,7 @@ class EmcyProducer:
 
     def raise_error(self, code: int, register: int, now: int, data: bytes = b"") -> bool:
         """Activate and report an error; return False if it is already active."""
+        # CiA 301, 7.2.7: an error is sent once when it occurs
         if code in self._active:
             return False
         if len(self._active) >= self.active_limit:

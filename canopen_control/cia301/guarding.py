@@ -86,6 +86,7 @@ class GuardingMaster:
         node = self._nodes.get(node_id)
         if node is None:
             return
+        # CiA 301, 7.2.8.3.1: the answer has one byte, toggle bit and state
         if len(frame.data) != 1:
             self.malformed += 1
             return
@@ -94,6 +95,7 @@ class GuardingMaster:
         if value == 0:
             node.toggle, node.state = 0, NmtState.INITIALISING
             self._tell(GuardingEventKind.BOOT_UP, node_id, node)
+        # CiA 301, 7.2.8.3.1: an answer with the toggle bit of the previous one is not valid
         elif value >> 7 != node.toggle and node.seen:
             self._tell(GuardingEventKind.TOGGLE_ERROR, node_id, node)
         else:
@@ -180,6 +182,7 @@ class GuardingSlave:
         """Answer a remote frame of the master; ignore other frames."""
         if frame.can_id != ERROR_CONTROL_COB_ID + self.node_id | REMOTE_FLAG:
             return
+        # CiA 301, 7.2.8.3.1: no guarding while the heartbeat producer time is not 0
         if not self.enabled or self.state is NmtState.INITIALISING:
             return
         self.tick(now)
@@ -193,6 +196,7 @@ class GuardingSlave:
 
     def tick(self, now: int) -> None:
         """Report once that the master was silent for the life time (EMCY 0x8130)."""
+        # CiA 301, 7.2.8.3.1: life guarding event after guard time x life time factor
         deadline = self.next_deadline()
         if deadline is not None and now >= deadline:
             self._missed = True

@@ -190,8 +190,7 @@ class HeartbeatConsumer:
         """Record a heartbeat that changes nothing; False if `receive` must process it.
 
         True if the node is monitored, the heartbeat is in time, and the state is the previous one. The frame arrived
-        between
-        `since`, when the receive queue was last empty, and `now`.
+        between `since`, when the receive queue was last empty, and `now`.
         """
         node = self._nodes.get(node_id)
         if node is None or node.state is not state or node.deadline_ns is None:
@@ -209,10 +208,12 @@ class HeartbeatConsumer:
         node_id = frame.can_id - ERROR_CONTROL_COB_ID
         if not 1 <= node_id <= MAX_NODE_ID:
             return
+        # CiA 301, 7.2.8.3.2: a heartbeat has one byte, bit 7 is reserved and 0
         if len(frame.data) != 1:
             self.malformed += 1
             return
         value = frame.data[0]
+        # CiA 301, 7.2.8.3.2: neither a boot-up (0) nor a heartbeat, whose state is not 0
         if value == 0x80:
             self.unknown += 1
             return

@@ -416,6 +416,7 @@ class LssSlave:
         """Process a frame of the LSS master; ignore other frames."""
         if frame.can_id != MASTER_COB_ID:
             return
+        # CiA 305: every frame has 8 bytes; configuration and inquiry services need the configuration state
         command = frame.data[0] if len(frame.data) == 8 else -1
         if (service := self._SERVICES.get(command)) is not None:
             service(self, frame.data)
@@ -453,6 +454,7 @@ class LssSlave:
 
     def _leave_configuration(self) -> None:
         was_configuring, self.mode = self.mode is LssMode.CONFIGURATION, LssMode.WAITING
+        # CiA 305: an unconfigured node starts with its new node id when it leaves the configuration state
         if was_configuring and self.node_id == UNCONFIGURED != self.pending_node_id:
             self.node_id = self.pending_node_id
             self._events.put(LssNodeIdAssigned(self.node_id))

@@ -172,6 +172,7 @@ class NmtSlave:
 
         No-op in other states.
         """
+        # CiA 301, 7.3.2: the boot-up frame ends INITIALISING
         if self.state is not NmtState.INITIALISING:
             return
         self.outgoing.put(boot_up_frame(self.node_id))
@@ -181,6 +182,7 @@ class NmtSlave:
 
     def command(self, command: NmtCommand) -> bool:
         """Execute a command from the bus or from the node itself; return whether a transition exists."""
+        # CiA 301, figure 49
         target = TRANSITIONS.get((self.state, command))
         if target is None:
             self.ignored += 1
@@ -192,6 +194,7 @@ class NmtSlave:
 
     def allows(self, service: CommunicationService) -> bool:
         """Whether the current state permits `service`."""
+        # CiA 301, table 38
         return service in SERVICES_BY_STATE[self.state]
 
     def receive(self, frame: CanFrame, now: int) -> None:  # noqa: ARG002 - the verb of every core
@@ -201,6 +204,7 @@ class NmtSlave:
         parsed = parse_nmt(frame)
         if parsed is None:
             self.malformed += 1
+        # CiA 301, 7.2.8: node id 0 addresses all nodes
         elif parsed[1] in (BROADCAST, self.node_id):
             self.command(parsed[0])
 

@@ -362,6 +362,7 @@ class RpdoConsumer:
         data = self._checked(frame.data)
         if data is None:
             return
+        # CiA 301, 7.5.2.7: synchronous PDOs outside of the window length 0x1007 are discarded
         if self.window_ns and not self._immediate and self._is_late(now):
             self.late += 1
             return
@@ -422,10 +423,12 @@ class RpdoConsumer:
     def _checked(self, data: bytes) -> bytes | None:
         self.length_error = None
         if len(data) < self.length:
+            # CiA 301, 7.2.2.5: a short PDO is not processed, EMCY 0x8210
             self.length_error = RpdoEventKind.TOO_SHORT
             self.short += 1
             self.happened.put(RpdoEvent(RpdoEventKind.TOO_SHORT, length=len(data)))
             return None
+        # CiA 301, 7.2.2.5: the first bytes of a long PDO are used, EMCY 0x8220
         if len(data) > self.length:
             self.length_error = RpdoEventKind.TOO_LONG
             self.long += 1
@@ -511,6 +514,7 @@ class TpdoProducer:
         if not self._active:
             return
         transmission_type = self._type
+        # CiA 301, table 69: type 0 is sent at the next SYNC after an event
         if transmission_type == ACYCLIC_SYNCHRONOUS:
             self._pending = True
         elif is_event_driven(transmission_type):
@@ -535,6 +539,7 @@ class TpdoProducer:
         if frame.can_id != self._can_id | REMOTE_FLAG or not self._active:
             return
         transmission_type = self._type
+        # CiA 301, table 69: 252 and 253 are sent on a remote frame, if bit 30 of the COB-ID permits it
         if transmission_type == RTR_EVENT and self._parameters.rtr_allowed:
             self._send(now)
         elif transmission_type == RTR_SYNCHRONOUS and self._parameters.rtr_allowed and self._sampled is not None:
@@ -585,6 +590,7 @@ class TpdoProducer:
 
     def _is_turn(self, counter: int | None) -> bool:
         if not self._started:
+            # CiA 301, 7.5.2.37: counting begins at the SYNC whose counter is the SYNC start value
             start = self._parameters.sync_start
             self._started = counter is None or not start or counter == start
             if not self._started:

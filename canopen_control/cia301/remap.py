@@ -74,6 +74,7 @@ class PdoRules:
             return self._check_cob_id(value, present)
         if subindex == TRANSMISSION_TYPE:
             return self._check_type(value, present)
+        # CiA 301, 7.5.2.37: inhibit time and SYNC start value must not change while the PDO is valid
         if subindex == INHIBIT_TIME:
             return _fixed_while_valid(value, present.inhibit_time_100us, present)
         if subindex == SYNC_START and self.is_tpdo:
@@ -84,6 +85,7 @@ class PdoRules:
         """Check a write to a mapping entry (subindex 1 and above) while the number of mapped objects is `count`."""
         if not 1 <= subindex <= self.max_entries:
             return AbortCode.NO_SUBINDEX
+        # CiA 301, 7.5.2.36 and 7.5.2.38: entries are written while the PDO is invalid and its number of objects 0
         if present.enabled or count:
             return self.wrong_state
         return self._check_target(value) if value else None
@@ -94,6 +96,7 @@ class PdoRules:
             return self.wrong_state
         if value > MAX_ENTRIES:
             return AbortCode.INVALID_VALUE  # 254 and 255 would make it a multiplexed PDO (CiA 301, 7.5.2.36)
+        # CiA 301, table 22: 0x06040042, number and length of the objects would exceed the PDO length
         if value > min(self.max_entries, len(entries)):
             return AbortCode.MAPPING_TOO_LONG
         mapped = entries[:value]
@@ -107,10 +110,12 @@ class PdoRules:
     def _check_cob_id(self, value: int, present: PdoParameters) -> AbortCode | None:
         new = PdoParameters.from_value(value, transmission_type=present.transmission_type)
         without_rtr = self.is_tpdo and not self.rtr_supported
+        # CiA 301, 7.5.2.37: bit 30 is "no RTR allowed", bit 29 selects a 29-bit identifier
         if (new.rtr_allowed and without_rtr) or (new.extended and not self.extended_supported):
             return AbortCode.INVALID_VALUE
         if value & INVALID_BIT:
             return None
+        # CiA 301, 7.5.2.35 and 7.5.2.37: bits 0 to 29 must not change while the PDO is valid
         moved = (new.cob_id, new.extended) != (present.cob_id, present.extended)
         in_use = not new.extended and (is_restricted(new.cob_id) or self.in_use(new.cob_id))
         if (moved and present.enabled) or in_use:
@@ -118,6 +123,7 @@ class PdoRules:
         return self._check_type(new.transmission_type, new)
 
     def _check_type(self, value: int, present: PdoParameters) -> AbortCode | None:
+        # CiA 301, 7.5.2.35 and 7.5.2.37: 241 to 251 are reserved, 252 and 253 exist only for TPDOs
         on_remote = value in (RTR_SYNCHRONOUS, RTR_EVENT)
         if is_reserved(value) or (on_remote and not (self.is_tpdo and present.rtr_allowed)):
             return AbortCode.INVALID_VALUE
@@ -125,12 +131,14 @@ class PdoRules:
 
     def _check_target(self, value: int) -> AbortCode | None:
         index, subindex, bits = parse_mapping_entry(value)
+        # CiA 301, 7.4.1.2: dummy entries exist only in RPDOs, as CiA 306's [DummyUsage] allows
         if index in DUMMY_TYPES:
             allowed = not self.is_tpdo and index in self.dummy_usage and subindex == 0
             return None if allowed and bits == DUMMY_TYPES[index].bits else AbortCode.NOT_MAPPABLE
         target = self.lookup(index, subindex)
         if isinstance(target, AbortCode):
             return target
+        # CiA 301, table 22: 0x06040041, the object cannot be mapped
         mappable = target.tpdo_mappable if self.is_tpdo else target.rpdo_mappable
         fits = 0 < bits < target.bits if self.partial and bits != target.bits else bits == target.bits
         return None if mappable and fits else AbortCode.NOT_MAPPABLE

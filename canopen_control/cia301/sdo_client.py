@@ -145,6 +145,7 @@ class AwaitingBlockDownload(Awaiting):
             return
         exchange.late_answers.answered(exchange.mux)
         exchange.block_supported = True
+        # CiA 301, 7.2.4.3.9: 1 to 127 segments per sub-block
         if not 1 <= block_size <= MAX_BLOCK_SIZE:
             exchange.abort_transfer(request, AbortCode.INVALID_BLOCK_SIZE, now)
             return

@@ -190,6 +190,7 @@ def initiate(request: SdoRequest, options: SdoOptions) -> bytes:
     if not request.is_write:
         return INITIATE.pack(UPLOAD, index, subindex)
     length, sized = len(data), options.announce_size
+    # CiA 301, 7.2.4.3.3: up to four bytes are in the initiate (expedited)
     if 1 <= length <= 4:
         command = DOWNLOAD | (EXPEDITED_CODES[length] if sized else SIZED_FLAG)
         return INITIATE_BYTES.pack(command, index, subindex, data)
@@ -212,6 +213,7 @@ def completed(data: bytes) -> bytes:
 
     Some servers truncate frames after the last used byte, although CiA 301 requires 8 bytes.
     """
+    # CiA 301, 7.2.4.3 has 8 bytes; some servers send only the used ones
     if len(data) < 4 or len(data) > 8:
         return b""
     used = {ABORT: 8, DOWNLOAD_ANSWER: 4}.get(data[0], 4 + EXPEDITED_LENGTHS.get(data[0], 4))

@@ -141,6 +141,7 @@ class SdoServer:
         can_id, data = frame
         if can_id != self.request_cob_id:
             return
+        # CiA 301, 7.2.4.3: every SDO frame has 8 bytes
         if len(data) != 8:
             self.ignored += 1
         elif self._transfer is not None and self._transfer.takes(data[0]):
@@ -246,6 +247,7 @@ class SdoServer:
         command, index, subindex, (block_size, threshold, *_) = INITIATE_BYTES.unpack(data)
         self._end()
         self._last = data
+        # CiA 301, 7.2.4.3.13: 1 to 127 segments per sub-block
         if not 1 <= block_size <= MAX_BLOCK_SIZE:
             self._abort(index, subindex, AbortCode.INVALID_BLOCK_SIZE)
         elif (value := self._read(index, subindex)) is None:
@@ -328,6 +330,7 @@ class SdoServer:
         code = 0
         if announced is not None and announced > self.max_size:
             code = AbortCode.OUT_OF_MEMORY
+        # CiA 301, table 22: 0x06070012 too long, 0x06070013 too short
         elif announced is not None and size >= 0 and announced != size:
             code = AbortCode.LENGTH_TOO_HIGH if announced > size else AbortCode.LENGTH_TOO_LOW
         if code:

@@ -54,6 +54,7 @@ def is_valid_overflow(overflow: int) -> bool:
 
 def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
     """Return the abort code of a write to 0x1019 while 0x1006 is `period_us`, None if accepted."""
+    # CiA 301, 7.5.2.17: the overflow value must not change while 0x1006 is not 0
     if period_us:
         return AbortCode.DEVICE_STATE
     return None if is_valid_overflow(overflow) else AbortCode.INVALID_VALUE
@@ -63,6 +64,7 @@ def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> 
     """Return the abort code of a write to 0x1005 while it holds `present`, None if accepted."""
     if value & PRODUCER_BIT and not can_produce:
         return AbortCode.INVALID_VALUE
+    # CiA 301, 7.3.5: restricted identifiers
     if not value & EXTENDED_BIT and is_restricted(value & 0x7FF):
         return AbortCode.INVALID_VALUE
     changed = (value ^ present) & (PRODUCER_BIT - 1)

@@ -166,6 +166,7 @@ def _check_cob_id(entry: Entry, node_id: int, report: Report) -> None:
         return
     relative = entry.relative if entry.parameter_value is None else entry.parameter_relative
     identifier = value + (0 if not relative or value & 0x7F else node_id)
+    # CiA 301, 7.3.5: restricted identifiers
     off = EXTENDED_BIT if entry.index == _SYNC else EXTENDED_BIT | INVALID
     if not identifier & off and is_restricted(identifier & 0x7FF):
         text = f"{_where(entry)} ({clip(entry.name)}) is 0x{value:X}, which is no COB-ID that it may have"
@@ -179,6 +180,7 @@ def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[in
     if not subindices:
         report.warning(info.line, "sub-missing", f"{where} is {info.code.name} and has no subindices")
         return
+    # CiA 301, 7.4.4: subindex 0 of arrays and records is the highest subindex
     if 0 not in subindices:
         report.warning(info.line, "sub0-missing", f"{where} has no subindex 0, which tells the highest one")
     else:
@@ -223,6 +225,7 @@ def _check_sub_number(info: ObjectInfo, count: int, where: str, report: Report) 
     except ValueError:
         report.warning(info.line, "sub-number", f"{where}: SubNumber={clip(text)} is no number; ignored")
         return
+    # CiA 306-1, 4.6.3.3
     if declared != count:
         report.warning(info.line, "sub-number", f"{where}: SubNumber says {declared}, {count} subindices are described")
 
@@ -244,6 +247,7 @@ def _check_pdo(od: ObjectDictionary, pdo: Pdo, report: Report) -> None:
     for index, record_name in ((pdo.communication, "communication"), (pdo.mapping, "mapping")):
         if index not in od.objects:
             report.warning(line, "pdo-record", f"{pdo.name} has no {record_name} record 0x{index:04X}")
+    # CiA 301, 7.2.2: a PDO has at most 8 bytes
     if pdo.bits > MAX_BITS:
         report.error(line, "pdo-bits", f"{pdo.name} maps {pdo.bits} bits; a frame holds {MAX_BITS}")
     if pdo.count is None or pdo.count > MAX_BITS:
@@ -267,6 +271,7 @@ def _check_mapped(od: ObjectDictionary, pdo: Pdo, mapped: Mapped, report: Report
     if entry is None:
         report.error(line, "pdo-target", f"{target}, which is not in the dictionary")
         return
+    # CiA 306-1, 4.6.3: PDOMapping
     if not entry.pdo_mappable:
         report.warning(line, "pdo-mappable", f"{target} ({clip(entry.name)}), whose PDOMapping is 0")
     elif not (entry.rpdo_mappable if pdo.is_rpdo else entry.tpdo_mappable):
@@ -279,6 +284,7 @@ def _check_mapped(od: ObjectDictionary, pdo: Pdo, mapped: Mapped, report: Report
 
 def _check_dummy(od: ObjectDictionary, pdo: Pdo, mapped: Mapped, report: Report) -> None:
     subject = f"{pdo.name} maps the dummy 0x{mapped.index:04X}"
+    # CiA 301, 7.4.1.2: dummy entries
     if not pdo.is_rpdo:
         report.error(mapped.source.line, "pdo-direction", f"{subject}; only an RPDO may have gaps")
     elif mapped.index not in od.dummy_usage:
