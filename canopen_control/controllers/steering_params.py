@@ -71,7 +71,8 @@ class SteeringParams(BaseParams):
     @property
     def radius(self) -> float:
         """The radius of the traction wheels."""
-        raise NotImplementedError
+        radius: float = getattr(self, self.radius_key)
+        return radius
 
     @property
     def tracks(self) -> tuple[float, float]:
@@ -122,11 +123,6 @@ class BicycleParams(SteeringParams):
 
     traction_wheel_radius: float = setting(0.0, low=0.0, help="m, of the wheel that drives")
 
-    @property
-    def radius(self) -> float:
-        """The radius of the traction wheel."""
-        return self.traction_wheel_radius
-
 
 @dataclass(frozen=True)
 class TricycleParams(SteeringParams):
@@ -136,11 +132,6 @@ class TricycleParams(SteeringParams):
 
     traction_wheels_radius: float = setting(0.0, low=0.0, help="m, of the wheels that drive")
     traction_track_width: float = setting(0.0, low=0.0, help="m between the wheels that drive")
-
-    @property
-    def radius(self) -> float:
-        """The radius of the traction wheels."""
-        return self.traction_wheels_radius
 
     @property
     def tracks(self) -> tuple[float, float]:

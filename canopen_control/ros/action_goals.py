@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import math
+from abc import ABC, abstractmethod
 from collections import OrderedDict
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, Protocol, TypeVar
@@ -310,7 +311,7 @@ class FollowedGoal(Generic[V]):
         return True
 
 
-class ActionGoals(Endpoint, Generic[V, E, S]):
+class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     """The action server of one controller; a class for each action says what its goals are to the robot.
 
     `kind` is what the controller tells while it executes one.
@@ -334,35 +335,35 @@ class ActionGoals(Endpoint, Generic[V, E, S]):
 
     # ------------------------------------------------------------------------------------------------------- hooks
 
+    @abstractmethod
     def send(
         self, sender: TrajectorySender, goal: RosMessage, answer: Callable[[V | None, str | None], object]
     ) -> None:
         """Have the robot judge a goal; ValueError with why it need not be asked."""
-        raise NotImplementedError
 
+    @abstractmethod
     def refused(self, verdict: V | None, text: str) -> RosMessage:
         """Return the result of a goal that was refused."""
-        raise NotImplementedError
 
+    @abstractmethod
     def asks_for_end(self) -> Request[E]:
         """Return what is answered when the goal of a connection has ended."""
-        raise NotImplementedError
 
+    @abstractmethod
     def cancels(self, why: str | None) -> Request[Done]:
         """Return what ends the goal of a connection."""
-        raise NotImplementedError
 
+    @abstractmethod
     def failed(self, text: str) -> E:
         """Return the end of a goal of which the robot tells nothing any more."""
-        raise NotImplementedError
 
+    @abstractmethod
     def told(self, result: E, *, by_others: bool) -> RosMessage:
         """Return the result for the client; `by_others` says that he did not ask for it to be cancelled."""
-        raise NotImplementedError
 
+    @abstractmethod
     def feedback(self, sample: S) -> RosMessage:
         """Return the feedback of a sample."""
-        raise NotImplementedError
 
     # ------------------------------------------------------------------------------------------------ goals that come
 

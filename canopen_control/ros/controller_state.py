@@ -5,6 +5,7 @@ The law of the file: a message is made only where somebody listens, and one obje
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from canopen_control.ros.endpoint import Endpoint, NewSamples
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 S = TypeVar("S", bound=Sample)
 
 
-class ControllerStateTopic(Endpoint, Generic[S]):
+class ControllerStateTopic(Endpoint, ABC, Generic[S]):
     """The publisher of the samples of one `kind`, as messages named `message`; `fill` puts a sample into one."""
 
     def __init__(
@@ -32,9 +33,9 @@ class ControllerStateTopic(Endpoint, Generic[S]):
         name = f"{controller.name}/{topic}"
         self._publisher = ros.node.create_publisher(type(self._message), name, SYSTEM_DEFAULT)
 
+    @abstractmethod
     def fill(self, message: Any, sample: S) -> None:  # noqa: ANN401 - a class made by somebody's generator
         """Put everything but the header's stamp into the message."""
-        raise NotImplementedError
 
     def on_state(self, state: StateSample) -> None:
         """Publish what is new."""

@@ -13,6 +13,7 @@ again when its time has come, as it does in the next cycle.
 from __future__ import annotations
 
 import math
+from abc import ABCMeta, abstractmethod
 from bisect import bisect_right
 from typing import TYPE_CHECKING, Final
 
@@ -158,7 +159,7 @@ _FEW: Final = 8
 """So many segments are looked through one by one, as each cycle does with the next ones."""
 
 
-class JointSetpoint:
+class JointSetpoint(metaclass=ABCMeta):
     """What can be sampled: `start` and `before_time` in ns, `size` the number of points.
 
     `first` and `following` are the points that the last sample was between; both `size` where it had none, and
@@ -170,20 +171,20 @@ class JointSetpoint:
         self.sampled = False
         self.first = self.following = size
 
+    @abstractmethod
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
         """Take where the joints are before the first point, at a time in ns; `wrap` says which turn without end."""
-        raise NotImplementedError
 
+    @abstractmethod
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
         """Write the point at `t`, in ns, into `out`; False, and nothing is said of it, where there is none.
 
         `ahead` looks into the future: the place that has been reached stays.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def time_of(self, index: int) -> int:
         """Return the time of a point from start, in ns."""
-        raise NotImplementedError
 
     def end_point(self) -> Point | None:
         """Return the point that stays when it is over, None where it has none."""
