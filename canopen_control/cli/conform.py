@@ -1,9 +1,10 @@
 """Check a device against CiA 301 and 402, and report what it does not keep.
 
-Without --configure the checks change no value; some send requests that a device has to refuse. With it the checks also
-write parameters, which is asked for once unless --yes is given. At the end the parameters that the EDS lists are
-compared and restored. No check switches on the power stage. A node of a running robot is refused, and with --configure
-a node that is OPERATIONAL.
+Without --configure and --store the checks change no value; some send requests that a device has to refuse. With
+--configure they write parameters, and start, stop and reset the node; with --store they store parameters. Each is asked
+for once unless --yes is given. At the end the parameters that the EDS lists are compared and restored. No check
+switches on the power stage. A node of a running robot is refused, and with one of the two options a node that is
+OPERATIONAL.
 
 Exit codes: 0 no check that must pass has failed; 1 one has; 2 wrong usage, or nothing could be tested.
 """
@@ -38,10 +39,11 @@ if TYPE_CHECKING:
 EXAMPLE = """canopen-control conform 5 --can can0 --eds drive.eds
          canopen-control conform 5 --can can0 --eds drive.eds --configure --yes --junit conform.xml"""
 
-LEVELS = ("301", "402", "all")
+LEVELS = ("301", "305", "402", "all")
 HEARTBEAT_S = 1.2  # a heartbeat of a second shows the NMT state
 _QUESTIONS = {
-    CheckTouch.CONFIGURE: "write parameters of the node",
+    CheckTouch.CONFIGURE: "write parameters of the node, start, stop and reset it",
+    CheckTouch.STORE: "store parameters of the node, and restore its defaults (0x1010, 0x1011)",
 }
 
 
@@ -51,8 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--can", required=True, metavar="CHANNEL", help="channel of the bus (can0, local:NAME, ...)")
     parser.add_argument("--eds", metavar="FILE", help="EDS of the device; without one fewer checks are made")
     parser.add_argument("--level", choices=LEVELS, default="all", help="checks of one document (default: all)")
-    parser.add_argument("--configure", action="store_true", help="write parameters, too")
-    parser.add_argument("--yes", action="store_true", help="do not ask before --configure")
+    parser.add_argument("--configure", action="store_true", help="write parameters and reset the node, too")
+    parser.add_argument("--store", action="store_true", help="store parameters and restore defaults, too")
+    parser.add_argument("--yes", action="store_true", help="do not ask before --configure and --store")
     parser.add_argument(
         "--timeout",
         type=number("number of seconds above 0", lambda value: value > 0),
@@ -70,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     node_id = parse_node_id(args.node)
     eds = None if args.eds is None else read_eds(find_eds(args.eds), node_id)
     old = None if args.against is None else _old_verdicts(Path(args.against).expanduser())
-    touches = [touch for touch in CheckTouch if touch is CheckTouch.READ or getattr(args, touch.name.lower())]
+    touches = [touch for touch in CheckTouch if touch is CheckTouch.READ or getattr(args, touch.name.lower(), False)]
     checks = choose(args.level, touches)
     if not checks:
         raise ConfigError(f"level {args.level} has no checks for these options; give --configure too")

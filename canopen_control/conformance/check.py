@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,8 @@ class CheckTouch(enum.Enum):
 
     READ = ""
     CONFIGURE = "--configure"
+    STORE = "--store"
+    MOTION = "--motion"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +68,26 @@ class CheckList(list[Check]):
             return run
 
         return append
+
+
+_DOCUMENT = re.compile(r"^(CiA )?(301|305|402)(-2)?, ")
+_NAMED = re.compile(r"0x[0-9A-F]{4}|\d+(?:\.\d+)*")
+
+
+def clause_names(text: str) -> frozenset[str]:
+    """Return the sections and objects that a clause names: "CiA 301, 7.5.2.19 (0x1016)" names 7.5.2.19 and 0x1016."""
+    return frozenset(_NAMED.findall(_DOCUMENT.sub("", text)))
+
+
+def is_of_clause(check: Check, clause: str) -> bool:
+    """Whether a check is one of a clause, or of a section of it; `clause` as "CiA 301, 7.2.4.3 (SDO)"."""
+    names, own = clause_names(clause), clause_names(check.clause)
+    sections = {name for name in names if not name.startswith("0x")}
+    if names & own - sections:
+        return True  # an object has one meaning in all documents
+    if ("402" in clause.split(",")[0]) != (check.group == "402"):
+        return False
+    return any(mine == section or mine.startswith(section + ".") for section in sections for mine in own)
 
 
 GENERAL_ERROR = 0x08000000  # a device may always abort with it (CiA 301, 7.2.4.3.17)

@@ -7,17 +7,19 @@ report, up to `KEPT` per check.
 from __future__ import annotations
 
 from collections import deque
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING
 
-from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtState, nmt_frame, state_of_byte
+from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NmtCommand, NmtState, nmt_frame, state_of_byte
 from canopen_control.cia301.sdo_client import SdoClient
-from canopen_control.errors import BusClosed, CanopenError, SdoAbort
-from canopen_control.frame import CanFrame, frames_of, pack_records
+from canopen_control.errors import BusClosed, CanopenError, RemoteProtocolError, SdoAbort
+from canopen_control.frame import CanFrame, frames_of, pack_records, remote_frame
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from canopen_control.bus.port import Port
-    from canopen_control.cia301.nmt import NmtCommand
     from canopen_control.cia301.sdo_exchange import SdoRequest
     from canopen_control.host.reactor import Reactor
     from canopen_control.od.eds import EdsFile
@@ -76,6 +78,19 @@ class CheckedNode:
         """Send a frame."""
         self._send([CanFrame(can_id, data)])
 
+    def exchange(self, can_id: int, data: bytes, answer_id: int, seconds: float | None = None) -> bytes | None:
+        """Send a frame; return the data of the first frame with `answer_id` after it, None if there is none in time."""
+        self._frames.clear()
+        self.send(can_id, data)
+        frame = self.wait_for(answer_id, seconds)
+        return None if frame is None else frame.data
+
+    def ask_remote(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
+        """Send a remote frame; return the answer, None if there is none in time."""
+        self._frames.clear()
+        self._send([remote_frame(can_id)])
+        return self.wait_for(can_id, seconds)
+
     def listen(self, seconds: float) -> list[tuple[int, CanFrame]]:
         """Return the frames of the next `seconds`, each with its time in ns."""
         self._frames.clear()
@@ -102,14 +117,28 @@ class CheckedNode:
         self._client.forget()
         self._send([nmt_frame(command, self.node_id if node_id is None else node_id)])
 
+    @contextmanager
+    def operational(self) -> Iterator[None]:
+        """Context in which the node is OPERATIONAL; PRE-OPERATIONAL after it. Frames of the start are kept."""
+        self.nmt(NmtCommand.START)
+        try:
+            yield
+        finally:
+            self.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
+            self.reactor.run_for(MS)
+
+    def reset(self, command: NmtCommand, seconds: float = 10.0) -> float | None:
+        """Reset the node; return the time to its boot-up message in s, None if there is none."""
+        self.nmt(command)
+        begin = self.reactor.now()
+        frame = self.wait_for(ERROR_CONTROL_COB_ID + self.node_id, seconds)
+        return None if frame is None or frame.data != b"\0" else (self.reactor.now() - begin) / 1e9
+
     # -- SDO
 
     def ask(self, request: bytes) -> bytes | None:
         """Send eight raw bytes to the SDO server; return its answer, None if there is none in time."""
-        self._frames.clear()
-        self.send(REQUEST + self.node_id, request)
-        frame = self.wait_for(ANSWER + self.node_id)
-        return None if frame is None else frame.data
+        return self.exchange(REQUEST + self.node_id, request, ANSWER + self.node_id)
 
     def read(self, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
         """Upload an object; raises SdoAbort, SdoTimeout or another RemoteProtocolError."""
@@ -129,6 +158,27 @@ class CheckedNode:
     def number(self, index: int, subindex: int = 0) -> int:
         """Upload an unsigned number, as `optional` does."""
         return int.from_bytes(self.optional(index, subindex), "little")
+
+    def put(self, index: int, subindex: int, value: int, size: int) -> None:
+        """Download an unsigned number of `size` bytes; raises as `read` does."""
+        self.write(index, subindex, value.to_bytes(size, "little"))
+
+    @contextmanager
+    def kept(self, index: int, subindex: int = 0) -> Iterator[int]:
+        """Context with the value of an object, which is written back after it; NotApplicable as `optional`.
+
+        An object that the EDS calls read-only is not applicable either. A value that cannot be written back is
+        reported by the comparison at the end of the run.
+        """
+        entry = None if self.eds is None else self.eds.od.get(index, subindex)
+        if entry is not None and not entry.writable:
+            raise NotApplicable(f"0x{index:04X}:{subindex:02X} is read-only in the EDS")
+        data = self.optional(index, subindex)
+        try:
+            yield int.from_bytes(data, "little")
+        finally:
+            with suppress(RemoteProtocolError):
+                self.write(index, subindex, data)
 
     def _transfer(self, request: SdoRequest) -> bytes:
         client = self._client

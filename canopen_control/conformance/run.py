@@ -12,6 +12,10 @@ from typing import TYPE_CHECKING
 from canopen_control.cia402.state import decode_statusword
 from canopen_control.conformance.check import Check, CheckLevel, CheckList, CheckTouch, expect
 from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
+from canopen_control.conformance.message_checks import MESSAGE_CHECKS
+from canopen_control.conformance.nmt_checks import LSS_CHECKS, NMT_CHECKS
+from canopen_control.conformance.pdo_checks import PDO_CHECKS
+from canopen_control.conformance.sdo_block_checks import BLOCK_CHECKS
 from canopen_control.conformance.sdo_checks import SDO_CHECKS
 from canopen_control.errors import BusError, CanopenError, ConfigError, RemoteProtocolError, SdoTimeout
 
@@ -77,7 +81,15 @@ def _option_codes(node: CheckedNode) -> None:
         expect(value < 0 or value in legal, f"0x{index:04X} = {value}", f"0 to {legal.stop - 1}, or below 0")
 
 
-CHECKS: tuple[Check, ...] = (*SDO_CHECKS, *PROFILE_CHECKS)
+CHECKS: tuple[Check, ...] = (
+    *SDO_CHECKS,
+    *BLOCK_CHECKS,
+    *NMT_CHECKS,
+    *MESSAGE_CHECKS,
+    *PDO_CHECKS,
+    *LSS_CHECKS,
+    *PROFILE_CHECKS,
+)
 ORDER = tuple(CheckTouch)  # checks that read run first, those that move the drive last
 PASSED, FAILED, SKIPPED, ERROR = "passed", "failed", "skipped", "error"
 # Commands, histories and objects that move a drive are never written back, whether the EDS maps them or not.

@@ -33,6 +33,7 @@ _UPLOAD, _BLOCK_UPLOAD = 0x40, 0xA0
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _UNREAD = 2  # ObjFlags bit 1: not read in a scan (CiA 306)
 _SERVER = 0x1200
+_STRINGS = (0x1008, 0x1009, 0x100A)
 
 
 def _od(node: CheckedNode) -> ObjectDictionary:
@@ -47,7 +48,7 @@ def _upload(index: int, subindex: int = 0) -> bytes:
 
 def _segmented(node: CheckedNode) -> tuple[int, int]:
     """Return an object whose upload is segmented, and its length."""
-    for index in (0x1008, 0x1009, 0x100A):
+    for index in _STRINGS:
         answer = node.ask(_upload(index))
         if answer is not None and answer[0] & 0xE2 == 0x40:
             node.send(REQUEST + node.node_id, _client_abort(index))
@@ -109,8 +110,19 @@ def _server_parameters(node: CheckedNode) -> None:
 
 @_add("S14", "7.2.4.3.6", "segments alternate their toggle bit and hold the announced length")  # T 2.16
 def _segments(node: CheckedNode) -> None:
-    index, size = _segmented(node)
-    node.ask(_upload(index))
+    _segmented(node)
+    addresses = [(index, 0) for index in _STRINGS]
+    if node.eds is not None:  # up to ten further objects of any length
+        more = [entry.address for entry in node.eds.od if entry.readable and entry.data_type.bits is None]
+        addresses += [address for address in more if address not in addresses][:10]
+    for address in addresses:
+        answer = node.ask(_upload(*address))
+        if answer is not None and answer[0] & 0xE2 == 0x40:
+            _all_segments(node, int.from_bytes(answer[4:], "little"))
+
+
+def _all_segments(node: CheckedNode, size: int) -> None:
+    """Take the segments of an upload, and compare their toggle bits and their length."""
     count, toggle = 0, 0
     while True:
         answer = node.ask(bytes((0x60 | toggle, *bytes(7))))
@@ -320,7 +332,7 @@ def _structure(node: CheckedNode) -> None:
         expect(len(data) == 4, f"{len(data)} bytes", "4 bytes")
 
 
-@_add("O07", "7.5.2.19", "the identity of 0x1018 is that of the EDS")
+@_add("O07", "7.5.2.21", "the identity of 0x1018 is that of the EDS")
 def _identity(node: CheckedNode) -> None:
     od = _od(node)
     for subindex in (1, 2):
@@ -330,7 +342,7 @@ def _identity(node: CheckedNode) -> None:
             expect(value == entry.default, f"0x{value:X} in :{subindex:02X}", f"0x{entry.default:X} of the EDS")
 
 
-@_add("O07v", "7.5.2.19", "the vendor id of 0x1018 is not 0, which is no valid one", _SHOULD)
+@_add("O07v", "7.5.2.21", "the vendor id of 0x1018 is not 0, which is no valid one", _SHOULD)
 def _vendor(node: CheckedNode) -> None:
     vendor = int.from_bytes(node.read(0x1018, 1), "little")
     expect(vendor != 0, "vendor id 0", "the vendor id that CiA assigned")
@@ -339,7 +351,7 @@ def _vendor(node: CheckedNode) -> None:
 @_add("O08", "7.5.2.8", "the strings of 0x1008 to 0x100A are printable", _SHOULD)
 def _strings(node: CheckedNode) -> None:
     texts = 0
-    for index in (0x1008, 0x1009, 0x100A):
+    for index in _STRINGS:
         try:
             data = node.read(index).rstrip(b"\0")
         except SdoAbort:

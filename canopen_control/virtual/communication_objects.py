@@ -18,7 +18,7 @@ from canopen_control.cia301.nmt import check_reaction, reaction
 from canopen_control.cia301.pdo import INVALID_BIT
 from canopen_control.cia301.sdo_server import SdoServerAbort
 from canopen_control.cia301.sync import check_cob_id_sync, check_overflow, parse_cob_id_sync
-from canopen_control.frame import MAX_NODE_ID, is_restricted
+from canopen_control.frame import EXTENDED_BIT, MAX_NODE_ID, is_restricted
 from canopen_control.virtual.node_events import HeartbeatMissed
 from canopen_control.virtual.node_outbox import HEARTBEAT_ERROR
 from canopen_control.virtual.object_store import refuse
@@ -181,6 +181,7 @@ class CommunicationObjects:
             0x1005: self._check_sync,
             0x1010: self._save,
             0x1011: self._load,
+            0x1012: self._check_time,
             0x1014: self._check_emcy,
             0x1016: self._check_consumer,
             0x1019: self._check_overflow,
@@ -242,7 +243,10 @@ class CommunicationObjects:
                 yield node_id, ms
 
     def _history(self, subindex: int) -> int:
-        return self._services.emcy.read_history(subindex) or 0
+        value = self._services.emcy.read_history(subindex)
+        if value is None:  # beyond the number of errors (CiA 301, 7.5.2.4)
+            raise SdoServerAbort(AbortCode.NO_DATA)
+        return value
 
     # -- guards
 
@@ -266,7 +270,14 @@ class CommunicationObjects:
         """Refuse another identifier while the message is valid."""
         present, new = self._store.number(entry.index), int(value)
         moved = (present ^ new) & 0x7FF
-        if not new & INVALID_BIT and ((moved and _is_active(present)) or is_restricted(new & 0x7FF)):
+        wrong = (moved and _is_active(present)) or is_restricted(new & 0x7FF) or new & EXTENDED_BIT
+        if not new & INVALID_BIT and wrong:
+            raise SdoServerAbort(AbortCode.INVALID_VALUE)
+        return value
+
+    def _check_time(self, _entry: Entry, value: Value) -> Value:
+        """Refuse an identifier that TIME may not have (CiA 301, 7.3.5), or that the node cannot receive."""
+        if is_restricted(int(value) & 0x7FF) or int(value) & EXTENDED_BIT:
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         return value
 

@@ -10,6 +10,7 @@ from canopen_control.host.timer import ManualClock
 from canopen_control.od.eds import read_eds
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.node_host import NodeHost
+from canopen_control.virtual.quirks import switches_of
 
 NODE = 5
 
@@ -19,12 +20,13 @@ def bench(request):
     """Return a function that makes the session with a virtual device on a bus of its own."""
     opened = []
 
-    def make(eds="generic_cia402.eds", node_id=NODE):
+    def make(eds="generic_cia402.eds", node_id=NODE, quirks=()):
         path = data_path("eds", eds)
         reactor, bus = Reactor(ManualClock(1_000_000_000)), MemoryBus(f"conformance-{request.node.name}")
         device = make_device(path, NODE)
+        switches_of(device).start_with(quirks)
         host = NodeHost(reactor, bus.open("device"), [device])
-        reactor.run_for(10_000_000)
+        reactor.run_for(8_000_000_000 if quirks else 10_000_000)  # some boot late
         session = CheckedNode(reactor, bus.open("conform"), node_id, read_eds(path, NODE))
         session.device = device
         opened.append((session, host, bus, reactor))

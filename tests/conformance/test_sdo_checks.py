@@ -20,9 +20,10 @@ def test_no_check_fails_at_our_own_devices(bench, eds):
         assert failed.pop("O07v")[0] == "vendor id 0"  # a generic file is that of no vendor
         # our server ignores it as the copy of a frame that the bus delivered twice
         assert failed.pop("S15r") == ("no answer", "abort 0x05030000")
+    failed.pop("R04", None)  # a recommendation: 0x1020 is left to the master
     assert failed == {}
     assert not report.failed
-    assert report.count("passed") > 25
+    assert report.count("passed") > 110
 
 
 def test_a_download_to_a_missing_or_read_only_object_is_refused_at_its_initiation(bench):

@@ -1,0 +1,702 @@
+"""Checks of process data: records, mapping rules, transmission types, times and lengths (CiA 301, 7.2.2, 7.5.2.35-38).
+
+The checks use the first RPDO and the first TPDO that the device has. An RPDO is sent with the present values of its
+objects, so that nothing moves. `T` in a comment is the number of the case in CiA's conformance test tool 3.0.3.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.cia301.pdo import DUMMY_TYPES, parse_mapping_entry
+from canopen_control.conformance.check import CheckLevel, CheckList, CheckTouch, expect, expect_refused
+from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
+from canopen_control.errors import RemoteProtocolError, SdoAbort
+from canopen_control.frame import EXTENDED_BIT, can_id_of, is_restricted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canopen_control.conformance.checked_node import CheckedNode
+    from canopen_control.frame import CanFrame
+
+
+PDO_CHECKS = CheckList("301")
+_add = PDO_CHECKS.add
+_SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
+RPDO, TPDO = 0x1400, 0x1800
+_OFF, _NO_RTR = 1 << 31, 1 << 30
+_SEARCHED = 8  # records of each kind
+SYNC_PERIOD_S = 0.01
+_REFUSALS = (
+    AbortCode.UNSUPPORTED_ACCESS,
+    AbortCode.NOT_MAPPABLE,
+    AbortCode.INVALID_VALUE,
+    AbortCode.READ_ONLY,
+    AbortCode.SUB0_NOT_ZERO,
+    AbortCode.DEVICE_STATE,
+)
+_CONTROLWORD, _HALT, _MODE = 0x6040, 0x0100, 0x6060
+
+
+@dataclass(frozen=True, slots=True)
+class PdoRecord:
+    """A PDO of the device: index of its communication record, COB-ID, and mapping entries."""
+
+    index: int
+    cob_id: int
+    entries: tuple[int, ...]
+
+    @property
+    def can_id(self) -> int:
+        """Identifier of its frames, with the flag of a 29-bit one."""
+        return can_id_of(self.cob_id)
+
+    @property
+    def length(self) -> int:
+        """Length of its frames in bytes."""
+        return (sum(parse_mapping_entry(entry)[2] for entry in self.entries) + 7) // 8
+
+    @property
+    def mapping(self) -> int:
+        """Index of its mapping record."""
+        return self.index + 0x200
+
+
+def _records(node: CheckedNode, base: int) -> list[PdoRecord]:
+    """Read the PDOs of one direction."""
+    records = []
+    for index in range(base, base + _SEARCHED):
+        try:
+            cob_id = int.from_bytes(node.read(index, 1), "little")
+            count = int.from_bytes(node.read(index + 0x200), "little")
+        except SdoAbort:
+            continue
+        entries = [int.from_bytes(node.read(index + 0x200, sub), "little") for sub in range(1, min(count, 64) + 1)]
+        records.append(PdoRecord(index, cob_id, tuple(entries)))
+    return records
+
+
+def _first(node: CheckedNode, base: int) -> PdoRecord:
+    """Return the first PDO that is valid and has objects."""
+    name = "RPDO" if base == RPDO else "TPDO"
+    for record in _records(node, base):
+        if record.entries and not record.cob_id & _OFF:
+            return record
+    raise NotApplicable(f"no {name} of the first {_SEARCHED} is valid and maps an object")
+
+
+def first_rpdo(node: CheckedNode) -> PdoRecord:
+    """Return the first RPDO that is valid and has objects; NotApplicable without one."""
+    return _first(node, RPDO)
+
+
+def present_values(node: CheckedNode, record: PdoRecord) -> bytes:
+    """Return the frame of an RPDO with the present values of its objects; NotApplicable if one cannot be read."""
+    image, shift = 0, 0
+    for entry in record.entries:
+        index, subindex, bits = parse_mapping_entry(entry)
+        if index not in DUMMY_TYPES:
+            image |= (node.number(index, subindex) & (1 << bits) - 1) << shift
+        shift += bits
+    return image.to_bytes(record.length, "little")
+
+
+@contextmanager
+def reconfigured(
+    node: CheckedNode, record: PdoRecord, values: dict[int, int], *, cob_id: int | None = None
+) -> Iterator[None]:
+    """Context in which a PDO has other values of its communication record, by subindex; it is valid in it."""
+    index = record.index
+    with node.kept(index, 1):
+        node.put(index, 1, record.cob_id | _OFF, 4)
+        before = {subindex: node.optional(index, subindex) for subindex in values}
+        try:
+            for subindex, value in values.items():
+                node.put(index, subindex, value, len(before[subindex]))
+            node.put(index, 1, (record.cob_id if cob_id is None else cob_id) & ~_OFF, 4)
+            yield
+        finally:
+            with suppress(RemoteProtocolError):
+                node.put(index, 1, record.cob_id | _OFF, 4)
+                for subindex, data in before.items():
+                    node.write(index, subindex, data)
+
+
+@contextmanager
+def _invalid(node: CheckedNode, record: PdoRecord) -> Iterator[None]:
+    """Context in which a PDO is invalid and its mapping may be written; both are as before after it."""
+    mapping = record.mapping
+    before = _all_entries(node, mapping)
+    with node.kept(record.index, 1):
+        node.put(record.index, 1, record.cob_id | _OFF, 4)
+        try:
+            yield
+        finally:
+            with suppress(RemoteProtocolError):
+                node.put(mapping, 0, 0, 1)
+                for number, entry in enumerate(before, 1):
+                    node.put(mapping, number, entry, 4)
+                node.put(mapping, 0, len(record.entries), 1)
+
+
+def _all_entries(node: CheckedNode, mapping: int) -> list[int]:
+    """Read the entries of a mapping record, those beyond the number of mapped objects too."""
+    entries = []
+    for number in range(1, 65):
+        try:
+            entries.append(int.from_bytes(node.read(mapping, number), "little"))
+        except SdoAbort:
+            break
+    return entries
+
+
+def _mappable(node: CheckedNode, record: PdoRecord) -> None:
+    """Raise NotApplicable if the EDS calls the mapping constant."""
+    entry = None if node.eds is None else node.eds.od.get(record.mapping, 0)
+    if entry is not None and not entry.writable:
+        raise NotApplicable(f"the mapping 0x{record.mapping:04X} is constant in the EDS")
+
+
+def _frames(node: CheckedNode, can_id: int, seconds: float) -> list[tuple[int, CanFrame]]:
+    return [item for item in node.listen(seconds) if item[1].can_id == can_id]
+
+
+def _syncs(node: CheckedNode, count: int, can_id: int) -> list[tuple[int, int]]:
+    """Send SYNC messages; return the number of each SYNC, from 1, after which a frame came, and their number."""
+    sync, counting = node.number(0x1005) & 0x7FF, node.number(0x1019) if _has(node, 0x1019) else 0
+    node.listen(SYNC_PERIOD_S)
+    turns = []
+    for number in range(1, count + 1):
+        node.send(sync, bytes(((number - 1) % counting + 1,)) if counting else b"")
+        frames = _frames(node, can_id, SYNC_PERIOD_S)
+        if frames:
+            turns.append((number, len(frames)))
+    return turns
+
+
+def _has(node: CheckedNode, index: int) -> bool:
+    try:
+        node.read(index)
+    except SdoAbort:
+        return False
+    return True
+
+
+# -- records
+
+
+@_add("P01", "7.5.2.35 and 7.5.2.37", "the COB-IDs of the PDOs are legal, and each has one user")  # T 3.1
+def _cob_ids(node: CheckedNode) -> None:
+    records = [record for base in (RPDO, TPDO) for record in _records(node, base)]
+    if not records:
+        raise NotApplicable("the device has no PDO")
+    valid = [record for record in records if not record.cob_id & _OFF]
+    for record in valid:
+        legal = bool(record.cob_id & EXTENDED_BIT) or not is_restricted(record.cob_id & 0x7FF)
+        expect(legal, f"0x{record.cob_id:08X} in 0x{record.index:04X}:01", "an identifier that is not restricted")
+    users = [record.can_id for record in valid]
+    twice = sorted({can_id for can_id in users if users.count(can_id) > 1})
+    expect(not twice, ", ".join(f"0x{can_id:X}" for can_id in twice), "one user for each identifier")
+
+
+@_add("P01d", "7.5.2.35 and 7.5.2.37", "the COB-IDs of PDOs 1 to 4 are those of the node id", _SHOULD)  # T 3.2
+def _default_ids(node: CheckedNode) -> None:
+    wrong = []
+    for base, first in ((RPDO, 0x200), (TPDO, 0x180)):
+        for record in _records(node, base):
+            number, can_id = record.index - base, record.cob_id & 0x7FF
+            default = first + 0x100 * number + node.node_id
+            if number < 4 and not record.cob_id & _OFF and can_id != default:
+                wrong.append(f"0x{record.index:04X}: 0x{can_id:X}, not 0x{default:X}")
+    expect(not wrong, "; ".join(wrong), "the identifiers of the pre-defined connection set")
+
+
+@_add("P02", "7.5.2.36 and 7.5.2.38", "each mapped object exists, and a PDO has at most 64 bits")  # T 3.21
+def _mapped_objects(node: CheckedNode) -> None:
+    for base in (RPDO, TPDO):
+        for record in _records(node, base):
+            expect(record.length <= 8, f"{record.length} bytes in 0x{record.mapping:04X}", "at most 8")
+            for entry in record.entries:
+                index, subindex, _ = parse_mapping_entry(entry)
+                od = None if node.eds is None else node.eds.od
+                known = index in DUMMY_TYPES or od is None or od.get(index, subindex) is not None
+                expect(known, f"0x{index:04X}:{subindex:02X} in 0x{record.mapping:04X}", "an object of the EDS")
+
+
+@_add("P02d", "7.5.2.36 and 7.5.2.38", "the mappings are the defaults of the EDS", _SHOULD)
+def _default_mapping(node: CheckedNode) -> None:
+    if node.eds is None:
+        raise NotApplicable("no EDS to compare with; give one with --eds")
+    wrong = []
+    for record in (record for base in (RPDO, TPDO) for record in _records(node, base)):
+        for number, entry in enumerate((len(record.entries), *record.entries)):
+            described = node.eds.od.get(record.mapping, number)
+            if described is not None and isinstance(described.default, int) and described.default != entry:
+                wrong.append(f"0x{record.mapping:04X}:{number:02X} = 0x{entry:X}, not 0x{described.default:X}")
+    expect(not wrong, "; ".join(wrong[:5]), "the defaults of the EDS")
+
+
+# -- transmission
+
+
+def _event_driven(node: CheckedNode, record: PdoRecord) -> dict[int, int]:
+    """Return the values of an event-driven TPDO without times."""
+    values = {2: 255}
+    for subindex in (3, 5):
+        with suppress(NotApplicable):
+            node.optional(record.index, subindex)
+            values[subindex] = 0
+    return values
+
+
+@_add("P03", "7.2.2.2", "an event-driven TPDO is sent at NMT start, as long as it is mapped", _SHOULD, _CONFIGURE)
+def _event_at_start(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    with reconfigured(node, record, _event_driven(node, record)), node.operational():
+        frames = _frames(node, record.can_id, 0.2)
+    _expect_length(record, frames)
+    expect(bool(frames), "no frame in 0.2 s", "a frame")
+
+
+def _expect_length(record: PdoRecord, frames: list[tuple[int, CanFrame]]) -> None:
+    for _, frame in frames:
+        expect(len(frame.data) == record.length, f"{len(frame.data)} bytes", f"{record.length} bytes, as mapped")
+
+
+@_add("P04", "7.5.2.37", "an event timer of 100 ms sends ten frames in a second", touch=_CONFIGURE)  # T 3.5
+def _event_timer(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    node.optional(record.index, 5)
+    with node.kept(record.index, 2), reconfigured(node, record, {2: 255, 5: 100}), node.operational():
+        node.listen(0.05)
+        frames = _frames(node, record.can_id, 1.0)
+    _expect_length(record, frames)
+    expect(len(frames) >= 9, f"{len(frames)} frames in 1 s", "at least 9")
+    gaps = [second[0] - first[0] for first, second in pairwise(frames)]
+    expect(max(gaps) <= 130_000_000, f"{max(gaps) / 1e6:.0f} ms between two frames", "at most 100 ms")
+
+
+def _turns(node: CheckedNode, kind: int, count: int, more: dict[int, int] | None = None) -> list[tuple[int, int]]:
+    record = _first(node, TPDO)
+    with reconfigured(node, record, {2: kind, **(more or {})}), node.operational():
+        return _syncs(node, count, record.can_id)
+
+
+@_add("P05", "7.5.2.37", "transmission type 1: one frame at each SYNC", touch=_CONFIGURE)  # T 3.6
+def _every_sync(node: CheckedNode) -> None:
+    turns = _turns(node, 1, 5)
+    due = [(number, 1) for number in range(1, 6)]
+    expect(turns == due, f"{len(turns)} of 5 SYNC were followed by a frame", "one frame after each")
+
+
+@_add("P06", "7.5.2.37", "transmission type 3: a frame at every third SYNC", touch=_CONFIGURE)  # T 3.6
+def _every_third(node: CheckedNode) -> None:
+    numbers = [number for number, _ in _turns(node, 3, 9)]
+    good = len(numbers) == 3 and all(b - a == 3 for a, b in pairwise(numbers))
+    expect(good, f"frames after SYNC {', '.join(map(str, numbers)) or 'none'}", "one after each third of 9")
+
+
+@_add("P06h", "7.5.2.37", "transmission type 240: a frame at every 240th SYNC", touch=_CONFIGURE)  # T 3.6
+def _every_240th(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    sync = node.number(0x1005) & 0x7FF
+    if _has(node, 0x1019) and node.number(0x1019):
+        raise NotApplicable("SYNC has a counter")
+    with reconfigured(node, record, {2: 240}), node.operational():
+        node.listen(SYNC_PERIOD_S)
+        count = 0
+        for _ in range(480):
+            node.send(sync)
+            count += len(_frames(node, record.can_id, 0.001))
+    expect(count == 2, f"{count} frames after 480 SYNC", "2")
+
+
+@_add("P07", "7.5.2.37", "transmission type 0: no frame but after a SYNC", touch=_CONFIGURE)  # T 3.7
+def _acyclic(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    with reconfigured(node, record, {2: 0}), node.operational():
+        alone = _frames(node, record.can_id, 0.2)
+        expect(not alone, f"{len(alone)} frames without a SYNC", "none")
+        turns = _syncs(node, 5, record.can_id)
+    expect(all(number == 1 for _, number in turns), "several frames after one SYNC", "at most one")
+
+
+@_add("P08", "7.5.2.37", "SYNC start value 3: the first frame comes at counter 3", touch=_CONFIGURE)  # T 3.8
+def _sync_start(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    node.optional(record.index, 6)
+    with node.kept(0x1019), node.kept(0x1006):
+        node.put(0x1006, 0, 0, 4)
+        node.put(0x1019, 0, 10, 1)
+        with reconfigured(node, record, {2: 1, 6: 3}), node.operational():
+            numbers = [number for number, _ in _syncs(node, 8, record.can_id)]
+    expect(numbers[:1] == [3], f"first frame at counter {numbers[0] if numbers else 'none'}", "3")
+
+
+@_add(
+    "P09",
+    "7.2.2.2",
+    "a remote frame of a TPDO is answered in OPERATIONAL alone",
+    _SHOULD,
+    _CONFIGURE,
+)  # T 3.9
+def _remote(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    if record.cob_id & _NO_RTR:
+        raise NotApplicable("bit 30 of the COB-ID forbids remote frames")
+    with reconfigured(node, record, {2: 253}):
+        before = node.ask_remote(record.can_id, 0.1)
+        expect(before is None, "an answer in PRE-OPERATIONAL", "silence")
+        with node.operational():
+            node.listen(0.02)
+            answer = node.ask_remote(record.can_id, 0.1)
+    expect(answer is not None, "no answer in OPERATIONAL", "a frame")
+
+
+@_add("P10", "7.3.2.2.2", "PRE-OPERATIONAL: no TPDO, not even at SYNC", touch=_CONFIGURE)  # T 3.10
+def _silent_preop(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    with reconfigured(node, record, {2: 1}):
+        turns = _syncs(node, 5, record.can_id)
+    expect(not turns, f"frames after SYNC {turns}", "none")
+
+
+@_add("P10s", "7.3.2.2.4", "STOPPED: no TPDO, not even at SYNC", touch=_CONFIGURE)  # T 3.16
+def _silent_stopped(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    sync = node.number(0x1005) & 0x7FF
+    counting = _has(node, 0x1019) and node.number(0x1019) > 0
+    with reconfigured(node, record, {2: 1}):
+        node.nmt(NmtCommand.START)
+        node.nmt(NmtCommand.STOP)
+        node.listen(SYNC_PERIOD_S)
+        count = 0
+        for number in range(1, 4):
+            node.send(sync, bytes((number,)) if counting else b"")
+            count += len(_frames(node, record.can_id, SYNC_PERIOD_S))
+        node.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
+        node.listen(SYNC_PERIOD_S)
+    expect(not count, f"{count} frames", "none")
+
+
+@_add("P20", "7.5.2.37", "an inhibit time of 100 ms is kept between two frames", touch=_CONFIGURE)
+def _inhibit(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    for subindex in (3, 5):
+        node.optional(record.index, subindex)
+    with reconfigured(node, record, {2: 255, 3: 1000, 5: 20}), node.operational():
+        frames = _frames(node, record.can_id, 0.55)
+    gaps = [second[0] - first[0] for first, second in pairwise(frames)]
+    shortest = min(gaps, default=100_000_000)
+    expect(shortest >= 98_000_000, f"{shortest / 1e6:.1f} ms between two frames", "at least 100 ms")
+
+
+@_add("P20n", "7.5.2.37", "without an inhibit time an event timer of 10 ms is kept", _SHOULD, _CONFIGURE)
+def _no_inhibit(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    for subindex in (3, 5):
+        node.optional(record.index, subindex)
+    with reconfigured(node, record, {2: 255, 3: 0, 5: 10}), node.operational():
+        node.listen(0.05)
+        count = len(_frames(node, record.can_id, 0.2))
+    expect(count >= 16, f"{count} frames in 0.2 s", "20")
+
+
+@_add("P21", "7.5.2.35 and 7.5.2.37", "the reserved transmission types 241 and 251 are refused", _SHOULD, _CONFIGURE)
+def _reserved_types(node: CheckedNode) -> None:
+    for base in (RPDO, TPDO):
+        record = _first(node, base)
+        with node.kept(record.index, 1), node.kept(record.index, 2):
+            node.put(record.index, 1, record.cob_id | _OFF, 4)
+            for kind in (241, 251):
+                codes = AbortCode.INVALID_VALUE, AbortCode.VALUE_TOO_HIGH
+                expect_refused(node, record.index, 2, bytes((kind,)), *codes)
+
+
+@_add("P21t", "7.5.2.35 and 7.5.2.37", "a TPDO takes the transmission types 1, 240 and 254 or 255", _SHOULD, _CONFIGURE)
+def _legal_types(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    for kind in (1, 240, 255):
+        with reconfigured(node, record, {2: kind}):
+            value = node.number(record.index, 2)
+            expect(value == kind, f"{value}", f"{kind}")
+
+
+@_add("P22", "7.5.2.35 and 7.5.2.37", "another identifier is refused while the PDO is valid", _SHOULD, _CONFIGURE)
+def _id_while_valid(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    with node.kept(record.index, 1):
+        data = (record.cob_id ^ 1).to_bytes(4, "little")
+        expect_refused(node, record.index, 1, data, *_REFUSALS)
+
+
+@_add("P22o", "7.5.2.35 and 7.5.2.37", "a PDO becomes invalid and valid by bit 31 of its COB-ID", touch=_CONFIGURE)
+def _switched_off(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    entry = None if node.eds is None else node.eds.od.get(record.index, 1)
+    if entry is not None and not entry.writable:
+        raise NotApplicable("the COB-ID is constant in the EDS")
+    with reconfigured(node, record, {2: 1}):
+        node.put(record.index, 1, record.cob_id | _OFF, 4)
+        with node.operational():
+            turns = _syncs(node, 3, record.can_id)
+        expect(not turns, "frames while bit 31 is set", "none")
+
+
+# -- mapping
+
+
+@_add("P11", "7.5.2.36 and 7.5.2.38", "a TPDO is mapped again by the steps of CiA 301", touch=_CONFIGURE)  # T 3.22
+def _remapped(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    _mappable(node, record)
+    entry = record.entries[0]
+    with _invalid(node, record):
+        node.put(record.mapping, 0, 0, 1)
+        node.put(record.mapping, 1, entry, 4)
+        node.put(record.mapping, 0, 1, 1)
+        shorter = PdoRecord(record.index, record.cob_id, (entry,))
+        with reconfigured(node, shorter, {2: 1}), node.operational():
+            sync = node.number(0x1005) & 0x7FF
+            node.listen(SYNC_PERIOD_S)
+            node.send(sync, b"\1" if _has(node, 0x1019) and node.number(0x1019) else b"")
+            frames = _frames(node, record.can_id, SYNC_PERIOD_S)
+    expect(bool(frames), "no frame after SYNC", "a frame")
+    _expect_length(shorter, frames)
+
+
+@_add("P11m", "7.5.2.36 and 7.5.2.38", "a PDO takes as many objects as its record has entries", _SHOULD, _CONFIGURE)
+def _many_objects(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    _mappable(node, record)
+    if node.eds is None:
+        raise NotApplicable("no EDS that lists the entries; give one with --eds")
+    od = node.eds.od
+    small = next((e for e in od if e.tpdo_mappable and e.data_type.bits == 8), None)
+    room = min(8, max(sub for sub in od.subindices(record.mapping)))
+    if small is None:
+        raise NotApplicable("no object of 8 bits can be mapped")
+    with _invalid(node, record):
+        node.put(record.mapping, 0, 0, 1)
+        for number in range(1, room + 1):
+            node.put(record.mapping, number, small.index << 16 | small.subindex << 8 | 8, 4)
+        node.put(record.mapping, 0, room, 1)
+
+
+@_add("P12", "7.5.2.36 and 7.5.2.38", "a mapping entry is refused while entries are counted", touch=_CONFIGURE)
+def _entry_while_counted(node: CheckedNode) -> None:  # T 3.23
+    record = _first(node, TPDO)
+    _mappable(node, record)
+    with _invalid(node, record):
+        expect_refused(node, record.mapping, 1, record.entries[0].to_bytes(4, "little"), *_REFUSALS)
+
+
+@_add("P12s", "7.5.2.36 and 7.5.2.38", "the number of entries takes 0 while the PDO is invalid", touch=_CONFIGURE)
+def _count_zero(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    _mappable(node, record)
+    with _invalid(node, record):
+        node.put(record.mapping, 0, 0, 1)
+        value = node.number(record.mapping)
+        expect(value == 0, f"{value}", "0")
+
+
+@_add("P13", "7.5.2.36 and 7.5.2.38", "the mapping is refused while the PDO is valid", touch=_CONFIGURE)  # T 3.24
+def _mapped_while_valid(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    _mappable(node, record)
+    try:
+        expect_refused(node, record.mapping, 0, b"\0", *_REFUSALS)
+    except CheckFailed:
+        with _invalid(node, record):
+            raise
+
+
+def _refused_entry(node: CheckedNode, base: int, entry: int) -> None:
+    record = _first(node, base)
+    _mappable(node, record)
+    codes = AbortCode.NOT_MAPPABLE, AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX, AbortCode.INVALID_VALUE
+    with _invalid(node, record):
+        node.put(record.mapping, 0, 0, 1)
+        expect_refused(node, record.mapping, 1, entry.to_bytes(4, "little"), *codes)
+
+
+@_add("P14", "7.5.2.36 and 7.5.2.38", "more than 64 bits are refused", touch=_CONFIGURE)  # T 3.26
+def _too_many_bits(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    _mappable(node, record)
+    widest = max(record.entries, key=lambda entry: entry & 0xFF)
+    count = 64 // (widest & 0xFF) + 1
+    codes = AbortCode.MAPPING_TOO_LONG, AbortCode.UNSUPPORTED_ACCESS, AbortCode.NOT_MAPPABLE, AbortCode.NO_SUBINDEX
+    with _invalid(node, record):
+        node.put(record.mapping, 0, 0, 1)
+        try:
+            for number in range(1, count + 1):
+                node.put(record.mapping, number, widest, 4)
+            node.put(record.mapping, 0, count, 1)
+        except SdoAbort as error:
+            expect(error.code in codes, f"abort 0x{error.code:08X}", "abort 0x06040042")
+        else:
+            raise CheckFailed(f"{count} objects of {widest & 0xFF} bits were accepted", "abort 0x06040042")
+
+
+@_add("P14c", "7.5.2.36 and 7.5.2.38", "a number of entries above 64 is refused", touch=_CONFIGURE)  # T 3.25
+def _count_too_high(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    _mappable(node, record)
+    codes = AbortCode.MAPPING_TOO_LONG, AbortCode.INVALID_VALUE, AbortCode.VALUE_TOO_HIGH, *_REFUSALS
+    with _invalid(node, record):
+        expect_refused(node, record.mapping, 0, bytes((65,)), *codes)
+
+
+@_add("P15", "7.5.2.36 and 7.5.2.38", "an object that does not exist cannot be mapped", touch=_CONFIGURE)  # T 3.28
+def _absent_object(node: CheckedNode) -> None:
+    _refused_entry(node, TPDO, 0x1004 << 16 | 0x20)
+
+
+@_add("P15u", "7.5.2.36 and 7.5.2.38", "an object that the EDS calls unmappable cannot be mapped", touch=_CONFIGURE)
+def _unmappable_object(node: CheckedNode) -> None:  # T 3.29
+    _refused_entry(node, TPDO, 0x1018 << 16 | 1 << 8 | 32)
+
+
+@_add("P15r", "7.5.2.36 and 7.5.2.38", "a read-only object cannot be mapped into an RPDO", touch=_CONFIGURE)  # T 3.31
+def _read_only_object(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    for entry in record.entries:
+        described = None if node.eds is None else node.eds.od.get(*parse_mapping_entry(entry)[:2])
+        if described is not None and not described.writable:
+            _refused_entry(node, RPDO, entry)
+            return
+    raise NotApplicable("no object of the first TPDO is read-only in the EDS")
+
+
+@_add("P16", "7.5.2.36", "a gap is mapped by a dummy object of the EDS (0x0005)", _SHOULD, _CONFIGURE)  # T 3.33
+def _dummy_object(node: CheckedNode) -> None:
+    if node.eds is None or 5 not in node.eds.od.dummy_usage:
+        raise NotApplicable("the EDS has no Dummy0005=1")
+    record = _first(node, RPDO)
+    _mappable(node, record)
+    with _invalid(node, record):
+        node.put(record.mapping, 0, 0, 1)
+        node.put(record.mapping, 1, 0x00050008, 4)
+        node.put(record.mapping, 0, 1, 1)
+
+
+@_add("P16f", "7.5.2.36 and 7.5.2.38", "a PDO is mapped while its COB-ID is another node's", _SHOULD, _CONFIGURE)
+def _foreign_id(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    _mappable(node, record)
+    other = record.cob_id & ~0x7F | (1 if node.node_id != 1 else 2)
+    with _invalid(node, record):
+        node.put(record.index, 1, other | _OFF, 4)
+        node.put(record.mapping, 0, 0, 1)
+        node.put(record.mapping, 1, record.entries[0], 4)
+        node.put(record.mapping, 0, 1, 1)
+
+
+@_add("P16o", "7.5.2.36 and 7.5.2.38", "a mapping is taken in OPERATIONAL", _SHOULD, _CONFIGURE)
+def _mapped_operational(node: CheckedNode) -> None:
+    record = _first(node, TPDO)
+    _mappable(node, record)
+    with node.operational(), _invalid(node, record):
+        node.put(record.mapping, 0, 0, 1)
+        node.put(record.mapping, 1, record.entries[0], 4)
+        node.put(record.mapping, 0, 1, 1)
+
+
+# -- RPDO frames
+
+
+def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, int, int]:
+    """Return a frame with another value of one object, and the address of that object; nothing moves by it."""
+    data, shift = bytearray(present_values(node, record)), 0
+    for entry in record.entries:
+        index, subindex, bits = parse_mapping_entry(entry)
+        if index not in (*DUMMY_TYPES, _MODE):
+            image = int.from_bytes(data, "little") ^ (_HALT if index == _CONTROLWORD else 1) << shift
+            return image.to_bytes(len(data), "little"), index, subindex
+        shift += bits
+    raise NotApplicable("no object of the first RPDO can have another value without an effect")
+
+
+def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, taken: bool) -> None:
+    """Send an RPDO, and expect that its value is taken or not; the old value is written back."""
+    record = _first(node, RPDO)
+    before = node.read(*address)
+    node.send(record.can_id, frame)
+    node.listen(0.05)
+    after = node.read(*address)
+    if after != before:
+        node.write(*address, before)
+    name = f"0x{address[0]:04X}:{address[1]:02X}"
+    expect((after != before) is taken, f"{name} is {after.hex(' ').upper()}", "the new value" if taken else "no change")
+
+
+@_add("P17", "7.2.2.5", "an RPDO that is one byte short changes nothing", touch=_CONFIGURE)  # T 5.4
+def _short_rpdo(node: CheckedNode) -> None:
+    record = _first(node, RPDO)
+    frame, *address = _other_values(node, record)
+    with reconfigured(node, record, {2: 255}), node.operational():
+        _expect_value(node, frame[:-1], (address[0], address[1]), taken=False)
+
+
+@_add("P17e", "7.2.7", "an RPDO that is too short raises EMCY 0x8210", _SHOULD, _CONFIGURE)  # T 5.4
+def _short_emergency(node: CheckedNode) -> None:
+    record, can_id = _first(node, RPDO), node.number(0x1014) & 0x7FF
+    data = present_values(node, record)
+    with node.operational():
+        node.listen(0.02)
+        node.send(record.can_id, data[:-1])
+        codes = [int.from_bytes(frame.data[:2], "little") for _, frame in _frames(node, can_id, 0.1)]
+        node.send(record.can_id, data)
+        node.listen(0.05)
+    expect(0x8210 in codes, ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY", "EMCY 0x8210")
+
+
+@_add("P18", "7.2.2.5", "an RPDO that is one byte longer than mapped is taken", _SHOULD, _CONFIGURE)
+def _long_rpdo(node: CheckedNode) -> None:
+    record = _first(node, RPDO)
+    if record.length == 8:
+        raise NotApplicable("the first RPDO has 8 bytes already")
+    frame, *address = _other_values(node, record)
+    with reconfigured(node, record, {2: 255}), node.operational():
+        _expect_value(node, frame + b"\0", (address[0], address[1]), taken=True)
+
+
+@_add("P18n", "7.2.2", "an RPDO of the length that is mapped is taken in OPERATIONAL", touch=_CONFIGURE)
+def _rpdo(node: CheckedNode) -> None:
+    record = _first(node, RPDO)
+    frame, *address = _other_values(node, record)
+    with reconfigured(node, record, {2: 255}), node.operational():
+        _expect_value(node, frame, (address[0], address[1]), taken=True)
+
+
+@_add("P19", "7.3.2.2.2", "an RPDO in PRE-OPERATIONAL is ignored", touch=_CONFIGURE)
+def _rpdo_preop(node: CheckedNode) -> None:
+    record = _first(node, RPDO)
+    frame, *address = _other_values(node, record)
+    with reconfigured(node, record, {2: 255}):
+        _expect_value(node, frame, (address[0], address[1]), taken=False)
+
+
+@_add("P19s", "7.5.2.35", "an RPDO of transmission type 1 counts at the next SYNC", touch=_CONFIGURE)
+def _rpdo_at_sync(node: CheckedNode) -> None:
+    record = _first(node, RPDO)
+    frame, *address = _other_values(node, record)
+    with reconfigured(node, record, {2: 1}), node.operational():
+        before = node.read(address[0], address[1])
+        node.send(record.can_id, frame)
+        node.listen(SYNC_PERIOD_S)
+        early = node.read(address[0], address[1])
+        _syncs(node, 1, record.can_id)
+        after = node.read(address[0], address[1])
+        if after != before:
+            node.write(address[0], address[1], before)
+    expect(early == before, "the value counted before the SYNC", "no change")
+    expect(after != before, "the value did not count at the SYNC", "the new value")

@@ -1,0 +1,326 @@
+"""Checks of SDO block transfers, of unused bytes and of interrupted transfers (CiA 301, 7.2.4.3).
+
+The checks that download use 0x1017, with its present value. `T` in a comment is the number of the case in CiA's
+conformance test tool 3.0.3.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canopen_control.cia301.abort import AbortCode
+from canopen_control.cia301.sdo_codec import (
+    BLOCK_ACK,
+    BLOCK_DOWNLOAD,
+    BLOCK_DOWNLOAD_ANSWER,
+    BLOCK_END,
+    BLOCK_END_ANSWER,
+    BLOCK_START,
+    BLOCK_UPLOAD,
+    BLOCK_UPLOAD_ANSWER,
+    COMMAND_MASK,
+    CRC_FLAG,
+    LAST_FLAG,
+    MAX_BLOCK_SIZE,
+    SEGMENT_DATA,
+    SIZED_FLAG,
+    SUB_COMMAND_MASK,
+    UPLOAD,
+    crc16,
+)
+from canopen_control.conformance.check import CheckLevel, CheckList, CheckTouch, expect, expect_abort, mux
+from canopen_control.conformance.checked_node import ABORT, ANSWER, REQUEST, CheckFailed, NotApplicable
+from canopen_control.errors import SdoAbort
+
+if TYPE_CHECKING:
+    from canopen_control.conformance.checked_node import CheckedNode
+
+
+BLOCK_CHECKS = CheckList("301")
+_add = BLOCK_CHECKS.add
+_SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
+_HEARTBEAT = 0x1017
+_LIMIT_S = 0.05  # longest time to an answer that a master with short time-outs accepts
+
+
+def _shown(answer: bytes | None) -> str:
+    return "no answer" if answer is None else answer.hex(" ").upper()
+
+
+def _abort(node: CheckedNode, index: int) -> None:
+    node.send(REQUEST + node.node_id, bytes((ABORT, *mux(index), 0, 0, 0, 8)))
+    node.listen(0.005)
+
+
+def _start_upload(node: CheckedNode, index: int, block_size: int) -> tuple[int, bool]:
+    """Initiate a block upload; return the size that the server announces, and whether it makes a CRC."""
+    answer = node.ask(bytes((BLOCK_UPLOAD | CRC_FLAG, *mux(index), block_size, 0, 0, 0)))
+    if answer is None or answer[0] & COMMAND_MASK != BLOCK_UPLOAD_ANSWER:
+        if answer is not None and answer[0] != ABORT:
+            _abort(node, index)
+        raise NotApplicable(f"the server makes no block upload of 0x{index:04X}: {_shown(answer)}")
+    return int.from_bytes(answer[4:], "little"), bool(answer[0] & CRC_FLAG)
+
+
+def _segments(node: CheckedNode, data: bytes, seconds: float = 0.1) -> list[bytes]:
+    """Send a request; return all answers of the next `seconds`."""
+    node.send(REQUEST + node.node_id, data)
+    return [frame.data for _, frame in node.listen(seconds) if frame.can_id == ANSWER + node.node_id]
+
+
+def _object(node: CheckedNode) -> tuple[int, bytes]:
+    """Return the longest of 0x1008 to 0x100A and its value; 0x1000 without them."""
+    values = {}
+    for index in (0x1000, 0x1008, 0x1009, 0x100A):
+        try:
+            values[index] = node.read(index)
+        except SdoAbort:
+            continue
+    index = max(values, key=lambda key: len(values[key]))
+    return index, values[index]
+
+
+def _uploaded(node: CheckedNode, block_size: int) -> None:
+    """Upload an object in sub-blocks, and compare it and its CRC."""
+    index, value = _object(node)
+    size, with_crc = _start_upload(node, index, block_size)
+    expect(size in (0, len(value)), f"{size} bytes announced", f"{len(value)}")
+    data = bytearray()
+    answers = _segments(node, bytes((BLOCK_START, *bytes(7))))
+    for _ in range(len(value) // SEGMENT_DATA + 2):
+        expect(0 < len(answers) <= block_size, f"{len(answers)} segments", f"1 to {block_size}")
+        numbers = [answer[0] & 0x7F for answer in answers]
+        expect(numbers == list(range(1, len(answers) + 1)), f"sequence {numbers}", "1, 2, 3 and so on")
+        data += b"".join(answer[1:] for answer in answers)
+        last = bool(answers[-1][0] & LAST_FLAG)
+        answers = _segments(node, bytes((BLOCK_ACK, len(answers), block_size, *bytes(5))))
+        if last:
+            break
+    end = answers[0] if len(answers) == 1 else None
+    expect(end is not None and end[0] & SUB_COMMAND_MASK == BLOCK_END, _shown(end), "the end of the block upload")
+    assert end is not None
+    unused = end[0] >> 2 & 7
+    data = data[: len(data) - unused]
+    node.send(REQUEST + node.node_id, bytes((BLOCK_END_ANSWER, *bytes(7))))
+    node.listen(0.005)
+    expect(data == value, bytes(data).hex(" ").upper(), "the value of the other upload")
+    if with_crc:
+        crc = int.from_bytes(end[1:3], "little")
+        expect(crc == crc16(data), f"CRC 0x{crc:04X}", f"0x{crc16(data):04X}")
+
+
+@_add("B01", "7.2.4.3.13", "a block upload in sub-blocks of one segment is complete, with the right CRC")  # T 2.23
+def _upload_1(node: CheckedNode) -> None:
+    _uploaded(node, 1)
+
+
+@_add("B02", "7.2.4.3.13", "a block upload in sub-blocks of 127 segments is complete, with the right CRC")  # T 2.23
+def _upload_127(node: CheckedNode) -> None:
+    _uploaded(node, MAX_BLOCK_SIZE)
+
+
+@_add("B02b", "7.2.4.3.13", "a block upload in sub-blocks of two segments is complete, with the right CRC")
+def _upload_2(node: CheckedNode) -> None:
+    _uploaded(node, 2)
+
+
+@_add("S19", "7.2.4.3.15", "an acknowledgement of a segment that was not sent is refused")  # T 2.27
+def _wrong_acknowledgement(node: CheckedNode) -> None:
+    index, _ = _object(node)
+    _start_upload(node, index, MAX_BLOCK_SIZE)
+    _segments(node, bytes((BLOCK_START, *bytes(7))))
+    codes = AbortCode.INVALID_SEQUENCE_NUMBER, AbortCode.UNKNOWN_COMMAND
+    expect_abort(node, bytes((BLOCK_ACK, 0x80, MAX_BLOCK_SIZE, *bytes(5))), *codes)
+
+
+@_add("S19r", "7.2.4.3.15", "segments that were not acknowledged are sent again", _SHOULD)
+def _repeated_segments(node: CheckedNode) -> None:
+    index, _ = _object(node)
+    _start_upload(node, index, MAX_BLOCK_SIZE)
+    first = _segments(node, bytes((BLOCK_START, *bytes(7))))
+    again = _segments(node, bytes((BLOCK_ACK, 0, MAX_BLOCK_SIZE, *bytes(5))))
+    _abort(node, index)
+    expect(bool(first) and again == first, f"{len(again)} segments", f"the {len(first)} segments of the sub-block")
+
+
+@_add("S16x", "7.2.4.3.13", "a block upload of 0x1004, which is reserved, is refused")
+def _upload_absent(node: CheckedNode) -> None:
+    request = bytes((BLOCK_UPLOAD, *mux(0x1004), MAX_BLOCK_SIZE, 0, 0, 0))
+    expect_abort(node, request, AbortCode.NO_OBJECT, AbortCode.UNKNOWN_COMMAND)
+
+
+@_add("S17x", "7.2.4.3.9", "a block download to 0x1000 (const) is refused at its initiation")
+def _download_read_only(node: CheckedNode) -> None:
+    request = bytes((BLOCK_DOWNLOAD | SIZED_FLAG, *mux(0x1000), 4, 0, 0, 0))
+    codes = AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS, AbortCode.UNKNOWN_COMMAND
+    expect_abort(node, request, *codes)
+
+
+@_add("S17y", "7.2.4.3.9", "the server has block transfers", _SHOULD)
+def _has_blocks(node: CheckedNode) -> None:
+    answer = node.ask(bytes((BLOCK_UPLOAD | CRC_FLAG, *mux(0x1000), MAX_BLOCK_SIZE, 0, 0, 0)))
+    if answer is not None and answer[0] != ABORT:
+        _abort(node, 0x1000)
+    good = answer is not None and answer[0] != ABORT
+    expect(good, _shown(answer), "block transfers, which firmware and long objects need; they are optional")
+
+
+def _start_download(node: CheckedNode, size: int, *, crc: bool) -> bool:
+    """Initiate a block download to 0x1017; return whether the server takes a CRC."""
+    command = BLOCK_DOWNLOAD | SIZED_FLAG | (CRC_FLAG if crc else 0)
+    answer = node.ask(bytes((command, *mux(_HEARTBEAT), *size.to_bytes(4, "little"))))
+    if answer is not None and answer[0] == ABORT:
+        code = int.from_bytes(answer[4:], "little")
+        if code == AbortCode.UNKNOWN_COMMAND:
+            raise NotApplicable("the server has no block download")
+        raise CheckFailed(f"abort 0x{code:08X}", f"{BLOCK_DOWNLOAD_ANSWER:02X}")
+    good = answer is not None and answer[0] & COMMAND_MASK == BLOCK_DOWNLOAD_ANSWER and 1 <= answer[4] <= MAX_BLOCK_SIZE
+    expect(good, _shown(answer), f"{BLOCK_DOWNLOAD_ANSWER:02X} with a block size of 1 to 127")
+    return answer is not None and bool(answer[0] & CRC_FLAG)
+
+
+def _segment(node: CheckedNode, number: int, value: bytes) -> bytes | None:
+    return node.ask(bytes((LAST_FLAG | number,)) + value.ljust(SEGMENT_DATA, b"\0"))
+
+
+def _end_download(node: CheckedNode, value: bytes, crc: int) -> bytes | None:
+    unused = SEGMENT_DATA - len(value)
+    return node.ask(bytes((BLOCK_END | unused << 2,)) + crc.to_bytes(2, "little") + bytes(5))
+
+
+def _downloaded(node: CheckedNode, *, crc: bool) -> None:
+    value = node.optional(_HEARTBEAT)
+    taken = _start_download(node, len(value), crc=crc)
+    if crc and not taken:
+        _abort(node, _HEARTBEAT)
+        raise NotApplicable("the server makes no CRC")
+    ack = _segment(node, 1, value)
+    expect(ack is not None and ack[:2] == bytes((BLOCK_ACK, 1)), _shown(ack), "A2 01")
+    end = _end_download(node, value, crc16(value) if crc else 0)
+    expect(end is not None and end[0] == BLOCK_END_ANSWER, _shown(end), "A1")
+    expect(node.read(_HEARTBEAT) == value, node.read(_HEARTBEAT).hex(" "), value.hex(" "))
+
+
+@_add("S17", "7.2.4.3.9", "a block download to 0x1017 without a CRC works", touch=_CONFIGURE)  # T 2.21
+def _without_crc(node: CheckedNode) -> None:
+    _downloaded(node, crc=False)
+
+
+@_add("S17c", "7.2.4.3.12", "a block download to 0x1017 with a CRC works", touch=_CONFIGURE)  # T 2.25
+def _with_crc(node: CheckedNode) -> None:
+    _downloaded(node, crc=True)
+
+
+@_add("S21", "7.2.4.3.12", "a block download with a wrong CRC is refused, and changes nothing", touch=_CONFIGURE)
+def _wrong_crc(node: CheckedNode) -> None:
+    before = node.optional(_HEARTBEAT)
+    if not _start_download(node, len(before), crc=True):
+        _abort(node, _HEARTBEAT)
+        raise NotApplicable("the server makes no CRC")
+    _segment(node, 1, before)
+    unused = SEGMENT_DATA - len(before)
+    wrong = (crc16(before) ^ 0xFFFF).to_bytes(2, "little")
+    expect_abort(node, bytes((BLOCK_END | unused << 2,)) + wrong + bytes(5), AbortCode.CRC_ERROR)
+    expect(node.read(_HEARTBEAT) == before, node.read(_HEARTBEAT).hex(" "), before.hex(" "))
+
+
+@_add("S22", "7.2.4.3.11", "a missing segment is asked for, and taken when it is sent again", touch=_CONFIGURE)
+def _missing_segment(node: CheckedNode) -> None:
+    value = node.optional(_HEARTBEAT)
+    _start_download(node, len(value), crc=False)
+    ack = _segment(node, 2, value)
+    if ack is not None and ack[0] == ABORT:
+        return  # a server may also end the transfer
+    expect(ack is not None and ack[:2] == bytes((BLOCK_ACK, 0)), _shown(ack), "A2 00, or an abort")
+    ack = _segment(node, 1, value)
+    expect(ack is not None and ack[:2] == bytes((BLOCK_ACK, 1)), _shown(ack), "A2 01")
+    end = _end_download(node, value, 0)
+    expect(end is not None and end[0] == BLOCK_END_ANSWER, _shown(end), "A1")
+
+
+@_add("S17l", "7.2.4.3.9", "a block download that announces eight bytes for UNSIGNED16 is refused", touch=_CONFIGURE)
+def _block_too_long(node: CheckedNode) -> None:
+    value = node.optional(_HEARTBEAT)
+    command = BLOCK_DOWNLOAD | SIZED_FLAG
+    answer = node.ask(bytes((command, *mux(_HEARTBEAT), 8, 0, 0, 0)))
+    if answer is not None and answer[0] & COMMAND_MASK == BLOCK_DOWNLOAD_ANSWER:
+        node.send(REQUEST + node.node_id, bytes((1, *value, *bytes(5))))
+        answer = _segment(node, 2, b"\0")
+        if answer is not None and answer[0] == BLOCK_ACK:
+            answer = _end_download(node, b"\0", 0)
+    expect(answer is not None and answer[0] == ABORT, _shown(answer), "an abort")
+    expect(node.read(_HEARTBEAT) == value, node.read(_HEARTBEAT).hex(" "), value.hex(" "))
+
+
+# -- unused bytes, lengths and times of answers
+
+
+@_add("S01l", "7.2.4.3", "an answer has eight bytes, also where fewer are used")
+def _answer_length(node: CheckedNode) -> None:
+    answer = node.ask(bytes((UPLOAD, *mux(0x1001), 0, 0, 0, 0)))
+    expect(answer is not None and len(answer) == 8, _shown(answer), "eight bytes")
+
+
+@_add("S01u", "7.2.4.3.6", "the unused bytes of an expedited upload are 0", _SHOULD)
+def _unused_bytes(node: CheckedNode) -> None:
+    answer = node.ask(bytes((UPLOAD, *mux(0x1001), 0, 0, 0, 0)))
+    expect(answer is not None and not any(answer[5:]), _shown(answer), "zeros behind the value")
+
+
+@_add("S01s", "7.2.4.3.6", "an expedited upload of 0x1001 shows its size of one byte")
+def _shown_size(node: CheckedNode) -> None:
+    answer = node.ask(bytes((UPLOAD, *mux(0x1001), 0, 0, 0, 0)))
+    expect(answer is not None and answer[0] == 0x4F, _shown(answer), "4F: one byte")
+
+
+@_add("S02u", "7.2.4.3.3", "the unused bytes of the answer to a download are 0", _SHOULD, _CONFIGURE)
+def _unused_in_confirmation(node: CheckedNode) -> None:
+    value = node.optional(_HEARTBEAT)
+    with node.kept(_HEARTBEAT):
+        answer = node.ask(bytes((0x2B, *mux(_HEARTBEAT), 0x10, 0x27, 0, 0)))
+        expect(answer is not None and answer[0] == 0x60, _shown(answer), "60")
+        expect(answer is not None and not any(answer[4:]), _shown(answer), "zeros behind the multiplexer")
+    expect(node.read(_HEARTBEAT) == value, node.read(_HEARTBEAT).hex(" "), value.hex(" "))
+
+
+@_add("S06c", "7.2.4.3.17", "the abort code of a missing object says so", _SHOULD)
+def _specific_code(node: CheckedNode) -> None:
+    answer = node.ask(bytes((UPLOAD, *mux(0x1004), 0, 0, 0, 0)))
+    code = 0 if answer is None else int.from_bytes(answer[4:], "little")
+    expect(code == AbortCode.NO_OBJECT, _shown(answer), "abort 0x06020000, not the general 0x08000000")
+
+
+@_add("S27t", "7.2.4.3", f"an upload of 0x1000 is answered within {_LIMIT_S * 1000:.0f} ms", _SHOULD)
+def _answer_time(node: CheckedNode) -> None:
+    begin = node.reactor.now()
+    node.read(0x1000)
+    seconds = (node.reactor.now() - begin) / 1e9
+    expect(seconds <= _LIMIT_S, f"{seconds * 1000:.0f} ms", f"at most {_LIMIT_S * 1000:.0f} ms")
+
+
+# -- interrupted transfers
+
+
+@_add("S29", "7.2.4.3.17", "a download that the client leaves does not block the next request", touch=_CONFIGURE)
+def _left_download(node: CheckedNode) -> None:
+    node.optional(_HEARTBEAT)
+    node.ask(bytes((0x21, *mux(_HEARTBEAT), 2, 0, 0, 0)))
+    node.listen(0.2)
+    answer = node.ask(bytes((UPLOAD, *mux(0x1000), 0, 0, 0, 0)))
+    expect(answer is not None and answer[0] == 0x43, _shown(answer), "the answer to the new request")
+
+
+@_add("S29t", "7.2.4.3.4", "a first segment of a download with toggle bit 1 is refused", touch=_CONFIGURE)
+def _download_toggle(node: CheckedNode) -> None:
+    value = node.optional(_HEARTBEAT)
+    node.ask(bytes((0x21, *mux(_HEARTBEAT), 2, 0, 0, 0)))
+    expect_abort(node, bytes((0x1B, *value, *bytes(5))), AbortCode.TOGGLE_NOT_ALTERNATED)
+
+
+@_add("S29b", "7.2.4.3.15", "a block upload that the client aborts does not block the next request")
+def _left_block(node: CheckedNode) -> None:
+    index, _ = _object(node)
+    _start_upload(node, index, MAX_BLOCK_SIZE)
+    _abort(node, index)
+    answer = node.ask(bytes((UPLOAD, *mux(0x1000), 0, 0, 0, 0)))
+    expect(answer is not None and answer[0] == 0x43, _shown(answer), "the answer to the new request")

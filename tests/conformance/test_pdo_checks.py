@@ -1,0 +1,20 @@
+"""Checks of process data, at our own drive and at one that errs."""
+
+from canopen_control.conformance.run import CHECKS, run_checks
+
+
+def verdict(node, check_id):
+    report = run_checks(node, [check for check in CHECKS if check.id == check_id])
+    return report.results[0].verdict
+
+
+def test_a_drive_that_keeps_the_clause_passes(bench):
+    node = bench()
+    assert [verdict(node, check_id) for check_id in ("P14", "P05")] == ["passed", "passed"]
+
+
+def test_a_drive_that_does_not_is_found(bench):
+    node = bench()
+    for mapping in range(0x1A00, 0x1A04):
+        node.device.store.set_guard(mapping, None)
+    assert verdict(node, "P14") == "failed"
