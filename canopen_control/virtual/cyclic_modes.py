@@ -390,6 +390,7 @@ class InterpolatedPosition(CyclicPosition):
 
     def __init__(self, axis: AxisParts) -> None:
         self.buffer = SetPointBuffer(axis)
+        self.position_subindex = 1  # of the data record
         super().__init__(axis)
 
     def reset(self) -> None:
@@ -450,7 +451,7 @@ class InterpolatedPosition(CyclicPosition):
 
     def target(self) -> float:
         """Return the data record."""
-        return float(self.objects.number(o.INTERPOLATION_DATA, 1))
+        return float(self.objects.number(o.INTERPOLATION_DATA, self.position_subindex))
 
     def control(self, word: int, previous: int, now: int) -> None:
         """Stop when interpolation is switched off."""

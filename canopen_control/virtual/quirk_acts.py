@@ -253,6 +253,11 @@ def _model(change: Callable[[float], dict[str, Any]]) -> AxisAct:
     return lambda hooks, drive, strength: hooks.model(drive, **change(strength))
 
 
+def _attribute(where: Callable[[VirtualDrive], tuple[Any, str]]) -> AxisAct:
+    """Make an act that sets an attribute to the strength, a whole number."""
+    return lambda hooks, drive, strength: hooks.attribute(*where(drive), int(strength))
+
+
 def _condition(holds: Callable[[VirtualDrive], bool]) -> AxisAct:
     """Make an act by which the mode changes only while something holds."""
 
@@ -491,6 +496,51 @@ def reset_by_level(hooks: QuirkHooks, drive: VirtualDrive, seconds: float) -> No
         drive.mover.at("fault reset", now + round(seconds * _S), look)
 
     hooks.act(drive, 15, reset)
+
+
+def faults_again(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
+    """Leave FAULT by a reset although its cause lasts, and fault again."""
+    power = drive.power
+
+    def reset(transition: Transition, now: int, before: Plain) -> None:
+        before(transition, now)
+        if power.causes and drive.state is State.FAULT:
+            code = min(power.causes)
+            hooks.node.outbox.clear_errors()
+            power.enter(State.SWITCH_ON_DISABLED, now)
+            drive.mover.at("fault again", now + 5 * _MS, lambda then: drive.fault(code, then))
+
+    hooks.act(drive, 15, reset)
+
+
+def first_enable_faults(hooks: QuirkHooks, drive: VirtualDrive, code: float) -> None:
+    """Fault by the first enable."""
+    enabled = [False]
+
+    def enable(transition: Transition, now: int, before: Plain) -> None:
+        before(transition, now)
+        if not enabled[0] and drive.state is State.OPERATION_ENABLED:
+            enabled[0] = True
+            drive.fault(int(code), now)
+
+    hooks.act(drive, 4, enable)
+
+
+def torque_to_position_faults(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
+    """Fault by a change from a torque mode to a cyclic position mode in operation."""
+    torque, modes, index = (
+        (OperationMode.TQ, OperationMode.CST),
+        drive.modes,
+        o.MODES_OF_OPERATION + drive.objects.offset,
+    )
+
+    def judge(entry: Entry, value: Value, before: Guard) -> Value:
+        taken = before(entry, value)
+        if drive.state is State.OPERATION_ENABLED and modes.number in torque and taken == OperationMode.CSP:
+            drive.fault(0x8A00, hooks.node.clock.now)
+        return taken
+
+    hooks.guard([index], judge)
 
 
 def supply_loss_switched_on(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
@@ -737,21 +787,75 @@ def stale_answers(hooks: QuirkHooks, _strength: float) -> None:
     hooks.outgoing.append(outgoing)
 
 
+def first_request_lost(hooks: QuirkHooks, _strength: float) -> None:
+    """Answer no SDO request before the second one after the boot-up."""
+    boot, asked = booted(hooks), [-(1 << 62)]
+
+    def incoming(node: VirtualNode, frame: CanFrame, now: int) -> CanFrame | None:
+        if not is_sdo_request(node, frame) or asked[0] >= boot():
+            return frame
+        asked[0] = now
+        return None
+
+    hooks.incoming.append(incoming)
+
+
+def mapped_not_written(hooks: QuirkHooks, _strength: float) -> None:
+    """Refuse SDO downloads to objects that an RPDO brings while the node is OPERATIONAL."""
+    pdos = hooks.node.pdos
+
+    def concerns(command: int, index: int) -> bool:
+        brought = (rpdo for rpdo in pdos.rpdos.values() if rpdo.consumer.running)
+        return command >> 5 in (1, 6) and any(
+            entry.index == index for rpdo in brought for entry in rpdo.entries if entry
+        )
+
+    hooks.incoming.append(refusing(AbortCode.DEVICE_STATE, concerns))
+
+
+def cob_ids_not_stored(hooks: QuirkHooks, _strength: float) -> None:
+    """Store everything but the COB-IDs of PDOs."""
+    store = hooks.node.store
+
+    def judge(entry: Entry, value: Value, before: Guard) -> Value:
+        kept = {record: store.power_on.get((record, 1)) for record in _records(hooks.node)}
+        answer = before(entry, value)
+        for record, cob_id in kept.items():
+            store.power_on.pop((record, 1), None)
+            if cob_id is not None:
+                store.power_on[record, 1] = cob_id
+        return answer
+
+    hooks.guard([0x1010], judge)
+
+
+def _after_boot(frames: Callable[[VirtualNode], list[tuple[int, CanFrame]]]) -> NodeAct:
+    """Make an act that sends frames after the boot-up message."""
+
+    def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> Sent:
+        boots = is_heartbeat(node, frame) and frame.data == b"\0"
+        return [(0, frame), *frames(node)] if boots else [(0, frame)]
+
+    return lambda hooks, _strength: hooks.outgoing.append(outgoing)
+
+
+heartbeats_at_boot = _after_boot(
+    lambda node: [(count * _MS, CanFrame(0x700 + node.node_id, b"\x7f")) for count in range(1, 5)]
+)
+error_at_boot = _after_boot(
+    lambda node: [
+        (0, CanFrame(node.emcy.cob_id, bytes.fromhex("0010810000000000"))),
+        (_MS, CanFrame(node.emcy.cob_id, bytes(8))),
+    ]
+)
+zeros_at_boot = _after_boot(lambda node: [(0, CanFrame(node.emcy.cob_id, bytes(8)))])
+
+
 def boot_unsaid(hooks: QuirkHooks, _strength: float) -> None:
     """Send no boot-up message."""
 
     def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> Sent:
         return [] if is_heartbeat(node, frame) and frame.data == b"\0" else [(0, frame)]
-
-    hooks.outgoing.append(outgoing)
-
-
-def zeros_at_boot(hooks: QuirkHooks, _strength: float) -> None:
-    """Send an EMCY of zeros after the boot-up message."""
-
-    def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> Sent:
-        boots = is_heartbeat(node, frame) and frame.data == b"\0"
-        return [(0, frame), (0, CanFrame(node.emcy.cob_id, bytes(8)))] if boots else [(0, frame)]
 
     hooks.outgoing.append(outgoing)
 
@@ -833,6 +937,10 @@ warning_always = _word(lambda _drive, word: word | 0x80)
 limit_always = _word(lambda _drive, word: word | INTERNAL_LIMIT)
 own_bits_flicker = _word(_flickers(13 * _MS, 2, 0x8100))
 reached_flickers, reached_inverted = _word(_reached_flickers), _word(_reached_inverted)
+record_position = _attribute(lambda drive: (drive.modes.interpolated, "position_subindex"))
+homing_without_bit_10 = _word(
+    lambda drive, word: word & ~TARGET_REACHED if drive.modes.number == OperationMode.HM else word
+)
 homing_without_bit_12 = _word(lambda drive, word: word & ~BIT_12 if drive.modes.number == OperationMode.HM else word)
 set_point_alone = _takes(lambda drive, _word, now: drive.mover.standing and now >= drive.mover.demand.end_ns)
 set_point_needs_bit_5 = _takes(lambda _drive, word, _now: bool(word & IMMEDIATELY))

@@ -18,6 +18,7 @@ REFUSED = {
     "one_mode": "mode CSP not confirmed",
     "switch_on_delay": "in time",
     "enable_faults": "0x5201",
+    "first_enable_faults": "0xFF00",
     "sync_period_judged": "0x8700",
     "remote_when_enabled": "local control",
     "remote_never": "local control",

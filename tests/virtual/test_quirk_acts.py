@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 from support.quirky import Quirky
-from support.virtualbench import BIT_12, LIMIT, REACHED, generic, servo
+from support.virtualbench import BIT_12, LIMIT, REACHED, T, entry, generic, servo, servo_od
 
+from canopen_control.virtual.device import make_device
 from canopen_control.virtual.quirks import QUIRKS
 
 REMOTE, VOLTAGE, WARNING = 1 << 9, 1 << 4, 1 << 7
@@ -159,6 +160,60 @@ def reaction(b):
 def enable_fault(b):
     b.enable(3)
     return (b.state, b.number(0x603F)) == ("FAULT", 0x5201)
+
+
+def returning(b):
+    b.enable(3)
+    b.break_with("drive_fault")
+    b.on(0.5)
+    b.control(0x80)
+    early = b.state
+    b.on(0.1)
+    return (early, b.state) == ("SWITCH_ON_DISABLED", "FAULT")
+
+
+def first_enable(b):
+    b.enable(3)
+    early = b.state, b.number(0x603F)
+    for each in (0x80, 0x06, 0x07, 0x0F):
+        b.control(each)
+    return early == ("FAULT", 0xFF00) and b.state == "OPERATION_ENABLED"
+
+
+def torque_then_position(b):
+    b.enable(10)
+    b.write(0x6060, 8)
+    b.on(0.01)
+    return (b.state, b.number(0x603F)) == ("FAULT", 0x8A00)
+
+
+def recorded(b):
+    b.write(0x6060, 7)
+    b.enable()
+    b.control(0x1F)
+    b.node.store.set(0x60C1, 2, 50)
+    b.write(0x60C1, 20, 1)
+    b.on(0.05)
+    return b.position == 50
+
+
+def first_request(b):
+    b.reboot()
+    return (b.read(0x1001), b.read(0x1001)) == (None, b"\0")
+
+
+def mapped(b):
+    free = b.abort_of(0x6040, 6)
+    b.start()
+    return free is None and b.abort_of(0x6040, 6) == DEVICE_STATE and b.abort_of(0x6083, 5) is None
+
+
+def not_stored(b):
+    b.write(0x1800, 0x80000181, 1)
+    b.write(0x1017, 100)
+    b.write(0x1010, 0x65766173, 1)
+    b.reboot()
+    return b.number(0x1017) == 100 and b.number(0x1800, 1) == 0x185
 
 
 def judged_period(b):
@@ -361,8 +416,8 @@ def invalid(b):
 def short_mapping(b):
     invalid(b)
     b.write(0x1A00, 0)
-    for sub, entry in enumerate((0x60410010, 0x60610008, 0x60640020), 1):
-        b.write(0x1A00, entry, sub)
+    for sub, mapped_object in enumerate((0x60410010, 0x60610008, 0x60640020), 1):
+        b.write(0x1A00, mapped_object, sub)
     return b.abort_of(0x1A00, 3) == 0x06040042
 
 
@@ -457,8 +512,11 @@ PROBES = {
     "fault_reset_twice": second_edge,
     "fault_reset_slow": reset_after(3.0),
     "fault_reset_level": reset_level,
+    "fault_returns": returning,
     "fault_reaction_endless": reaction,
     "enable_faults": enable_fault,
+    "first_enable_faults": first_enable,
+    "torque_then_position": torque_then_position,
     "enabled_in_preop": lambda b: [b.write(0x6040, each) for each in (6, 7, 15)] and b.state == "OPERATION_ENABLED",
     "sync_period_judged": judged_period,
     "remote_when_enabled": lambda b: word(REMOTE, value=False)(b) and word(REMOTE, before=lambda b: b.enable(3))(b),
@@ -477,6 +535,7 @@ PROBES = {
     "no_phase_lock": lambda b: not b.drive.modes.active.model.recovers_sync and not b.drive.objects.model.recovers_sync,
     "extrapolates": goes_on,
     "set_points_supervised": supervised,
+    "record_position": recorded,
     "period_refused": refused(0x60C2, 8, READ_ONLY, 1),
     "period_rounded": lambda b: b.write(0x60C2, 10, 1) and b.number(0x60C2, 1) == 8,
     "polarity_of_targets": turned,
@@ -487,12 +546,15 @@ PROBES = {
     "homing_latched": latched,
     "homing_shown_briefly": briefly,
     "homing_without_bit_12": by_bit_10,
+    "homing_without_bit_10": lambda b: homed(b) or b.statusword & (BIT_12 | REACHED) == BIT_12,
     "homing_zero_refused": refused(0x6098, 0, INVALID),
     "homing_method_fixed": refused(0x6098, 17, DEVICE_STATE, before=lambda b: b.enable(6)),
     "homes_without_power": unpowered_homing,
     "homing_ignores_halt": homing_halted,
     "sdo_after_boot": answers_after_boot,
     "sdo_late": late_answer,
+    "sdo_first_lost": first_request,
+    "mapped_not_written": mapped,
     "sdo_stale": stale,
     "sdo_four_bytes": answer(0x1001, lambda data: data[0] == 0x43),
     "sdo_size_unsaid": answer(0x1001, lambda data: data[0] == 0x42),
@@ -512,6 +574,7 @@ PROBES = {
     "mapping_in_preop": refused(0x1800, 0x80000185, DEVICE_STATE, 1, before=lambda b: b.start()),
     "mapping_short": short_mapping,
     "cob_id_fixed": fixed_cob_id,
+    "cob_id_not_stored": not_stored,
     "cob_ids_of_node": lambda b: {b.number(record, 1) & 0x7F for record in (0x1400, 0x1401, 0x1800, 0x1801)} == {1},
     "foreign_pdo_unmappable": foreign,
     "mapping_swapped": lambda b: (b.number(0x1A00, 1), b.number(0x1A01, 1)) == (0x60640020, 0x60410010),
@@ -526,20 +589,30 @@ PROBES = {
     "start_after_boot": starts_late,
     "heartbeat_absent": lambda b: absent(0x1017)(b) and b.abort_of(0x1016, 0, 1) == NO_OBJECT,
     "heartbeat_at_start": lambda b: bool(b.reboot()) and b.number(0x1017) == 1000,
+    "heartbeats_at_boot": lambda b: [frame.data[0] for frame in b.on(0.1).reboot(0.02) if frame.can_id == 0x705] == [0, *[0x7F] * 4],
     "consumer_rounded": lambda b: b.write(0x1016, 1 << 16 | 250, 1) and b.number(0x1016, 1) == 1 << 16 | 300,
     "consumer_refused": refused(0x1016, 1 << 16 | 250, READ_ONLY, 1),
     "sync_counter_absent": refused(0x1019, 10, NO_OBJECT),
     "clock_drift": fast,
     "emcy_own_register": emergency("0200000000"),
     "emcy_own_data": emergency("0000007008"),
+    "emcy_at_boot": lambda b: b.on(0.1).reboot() and [data[:2] for data in b.emergencies()] == [b"\x00\x10", b"\0\0"],
     "emcy_zeros_at_boot": lambda b: any(frame.can_id == 0x085 and not any(frame.data) for frame in b.reboot()),
 }  # fmt: skip
 # ruff: noqa: E501 - one quirk is one line of the table
 NODES = {
+    "record_position": lambda: with_record(),
     "own_velocity_mode": generic,  # whose file limits 0x6060 to 0 to 10
     "sync_period_judged": generic,
     "polarity_of_targets": generic,
 }
+
+
+def with_record():
+    """A drive whose 0x60C1 has two subindices."""
+    od = servo_od()
+    od.add(entry(0x60C1, 2, T.INTEGER32, 0, mapped=True))
+    return make_device(od, 5)
 
 
 def node_of(name):
